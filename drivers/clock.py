@@ -1,0 +1,78 @@
+"""Time as the drivers see it: injected, so that tests can run a day of faults in a second."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Protocol
+
+from drivers.errors import DeviceTimeoutError
+
+
+class Clock(Protocol):
+    """Durations come from ``monotonic_s``; ``utc_now`` is for records only and may jump."""
+
+    def monotonic_s(self) -> float:
+        """Return seconds from an arbitrary origin; never goes backwards."""
+        ...
+
+    def utc_now(self) -> datetime:
+        """Return the wall clock as an aware UTC datetime."""
+        ...
+
+    def sleep(self, duration_s: float) -> None:
+        """Block for ``duration_s`` seconds (nothing for zero or less)."""
+        ...
+
+
+class SystemClock:
+    """The computer's own clocks."""
+
+    def monotonic_s(self) -> float:
+        """Return ``time.monotonic()``."""
+        return time.monotonic()
+
+    def utc_now(self) -> datetime:
+        """Return the current UTC time."""
+        return datetime.now(UTC)
+
+    def sleep(self, duration_s: float) -> None:
+        """Sleep for ``duration_s`` seconds."""
+        if duration_s > 0:
+            time.sleep(duration_s)
+
+
+@dataclass(frozen=True)
+class Deadline:
+    """The moment by which a call must be over; every wait in the drivers holds one."""
+
+    clock: Clock
+    end_s: float
+    limit_s: float
+
+    @classmethod
+    def after(cls, clock: Clock, limit_s: float) -> Deadline:
+        """Return the deadline ``limit_s`` seconds from now."""
+        return cls(clock, clock.monotonic_s() + limit_s, limit_s)
+
+    @property
+    def remaining_s(self) -> float:
+        """Seconds left, never below zero."""
+        return max(0.0, self.end_s - self.clock.monotonic_s())
+
+    @property
+    def expired(self) -> bool:
+        """Whether the moment has come."""
+        return self.clock.monotonic_s() >= self.end_s
+
+    def check(self, what: str, where: str = "") -> None:
+        """Raise `DeviceTimeoutError` naming ``what`` was waited for, once expired."""
+        if self.expired:
+            raise DeviceTimeoutError(
+                f"no {what} within {self.limit_s:g} s",
+                where=where,
+                likely="the instrument is asleep, busy, or its cable is loose",
+                advice="wake it, check the cable, then resume",
+                limit_s=self.limit_s,
+            )

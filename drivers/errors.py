@@ -1,0 +1,179 @@
+"""Errors of daylit, as a tree; each says what happened, where, why it is likely, and what to do.
+
+::
+
+    DaylitError                       base of every error a user can meet
+    └─ DeviceError                    exit 3: something is wrong with an instrument or its link
+       ├─ DeviceNotFoundError         not plugged in, switched off, or another model
+       ├─ DeviceClaimedError          another program holds it (named where the system tells)
+       ├─ DevicePermissionError       the operating system refuses access
+       ├─ DeviceLostError             it was there and is gone (unplugged, switched off)     → reconnect
+       ├─ DeviceTimeoutError          no answer within the limit                             → retry
+       ├─ DeviceBusyError             it answered "busy" until the limit                     → retry
+       ├─ LinkStallError              an endpoint halted                                     → clear, retry
+       ├─ ProtocolViolationError      an answer that the protocol does not allow             → resynchronise
+       ├─ OperationRefusedError       a well-formed refusal (response code kept)
+       ├─ SettingRefusedError         a setting reads back as something else
+       ├─ StoreFullError              the card is full, locked or missing
+       ├─ BatteryLowError             too little charge to finish a bracket
+       ├─ ExposureFailedError         the shutter was asked to open and no picture came
+       └─ UnsupportedError            the instrument cannot do what was asked
+
+``retryable`` tells the caller whether the same call may work later without a person doing anything.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+
+class DaylitError(Exception):
+    """Base of all errors that daylit raises on purpose.
+
+    Parameters
+    ----------
+    message
+        What happened, in one sentence.
+    where
+        The instrument, file or step it happened in.
+    likely
+        The most likely cause.
+    advice
+        What to do next.
+    details
+        JSON-able facts for the journal (codes, lengths, bytes as hex).
+    """
+
+    code: ClassVar[str] = "DAY-000"
+    exit_code: ClassVar[int] = 70
+    retryable: ClassVar[bool] = False
+
+    def __init__(
+        self, message: str, *, where: str = "", likely: str = "", advice: str = "", **details: Any
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.where = where
+        self.likely = likely
+        self.advice = advice
+        self.details = details
+
+    def __str__(self) -> str:
+        parts = [f"{self.where}: {self.message}" if self.where else self.message]
+        if self.likely:
+            parts.append(f"likely: {self.likely}")
+        if self.advice:
+            parts.append(f"do: {self.advice}")
+        return " | ".join(parts)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the error as a JSON-able mapping (code, kind, message, where, likely, advice, details)."""
+        return {
+            "code": self.code,
+            "kind": type(self).__name__,
+            "message": self.message,
+            "where": self.where,
+            "likely": self.likely,
+            "advice": self.advice,
+            "retryable": self.retryable,
+            "details": self.details,
+        }
+
+
+class DeviceError(DaylitError):
+    """Something is wrong with an instrument or with the link to it."""
+
+    code = "DEV-000"
+    exit_code = 3
+
+
+class DeviceNotFoundError(DeviceError):
+    """The instrument is not there: not plugged in, switched off, or another model."""
+
+    code = "DEV-001"
+
+
+class DeviceClaimedError(DeviceError):
+    """Another program holds the instrument; ``details['holder']`` names it where the system tells."""
+
+    code = "DEV-002"
+
+
+class DevicePermissionError(DeviceError):
+    """The operating system refuses access (udev rule or group membership missing)."""
+
+    code = "DEV-003"
+
+
+class DeviceLostError(DeviceError):
+    """The instrument was there and is gone; the link must be opened anew."""
+
+    code = "DEV-004"
+
+
+class DeviceTimeoutError(DeviceError):
+    """No answer within the limit of the call."""
+
+    code = "DEV-005"
+    retryable = True
+
+
+class DeviceBusyError(DeviceError):
+    """The instrument answered "busy" until the limit of the call."""
+
+    code = "DEV-006"
+    retryable = True
+
+
+class LinkStallError(DeviceError):
+    """An endpoint is halted; the session layer clears it and retries once."""
+
+    code = "DEV-007"
+    retryable = True
+
+
+class ProtocolViolationError(DeviceError):
+    """An answer that the protocol does not allow (``details``: expected, got)."""
+
+    code = "DEV-008"
+
+
+class OperationRefusedError(DeviceError):
+    """A well-formed refusal; ``response_code`` is the instrument's own code."""
+
+    code = "DEV-009"
+
+    def __init__(self, message: str, *, response_code: int, **kwargs: Any) -> None:
+        super().__init__(message, response_code=response_code, **kwargs)
+        self.response_code = response_code
+
+
+class SettingRefusedError(DeviceError):
+    """A setting cannot be made, or reads back as something else (``details``: asked, got)."""
+
+    code = "DEV-010"
+
+
+class StoreFullError(DeviceError):
+    """The instrument's own store is full, write-protected or missing."""
+
+    code = "DEV-011"
+
+
+class BatteryLowError(DeviceError):
+    """Too little charge to finish a bracket."""
+
+    code = "DEV-012"
+
+
+class ExposureFailedError(DeviceError):
+    """The shutter was asked to open and no picture came."""
+
+    code = "DEV-013"
+    retryable = True
+
+
+class UnsupportedError(DeviceError):
+    """The instrument cannot do what was asked."""
+
+    code = "DEV-014"

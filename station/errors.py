@@ -1,0 +1,102 @@
+"""Errors of the station that are not an instrument's; the tree starts in `drivers.errors`.
+
+Exit codes: 2 usage · 3 device · 4 session · 5 stage · 6 resource · 70 internal · 130 interrupted.
+"""
+
+from __future__ import annotations
+
+from drivers.errors import DaylitError
+
+
+class UsageError(DaylitError):
+    """A command or a rig file that cannot be right."""
+
+    code = "USE-001"
+    exit_code = 2
+
+
+class RigError(UsageError):
+    """A rig file that does not say what is needed; names the file and the key."""
+
+    code = "USE-002"
+
+
+class SessionError(DaylitError):
+    """A session folder that is not what it should be."""
+
+    code = "SES-000"
+    exit_code = 4
+
+
+class SessionNotFoundError(SessionError):
+    """No session at that path."""
+
+    code = "SES-001"
+
+
+class SessionLockedError(SessionError):
+    """Another process works on the session (``details``: who)."""
+
+    code = "SES-002"
+    retryable = True
+
+
+class SessionExistsError(SessionError):
+    """The folder is already there and would be overwritten."""
+
+    code = "SES-003"
+
+
+class ManifestError(SessionError):
+    """session.json cannot be read: not JSON, too large, or not of the schema."""
+
+    code = "SES-004"
+
+
+class SchemaTooNewError(SessionError):
+    """session.json was written by a newer daylit."""
+
+    code = "SES-005"
+
+
+class JournalError(SessionError):
+    """journal.jsonl is damaged before its last line."""
+
+    code = "SES-006"
+
+
+class IntegrityError(SessionError):
+    """Files that are missing, changed, or more than the manifest says (``details``: files)."""
+
+    code = "SES-007"
+
+
+class FrameRejectedError(SessionError):
+    """A frame that cannot be what was asked; the message names the reason and the file."""
+
+    code = "SES-008"
+
+
+class IncompleteBracketError(SessionError):
+    """A session that lacks frames or readings (``details``: missing)."""
+
+    code = "SES-009"
+
+
+class ResourceError(DaylitError):
+    """The computer cannot go on."""
+
+    code = "RES-000"
+    exit_code = 6
+
+
+class DiskFullError(ResourceError):
+    """No space left for the session."""
+
+    code = "RES-001"
+
+
+class DiskError(ResourceError):
+    """The disk refused to write or to sync; what was being written does not count."""
+
+    code = "RES-002"
