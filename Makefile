@@ -1,0 +1,56 @@
+# Two commands set up everything on a fresh machine: make demo, make test. Needs Python >= 3.11, nothing else.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+RUN := $(BIN)/python
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+export PYTHONDONTWRITEBYTECODE ?=
+
+.PHONY: demo test check torture bench lock clean help
+help:
+	@sed -n 's/^## //p' Makefile
+
+$(VENV)/.created:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "daylit needs Python 3.11 or newer (make PYTHON=python3.12 ...)")'
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.core: requirements.lock pyproject.toml $(VENV)/.created
+	$(PIP) install --require-hashes -r requirements.lock
+	$(PIP) install --no-deps --no-build-isolation -e .
+	touch $@
+
+$(VENV)/.dev: requirements-dev.lock $(VENV)/.core
+	$(PIP) install --require-hashes -r requirements-dev.lock
+	touch $@
+
+## make demo      set up, then capture a session on simulated instruments at full size and verify it
+demo: $(VENV)/.core
+	$(BIN)/daylit demo
+
+## make test      set up, then run all tests
+test: $(VENV)/.dev
+	$(RUN) -m pytest -n 2 --dist worksteal
+
+## make check     format, lint, types, layers
+check: $(VENV)/.dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(RUN) -m pytest -q tests/architecture
+
+## make torture   the long fault-injection runs; figures go to docs/reliability.md
+torture: $(VENV)/.dev
+	$(RUN) -m tests.torture
+
+## make bench     every benchmark in full
+bench: $(VENV)/.dev
+	$(RUN) -m benchmarks all
+
+## make lock      resolve pyproject.toml anew into the two lock files (needs uv)
+lock:
+	uv pip compile pyproject.toml --extra build --universal --generate-hashes --no-header --quiet -o requirements.lock
+	uv pip compile pyproject.toml --all-extras -c requirements.lock --universal --generate-hashes --no-header --quiet -o requirements-dev.lock
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

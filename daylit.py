@@ -1,0 +1,114 @@
+"""The front door: the ``daylit`` command. Adds the command groups and imports nothing heavy."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from typing import NamedTuple
+
+import click
+
+
+class Entry(NamedTuple):
+    """Where a command lives, and its line in ``daylit --help`` (so that help needs no imports)."""
+
+    module: str
+    attribute: str
+    help: str
+
+
+COMMANDS: dict[str, dict[str, Entry]] = {
+    "On site": {
+        "doctor": Entry("station.commands.doctor", "doctor", "Check computer, instruments and rig file."),
+        "capture": Entry("station.commands.capture", "capture", "Capture a room: meter, brackets, meter."),
+        "verify": Entry("station.commands.verify", "verify", "Check that a session is whole."),
+        "import": Entry("station.commands.import_", "import_session", "Make a session from folders of JPEGs."),
+        "meter": Entry("station.commands.meter", "meter", "Read or probe a luminance meter."),
+        "conform": Entry("station.commands.conform", "conform", "Test an instrument against its contract."),
+    },
+    "Try it": {
+        "demo": Entry("station.commands.demo", "demo", "Capture on simulated instruments and verify."),
+    },
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands are imported when they are used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return all command names, in the order of the table."""
+        return [name for section in COMMANDS.values() for name in section]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the command's module and return the command."""
+        for section in COMMANDS.values():
+            if cmd_name in section:
+                entry = section[cmd_name]
+                command = getattr(importlib.import_module(entry.module), entry.attribute)
+                assert isinstance(command, click.Command)
+                return command
+        return None
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table without importing any command."""
+        for title, section in COMMANDS.items():
+            with formatter.section(title):
+                formatter.write_dl([(name, entry.help) for name, entry in section.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="daylit", prog_name="daylit")
+def cli() -> None:
+    """Capture rooms and skies in absolute luminance; stage them under measured daylight.
+
+    \b
+    Exit codes: 0 done · 1 a check failed · 2 usage · 3 instrument · 4 session · 6 computer · 70 internal · 130 interrupted.
+    Each command takes --json for one machine-readable object and shows an example in its own --help.
+    """  # noqa: D301 (click's own mark)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line and return its exit code; errors go to standard error, as JSON under ``--json``."""
+    arguments = sys.argv[1:] if argv is None else argv
+    try:
+        result = cli.main(arguments, prog_name="daylit", standalone_mode=False)
+    except click.exceptions.Abort:
+        return _fail({"kind": "Interrupted", "message": "interrupted"}, "interrupted", 130, arguments)
+    except click.ClickException as error:
+        if "--json" in arguments:
+            return _fail({"kind": "UsageError", "code": "USE-001", "message": error.format_message()}, "", 2, arguments)
+        error.show()
+        return error.exit_code
+    except Exception as error:
+        return _report(error, arguments)
+    return result if isinstance(result, int) else 0
+
+
+def _report(error: Exception, arguments: list[str]) -> int:
+    """Show an error a user can act on; anything unexpected goes to a file that can be sent in."""
+    from drivers.errors import DaylitError
+
+    if isinstance(error, DaylitError):
+        text = f"{error.code} {error}".replace(" | ", "\n  ")
+        return _fail(error.to_dict(), text, error.exit_code, arguments)
+    if isinstance(error, BrokenPipeError):
+        sys.stderr.close()
+        return 0
+    from station.crash_report import write_crash_report
+
+    path = write_crash_report(error, arguments)
+    text = f"internal error: {error!r}\n  a report without personal paths is in {path}: please send it in"
+    return _fail({"kind": "InternalError", "message": repr(error), "report": str(path)}, text, 70, arguments)
+
+
+def _fail(error: dict[str, object], text: str, exit_code: int, arguments: list[str]) -> int:
+    if "--json" in arguments:
+        click.echo(json.dumps({"ok": False, "exit_code": exit_code, "error": error}))
+    elif text:
+        click.echo(click.style("daylit: ", fg="red", bold=True) + text, err=True)
+    return exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
