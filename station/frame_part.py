@@ -11,6 +11,7 @@ from pathlib import Path
 
 from station import durable
 from station.errors import FrameRejectedError, SessionError
+from station.folder import Folder, part_name
 from station.session import Side
 
 FRAME_CAP_BYTES = 256 << 20
@@ -36,7 +37,7 @@ def frame_name(stop: int, asked_s: float, format_: str) -> str:
     return f"{stop:02d}_{label}{SUFFIXES[format_]}"
 
 
-def free_name(folder: durable.Folder, name: str) -> str:
+def free_name(folder: Folder, name: str) -> str:
     """Return ``name``, or with -2, -3, ... before its suffix if it is taken: nothing is ever overwritten."""
     stem, dot, suffix = name.rpartition(".")
     candidate, number = name, 1
@@ -51,7 +52,7 @@ class FramePart:
 
     def __init__(
         self,
-        folder: durable.Folder,
+        folder: Folder,
         side: Side,
         name: str,
         move: Callable[[str, str], str],
@@ -63,7 +64,7 @@ class FramePart:
         self._name = name
         self._move = move
         self._set_aside = set_aside
-        self._temporary = durable.part_name(name)
+        self._temporary = part_name(name)
         self._digest = hashlib.sha256()
         self._fd = folder.create_file(self._temporary)
         self._state = "open"
