@@ -18,6 +18,7 @@ from typing import Any
 from drivers.clock import Clock
 from station import durable, strict_json
 from station.errors import DiskError, JournalError
+from station.folder import Folder, write_file
 from station.session import JOURNAL_NAME
 
 MAX_JOURNAL_BYTES = 128 << 20
@@ -105,7 +106,7 @@ def parse_journal(raw: bytes, where: str) -> JournalContent:
     return JournalContent(tuple(entries), position, b"")
 
 
-def read_journal(folder: durable.Folder) -> JournalContent | None:
+def read_journal(folder: Folder) -> JournalContent | None:
     """Return the journal of an open session folder; None where there is none."""
     raw = folder.read_file(JOURNAL_NAME, MAX_JOURNAL_BYTES)
     return None if raw is None else parse_journal(raw, str(folder.path / JOURNAL_NAME))
@@ -114,7 +115,7 @@ def read_journal(folder: durable.Folder) -> JournalContent | None:
 class Journal:
     """An open journal. Not thread-safe: the store serialises its callers."""
 
-    def __init__(self, folder: durable.Folder, clock: Clock, content: JournalContent | None) -> None:
+    def __init__(self, folder: Folder, clock: Clock, content: JournalContent | None) -> None:
         """Continue after the good lines of ``content`` (None: a new journal); a torn end is cut."""
         self._folder = folder
         self._clock = clock
@@ -145,7 +146,7 @@ class Journal:
         )
         line = encode_line(entry)
         if self._seq == 0:
-            durable.write_file(self._folder, JOURNAL_NAME, line)
+            write_file(self._folder, JOURNAL_NAME, line)
         else:
             self._append(line)
         self._size_bytes += len(line)
@@ -180,7 +181,7 @@ class Journal:
         good = raw[: self._size_bytes]
         if len(parse_journal(good, str(self.path)).entries) != self._seq:
             raise JournalError("lines that were there are gone", where=str(self.path))
-        durable.write_file(self._folder, JOURNAL_NAME, good)
+        write_file(self._folder, JOURNAL_NAME, good)
         self._suspect = False
 
     def close(self) -> None:

@@ -11,12 +11,13 @@ from filelock import FileLock, Timeout
 
 from station import durable
 from station.errors import IntegrityError, SessionLockedError
+from station.folder import Folder
 
 LOCK_NAME = ".lock"
 _INFO_BYTES = 200
 
 
-def _holder(folder: durable.Folder) -> str:
+def _holder(folder: Folder) -> str:
     """Return who holds the lock, as its file says; only digits and a host name's characters are repeated."""
     with suppress(OSError, ValueError, IntegrityError, AttributeError):
         raw = folder.read_file(LOCK_NAME, 4 * _INFO_BYTES) or b""
@@ -29,7 +30,7 @@ def _holder(folder: durable.Folder) -> str:
 class SessionLock:
     """The held lock of a session folder."""
 
-    def __init__(self, folder: durable.Folder) -> None:
+    def __init__(self, folder: Folder) -> None:
         """Take the lock at once or raise `SessionLockedError` naming the holder."""
         info = folder.lstat(LOCK_NAME)
         reason = durable.irregular(info) if info else None
@@ -49,7 +50,7 @@ class SessionLock:
             raise durable.disk_error(exc, folder.path / LOCK_NAME, "locking") from exc
         self._sign(folder)
 
-    def _sign(self, folder: durable.Folder) -> None:
+    def _sign(self, folder: Folder) -> None:
         """Write who we are, for the message of whoever comes second; the lock holds without it."""
         info = json.dumps({"pid": os.getpid(), "host": socket.gethostname()[:64]})
         with suppress(OSError):

@@ -9,8 +9,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from station import durable, strict_json
+from station import strict_json
 from station.errors import IntegrityError, ManifestError, SchemaTooNewError, SessionNotFoundError
+from station.folder import Folder
 from station.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManifest
 
 MAX_MANIFEST_BYTES = 16 << 20
@@ -84,7 +85,7 @@ def parse_manifest(raw: bytes, where: str) -> SessionManifest:
     return manifest_of(data, where)
 
 
-def read_manifest(folder: durable.Folder, name: str = MANIFEST_NAME) -> SessionManifest | None:
+def read_manifest(folder: Folder, name: str = MANIFEST_NAME) -> SessionManifest | None:
     """Return the manifest in an open session folder; None if there is none."""
     where = str(folder.path / name)
     try:
@@ -103,7 +104,7 @@ def load_manifest(path: Path) -> SessionManifest:
     path = Path(path)
     folder_path, name = (path, MANIFEST_NAME) if path.is_dir() else (path.parent, path.name)
     try:
-        folder = durable.Folder.open(folder_path)
+        folder = Folder.open(folder_path)
     except (FileNotFoundError, NotADirectoryError) as exc:
         raise SessionNotFoundError("no such folder", where=str(folder_path)) from exc
     except (OSError, ValueError) as exc:

@@ -8,6 +8,7 @@ from typing import Any
 
 from station import durable
 from station.errors import ManifestError, SessionError, SessionNotFoundError
+from station.folder import PART_PREFIX, Folder
 from station.frame_part import free_name
 from station.journal import JournalContent, read_journal
 from station.manifest import read_manifest
@@ -18,6 +19,7 @@ REJECTED = "rejected"
 SUBFOLDERS = (Side.INDOOR.value, Side.OUTDOOR.value, REJECTED)
 _OUR_FRAME = re.compile(r"^(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
 _OUR_REJECT = re.compile(r"^(indoor|outdoor)_(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
+MISSING = "is missing"
 INTERRUPTED = "whole on disk but not acknowledged when the work was interrupted"
 
 
@@ -60,7 +62,7 @@ class Memory:
     """(kind, record) pairs that only the manifest has."""
 
 
-def remember(root: durable.Folder) -> Memory:
+def remember(root: Folder) -> Memory:
     """Read the journal and the manifest of a session.
 
     The journal is the truth; the manifest stands in where there is no journal, and gives back what a journal
@@ -111,15 +113,15 @@ def _merge(state: SessionState, manifest: SessionManifest) -> tuple[tuple[str, A
     return tuple(restored)
 
 
-def sweep(folder: durable.Folder) -> list[str]:
+def sweep(folder: Folder) -> list[str]:
     """Remove the temporary files that an interrupted run left in a folder; returns their names."""
-    leftovers = [name for name in folder.names() if name.startswith(durable.PART_PREFIX)]
+    leftovers = [name for name in folder.names() if name.startswith(PART_PREFIX)]
     for name in leftovers:
         folder.remove(name)
     return leftovers
 
 
-def set_orphans_aside(folder: durable.Folder, rejected: durable.Folder, files: set[str]) -> list[str]:
+def set_orphans_aside(folder: Folder, rejected: Folder, files: set[str]) -> list[str]:
     """Move frames of ours that no record names to rejected/; files of strangers stay where they are."""
     side, moved = folder.path.name, []
     for name in folder.names():
@@ -131,7 +133,7 @@ def set_orphans_aside(folder: durable.Folder, rejected: durable.Folder, files: s
     return moved
 
 
-def unlisted_rejects(rejected: durable.Folder, state: SessionState) -> list[RejectedFrame]:
+def unlisted_rejects(rejected: Folder, state: SessionState) -> list[RejectedFrame]:
     """Return records for the frames under rejected/ that no record names yet."""
     files, found = state.files, []
     for name in rejected.names():
@@ -144,11 +146,11 @@ def unlisted_rejects(rejected: durable.Folder, state: SessionState) -> list[Reje
     return found
 
 
-def frame_problem(folder: durable.Folder, frame: FrameRecord) -> str | None:
+def frame_problem(folder: Folder, frame: FrameRecord) -> str | None:
     """Say what is wrong with the file of a frame without reading it; None if nothing."""
     info = folder.lstat(frame.file.partition("/")[2])
     if info is None:
-        return "is missing"
+        return MISSING
     reason = durable.irregular(info)
     if reason:
         return reason
@@ -157,7 +159,7 @@ def frame_problem(folder: durable.Folder, frame: FrameRecord) -> str | None:
     return None
 
 
-def keep_damaged_manifest(root: durable.Folder, rejected: durable.Folder) -> str | None:
+def keep_damaged_manifest(root: Folder, rejected: Folder) -> str | None:
     """Move an unreadable session.json to rejected/ before a new one is written; returns its new name.
 
     A link or a pipe in its place goes there unopened. A crash in between is no harm: the journal has it all.

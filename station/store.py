@@ -16,6 +16,7 @@ from typing import Any, Self
 from drivers.clock import Clock, SystemClock
 from station import durable, recovery
 from station.errors import SessionError, SessionExistsError, SessionNotFoundError
+from station.folder import Folder, make_folders, write_file
 from station.frame_part import FRAME_CAP_BYTES, FramePart, StoredFrame, frame_name, free_name
 from station.journal import Journal
 from station.lock import LOCK_NAME, SessionLock
@@ -51,14 +52,14 @@ _MAX_NAMESAKES = 999
 class SessionStore:
     """A session folder open for reading or for work. Thread-safe; get one by `create` or `open`."""
 
-    def __init__(self, root: durable.Folder, clock: Clock) -> None:
+    def __init__(self, root: Folder, clock: Clock) -> None:
         """Internal: use `create` or `open`."""
         self._root = root
         self._clock = clock
         self._mutex = threading.RLock()
         self._lock: SessionLock | None = None
         self._journal: Journal | None = None
-        self._folders: dict[str, durable.Folder] = {}
+        self._folders: dict[str, Folder] = {}
         self._state: SessionState
         self.recovery = Recovery()
         """What opening found and repaired."""
@@ -69,9 +70,9 @@ class SessionStore:
 
         Its manifest is durable on return. After `DiskFullError` or `DiskError` nothing is left behind.
         """
-        durable.make_folders(Path(parent))
+        make_folders(Path(parent))
         with durable.disk_errors(Path(parent), "opening"):
-            folder = durable.Folder.open(Path(parent))
+            folder = Folder.open(Path(parent))
         try:
             root = _new_root(folder, folder_name(manifest.created_utc, manifest.name))
             store = cls(root, clock or SystemClock())
@@ -93,7 +94,7 @@ class SessionStore:
         sets frames aside that were never acknowledged; `recovery` tells. Not writable: changes nothing.
         """
         try:
-            root = durable.Folder.open(Path(path))
+            root = Folder.open(Path(path))
         except (FileNotFoundError, NotADirectoryError) as exc:
             raise SessionNotFoundError("no such folder", where=str(path)) from exc
         except OSError as exc:
@@ -203,7 +204,7 @@ class SessionStore:
         """Replace session.json by the manifest of this moment; at any instant the old or the new stands."""
         with self._mutex:
             self._need_journal()
-            durable.write_file(self._root, MANIFEST_NAME, manifest_bytes(self._state.manifest))
+            write_file(self._root, MANIFEST_NAME, manifest_bytes(self._state.manifest))
 
     def finish(self) -> SessionManifest:
         """Save the manifest as assessed, journal it, and return it; the session stays open until `close`."""
@@ -238,7 +239,7 @@ class SessionStore:
         """Fill a new folder: manifest first, then the folders, then the journal."""
         self._lock = SessionLock(self._root)
         self._state = SessionState(manifest)
-        durable.write_file(self._root, MANIFEST_NAME, manifest_bytes(self._state.manifest))
+        write_file(self._root, MANIFEST_NAME, manifest_bytes(self._state.manifest))
         self._open_folders()
         journal = Journal(self._root, self._clock, None)
         journal.append(CREATED, manifest.model_dump(mode="json"))
@@ -313,14 +314,14 @@ class SessionStore:
             journal.append(kind, record.model_dump(mode="json"))
             self._state.add(kind, record)
 
-    def _commit(self, folder: durable.Folder, temporary: str, final: str) -> str:
+    def _commit(self, folder: Folder, temporary: str, final: str) -> str:
         with self._mutex:
             self._need_journal()
             name = free_name(folder, final)
             folder.move(temporary, folder, name)
             return name
 
-    def _reject(self, folder: durable.Folder, temporary: str, final: str, reason: str) -> str:
+    def _reject(self, folder: Folder, temporary: str, final: str, reason: str) -> str:
         with self._mutex:
             journal, rejected = self._need_journal(), self._folders[REJECTED]
             name = free_name(rejected, final)
@@ -335,7 +336,7 @@ class SessionStore:
         return self._journal
 
 
-def _new_root(parent: durable.Folder, name: str) -> durable.Folder:
+def _new_root(parent: Folder, name: str) -> Folder:
     """Create a folder ``name``, ``name-2``, ... that was not there, durably, and open it."""
     for number in range(1, _MAX_NAMESAKES + 1):
         candidate = name if number == 1 else f"{name}-{number}"
@@ -349,7 +350,7 @@ def _new_root(parent: durable.Folder, name: str) -> durable.Folder:
     )
 
 
-def _remove_unborn(parent: durable.Folder, name: str) -> None:
+def _remove_unborn(parent: Folder, name: str) -> None:
     """Remove a session folder whose creation failed, as far as the disk allows."""
     with suppress(OSError, SessionError):
         root = parent.sub(name)

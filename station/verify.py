@@ -1,0 +1,218 @@
+"""Whether a session is what its manifest says: every file, size and digest, and the journal agrees."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from station import durable, recovery
+from station.errors import (
+    JournalError,
+    ManifestError,
+    ResourceError,
+    SessionError,
+    SessionNotFoundError,
+)
+from station.folder import PART_PREFIX, READ_BYTES, Folder, write_file
+from station.journal import JournalContent, read_journal
+from station.lock import LOCK_NAME, SessionLock
+from station.manifest import manifest_bytes, read_manifest
+from station.recovery import REJECTED, SUBFOLDERS
+from station.replay import RECORDS, replay
+from station.session import JOURNAL_NAME, MANIFEST_NAME, FrameRecord, Model, SessionManifest, SessionStatus
+from station.verify_report import Problem, VerifyReport
+
+__all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
+
+FrameCheck = Callable[[Path, FrameRecord], str | None]
+"""Looks into a frame whose digest is right; returns what is wrong with it, or None."""
+
+_CAPTURED = ("indoor", "outdoor")
+
+
+def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | None = None) -> VerifyReport:
+    """Check a session without changing anything (works on a read-only folder and takes no lock).
+
+    ``fast`` looks at names and sizes alone and reads no frame. All problems are listed at once; the only
+    error raised is `SessionNotFoundError` where there is no session.
+    """
+    try:
+        root = Folder.open(Path(path))
+    except OSError as exc:
+        raise SessionNotFoundError(f"cannot be opened: {exc.strerror}", where=str(path)) from exc
+    report = VerifyReport(str(path), fast)
+    try:
+        if not any(root.lstat(name) for name in (MANIFEST_NAME, JOURNAL_NAME)):
+            raise SessionNotFoundError(
+                f"no {MANIFEST_NAME} here", where=str(path), advice="name a session folder"
+            )
+        manifest = _check_manifest(root, report)
+        _check_journal(root, manifest, report)
+        _check_root(root, report)
+        if manifest:
+            report.status, report.missing = manifest.status.value, manifest.missing
+            for name in SUBFOLDERS:
+                _check_folder(root, name, manifest, report)
+            for frame in manifest.frames:
+                _check_frame(root, frame, report, frame_check)
+    finally:
+        root.close()
+    return report
+
+
+def repair_session(path: Path) -> VerifyReport:
+    """Write session.json anew from the journal, then verify; a damaged one goes to rejected/.
+
+    Raises `SessionLockedError` while somebody works on the session, `JournalError` if the journal is no help.
+    """
+    try:
+        root = Folder.open(Path(path))
+    except OSError as exc:
+        raise SessionNotFoundError(f"cannot be opened: {exc.strerror}", where=str(path)) from exc
+    lock = None
+    try:
+        if root.lstat(JOURNAL_NAME) is None:
+            raise JournalError("there is no journal to restore from", where=str(Path(path) / JOURNAL_NAME))
+        lock = SessionLock(root)
+        memory = recovery.remember(root)
+        manifest = memory.state.manifest
+        if memory.manifest != manifest:
+            if memory.manifest_problem:
+                root.make_sub(REJECTED)
+                rejected = root.sub(REJECTED)
+                recovery.keep_damaged_manifest(root, rejected)
+                rejected.close()
+            write_file(root, MANIFEST_NAME, manifest_bytes(manifest))
+    finally:
+        if lock:
+            lock.release()
+        root.close()
+    return verify_session(path)
+
+
+def _check_manifest(root: Folder, report: VerifyReport) -> SessionManifest | None:
+    try:
+        manifest = read_manifest(root)
+    except (SessionError, ResourceError) as exc:
+        report.add("manifest", MANIFEST_NAME, exc.message)
+        return None
+    if manifest is None:
+        report.add("manifest", MANIFEST_NAME, "is missing")
+        return None
+    if manifest.status is SessionStatus.COMPLETE and manifest.assess().missing:
+        report.add("manifest-status", MANIFEST_NAME, "says complete and is not")
+    return manifest
+
+
+def _check_journal(root: Folder, manifest: SessionManifest | None, report: VerifyReport) -> None:
+    try:
+        content = read_journal(root)
+        if content is None or not (content.entries or content.torn):
+            report.notes.append("no journal: the manifest alone vouches for the files")
+            return
+        if content.torn:
+            report.add("journal-torn", JOURNAL_NAME, f"ends in a damaged line of {len(content.torn)} bytes")
+        if manifest and content.entries:
+            _compare(content, manifest, report)
+    except (SessionError, ManifestError, ResourceError) as exc:
+        report.add("journal", JOURNAL_NAME, exc.message)
+
+
+def _compare(content: JournalContent, manifest: SessionManifest, report: VerifyReport) -> None:
+    """Say where journal and manifest disagree, record by record."""
+    told = replay(content.entries, JOURNAL_NAME).manifest
+    for kind, (name, _) in RECORDS.items():
+        ours, theirs = getattr(manifest, name), getattr(told, name)
+        for record in _lacking(theirs, ours):
+            file = getattr(record, "file", None) or MANIFEST_NAME
+            report.add("manifest-behind", file, f"a {kind} of the journal is not in the manifest")
+        for record in _lacking(ours, theirs):
+            file = getattr(record, "file", None) or JOURNAL_NAME
+            report.add("not-journalled", file, f"a {kind} of the manifest is not in the journal")
+    lists = {name for name, _ in RECORDS.values()} | {"status", "missing"}
+    for name in set(SessionManifest.model_fields) - lists:
+        if getattr(manifest, name) != getattr(told, name):
+            report.add("manifest-differs", MANIFEST_NAME, f"{name} is not what the journal says")
+
+
+def _lacking(records: tuple[Model, ...], others: tuple[Model, ...]) -> list[Model]:
+    have = set(others)
+    return [record for record in records if record not in have]
+
+
+def _check_root(root: Folder, report: VerifyReport) -> None:
+    """Beside our own files the root may hold results (folders); links, pipes and leftovers are told."""
+    for name in root.names():
+        if name in SUBFOLDERS or name in (MANIFEST_NAME, JOURNAL_NAME, LOCK_NAME):
+            continue
+        info = root.lstat(name)
+        reason = durable.irregular(info) if info else None
+        if name.startswith(PART_PREFIX):
+            report.notes.append(f"{name!r} was left by an interrupted run; it does no harm")
+        elif reason and reason != durable.IS_FOLDER:
+            report.add("irregular", name, reason)
+
+
+def _check_folder(root: Folder, name: str, manifest: SessionManifest, report: VerifyReport) -> None:
+    """Tell what is in a folder and in no record."""
+    if root.lstat(name) is None:
+        return
+    try:
+        folder = root.sub(name)
+    except SessionError as exc:
+        report.add("irregular", name, exc.message)
+        return
+    listed = {f.file for f in manifest.frames} | {r.file for r in manifest.rejected}
+    for inside in folder.names():
+        file = f"{name}/{inside}"
+        if file in listed:
+            continue
+        info = folder.lstat(inside)
+        reason = durable.irregular(info) if info else None
+        if reason:
+            report.add("irregular", file, reason)
+        elif inside.startswith(PART_PREFIX):
+            report.notes.append(f"{file!r} was left by an interrupted run; it does no harm")
+        elif name in _CAPTURED:
+            report.add("extra", file, "is in no record")
+    folder.close()
+
+
+def _check_frame(
+    root: Folder, frame: FrameRecord, report: VerifyReport, frame_check: FrameCheck | None
+) -> None:
+    try:
+        folder = root.sub(frame.side.value)
+    except SessionError as exc:
+        report.add("missing", frame.file, exc.message)
+        return
+    try:
+        problem = recovery.frame_problem(folder, frame)
+        code = "missing" if problem == recovery.MISSING else "size"
+        if problem is None and not report.fast:
+            code, problem = "digest", _digest_problem(folder, frame, report)
+        if problem is None and frame_check:
+            code, problem = "content", frame_check(folder.path / frame.file.partition("/")[2], frame)
+    except (SessionError, ResourceError) as exc:
+        code, problem = "unreadable", exc.message
+    finally:
+        folder.close()
+    report.frames_checked += 1
+    if problem:
+        report.add(code, frame.file, problem)
+
+
+def _digest_problem(folder: Folder, frame: FrameRecord, report: VerifyReport) -> str | None:
+    name = frame.file.partition("/")[2]
+    fd = folder.open_file(name)
+    digest = hashlib.sha256()
+    try:
+        with durable.disk_errors(folder.path / name, "reading"):
+            while block := os.read(fd, READ_BYTES):
+                digest.update(block)
+                report.bytes_read += len(block)
+    finally:
+        os.close(fd)
+    return None if digest.hexdigest() == frame.sha256 else "its SHA-256 is not the recorded one"
