@@ -1,0 +1,162 @@
+"""Light as the simulated instruments meet it: what a world must answer, and the small types around it.
+
+World axes: x right, y ahead, z up (metres, right-handed). Directions are unit vectors, float32, shape (..., 3).
+Radiance is linear RGB (Rec. 709 primaries) scaled so that ``0.2127 R + 0.7151 G + 0.0722 B`` is cd/m2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.errors import DaylitError
+
+Floats: TypeAlias = npt.NDArray[np.float32]
+Vector: TypeAlias = tuple[float, float, float]
+
+LUMINANCE_WEIGHTS = np.array([0.2127, 0.7151, 0.0722], dtype=np.float32)
+
+
+class WorldFileError(DaylitError):
+    """A picture that cannot be a world: wrong format, wrong shape, or values that light cannot have."""
+
+    code = "SIM-001"
+    exit_code = 2
+
+
+class Site(StrEnum):
+    """Where one stands: in the room at camera height, or outside under the open sky."""
+
+    INDOOR = "indoor"
+    OUTDOOR = "outdoor"
+
+
+@dataclass(frozen=True)
+class BrightDisc:
+    """The sun, or anything like it: a uniform disc too small and too bright to be hit by point samples."""
+
+    direction: Vector
+    radius_rad: float
+    radiance_rgb: Vector
+
+    @property
+    def solid_angle_sr(self) -> float:
+        """Solid angle of the whole disc."""
+        return 2.0 * math.pi * (1.0 - math.cos(self.radius_rad))
+
+    def covers(self, directions: Floats) -> npt.NDArray[np.bool_]:
+        """Return which directions fall on the disc.
+
+        The chord is compared, not the cosine: a cosine in float32 cannot tell 0.2 degrees from 0.21.
+        """
+        chord = directions - np.array(self.direction, dtype=np.float32)
+        return np.asarray(np.einsum("...i,...i->...", chord, chord) < (2 * math.sin(self.radius_rad / 2)) ** 2)
+
+
+class World(Protocol):
+    """What the instruments look at."""
+
+    @property
+    def key(self) -> str:
+        """Text that is equal for worlds of equal light and differs otherwise (pictures are cached by it)."""
+        ...
+
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0) -> Floats:
+        """Return radiance at time 0 from each direction, without the bright discs.
+
+        ``pixel_rad`` is the angle that one sample stands for; textures are averaged over it.
+        """
+        ...
+
+    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
+        """Return the bright discs above this site (they may be hidden: `open_sky` tells)."""
+        ...
+
+    def open_sky(self, site: Site, directions: Floats) -> Floats:
+        """Return the transmittance (0..1) of the way from the site to the sky."""
+        ...
+
+    def light_factor(self, t_s: float) -> float:
+        """Return how bright everything is at ``t_s`` relative to time 0."""
+        ...
+
+
+@dataclass(frozen=True)
+class LightDrift:
+    """Slow change of daylight, as clouds make it: three sines with seeded phases.
+
+    ``amplitude`` is the largest relative departure; 0 keeps the light constant. The factor at time 0 is 1.
+    """
+
+    amplitude: float = 0.0
+    period_s: float = 240.0
+    seed: int = 0
+
+    def factor(self, t_s: float) -> float:
+        """Return the light at ``t_s`` relative to time 0."""
+        if self.amplitude == 0.0:
+            return 1.0
+        return self._raw(t_s) / self._raw(0.0)
+
+    def _raw(self, t_s: float) -> float:
+        phases = np.random.default_rng(self.seed).uniform(0, 2 * math.pi, 3)
+        parts = [
+            weight * math.sin(2 * math.pi * t_s * rate / self.period_s + phase)
+            for weight, rate, phase in zip((0.6, 0.3, 0.1), (1.0, 2.3, 5.1), phases, strict=True)
+        ]
+        return 1.0 + self.amplitude * sum(parts)
+
+
+def luminance_cd_m2(radiance: Floats) -> Floats:
+    """Return the luminance of RGB radiance (last axis 3)."""
+    return np.asarray(radiance @ LUMINANCE_WEIGHTS, dtype=np.float32)
+
+
+def unit(vector: tuple[float, float, float] | npt.NDArray[np.floating]) -> Vector:
+    """Return the vector at length 1."""
+    x, y, z = (float(v) for v in vector)
+    length = math.sqrt(x * x + y * y + z * z)
+    return (x / length, y / length, z / length)
+
+
+def direction_of(azimuth_rad: float, elevation_rad: float) -> Vector:
+    """Return the direction at ``azimuth_rad`` from y (ahead) towards x (right) and an elevation over the horizon."""
+    flat = math.cos(elevation_rad)
+    return (flat * math.sin(azimuth_rad), flat * math.cos(azimuth_rad), math.sin(elevation_rad))
+
+
+@dataclass(frozen=True)
+class UniformWorld:
+    """The same light from everywhere, as inside an integrating sphere: the ruler for exposure and response."""
+
+    luminance_cd_m2: float = 100.0
+    tint_rgb: Vector = (1.0, 1.0, 1.0)
+    drift: LightDrift = LightDrift()
+
+    @property
+    def key(self) -> str:
+        """Return the parameters as text."""
+        return repr(self)
+
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0) -> Floats:
+        """Return the same radiance for every direction; its luminance is as stated, whatever the tint."""
+        tint = np.array(self.tint_rgb, dtype=np.float32)
+        colour = tint * (self.luminance_cd_m2 / luminance_cd_m2(tint))
+        return np.broadcast_to(colour, directions.shape).astype(np.float32)
+
+    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
+        """Return none."""
+        return ()
+
+    def open_sky(self, site: Site, directions: Floats) -> Floats:
+        """Return 1 everywhere."""
+        return np.ones(directions.shape[:-1], dtype=np.float32)
+
+    def light_factor(self, t_s: float) -> float:
+        """Return the drift."""
+        return self.drift.factor(t_s)

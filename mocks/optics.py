@@ -1,0 +1,230 @@
+"""Light through lens and filter: from a world to what falls on the sensor, band by band of rows.
+
+The *image* of a world is radiance times fall-off times filter, in cd/m2-like units, for every pixel: all stops of
+a bracket are exposed from the same image.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from mocks.lenses import EquirectangularLens, EquisolidFisheye, Lens, Size
+from mocks.light import BrightDisc, Floats, Site, Vector, World, luminance_cd_m2
+from mocks.sensor import Exposure, Sensor, ToneCurve
+
+# Neighbours that differ by more than this ratio lie on an edge and are sampled more finely.
+_EDGE_RATIO = 1.10
+_EDGE_GRID = 4
+_DISC_GRID = 16
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A filter before the lens: ``rgb @ tint`` times 10^-density. A tint's row sums have luminance 1 for white."""
+
+    density: float = 0.0
+    tint: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+    def apply(self, radiance: Floats) -> Floats:
+        """Return the filtered light; what a tint would make negative is 0."""
+        matrix = np.array(self.tint, dtype=np.float32) * np.float32(10**-self.density)
+        return np.asarray(np.maximum(radiance @ matrix, 0), dtype=np.float32)
+
+
+# The inverse of a published colour correction for an ND 3.0 filter, scaled to keep the luminance of white.
+ND3_TINT = ((1.05618, 0.00433, -0.01406), (-0.04703, 0.84897, 0.03381), (0.14560, 0.15684, 0.42393))
+
+
+@dataclass(frozen=True)
+class CameraOptics:
+    """Everything between the world and the JPEG of one camera. ``glare`` is the share of light that veils."""
+
+    name: str
+    site: Site
+    lens: Lens
+    sensor: Sensor
+    filter: Filter = field(default_factory=Filter)
+    glare: float = 0.0
+    jpeg_quality: int = 93
+    full_size: Size = (6720, 3360)
+    full_samples: int = 1
+    usual_settings: Exposure = field(default_factory=lambda: Exposure(1.0, 100, 5.6))
+
+    @property
+    def key(self) -> str:
+        """Return all parameters as text."""
+        return repr(self)
+
+    def samples_per_side(self, size: Size) -> int:
+        """Return how many samples a side each pixel gets: small pictures need more, their pixels are large."""
+        return int(min(4, max(self.full_samples, round(self.full_size[0] / size[0]))))
+
+
+THETA_Z1 = CameraOptics(
+    name="theta_z1",
+    site=Site.INDOOR,
+    lens=EquirectangularLens(),
+    sensor=Sensor(
+        full_well_e=15000.0,
+        read_noise_e=4.0,
+        tone=(ToneCurve(contrast=0.30), ToneCurve(contrast=0.35), ToneCurve(contrast=0.40)),
+        raw_bits=14,
+        raw_black=512,
+    ),
+)
+CANON_5D2 = CameraOptics(
+    name="canon_5d2",
+    site=Site.OUTDOOR,
+    lens=EquisolidFisheye(),
+    sensor=Sensor(
+        full_well_e=60000.0,
+        read_noise_e=12.0,
+        native_balance=(0.48, 1.0, 0.72),
+        tone=(
+            ToneCurve(gamma=2.3, contrast=0.45),
+            ToneCurve(gamma=2.3, contrast=0.42),
+            ToneCurve(gamma=2.3, contrast=0.40),
+        ),
+        raw_bits=14,
+        raw_black=1024,
+    ),
+    filter=Filter(density=3.0, tint=ND3_TINT),
+    jpeg_quality=95,
+    full_size=(5616, 3744),
+    usual_settings=Exposure(1.0, 200, 16.0),
+)
+
+
+def image_rows(world: World, optics: CameraOptics, size: Size, rows: range) -> Floats:
+    """Return rows of the image (len(rows), width, 3) at light factor 1, without glare."""
+    x, y = _centres(size, rows)
+    light = scene_rows(world, optics, size, rows)
+    filtered = optics.filter.apply(light)
+    filtered *= optics.lens.falloff(x, y, size)[..., None]
+    return filtered
+
+
+def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range) -> Floats:
+    """Return rows of pure scene radiance as the pixels average it, bright discs with their exact energy."""
+    above, below = max(rows.start - 1, 0), min(rows.stop + 1, size[1])
+    coarse = _grid_sampled(world, optics, size, range(above, below))
+    edges = _edges(coarse)
+    first = rows.start - above
+    light = np.ascontiguousarray(coarse[first : first + len(rows)])
+    _refine(light, edges[first : first + len(rows)], (world, optics, size), rows.start)
+    for disc in world.discs(optics.site):
+        _add_disc(light, rows, disc, (world, optics, size))
+    return light
+
+
+def veil(image_sum: Floats, solid_angle_sr: float) -> Floats:
+    """Return the mean image (3,) over the field: what glare spreads evenly."""
+    return np.asarray(image_sum / max(solid_angle_sr, 1e-12), dtype=np.float32)
+
+
+def _centres(size: Size, rows: range) -> tuple[Floats, Floats]:
+    x = np.arange(size[0], dtype=np.float32) + np.float32(0.5)
+    y = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None] + np.float32(0.5)
+    return x, y
+
+
+def _grid_sampled(world: World, optics: CameraOptics, size: Size, rows: range) -> Floats:
+    count = optics.samples_per_side(size)
+    x, y = _centres(size, rows)
+    total = np.zeros((len(rows), size[0], 3), dtype=np.float32)
+    pixel_rad = optics.lens.pixel_rad(size) / count
+    for row_step in range(count):
+        for column_step in range(count):
+            dx, dy = (column_step + 0.5) / count - 0.5, (row_step + 0.5) / count - 0.5
+            directions, seen = optics.lens.directions(x + dx, y + dy, size)
+            total += _seen_radiance(world, optics, directions, (seen, pixel_rad))
+    return total / np.float32(count * count)
+
+
+def _seen_radiance(
+    world: World, optics: CameraOptics, directions: Floats, where: tuple[npt.NDArray[np.bool_], float]
+) -> Floats:
+    seen, pixel_rad = where
+    if seen.all():
+        return world.radiance(optics.site, directions, pixel_rad)
+    out = np.zeros(directions.shape, dtype=np.float32)
+    if seen.any():
+        out[seen] = world.radiance(optics.site, directions[seen], pixel_rad)
+    return out
+
+
+def _edges(light: Floats) -> npt.NDArray[np.bool_]:
+    """Return the pixels that differ much from a neighbour to the right or below, and those neighbours."""
+    level = np.log(luminance_cd_m2(light) + np.float32(1e-3))
+    limit = np.log(_EDGE_RATIO)
+    edges = np.zeros(level.shape, dtype=bool)
+    across = np.abs(np.diff(level, axis=1)) > limit
+    edges[:, :-1] |= across
+    edges[:, 1:] |= across
+    down = np.abs(np.diff(level, axis=0)) > limit
+    edges[:-1] |= down
+    edges[1:] |= down
+    return edges
+
+
+def _refine(
+    light: Floats,
+    edges: npt.NDArray[np.bool_],
+    scene: tuple[World, CameraOptics, Size],
+    first_row: int,
+) -> None:
+    """Sample the pixels on edges again, on a fine grid."""
+    world, optics, size = scene
+    row, column = np.nonzero(edges)
+    if row.size == 0:
+        return
+    x = column.astype(np.float32) + np.float32(0.5)
+    y = (row + first_row).astype(np.float32) + np.float32(0.5)
+    total = np.zeros((row.size, 3), dtype=np.float32)
+    pixel_rad = optics.lens.pixel_rad(size) / _EDGE_GRID
+    for step in range(_EDGE_GRID * _EDGE_GRID):
+        dx = (step % _EDGE_GRID + 0.5) / _EDGE_GRID - 0.5
+        dy = (step // _EDGE_GRID + 0.5) / _EDGE_GRID - 0.5
+        directions, seen = optics.lens.directions(x + dx, y + dy, size)
+        total += _seen_radiance(world, optics, directions, (seen, pixel_rad))
+    light[row, column] = total / np.float32(_EDGE_GRID**2)
+
+
+def _add_disc(light: Floats, rows: range, disc: BrightDisc, scene: tuple[World, CameraOptics, Size]) -> None:
+    """Add a bright disc: coverage by subsamples, then scaled so that the pixels hold exactly its solid angle."""
+    world, optics, size = scene
+    x, y = _disc_pixels(optics, disc, size)
+    if x.size == 0:
+        return
+    count = _DISC_GRID
+    covered = np.zeros(x.size, dtype=np.float32)
+    visible = np.zeros(x.size, dtype=np.float32)
+    for step in range(count * count):
+        dx, dy = (step % count + 0.5) / count - 0.5, (step // count + 0.5) / count - 0.5
+        directions, seen = optics.lens.directions(x + dx, y + dy, size)
+        hit = np.flatnonzero(disc.covers(directions) & seen)
+        covered[hit] += 1
+        visible[hit] += world.open_sky(optics.site, directions[hit])
+    solid_angle = optics.lens.solid_angle_sr(x, y, size)
+    held = float((covered * solid_angle).sum())
+    if held == 0:
+        return
+    share = visible * np.float32(disc.solid_angle_sr / held)
+    mine = (y > rows.start) & (y < rows.stop) & (share > 0)
+    row, column = (y[mine] - 0.5 - rows.start).astype(int), (x[mine] - 0.5).astype(int)
+    light[row, column] += share[mine, None] * np.array(disc.radiance_rgb, dtype=np.float32)
+
+
+def _disc_pixels(optics: CameraOptics, disc: BrightDisc, size: Size) -> tuple[Floats, Floats]:
+    """Return the centres of all pixels that may touch the disc."""
+    reach = disc.radius_rad + 2 * optics.lens.pixel_rad(size)
+    rows = optics.lens.rows_near(disc.direction, reach, size)
+    if len(rows) == 0:
+        return np.zeros(0, np.float32), np.zeros(0, np.float32)
+    x, y = np.broadcast_arrays(*_centres(size, rows))
+    directions, _ = optics.lens.directions(x, y, size)
+    near = directions @ np.array(disc.direction, dtype=np.float32) > np.cos(reach)
+    return np.ascontiguousarray(x[near]), np.ascontiguousarray(y[near])

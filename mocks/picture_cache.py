@@ -1,0 +1,105 @@
+"""Rendered pictures on disk, by what they show: bounded, least recently used out first, safe with two processes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+from platformdirs import user_cache_path
+
+DEFAULT_LIMIT_BYTES = 2_000_000_000
+_LOCK_LIMIT_S = 300.0
+
+
+def default_folder() -> Path:
+    """Return ``$DAYLIT_CACHE``, or the user's cache folder for daylit."""
+    chosen = os.environ.get("DAYLIT_CACHE")
+    return Path(chosen) / "pictures" if chosen else user_cache_path("daylit") / "pictures"
+
+
+def content_key(*parts: object) -> str:
+    """Return a short digest of the texts of ``parts``."""
+    return hashlib.sha256("\x1f".join(str(part) for part in parts).encode()).hexdigest()[:40]
+
+
+class PictureCache:
+    """Files by content key and suffix. A file is either absent or complete: it is renamed into place."""
+
+    def __init__(self, folder: Path | None = None, limit_bytes: int = DEFAULT_LIMIT_BYTES) -> None:
+        self.folder = folder or default_folder()
+        self.limit_bytes = limit_bytes
+
+    def path(self, key: str, suffix: str) -> Path:
+        """Return where the file is or would be."""
+        return self.folder / f"{key}{suffix}"
+
+    def holds(self, key: str, suffix: str) -> bool:
+        """Return whether the file is there, and mark it as used now."""
+        path = self.path(key, suffix)
+        try:
+            os.utime(path)
+        except OSError:
+            return False
+        return True
+
+    def read(self, key: str, suffix: str) -> bytes | None:
+        """Return the file's bytes, None where it is not (or no longer) there."""
+        try:
+            return self.path(key, suffix).read_bytes() if self.holds(key, suffix) else None
+        except FileNotFoundError:
+            return None
+
+    def write(self, key: str, suffix: str, data: bytes) -> None:
+        """Store bytes."""
+        with self.new_file(key, suffix) as path:
+            path.write_bytes(data)
+
+    @contextmanager
+    def new_file(self, key: str, suffix: str) -> Iterator[Path]:
+        """Give a temporary file to fill; it takes its name when the block ends well, and goes when it does not."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=self.folder, suffix=".part")
+        os.close(handle)
+        path = Path(name)
+        try:
+            yield path
+            path.replace(self.path(key, suffix))
+        finally:
+            path.unlink(missing_ok=True)
+        self.evict()
+
+    @contextmanager
+    def rendering(self, key: str) -> Iterator[None]:
+        """Keep a second process from rendering the same picture; after five minutes it may do so all the same."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(self.folder / f"{key}.lock", timeout=_LOCK_LIMIT_S)
+        try:
+            lock.acquire()
+        except Timeout:
+            yield
+            return
+        try:
+            yield
+        finally:
+            lock.release()
+
+    def evict(self) -> None:
+        """Delete the files unused for longest until the rest fits the limit."""
+        files = []
+        with suppress(FileNotFoundError):
+            for entry in os.scandir(self.folder):
+                with suppress(FileNotFoundError):
+                    facts = entry.stat()
+                    files.append((facts.st_mtime_ns, facts.st_size, entry.path))
+        total = sum(size for _, size, _ in files)
+        for _, size, path in sorted(files):
+            if total <= self.limit_bytes:
+                return
+            if not path.endswith(".part"):
+                Path(path).unlink(missing_ok=True)
+                total -= size

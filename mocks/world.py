@@ -1,0 +1,106 @@
+"""The worlds that the simulated instruments can look at, by name, and the meter's spot.
+
+`SimpleRoom` is built in; `HdrWorld` is made of HDR pictures; `UniformWorld` is an integrating sphere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mocks.hdr_world import HdrWorld, read_equirect
+from mocks.light import (
+    LUMINANCE_WEIGHTS,
+    BrightDisc,
+    Floats,
+    LightDrift,
+    Site,
+    UniformWorld,
+    Vector,
+    World,
+    WorldFileError,
+    direction_of,
+    luminance_cd_m2,
+    unit,
+)
+from mocks.simple_room import SimpleRoom
+from mocks.sky import SimpleSky
+
+__all__ = [
+    "LUMINANCE_WEIGHTS",
+    "BrightDisc",
+    "Floats",
+    "HdrWorld",
+    "LightDrift",
+    "SimpleRoom",
+    "SimpleSky",
+    "Site",
+    "UniformWorld",
+    "Vector",
+    "World",
+    "WorldFileError",
+    "direction_of",
+    "luminance_cd_m2",
+    "meter_luminance_cd_m2",
+    "open_world",
+    "read_equirect",
+    "unit",
+]
+
+
+def meter_luminance_cd_m2(
+    world: World, direction: Vector, t_s: float = 0.0, *, spot_deg: float = 1 / 3, site: Site = Site.INDOOR
+) -> float:
+    """Return what a luminance meter at the camera reads: the mean over a round spot, bright discs included.
+
+    About 500 samples at equal solid angles; ``spot_deg`` is the spot's diameter (1/3 degree on an LS-160).
+    """
+    centre = np.array(unit(direction))
+    side = np.cross(centre, (0.0, 0.0, 1.0) if abs(centre[2]) < 0.9 else (1.0, 0.0, 0.0))
+    side /= np.linalg.norm(side)
+    other = np.cross(centre, side)
+    count = 512
+    radius = math.radians(spot_deg / 2) * np.sqrt((np.arange(count) + 0.5) / count)
+    turn = np.arange(count) * math.pi * (3 - math.sqrt(5))
+    offset = (np.cos(turn) * np.sin(radius))[:, None] * side + (np.sin(turn) * np.sin(radius))[:, None] * other
+    spot = (np.cos(radius)[:, None] * centre + offset).astype(np.float32)
+    light = world.radiance(site, spot, math.radians(spot_deg) / math.sqrt(count))
+    for disc in world.discs(site):
+        share = disc.covers(spot) * world.open_sky(site, spot)
+        light = light + share[:, None] * np.array(disc.radiance_rgb, dtype=np.float32)
+    return float(luminance_cd_m2(light).mean()) * world.light_factor(t_s)
+
+
+def open_world(name: str, *, drift: LightDrift | None = None) -> World:
+    """Return a world by name: ``room``, ``room:SEED``, ``uniform:CD_M2`` or ``INDOOR.hdr,OUTDOOR.hdr``.
+
+    Pictures (.hdr or .exr) are read with the scales of `HdrWorld`. Raises `WorldFileError` for anything else.
+    """
+    light = drift or LightDrift()
+    kind, _, value = name.partition(":")
+    try:
+        if kind == "room":
+            return SimpleRoom(seed=int(value or 0), drift=light)
+        if kind == "uniform":
+            return UniformWorld(float(value or 100.0), drift=light)
+    except ValueError as error:
+        raise _unknown(name) from error
+    indoor, comma, outdoor = name.partition(",")
+    if not comma:
+        raise _unknown(name)
+    world = HdrWorld(Path(indoor), Path(outdoor), drift=light)
+    for path in (world.indoor, world.outdoor):
+        read_equirect(path)
+    return replace(world)
+
+
+def _unknown(name: str) -> WorldFileError:
+    return WorldFileError(
+        f"no world is called {name!r}",
+        where="world",
+        likely="a misspelt name",
+        advice="say room, room:7, uniform:100, or two pictures as indoor.hdr,outdoor.hdr",
+    )
