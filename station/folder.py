@@ -1,9 +1,8 @@
 """An open folder, and files that appear in it whole or not at all.
 
 The order is always the same: temporary name in the same folder, write until done, fsync, size check,
-rename, fsync of the folder. Only then may anyone say "it is there". After a failed fsync a file never counts:
-the kernel may have dropped its pages, and a second fsync would claim success. The data are written again under
-a new name.
+rename, fsync of the folder. Only then may anyone say "it is there". After a failed fsync the file is void: the
+kernel may have dropped its pages, and a second fsync would claim success. The data go to a new name.
 """
 
 from __future__ import annotations
