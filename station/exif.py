@@ -63,7 +63,7 @@ def read_exif(block: bytes) -> ExifFacts:
         f_number=_rational(reader, exif.get(_F_NUMBER)),
         iso=_iso(reader, exif.get(_ISO)),
         taken_local=_taken(reader, exif),
-        offset_min=_offset(_text(reader, exif, _TAKEN_OFFSET) or _text(reader, exif, _OFFSET)),
+        offset_min=parse_offset(_text(reader, exif, _TAKEN_OFFSET) or _text(reader, exif, _OFFSET)),
         make=_text(reader, main, _MAKE),
         model=_text(reader, main, _MODEL),
         serial=_text(reader, exif, _SERIAL),
@@ -117,7 +117,7 @@ def _taken(reader: TiffReader, exif: Mapping[int, Entry]) -> datetime | None:
     return taken
 
 
-def _offset(text: str) -> int | None:
+def parse_offset(text: str) -> int | None:
     """Return minutes east of UTC for "+02:00"; None for anything else, for nothing depends on it."""
     sign, digits = text[:1], text[1:].replace(":", "")
     if sign not in ("+", "-") or len(digits) != 4 or not digits.isdigit():

@@ -62,15 +62,13 @@ class FrameFacts(Model):
     exact: bool = False
     """Whether the measures count every pixel; otherwise each is a mean over a block of up to 8x8."""
     picture_sha256: Sha256 | None = None
-    """Digest of the small picture; None where it is nearly all black or clipped, so that others look the same."""
+    """Digest of the small picture; None where it is nearly all black or clipped, as others may be too."""
     notes: tuple[SafeText, ...] = ()
 
     @property
     def statistics(self) -> FrameStatistics:
         """The brightness, as the manifest keeps it."""
-        return FrameStatistics(
-            mean_frac=self.mean_frac, clipped_frac=self.clipped_frac, dark_frac=self.dark_frac
-        )
+        return FrameStatistics(mean_frac=self.mean_frac, clipped_frac=self.clipped_frac, dark_frac=self.dark_frac)
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ class Reason(StrEnum):
     WRONG_DATE = "wrong_date"
     WRONG_CAMERA = "wrong_camera"
     BLACK = "black"
+    TOO_DARK = "too_dark"
     REPEATED = "repeated"
     OUT_OF_ORDER = "out_of_order"
     TOO_SLOW = "too_slow"

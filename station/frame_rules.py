@@ -29,6 +29,11 @@ def rejection(facts_name: str, reason: Reason, message: str, advice: str = "") -
     return FrameRejectedError(message, where=facts_name, advice=advice, reason=str(reason))
 
 
+def printable(text: str, limit: int = 200) -> str:
+    """Return a file name or other foreign text, shortened, with whatever does not print as "?"."""
+    return "".join(c if c.isprintable() else "?" for c in text[:limit])
+
+
 def stops_between(a_s: float, b_s: float) -> float:
     """Return how many stops ``a_s`` is longer than ``b_s`` (negative: shorter)."""
     return math.log2(a_s / b_s)
@@ -69,9 +74,7 @@ def _judge_repeated(facts: FrameFacts, earlier: Sequence[FrameFacts]) -> None:
         same_picture = facts.picture_sha256 is not None and facts.picture_sha256 == other.picture_sha256
         if facts.sha256 == other.sha256 or same_picture:
             what = "bytes" if facts.sha256 == other.sha256 else "pixels"
-            raise rejection(
-                facts.name, Reason.REPEATED, f"the same {what} as {other.name}", "take the frame again"
-            )
+            raise rejection(facts.name, Reason.REPEATED, f"the same {what} as {other.name}", "take the frame again")
 
 
 def _judge_size(facts: FrameFacts, expected: ExpectedFrame) -> None:
@@ -120,9 +123,7 @@ def _judge_value(
         return
     if got is None:
         if expected.require_exif:
-            raise rejection(
-                facts.name, Reason.EXIF_MISSING, f"its EXIF has no {name.split('_s')[0].replace('_', '-')}"
-            )
+            raise rejection(facts.name, Reason.EXIF_MISSING, f"its EXIF has no {name.split('_s')[0].replace('_', '-')}")
         return
     if not same(got, asked):
         by = ""
@@ -183,7 +184,7 @@ def _judge_black(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[F
         if facts.mean_frac < least:
             raise rejection(
                 facts.name,
-                Reason.BLACK,
+                Reason.TOO_DARK,
                 f"brightness {facts.mean_frac:.4f} at {seconds_text(time_s)}, "
                 f"which cannot be below {least:.4f} after {other.name}",
                 "take the frame again",
@@ -198,14 +199,15 @@ def _shows_dim_room(time_s: float, expected: ExpectedFrame, facts: FrameFacts) -
 
 
 def _least_mean(other: FrameFacts, time_s: float) -> float:
-    """Return the least brightness that a shorter exposure can have after a longer one.
+    """Return the least brightness that an exposure can have after another one of the same scene.
 
-    A response that rises no faster than light keeps at least the ratio of the times; a quarter of that is
-    allowed for the foot of real curves and for a cloud, and one step of 255 for rounding.
+    A longer one is no darker; for a shorter one, a response that rises no faster than light keeps at least
+    the ratio of the times. A quarter of that is allowed for the foot of real curves and for a cloud, and one
+    step of 255 for rounding.
     """
-    if other.exif.exposure_s is None or time_s >= other.exif.exposure_s:
+    if other.exif.exposure_s is None:
         return 0.0
-    return 0.25 * other.mean_frac * time_s / other.exif.exposure_s - 1 / 255
+    return 0.25 * other.mean_frac * min(1.0, time_s / other.exif.exposure_s) - 1 / 255
 
 
 def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> None:
@@ -227,9 +229,7 @@ def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float
     odd = _outside_longest_rise([facts_by_stop[stop].mean_frac for stop in stops])
     if odd:
         names = ", ".join(f"{facts_by_stop[stops[i]].name} ({seconds_text(stops_s[stops[i]])})" for i in odd)
-        error = rejection(
-            names, Reason.OUT_OF_ORDER, "brightness falls though the exposure is longer", "take it again"
-        )
+        error = rejection(names, Reason.OUT_OF_ORDER, "brightness falls though the exposure is longer", "take it again")
         error.details["stops"] = [stops[i] for i in odd]
         raise error
     for shorter, longer in itertools.pairwise(stops):
@@ -246,9 +246,7 @@ def _outside_longest_rise(means: Sequence[float]) -> list[int]:
     return [i for i in range(len(means)) if i not in longest]
 
 
-def _check_rise(
-    shorter: FrameFacts, longer: FrameFacts, shorter_s: float, longer_s: float, stop: int
-) -> None:
+def _check_rise(shorter: FrameFacts, longer: FrameFacts, shorter_s: float, longer_s: float, stop: int) -> None:
     """Refuse two mostly midtone frames, a stop or more apart, that are equally bright: the shutter stuck."""
     midtones = min(1 - f.clipped_frac - f.dark_frac for f in (shorter, longer))
     if midtones < 0.5 or stops_between(longer_s, shorter_s) < 0.9:

@@ -124,6 +124,7 @@ class RejectedFrame(Model):
 
     side: Side
     stop: int
+    """-1: which stop it would have been is not known (an imported session is then partial)."""
     file: FramePath | None = None
     reason: SafeText
 
@@ -235,6 +236,9 @@ class SessionManifest(Model):
             for side in self.bracket.sides
             for stop in self.missing_stops(side)
         ]
+        if self.bracket.mode == "imported":
+            lost = (r for r in self.rejected if r.stop < 0)
+            missing += [f"{r.side}: a frame of unknown exposure ({r.reason[:300]})" for r in lost]
         missing += [f"meter reading {when}" for when in self.missing_readings()]
         status = SessionStatus.PARTIAL if missing else SessionStatus.COMPLETE
         return self.model_copy(update={"status": status, "missing": tuple(missing)})

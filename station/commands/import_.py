@@ -1,0 +1,142 @@
+"""``daylit import``: a session from plain folders of JPEGs."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from station.importer import ImportReport
+    from station.session import Site
+
+_FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+
+
+@click.command()
+@click.argument("room")
+@click.option("--indoor", type=_FOLDER, help="Folder with the JPEGs of the room.")
+@click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
+@click.option("--shutter", metavar="S,S,...", help="Exposure times in order of the file names (default: EXIF's).")
+@click.option(
+    "--reading",
+    "readings",
+    type=click.FloatRange(min=0, max=1e10),
+    multiple=True,
+    metavar="CD_M2",
+    help="Luminance of the meter's target; twice: before, after.",
+)
+@click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
+@click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
+@click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
+@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's, if it tells).")
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path),
+    default=Path("sessions"),
+    show_default=True,
+    help="Folder of sessions.",
+)
+@click.option("--strict", is_flag=True, help="Make no session if any file is refused.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def import_session(**options: Any) -> int:
+    """Make a session of ROOM from folders of JPEGs, one a camera; the folders are left as they are.
+
+    \b
+    Examples:
+      daylit import coda-320 --indoor theta --outdoor canon --reading 34.63
+      daylit import attic --indoor attic --shutter 4,1,1/4,1/15 --site 40.44,-79.99 --heading 120
+    """
+    from station.bracket import parse_shutter
+    from station.commands.capture import parse_target
+    from station.importer import ImportRequest
+    from station.importer import import_session as run_import
+    from station.session import SessionStatus, Side
+
+    folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
+    heading_deg = options["heading"]
+    request = ImportRequest(
+        room=options["room"],
+        folders={side: folder for side, folder in folders.items() if folder is not None},
+        into=options["into"],
+        shutter_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
+        readings_cd_m2=options["readings"],
+        site=parse_site(options["site"]),
+        heading_rad=None if heading_deg is None else math.radians(heading_deg % 360),
+        target=parse_target(options["target"]),
+        camera_zone_min=parse_zone(options["zone"]),
+        strict=options["strict"],
+    )
+    report = run_import(request)
+    if options["as_json"]:
+        click.echo(json.dumps(summary(report)))
+    else:
+        _show(report)
+    return 0 if report.manifest.status is SessionStatus.COMPLETE else 4
+
+
+def parse_site(text: str | None) -> Site:
+    """Return the place given as ``LAT,LON`` in degrees (an empty one for None); UsageError for anything
+    else."""
+    from station.errors import UsageError
+    from station.session import Site
+
+    if text is None:
+        return Site()
+    try:
+        latitude_deg, longitude_deg = (float(v) for v in text.split(","))
+        return Site(latitude_deg=latitude_deg, longitude_deg=longitude_deg)
+    except ValueError as error:
+        raise UsageError(
+            f"{text!r} is not a place", where="--site", advice="write LAT,LON in degrees, e.g. 40.44,-79.99"
+        ) from error
+
+
+def parse_zone(text: str | None) -> int | None:
+    """Return minutes east of UTC of ``+HH:MM`` (None for None); UsageError for anything else."""
+    from station.errors import UsageError
+    from station.exif import parse_offset
+
+    minutes = None if text is None else parse_offset(text)
+    if text is not None and minutes is None:
+        raise UsageError(f"{text!r} is not a zone", where="--zone", advice="write +HH:MM, e.g. -04:00")
+    return minutes
+
+
+def summary(report: ImportReport) -> dict[str, Any]:
+    """Return the JSON object of an import."""
+    manifest = report.manifest
+    return {
+        "ok": not manifest.missing,
+        "session": str(report.session),
+        "status": str(manifest.status),
+        "frames": len(manifest.frames),
+        "stops_s": list(manifest.bracket.stops_s),
+        "refused": [
+            {"side": str(r.side), "file": r.name, "reason": r.reason, "message": r.message} for r in report.refused
+        ],
+        "ignored": list(report.ignored),
+        "missing": list(manifest.missing),
+        "warnings": [w.message for w in manifest.warnings],
+        "drift_frac": manifest.drift_frac,
+    }
+
+
+def _show(report: ImportReport) -> None:
+    from station.frame_rules import seconds_text
+
+    manifest = report.manifest
+    for frame in manifest.frames:
+        click.echo(f"  {frame.side:<8} {seconds_text(frame.camera_s):>9}  {frame.camera_name}")
+    for refused in report.refused:
+        click.echo(
+            f"  {refused.side:<8} {click.style(f'{'refused':>9}', fg='yellow')}  {refused.name}: {refused.message}"
+        )
+    for warning in manifest.warnings:
+        click.echo(f"  note: {warning.message}")
+    click.echo(f"{len(manifest.frames)} frames in {report.session}: {manifest.status}")
+    if manifest.missing:
+        click.echo("missing: " + "; ".join(manifest.missing))
