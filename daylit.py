@@ -63,9 +63,10 @@ def cli() -> None:
     """Capture rooms and skies in absolute luminance; stage them under measured daylight.
 
     \b
-    Exit codes: 0 done · 1 a check failed · 2 usage · 3 instrument · 4 session · 6 computer · 70 internal · 130 interrupted.
+    Exit codes: 0 done · 1 a check failed · 2 usage · 3 instrument · 4 session · 6 computer
+                70 internal · 130 interrupted.
     Each command takes --json for one machine-readable object and shows an example in its own --help.
-    """  # noqa: D301 (click's own mark)
+    """
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -80,7 +81,7 @@ def main(argv: list[str] | None = None) -> int:
             return _fail({"kind": "UsageError", "code": "USE-001", "message": error.format_message()}, "", 2, arguments)
         error.show()
         return error.exit_code
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 (the last resort: told as an internal error)
         return _report(error, arguments)
     return result if isinstance(result, int) else 0
 

@@ -1,0 +1,295 @@
+"""One capture from preflight to manifest, as a stream of events; and the completion of a partial one.
+
+::
+
+    preflight ── reading ── bracket ──────────────── reading ── manifest
+                            pairs, fetched behind    (while the last frames come in)
+
+Everything that counts is durable before it is told: a capture that ends at any instant leaves a session that
+`Capture.resume` completes.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import uuid4
+
+from drivers.errors import DeviceError
+from station.bracket import BracketPlan, Mode, plan_bracket
+from station.camera_worker import CameraWorker
+from station.conductor import Conductor
+from station.crash_report import software_versions
+from station.errors import SessionError, UsageError
+from station.events import CaptureEvent, EventKind
+from station.frame_check import FrameChecker
+from station.intake import Intake
+from station.notices import Notice
+from station.preflight import Findings, Level, check_rig, require
+from station.readings import ReadingTaker, When, drift_frac
+from station.rig import Rig
+from station.session import (
+    BracketRecord,
+    DeviceRecord,
+    MeterTarget,
+    ReadingRecord,
+    SessionManifest,
+    SessionStatus,
+    Side,
+    WarningRecord,
+)
+from station.store import SessionStore
+from station.timing import TYPICAL_COST
+
+
+@dataclass(frozen=True)
+class CaptureRequest:
+    """What to capture and where; empty fields mean "as the rig file says".
+
+    ``typed_readings`` (cd/m2) stand for the meter: the first before, the second after the bracket.
+    """
+
+    room: str
+    into: Path
+    mode: Mode | None = None
+    stops_s: tuple[float, ...] = ()
+    typed_readings: tuple[float, ...] = ()
+    target: MeterTarget | None = None
+
+
+class Capture:
+    """A capture that is about to run: iterate `events`, then look at ``store.manifest``; `ask_stop` ends it early.
+
+    ``resumed`` is the partial session to complete, or None; use `new` and `resume` to make one.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: BracketPlan,
+        readings: ReadingTaker,
+        request: CaptureRequest,
+        resumed: SessionStore | None,
+    ) -> None:
+        self._rig = rig
+        self._plan = plan
+        self._readings = readings
+        self._request = request
+        self._resumed = resumed is not None
+        self._store = resumed
+        self._conductor: Conductor | None = None
+        self._stop_asked = False
+
+    @classmethod
+    def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
+        """Return the capture of a new session.
+
+        Raises
+        ------
+        UsageError
+            No camera, stops out of range, or more than two typed readings.
+        """
+        if not rig.cameras:
+            raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
+        mode = request.mode or rig.file.bracket.mode
+        plan = plan_bracket(request.stops_s or rig.file.bracket.stops_s(), mode, tuple(rig.cameras))
+        return cls(rig, plan, ReadingTaker(rig, request.typed_readings), request, None)
+
+    @classmethod
+    def resume(cls, rig: Rig, store: SessionStore, *, typed_readings: tuple[float, ...] = ()) -> Capture:
+        """Return the capture that completes a partial session.
+
+        Raises
+        ------
+        SessionError
+            The session was imported, or needs a camera that the rig lacks.
+        """
+        bracket, where = store.manifest.bracket, str(store.path)
+        if bracket.mode == "imported":
+            raise SessionError("an imported session cannot be resumed", where=where, advice="import it anew")
+        needed = {side for side in bracket.sides if store.manifest.missing_stops(side)}
+        if lacking := needed - set(rig.cameras):
+            names = " or ".join(sorted(lacking))
+            raise SessionError(f"the rig has no {names} camera", where=where, advice="use the rig it was made with")
+        plan = plan_bracket(bracket.stops_s, bracket.mode, bracket.sides)
+        request = CaptureRequest(room=store.manifest.name, into=store.path.parent)
+        return cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
+
+    @property
+    def store(self) -> SessionStore:
+        """The session on disk; of a new capture, once preflight has passed."""
+        if self._store is None:
+            raise SessionError("the session does not exist yet", likely="preflight has not passed")
+        return self._store
+
+    def ask_stop(self) -> None:
+        """End after the running pair; what is exposed is still saved. Safe in a signal handler."""
+        self._stop_asked = True
+        if self._conductor is not None:
+            self._conductor.ask_stop()
+
+    def events(self) -> Iterator[CaptureEvent]:
+        """Run the capture. Raises `DaylitError` kinds; what was acknowledged until then is kept and resumable."""
+        try:
+            yield from self._preflight()
+            if self._lacks("before") or self._resumed:
+                self._start_reading("before" if self._lacks("before") else "extra")
+            yield from self._collect_reading()
+            yield from self._bracket()
+            yield from self._collect_reading()
+            yield from self._end()
+        finally:
+            self._readings.close()
+
+    def _preflight(self) -> Iterator[CaptureEvent]:
+        yield self._say(EventKind.STARTED, "preflight")
+        findings = check_rig(self._rig, self._request.into, bytes_needed=self._bytes_needed())
+        for check in findings.checks:
+            yield self._say(EventKind.CHECK, f"{check.name}: {check.text}", **check.to_dict())
+        require(findings)
+        if self._store is None:
+            self._store = SessionStore.create(self._request.into, self._manifest(findings), clock=self._rig.clock)
+            yield from self._opening_warnings()
+        else:
+            self._store.update(devices=_merged(self._store.manifest.devices, findings.devices))
+            yield self._warn("resumed", "the session was completed later: its light may have changed in between")
+        for check in findings.checks:
+            if check.level is Level.WARN:
+                self._store.add_warning(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
+
+    def _bytes_needed(self) -> int:
+        tables = self._rig.file.cameras()
+        frames = (TYPICAL_COST[tables[s].kind].frame_bytes for s in self._plan.sides if s in tables)
+        return sum(frames) * len(self._plan.stops_s)
+
+    def _manifest(self, findings: Findings) -> SessionManifest:
+        rig = self._rig.file
+        return SessionManifest(
+            session_id=uuid4().hex,
+            name=self._request.room,
+            created_utc=self._rig.clock.utc_now(),
+            software=software_versions(),
+            simulated=self._rig.simulated,
+            site=rig.site,
+            heading_rad=None if rig.heading_deg is None else math.radians(rig.heading_deg),
+            camera_height_m=rig.camera_height_m,
+            bracket=BracketRecord(
+                mode=self._plan.mode,
+                stops_s=self._plan.stops_s,
+                sides=self._plan.sides,
+                order=self._plan.order,
+            ),
+            devices=findings.devices,
+            target=self._request.target or (rig.meter.target() if rig.meter else None),
+            readings_planned=self._readings.planned,
+            rig=rig.model_dump(mode="json"),
+        )
+
+    def _opening_warnings(self) -> Iterator[CaptureEvent]:
+        if len(self._plan.sides) == 1:
+            yield self._warn("one_side", f"{self._plan.sides[0]} only")
+        if self.store.manifest.readings_planned == 0:
+            yield self._warn("no_meter", "no meter reading: luminance stays relative until one is given")
+        elif self.store.manifest.target is None:
+            yield self._warn("no_target", "where the meter looks is not given: set target_deg in the rig, or --target")
+
+    def _lacks(self, when: When) -> bool:
+        return when in self.store.manifest.missing_readings()
+
+    def _start_reading(self, when: When) -> None:
+        if self._readings.can_take(when):
+            self._readings.start(when)
+
+    def _collect_reading(self) -> Iterator[CaptureEvent]:
+        try:
+            record = self._readings.collect()
+        except DeviceError as error:
+            if self.store.manifest.frames:  # the frames must not suffer from a meter that died meanwhile
+                yield self._warn("meter", f"no reading: {error}")
+                return
+            raise
+        if record is None:
+            return
+        self.store.add_reading(record)
+        text = f"meter {record.when}: {_in_words(record)}"
+        yield self._say(EventKind.READING, text, **record.model_dump(mode="json"))
+        if record.luminance_cd_m2 is None:
+            yield self._warn("reading", f"the reading {record.when} has no number: {_in_words(record)}")
+
+    def _bracket(self) -> Iterator[CaptureEvent]:
+        notices: queue.SimpleQueue[Notice] = queue.SimpleQueue()
+        sides = [s for s in self._plan.sides if self.store.manifest.missing_stops(s)]
+        checkers = {side: FrameChecker() for side in sides}
+        for checker in checkers.values():
+            checker.start()
+        intakes = {side: self._intake(side, checkers[side], notices) for side in sides}
+        try:
+            self._conductor = Conductor(
+                self._plan,
+                {side: self._worker(side, intakes[side]) for side in sides},
+                notices,
+                self.store,
+                self._rig.clock,
+                max_start_skew_s=self._rig.file.limits.max_start_skew_s,
+                on_last_exposure=lambda: self._start_reading("after") if self._lacks("after") else None,
+            )
+            if self._stop_asked:
+                self._conductor.ask_stop()
+            yield from self._conductor.run()
+        finally:
+            for side in sides:
+                intakes[side].close()
+                checkers[side].close()
+
+    def _intake(self, side: Side, checker: FrameChecker, notices: queue.SimpleQueue[Notice]) -> Intake:
+        table = self._rig.file.cameras()[side]
+        offset_s = next((d.clock_offset_s for d in self.store.manifest.devices if d.role == side.value), None)
+        exact = self._plan.mode == "adaptive"
+        return Intake(side, self.store, checker, table, notices, exact=exact, clock_offset_s=offset_s)
+
+    def _worker(self, side: Side, intake: Intake) -> CameraWorker:
+        camera, table = self._rig.cameras[side], self._rig.file.cameras()[side]
+        worker = CameraWorker(
+            camera,
+            table.settings(),
+            intake,
+            self._rig.clock,
+            release_lag_s=camera.release_lag_s if table.release_lag_s is None else table.release_lag_s,
+            delete_after=table.delete_after,
+        )
+        intake.on_safe = worker.tell
+        return worker
+
+    def _end(self) -> Iterator[CaptureEvent]:
+        drift = drift_frac(self.store.manifest.readings)
+        if drift is not None:
+            self.store.update(drift_frac=drift)
+            if abs(drift) > self._rig.file.limits.max_drift_frac:
+                yield self._warn("drift", f"the light changed by {drift:+.1%} between the two readings")
+        manifest = self.store.finish()
+        text = f"session {manifest.status}: {self.store.path.name}"
+        yield self._say(EventKind.FINISHED, text, status=manifest.status, missing=list(manifest.missing))
+        dead = self._conductor.dead if self._conductor else {}
+        if dead and manifest.status is SessionStatus.PARTIAL:
+            raise next(iter(dead.values()))
+
+    def _warn(self, code: str, text: str) -> CaptureEvent:
+        self.store.add_warning(WarningRecord(code=code, message=text[:500]))
+        return self._say(EventKind.WARNING, text, code=code)
+
+    def _say(self, kind: EventKind, text: str, **data: object) -> CaptureEvent:
+        return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
+
+
+def _in_words(record: ReadingRecord) -> str:
+    number = "" if record.luminance_cd_m2 is None else f" {record.luminance_cd_m2:g} cd/m2"
+    return f"{record.status}{number} {record.detail}".rstrip()
+
+
+def _merged(earlier: tuple[DeviceRecord, ...], now: tuple[DeviceRecord, ...]) -> tuple[DeviceRecord, ...]:
+    """Return the devices of the session with those of this run in place of earlier ones of the same role."""
+    roles = {d.role for d in now}
+    return (*(d for d in earlier if d.role not in roles), *now)

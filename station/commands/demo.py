@@ -1,0 +1,62 @@
+"""``daylit demo``: the main job on simulated instruments, from nothing to a verified session."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from station.session import SessionManifest
+    from station.verify import VerifyReport
+
+
+@click.command()
+@click.option("--world", default="room", show_default=True, help="What the simulated instruments look at.")
+@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full", show_default=True)
+@click.option("--into", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="Folder of sessions.")
+@click.option("--json", "as_json", is_flag=True, help="JSON events, then one summary object.")
+def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
+    """Capture a simulated room at full size (meter, Theta Z1, 5D Mark II), verify the session, say where to look.
+
+    \b
+    Examples:
+      daylit demo
+      daylit demo --size quarter --world room:7
+    """
+    from station.capture import Capture, CaptureRequest
+    from station.commands.views import JsonView, TerminalView
+    from station.rig import open_named_rig
+    from station.verify import verify_session
+
+    quiet = as_json or not sys.stdout.isatty()
+    if not as_json:
+        click.echo(f"rendering what the cameras will see ({world}, {size} size; kept for next time) ...")
+    rig = open_named_rig(None, world, size=size)
+    try:
+        job = Capture.new(rig, CaptureRequest(room="demo", into=into))
+        view = JsonView() if quiet else TerminalView(tuple(map(str, rig.cameras)), len(rig.file.bracket.stops))
+        with view:
+            for event in job.events():
+                view.show(event)
+        manifest, path = job.store.manifest, job.store.path
+        job.store.close()
+    finally:
+        rig.close()
+    return _tell(manifest, verify_session(path), path, as_json=as_json)
+
+
+def _tell(manifest: SessionManifest, report: VerifyReport, path: Path, *, as_json: bool) -> int:
+    whole = report.intact and report.status == "complete"
+    readings = [r.luminance_cd_m2 for r in manifest.readings]
+    if as_json:
+        summary = {"ok": whole, "session": str(path), "frames": len(manifest.frames), "readings_cd_m2": readings}
+        click.echo(json.dumps({**summary, "problems": [p.message for p in report.problems]}))
+        return 0 if whole else 4
+    megabytes = sum(f.size_bytes for f in manifest.frames) / 1e6
+    click.echo(f"{len(manifest.frames)} frames ({megabytes:.0f} MB), readings {readings} cd/m2, every digest checked")
+    click.echo(f"look at: {path}/session.json and the frames in {path}/indoor and {path}/outdoor")
+    return 0 if whole else 4

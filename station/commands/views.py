@@ -1,0 +1,106 @@
+"""What a user sees of a capture: bars and lines on a terminal, one JSON object a line elsewhere."""
+
+from __future__ import annotations
+
+import json
+from types import TracebackType
+from typing import Protocol, Self
+
+import click
+
+from station.events import CaptureEvent, EventKind
+
+
+class View(Protocol):
+    """Shows the events of a capture."""
+
+    def show(self, event: CaptureEvent) -> None:
+        """Show one event."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+class JsonView:
+    """Writes each event as one JSON object a line (transfer progress is left out)."""
+
+    def show(self, event: CaptureEvent) -> None:
+        """Write the event."""
+        if event.kind is not EventKind.PROGRESS:
+            click.echo(json.dumps(event.to_dict()))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+
+_STYLE = {
+    EventKind.WARNING: "yellow",
+    EventKind.REJECTED: "yellow",
+    EventKind.RECOVERING: "yellow",
+    EventKind.SKIPPED: "cyan",
+    EventKind.FAILED: "red",
+    EventKind.FINISHED: "bold green",
+}
+_SILENT = (EventKind.RELEASED, EventKind.EXPOSED)
+
+
+class TerminalView:
+    """A bar a camera with the bytes of its frames, and a line for everything else."""
+
+    def __init__(self, sides: tuple[str, ...], n_stops: int) -> None:
+        from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
+
+        columns = (
+            TextColumn("{task.description:>8}"),
+            BarColumn(),
+            TextColumn("{task.fields[frames]}"),
+            DownloadColumn(),
+            TransferSpeedColumn(),
+        )
+        self._progress = Progress(*columns, transient=True)
+        self._n_stops = n_stops
+        self._saved = dict.fromkeys(sides, 0)
+        self._tasks = {s: self._progress.add_task(s, total=None, frames=f"0/{n_stops}") for s in sides}
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def show(self, event: CaptureEvent) -> None:
+        """Update the bars or print a line."""
+        side = str(event.data.get("side", ""))
+        if event.kind is EventKind.PROGRESS:
+            done, total = event.data["done_bytes"], event.data["total_bytes"]
+            self._progress.update(self._tasks[side], completed=done, total=total)
+        elif event.kind is EventKind.SAVED:
+            self._saved[side] += 1
+            self._progress.update(self._tasks[side], frames=f"{self._saved[side]}/{self._n_stops}")
+        elif event.kind not in _SILENT:
+            from rich.markup import escape
+
+            style = _check_style(event) or _STYLE.get(event.kind, "")
+            line = escape(_printable(event.text))
+            self._progress.console.print(f"[{style}]{line}[/]" if style else line, highlight=False)
+
+
+def _check_style(event: CaptureEvent) -> str:
+    return {"warn": "yellow", "fail": "red"}.get(str(event.data.get("level", "")), "")
+
+
+def _printable(text: str) -> str:
+    """Return the text without terminal control characters (it may hold names from a device)."""
+    return "".join(c if c.isprintable() else "?" for c in text)

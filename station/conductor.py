@@ -1,0 +1,306 @@
+"""The bracket itself: pairs fired together, frames fetched behind, what fails retaken once and then named."""
+
+from __future__ import annotations
+
+import queue
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+
+from drivers.clock import Clock, Deadline
+from drivers.errors import (
+    BatteryLowError,
+    DaylitError,
+    DeviceClaimedError,
+    DevicePermissionError,
+    StoreFullError,
+)
+from station.bracket import BracketPlan, shutter_label, useless_because
+from station.camera_worker import EXPOSURE_GRACE_S, CameraWorker
+from station.events import CaptureEvent, EventKind
+from station.notices import (
+    Broken,
+    Exposed,
+    Fatal,
+    Fire,
+    Leave,
+    Left,
+    Lost,
+    Notice,
+    Progress,
+    Ready,
+    Rejected,
+    Released,
+    Saved,
+    SetUp,
+    StandDown,
+)
+from station.session import FrameStatistics, Side, SkippedStop, WarningRecord
+from station.store import SessionStore
+
+SET_UP_LIMIT_S = 45.0
+"""Setting one stop, including one recovery of the camera."""
+LAST_TRANSFERS_LIMIT_S = 300.0
+FIRE_AHEAD_S = 0.008
+"""Both threads are told this long before the shutters are to open, more than a thread takes to wake."""
+MAX_RETAKES = 1
+MAX_DEVICE_FAILURES = 2
+"""Of one stop: recovered that often, then the stop is named as missing."""
+PUMP_WAIT_S = 0.25
+JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED)
+"""What the store's own records do not tell. The rest would only put disk waits between two exposures."""
+NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
+"""Errors after which a retake is useless until somebody acts."""
+
+
+class Conductor:
+    """Takes the stops of a plan that are missing; iterate over `run` to make it happen."""
+
+    def __init__(
+        self,
+        plan: BracketPlan,
+        workers: Mapping[Side, CameraWorker],
+        notices: queue.SimpleQueue[Notice],
+        store: SessionStore,
+        clock: Clock,
+        *,
+        max_start_skew_s: float,
+        on_last_exposure: Callable[[], None],
+    ) -> None:
+        self._plan = plan
+        self._workers = workers
+        self._notices = notices
+        self._store = store
+        self._clock = clock
+        self._max_start_skew_s = max_start_skew_s
+        self._on_last_exposure = on_last_exposure
+        self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
+        self._answers: dict[Side, Notice] = {}
+        self._released_s: dict[Side, float] = {}
+        self._in_flight: Counter[tuple[Side, int]] = Counter()
+        self._retakes: Counter[tuple[Side, int]] = Counter()
+        self._failures: Counter[tuple[Side, int]] = Counter()
+        self._statistics: dict[Side, dict[int, FrameStatistics]] = {side: {} for side in plan.sides}
+        self._left: set[Side] = set()
+        self._stop_asked = False
+        self.dead: dict[Side, DaylitError] = {}
+
+    def ask_stop(self) -> None:
+        """Take no further stop; what is exposed is still fetched. Safe to call from a signal handler."""
+        self._stop_asked = True
+
+    def run(self) -> Iterator[CaptureEvent]:
+        """Take every missing stop; yields events; returns when all frames are saved or given up."""
+        manifest = self._store.manifest
+        for record in manifest.frames:
+            if record.statistics is not None:
+                self._statistics[record.side][record.stop] = record.statistics
+        missing = {side: manifest.missing_stops(side) for side in self._plan.sides}
+        self._todo = deque(self._plan.remaining(missing))
+        for worker in self._workers.values():
+            worker.start()
+        try:
+            yield from self._take_all()
+        finally:
+            yield from self._dismiss()
+
+    def _take_all(self) -> Iterator[CaptureEvent]:
+        announced = False
+        while not (self._stop_asked or self.dead):
+            if self._todo:
+                stop, sides = self._todo.popleft()
+                sides = yield from self._sides_in_need(stop, sides)
+                if sides:
+                    announced = False
+                    yield from self._take(stop, sides)
+            elif not announced:
+                self._on_last_exposure()
+                announced = True
+            elif self._in_flight:
+                yield from self._pump()
+            else:
+                return
+
+    def _dismiss(self) -> Iterator[CaptureEvent]:
+        """Let the workers fetch what is exposed and end; bounded."""
+        for side, worker in self._workers.items():
+            worker.tell(Leave(at_once=side in self.dead))
+        deadline = Deadline.after(self._clock, LAST_TRANSFERS_LIMIT_S)
+        while self._left != set(self._workers) and not deadline.expired:
+            yield from self._pump()
+        while not self._notices.empty():
+            yield from self._pump()
+
+    def _sides_in_need(
+        self, stop: int, sides: Iterable[Side]
+    ) -> Generator[CaptureEvent, None, tuple[Side, ...]]:
+        """Return the sides that need the stop; in an adaptive bracket, after the frames that tell are judged."""
+        if self._plan.mode == "full":
+            return tuple(sides)
+        neighbours = [(side, near) for side in sides for near in (stop - 1, stop + 1)]
+        while any(self._in_flight[key] for key in neighbours) and not self.dead:
+            yield from self._pump()
+        needed = []
+        for side in sides:
+            reason = useless_because(stop, self._statistics[side])
+            if reason is None:
+                needed.append(side)
+                continue
+            self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
+            yield self._event(
+                EventKind.SKIPPED,
+                f"{side} {self._label(stop)} left out: {reason}",
+                side=side,
+                stop=stop,
+                reason=reason,
+            )
+        return tuple(needed)
+
+    def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
+        yield self._event(EventKind.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
+        self._answers = {}
+        for side in sides:
+            self._workers[side].tell(SetUp(stop, self._plan.stops_s[stop], self._retakes[side, stop]))
+        yield from self._pump_until(lambda: self._answered(sides), SET_UP_LIMIT_S, "camera made ready")
+        if self._unready(sides):
+            for side in sides:
+                self._workers[side].tell(StandDown())
+            yield from self._again(stop, sides)
+            return
+        self._answers, self._released_s = {}, {}
+        open_at_s = self._clock.monotonic_s() + FIRE_AHEAD_S + max(self._workers[s].release_lag_s for s in sides)
+        for side in sides:
+            self._workers[side].tell(Fire(open_at_s))
+        limit_s = 2 * self._plan.stops_s[stop] + EXPOSURE_GRACE_S + SET_UP_LIMIT_S
+        yield from self._pump_until(lambda: self._answered(sides), limit_s, "exposure finished")
+        yield from self._judge_start(stop, sides)
+        broken = tuple(s for s in sides if isinstance(self._answers.get(s), Broken))
+        if broken:
+            yield from self._again(stop, broken)
+
+    def _answered(self, sides: Iterable[Side]) -> bool:
+        return bool(self.dead) or all(side in self._answers for side in sides)
+
+    def _unready(self, sides: Iterable[Side]) -> bool:
+        return bool(self.dead) or any(not isinstance(self._answers.get(s), Ready) for s in sides)
+
+    def _again(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
+        """Put a stop back, unless its camera failed it too often; then it stays missing and is named."""
+        for side in sides:
+            self._failures[side, stop] += isinstance(self._answers.get(side), Broken)
+        spent = tuple(s for s in sides if self._failures[s, stop] > MAX_DEVICE_FAILURES)
+        for side in spent:
+            text = f"{side} {self._label(stop)}: the camera failed {self._failures[side, stop]} times; missing"
+            yield self._warn("frame_missing", text, side=side, stop=stop)
+        kept = tuple(s for s in sides if s not in spent)
+        if kept:
+            self._todo.appendleft((stop, kept))
+
+    def _judge_start(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
+        if len(self._released_s) < 2:
+            return
+        opened_s = [self._released_s[s] + self._workers[s].release_lag_s for s in sides]
+        skew_s = max(opened_s) - min(opened_s)
+        if skew_s > self._max_start_skew_s:
+            text = f"{self._label(stop)}: the shutters opened {skew_s * 1000:.0f} ms apart"
+            yield self._warn("start_skew", text, stop=stop, skew_s=skew_s)
+
+    def _pump_until(self, done: Callable[[], bool], limit_s: float, what: str) -> Iterator[CaptureEvent]:
+        deadline = Deadline.after(self._clock, limit_s)
+        while not done():
+            deadline.check(what, "capture")
+            yield from self._pump()
+
+    def _pump(self) -> Iterator[CaptureEvent]:
+        """Handle one notice, if one comes."""
+        try:
+            notice = self._notices.get(timeout=PUMP_WAIT_S)
+        except queue.Empty:
+            return
+        match notice:
+            case Ready():
+                self._answers[notice.side] = notice
+            case Released() | Exposed():
+                yield self._opened_or_closed(notice)
+            case Progress(side, stop, done_bytes, total_bytes):
+                data = {"side": side, "stop": stop, "done_bytes": done_bytes, "total_bytes": total_bytes}
+                yield CaptureEvent(EventKind.PROGRESS, "", self._clock.monotonic_s(), data)
+            case Left(side):
+                self._left.add(side)
+            case _:
+                yield from self._outcome(notice)
+
+    def _opened_or_closed(self, notice: Released | Exposed) -> CaptureEvent:
+        side, stop = notice.side, notice.stop
+        if isinstance(notice, Released):
+            self._released_s[side] = notice.at_s
+            text = f"{side} {self._label(stop)} released"
+            return self._event(EventKind.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
+        self._answers[side] = notice
+        self._in_flight[side, stop] += notice.n_frames
+        return self._event(EventKind.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
+
+    def _outcome(self, notice: Notice) -> Iterator[CaptureEvent]:
+        match notice:
+            case Saved():
+                yield from self._saved(notice)
+            case Rejected(side, stop, record):
+                yield from self._frame_failed(side, stop, record.reason)
+            case Lost(side, stop, error):
+                yield from self._frame_failed(side, stop, str(error))
+            case Broken():
+                yield from self._broken(notice)
+            case Fatal(_, error):
+                raise error
+
+    def _saved(self, notice: Saved) -> Iterator[CaptureEvent]:
+        side, stop, record = notice.side, notice.stop, notice.record
+        self._settle(side, stop)
+        if record.statistics is not None:
+            self._statistics[side][stop] = record.statistics
+        yield self._event(
+            EventKind.SAVED,
+            f"{side} {self._label(stop)} saved: {record.file}",
+            side=side,
+            stop=stop,
+            file=record.file,
+            size_bytes=record.size_bytes,
+        )
+
+    def _settle(self, side: Side, stop: int) -> None:
+        self._in_flight[side, stop] -= 1
+        if self._in_flight[side, stop] <= 0:
+            del self._in_flight[side, stop]
+
+    def _frame_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
+        self._settle(side, stop)
+        again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked)
+        text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else "missing")
+        yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
+        if again:
+            self._retakes[side, stop] += 1
+            self._todo.append((stop, (side,)))
+        else:
+            yield self._warn("frame_missing", text, side=side, stop=stop)
+
+    def _broken(self, notice: Broken) -> Iterator[CaptureEvent]:
+        side, error = notice.side, notice.error
+        if notice.stop is not None:
+            self._answers[side] = notice
+        data = {"side": side, "stop": notice.stop, "error": error.to_dict(), "recovered": notice.recovered}
+        if notice.recovered and not isinstance(error, NEEDS_A_PERSON):
+            yield self._event(EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
+        else:
+            self.dead[side] = error
+            yield self._event(EventKind.FAILED, f"{side}: {error}", **data)
+
+    def _label(self, stop: int) -> str:
+        return shutter_label(self._plan.stops_s[stop])
+
+    def _warn(self, code: str, text: str, **data: object) -> CaptureEvent:
+        self._store.add_warning(WarningRecord(code=code, message=text[:500]))
+        return self._event(EventKind.WARNING, text, code=code, **data)
+
+    def _event(self, kind: EventKind, text: str, **data: object) -> CaptureEvent:
+        if kind in JOURNALLED:
+            self._store.event(str(kind), **data)
+        return CaptureEvent(kind, text, self._clock.monotonic_s(), data)

@@ -1,0 +1,159 @@
+"""From bytes to acknowledged frames: written, digested, checked, journalled, and only then called safe.
+
+One intake a side. The camera's thread writes chunks; a thread of the intake checks and commits whole frames, so that
+checking never delays a shutter.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+
+from drivers.camera import FrameFormat
+from station.errors import FrameRejectedError
+from station.frame_check import FrameChecker
+from station.frame_facts import ExpectedFrame, FrameFacts
+from station.notices import Fatal, Notice, Rejected, Safe, Saved, Shot
+from station.rig_file import CameraTable
+from station.session import FrameRecord, RejectedFrame, Side
+from station.store import FramePart, SessionStore, StoredFrame
+
+IDLE_LIMIT_S = 120.0
+"""A frame that is being checked and committed is through by then, even on a slow disk."""
+
+
+class Intake:
+    """Receives the frames of one camera."""
+
+    def __init__(
+        self,
+        side: Side,
+        store: SessionStore,
+        checker: FrameChecker,
+        table: CameraTable,
+        notices: queue.SimpleQueue[Notice],
+        *,
+        exact: bool,
+        clock_offset_s: float | None,
+    ) -> None:
+        self.side = side
+        self.notices = notices
+        self.on_safe: Callable[[Safe], None] = lambda _safe: None
+        self._store = store
+        self._checker = checker
+        self._table = table
+        self._exact = exact
+        self._clock_offset_s = clock_offset_s
+        self._earlier: list[FrameFacts] = []
+        self._parts: dict[int, FramePart] = {}
+        self._whole: queue.SimpleQueue[Shot | None] = queue.SimpleQueue()
+        self._idle = threading.Condition()
+        self._n_open = 0
+        self._thread = threading.Thread(target=self._run, name=f"intake-{side}", daemon=True)
+        self._thread.start()
+
+    def write(self, shot: Shot, data: bytes) -> None:
+        """Append bytes of a frame (its first bytes open a new temporary file)."""
+        part = self._parts.get(shot.frame.handle)
+        if part is None:
+            part = self._store.begin_frame(shot.side, shot.stop, shot.asked_s, shot.frame.format)
+            self._parts[shot.frame.handle] = part
+        part.write(data)
+
+    def abort(self, shot: Shot) -> None:
+        """Forget a frame that will not be completed; its temporary file goes."""
+        part = self._parts.pop(shot.frame.handle, None)
+        if part is not None:
+            part.abort()
+
+    def complete(self, shot: Shot) -> None:
+        """All bytes are there: check and commit in the background."""
+        with self._idle:
+            self._n_open += 1
+        self._whole.put(shot)
+
+    def wait_idle(self, timeout_s: float = IDLE_LIMIT_S) -> bool:
+        """Wait until every completed frame is saved or rejected; returns whether that came true."""
+        with self._idle:
+            return self._idle.wait_for(lambda: self._n_open == 0, timeout_s)
+
+    def close(self) -> None:
+        """Finish what is queued and end the thread."""
+        self._whole.put(None)
+        self._thread.join(IDLE_LIMIT_S)
+
+    def _run(self) -> None:
+        while (shot := self._whole.get()) is not None:
+            try:
+                self._take(shot)
+            except Exception as error:  # noqa: BLE001 (the conductor must hear of it, whatever it is)
+                self.notices.put(Fatal(self.side, error))
+            finally:
+                with self._idle:
+                    self._n_open -= 1
+                    self._idle.notify_all()
+
+    def _take(self, shot: Shot) -> None:
+        part = self._parts.pop(shot.frame.handle)
+        try:
+            facts = self._check(shot, part)
+        except FrameRejectedError as error:
+            file = part.reject(error.message)
+            record = RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=error.message[:500])
+            self._store.add_rejected(record)
+            self.notices.put(Rejected(self.side, shot.stop, record))
+        else:
+            frame = _frame_record(shot, facts, part.commit())
+            self._store.add_frame(frame)
+            self.notices.put(Saved(self.side, shot.stop, frame))
+        self.on_safe(Safe(shot.frame))
+
+    def _check(self, shot: Shot, part: FramePart) -> FrameFacts:
+        """Return what the frame is known by; raises `FrameRejectedError` with the reason if it does not count."""
+        if part.size_bytes != shot.frame.size_bytes:
+            raise FrameRejectedError(
+                f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}", where=part.path.name
+            )
+        if shot.frame.format is not FrameFormat.JPEG:
+            return self._checker.check_raw(part.path, "cr2" if shot.frame.format is FrameFormat.CR2 else "dng")
+        facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=self._earlier)
+        self._earlier.append(facts)
+        return facts
+
+    def _expected(self, shot: Shot) -> ExpectedFrame:
+        width_px, height_px = self._table.size_px
+        return ExpectedFrame(
+            exposure_s=shot.shutter.nominal_s,
+            iso=self._table.iso,
+            f_number=self._table.f_number,
+            width_px=width_px,
+            height_px=height_px,
+            taken_after_utc=shot.released_utc,
+            taken_before_utc=shot.announced_utc,
+            clock_offset_s=self._clock_offset_s,
+            light_expected=self.side is Side.INDOOR and not self._table.nd_filter,
+        )
+
+
+def _frame_record(shot: Shot, facts: FrameFacts, stored: StoredFrame) -> FrameRecord:
+    return FrameRecord(
+        side=shot.side,
+        stop=shot.stop,
+        file=stored.file,
+        format=shot.frame.format.value,
+        size_bytes=stored.size_bytes,
+        sha256=stored.sha256,
+        asked_s=shot.asked_s,
+        camera_s=shot.shutter.nominal_s,
+        exif_s=facts.exif.exposure_s,
+        iso=facts.exif.iso,
+        f_number=facts.exif.f_number,
+        width_px=facts.width_px,
+        height_px=facts.height_px,
+        taken_utc=shot.released_utc,
+        release_monotonic_s=shot.released_s,
+        camera_name=shot.frame.name[:200],
+        statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None,
+        retakes=shot.retakes,
+    )

@@ -1,0 +1,167 @@
+"""Opens the instruments that rig.toml names, or simulated ones; the only place that knows which are which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.camera import Camera
+from drivers.clock import Clock, SystemClock
+from drivers.meter import Meter
+from station.errors import RigError
+from station.rig_file import CameraTable, MeterTable, RigFile
+from station.session import Side
+
+if TYPE_CHECKING:
+    from mocks.bench import SimulatedBench
+
+
+@dataclass
+class Rig:
+    """The instruments of a capture, not yet connected."""
+
+    file: RigFile
+    cameras: dict[Side, Camera]
+    meter: Meter | None
+    clock: Clock
+    simulated: bool = False
+    bench: SimulatedBench | None = None
+    on_close: list[Callable[[], None]] = field(default_factory=list)
+
+    def close(self) -> None:
+        """Leave every instrument usable; never raises."""
+        for camera in self.cameras.values():
+            camera.close()
+        if self.meter is not None:
+            self.meter.close()
+        for action in self.on_close:
+            action()
+
+
+def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
+    """Return a rig of real instruments; nothing is opened before `Camera.connect` and `Meter.connect`.
+
+    Raises
+    ------
+    RigError
+        A meter dialect that does not exist.
+    """
+    clock = clock or SystemClock()
+    cameras = {side: _real_camera(table, clock) for side, table in file.cameras().items()}
+    meter = _real_meter(file.meter, clock) if file.meter else None
+    return Rig(file, cameras, meter, clock)
+
+
+def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
+    """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks."""
+    cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
+    meter = None
+    if file.meter is not None:
+        meter = _meter_on_port(file.meter, bench.meter_port, bench.clock)
+    return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
+
+
+def _real_camera(table: CameraTable, clock: Clock) -> Camera:
+    return _camera(table, None, clock)
+
+
+def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
+    from drivers.usb_link import UsbLink
+
+    from drivers.ptp import canon_codes, ricoh_codes
+
+    vendor_id, product_id = ricoh_codes.USB_ID if table.kind == "theta_z1" else canon_codes.USB_ID
+
+    def open_transport() -> UsbLink:
+        return UsbLink.open(vendor_id, product_id, serial=table.serial or None, backend=backend, clock=clock)
+
+    if table.kind == "theta_z1":
+        from drivers.theta_z1 import ThetaZ1
+
+        return ThetaZ1(open_transport, clock)
+    from drivers.canon_5d2 import Canon5D2
+
+    return Canon5D2(open_transport, clock)
+
+
+def _real_meter(table: MeterTable, clock: Clock) -> Meter:
+    return _meter_on_port(table, table.port, clock)
+
+
+def _meter_on_port(table: MeterTable, port: str, clock: Clock) -> Meter:
+    from drivers.ls160 import KonicaMinoltaMeter
+    from drivers.meter_dialect import load_dialect
+    from drivers.serial_link import SerialLink, find_port
+
+    dialect = load_dialect(table.dialect)
+
+    def open_line() -> SerialLink:
+        name = find_port(dialect.usb_ids) if port == "auto" else port
+        return SerialLink.open(name, dialect.port, clock=clock)
+
+    return KonicaMinoltaMeter(open_line, dialect, clock)
+
+
+SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
+"""Picture sizes of simulated cameras, as divisors of the full size."""
+
+
+def open_named_rig(path: Path | None, simulate: str | None, *, size: str = "full", **changes: object) -> Rig:
+    """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
+
+    Without a file, simulated instruments are those of the paper. ``size`` is a key of `SIZE_STEPS` (simulated only);
+    ``changes`` replace tables of the rig file (``outdoor=None``).
+
+    Raises
+    ------
+    RigError
+        No rig file, or one that cannot be right.
+    """
+    from station.rig_file import PAPER_RIG, load_rig
+
+    file = PAPER_RIG if simulate and path is None else load_rig(find_rig_file(path))
+    file = file.model_copy(update=changes)
+    if not simulate:
+        return open_rig(file)
+    from mocks.bench import make_bench
+
+    file = simulated_rig_file(file, size)
+    return open_simulated_rig(file, make_bench(simulate, file_settings(file)))
+
+
+def simulated_rig_file(file: RigFile, size: str) -> RigFile:
+    """Return the rig file with the cameras' pictures at a fraction of their size, and the verified meter dialect."""
+    step = SIZE_STEPS[size]
+    changes: dict[str, object] = {}
+    for side, table in file.cameras().items():
+        width_px, height_px = (n // step // 2 * 2 for n in table.size_px)
+        changes[side.value] = table.model_copy(update={"size_px": (width_px, height_px)})
+    return file.model_copy(update=changes)
+
+
+def file_settings(file: RigFile) -> dict[str, CameraTable]:
+    """Return the camera tables by side name, as the bench wants them."""
+    return {side.value: table for side, table in file.cameras().items()}
+
+
+def find_rig_file(path: Path | None) -> Path:
+    """Return the rig file to use: the one given, else ``rig.toml`` here, else the one in the user's config folder.
+
+    Raises
+    ------
+    RigError
+        None of them exists.
+    """
+    if path is not None:
+        return path
+    from platformdirs import user_config_path
+
+    for candidate in (Path("rig.toml"), user_config_path("daylit") / "rig.toml"):
+        if candidate.is_file():
+            return candidate
+    raise RigError(
+        "no rig file: neither ./rig.toml nor one in your configuration folder",
+        advice="write one with `daylit doctor --write-rig rig.toml`, or try `--simulate room`",
+    )

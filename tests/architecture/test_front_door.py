@@ -1,0 +1,65 @@
+"""The `daylit` command as a user meets it first."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+
+import click
+import pytest
+
+import daylit
+
+ENTRIES = {name: entry for section in daylit.COMMANDS.values() for name, entry in section.items()}
+
+
+@pytest.mark.parametrize("name", sorted(ENTRIES))
+def test_every_command_loads_has_help_an_example_and_json(name: str) -> None:
+    command = getattr(importlib.import_module(ENTRIES[name].module), ENTRIES[name].attribute)
+    assert isinstance(command, click.Command)
+    leaves = command.commands.values() if isinstance(command, click.Group) else [command]
+    for leaf in leaves:
+        assert "xample" in (leaf.help or ""), f"{leaf.name}: the help has no example"
+        assert "--json" in {o for p in leaf.params for o in p.opts}, f"{leaf.name}: no --json"
+
+
+def test_help_lists_all_commands_and_imports_none_of_them() -> None:
+    code = (
+        "import sys, daylit; daylit.main(['--help']);"
+        "heavy = {'numpy', 'pydantic', 'cv2', 'serial', 'usb', 'rich', 'PIL'} & set(sys.modules);"
+        "assert not heavy, heavy; assert not [m for m in sys.modules if m.startswith('station')]"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    for name in ENTRIES:
+        assert name in done.stdout
+
+
+def test_unknown_command_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["nonsense"]) == 2
+    assert "nonsense" in capsys.readouterr().err
+
+
+def test_errors_are_json_on_request(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["verify", "no-such-session", "--json"]) == 4
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["ok"] is False
+    assert answer["error"]["code"].startswith("SES-")
+
+
+def test_internal_error_leaves_a_report_without_personal_paths(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_args: object, **_kwargs: object) -> None:
+        raise RuntimeError("a fault of our own")
+
+    monkeypatch.setattr(daylit.cli, "main", broken)
+    assert daylit.main(["demo"]) == 70
+    told = capsys.readouterr().err
+    path = told.split("paths is in ")[1].split(": please")[0]
+    with open(path, encoding="utf-8") as file:
+        report = file.read()
+    assert "a fault of our own" in report
+    assert str(__import__("pathlib").Path.home()) not in report

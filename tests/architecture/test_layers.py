@@ -1,0 +1,108 @@
+"""Who may import whom: the house's walls (docs/architecture.md)."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+OURS = ("drivers", "mocks", "station", "processing", "tests", "benchmarks", "daylit")
+
+ALLOWED: dict[str, tuple[str, ...]] = {
+    "drivers": ("drivers",),
+    "mocks": ("mocks", "drivers.ptp", "drivers.errors", "drivers.clock"),
+    "station": ("station", "drivers"),
+    "processing": ("processing", "station.session", "station.store", "station.errors", "station.verify"),
+}
+MOCKS_MAY_SHARE_OF_PTP = ("drivers.ptp.codes", "drivers.ptp.canon_codes", "drivers.ptp.ricoh_codes")
+ONLY_IN = {
+    "serial": ("drivers/serial_link.py",),
+    "usb": ("drivers/usb_link.py", "mocks/usb_bus.py", "mocks/usb_descriptors.py"),
+    "libusb_package": ("drivers/usb_link.py",),
+    "click": ("station/commands/", "daylit.py"),
+    "rich": ("station/commands/",),
+}
+MOCKS_FROM_STATION = ("station/rig.py",)
+
+
+def python_files(*folders: str) -> Iterator[Path]:
+    for folder in folders:
+        yield from sorted((ROOT / folder).rglob("*.py"))
+
+
+def imports(path: Path) -> Iterator[tuple[str, ast.stmt, bool]]:
+    """Yield (module, statement, only for type checkers) of each import of a file."""
+    tree = ast.parse(path.read_text("utf-8"))
+    typing_only = {
+        id(inner)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for inner in ast.walk(node)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for name in node.names:
+                yield name.name, node, id(node) in typing_only
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            base = node.module or ""
+            for name in node.names:
+                full = f"{base}.{name.name}"
+                target = full if (ROOT / Path(*full.split("."))).with_suffix(".py").exists() else base
+                yield target, node, id(node) in typing_only
+
+
+def within(module: str, allowed: tuple[str, ...]) -> bool:
+    return any(module == a or module.startswith(a + ".") for a in allowed)
+
+
+@pytest.mark.parametrize("package", sorted(ALLOWED))
+def test_imports_go_one_way(package: str) -> None:
+    wrong = []
+    for path in python_files(package):
+        where = path.relative_to(ROOT).as_posix()
+        for module, node, typing_only in imports(path):
+            if module.split(".")[0] not in OURS or within(module, ALLOWED[package]):
+                continue
+            if where in MOCKS_FROM_STATION and module.startswith("mocks") and (typing_only or node.col_offset > 0):
+                continue
+            wrong.append(f"{where}:{node.lineno} imports {module}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_mocks_share_only_code_tables_with_the_drivers() -> None:
+    wrong = [
+        f"{path.name}: {module}"
+        for path in python_files("mocks")
+        for module, _, _ in imports(path)
+        if module.startswith("drivers.ptp") and module not in MOCKS_MAY_SHARE_OF_PTP
+    ]
+    assert not wrong, wrong
+
+
+@pytest.mark.parametrize("library", sorted(ONLY_IN))
+def test_library_stays_in_its_place(library: str) -> None:
+    wrong = []
+    for path in (*python_files("drivers", "mocks", "station", "processing"), ROOT / "daylit.py"):
+        where = path.relative_to(ROOT).as_posix()
+        if any(where == place or (place.endswith("/") and where.startswith(place)) for place in ONLY_IN[library]):
+            continue
+        wrong += [f"{where}:{n.lineno}" for module, n, _ in imports(path) if module.split(".")[0] == library]
+    assert not wrong, f"{library} is imported in {wrong}"
+
+
+def test_front_door_and_command_modules_import_nothing_heavy() -> None:
+    light = {"click", "station", "drivers", *sys.stdlib_module_names}
+    wrong = []
+    for path in (ROOT / "daylit.py", *python_files("station/commands")):
+        for module, node, typing_only in imports(path):
+            top_level = node.col_offset == 0 and not typing_only
+            if top_level and module.split(".")[0] not in light:
+                wrong.append(f"{path.name}:{node.lineno} {module}")
+            if top_level and module.startswith(("station", "drivers")) and module != "station.events":
+                wrong.append(f"{path.name}:{node.lineno} {module} at import time")
+    assert not wrong, wrong
