@@ -69,7 +69,10 @@ class Counting(durable.OsCalls):
 
 
 class KillAt(Counting):
-    """Kills the own process before, in the middle of (writes: half the bytes are out), or after the Nth call."""
+    """Kills the own process before, in the middle of, or after the Nth call.
+
+    In the middle of a write: half the bytes are out ("torn") or all but one ("nearly").
+    """
 
     def __init__(self, nth: int, moment: str) -> None:
         super().__init__()
@@ -79,8 +82,8 @@ class KillAt(Counting):
     def at(self, name: str, call: Call, data: bytes | memoryview = b"", fd: int = -1) -> Any:
         if self.n + 1 != self.nth:
             return super().at(name, call)
-        if self.moment == "torn" and name == "write":
-            os.write(fd, memoryview(data)[: len(data) // 2])
+        if self.moment in ("torn", "nearly") and name == "write":
+            os.write(fd, memoryview(data)[: len(data) // 2 if self.moment == "torn" else -1])
         if self.moment == "after":
             call()
         os.kill(os.getpid(), signal.SIGKILL)
