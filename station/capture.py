@@ -141,6 +141,10 @@ class Capture:
             yield from self._bracket()
             yield from self._collect_reading()
             yield from self._end()
+        except BaseException:
+            if self._store is not None:
+                self._store.close()  # gives the lock back, so that the session can be resumed
+            raise
         finally:
             self._readings.close()
 
@@ -280,7 +284,7 @@ class Capture:
         self.store.add_warning(WarningRecord(code=code, message=text[:500]))
         return self._say(EventKind.WARNING, text, code=code)
 
-    def _say(self, kind: EventKind, text: str, **data: object) -> CaptureEvent:
+    def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
         return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
 
 

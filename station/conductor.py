@@ -296,11 +296,11 @@ class Conductor:
     def _label(self, stop: int) -> str:
         return shutter_label(self._plan.stops_s[stop])
 
-    def _warn(self, code: str, text: str, **data: object) -> CaptureEvent:
+    def _warn(self, code: str, text: str, /, **data: object) -> CaptureEvent:
         self._store.add_warning(WarningRecord(code=code, message=text[:500]))
         return self._event(EventKind.WARNING, text, code=code, **data)
 
-    def _event(self, kind: EventKind, text: str, **data: object) -> CaptureEvent:
+    def _event(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
         if kind in JOURNALLED:
             self._store.event(str(kind), **data)
         return CaptureEvent(kind, text, self._clock.monotonic_s(), data)
