@@ -188,7 +188,7 @@ def _decode_added(code: int, record: bytes) -> ObjectRecord:
 
 
 def _decode_transfer(code: int, record: bytes) -> ObjectRecord:
-    handle, object_format, size_bytes = _words(record, 8, 3)
+    handle, object_format, _, size_bytes = _words(record, 8, 4)
     return ObjectRecord(code, handle, 0, object_format & 0xFFFF, size_bytes, _name(record, 0x1C))
 
 
