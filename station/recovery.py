@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from station import durable
 from station.errors import ManifestError, SessionError, SessionNotFoundError
@@ -19,7 +19,6 @@ REJECTED = "rejected"
 SUBFOLDERS = (Side.INDOOR.value, Side.OUTDOOR.value, REJECTED)
 _OUR_FRAME = re.compile(r"^(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
 _OUR_REJECT = re.compile(r"^(indoor|outdoor)_(\d\d)_[0-9][A-Za-z0-9.-]*s(-\d+)?\.(jpg|cr2|dng)$")
-MISSING = "is missing"
 INTERRUPTED = "whole on disk but not acknowledged when the work was interrupted"
 
 
@@ -80,9 +79,7 @@ def remember(root: Folder) -> Memory:
         problem = exc.message
     if journal is None:
         if manifest is None:
-            raise SessionNotFoundError(
-                f"no {MANIFEST_NAME} here", where=str(root.path), advice="name a session folder"
-            )
+            raise SessionNotFoundError(f"no {MANIFEST_NAME} here", where=str(root.path), advice="name a session folder")
         return Memory(SessionState(manifest), None, manifest, "", ())
     state = replay(journal.entries, str(root.path / JOURNAL_NAME))
     if manifest is None:
@@ -140,22 +137,27 @@ def unlisted_rejects(rejected: Folder, state: SessionState) -> list[RejectedFram
         match, file = _OUR_REJECT.match(name), f"{REJECTED}/{name}"
         if match and file not in files:
             reason = state.reasons.get(file, INTERRUPTED)
-            found.append(
-                RejectedFrame(side=Side(match[1]), stop=int(match[2]), file=file, reason=reason[:500])
-            )
+            found.append(RejectedFrame(side=Side(match[1]), stop=int(match[2]), file=file, reason=reason[:500]))
     return found
 
 
-def frame_problem(folder: Folder, frame: FrameRecord) -> str | None:
+class FileProblem(NamedTuple):
+    """What is wrong with a file: ``missing``, ``irregular``, ``size``, ... and words that follow its name."""
+
+    code: str
+    message: str
+
+
+def file_problem(folder: Folder, frame: FrameRecord) -> FileProblem | None:
     """Say what is wrong with the file of a frame without reading it; None if nothing."""
     info = folder.lstat(frame.file.partition("/")[2])
     if info is None:
-        return MISSING
+        return FileProblem("missing", "is missing")
     reason = durable.irregular(info)
     if reason:
-        return reason
+        return FileProblem("irregular", reason)
     if info.st_size != frame.size_bytes:
-        return f"has {info.st_size} bytes in place of {frame.size_bytes}"
+        return FileProblem("size", f"has {info.st_size} bytes in place of {frame.size_bytes}")
     return None
 
 

@@ -143,9 +143,9 @@ class SessionStore:
         """
         with self._mutex:
             self._need_journal()
-            problem = recovery.frame_problem(self._folders[record.side], record)
+            problem = recovery.file_problem(self._folders[record.side], record)
             if problem:
-                raise SessionError(f"cannot be recorded: it {problem}", where=str(self.path / record.file))
+                raise SessionError(f"cannot be recorded: it {problem.message}", where=str(self.path / record.file))
             self._add("frame", record)
 
     def add_reading(self, record: ReadingRecord) -> None:
@@ -267,9 +267,7 @@ class SessionStore:
             torn_bytes=len(memory.journal.torn) if memory.journal else 0,
             swept=tuple(swept),
             set_aside=aside,
-            restored=tuple(
-                f"{kind} {getattr(r, 'file', '') or ''}".strip() for kind, r in memory.unjournalled
-            ),
+            restored=tuple(f"{kind} {getattr(r, 'file', '') or ''}".strip() for kind, r in memory.unjournalled),
             damaged=self._damaged(),
             manifest=memory.manifest_problem,
         )
@@ -295,10 +293,8 @@ class SessionStore:
         return tuple(record.file or "" for record in records)
 
     def _damaged(self) -> tuple[str, ...]:
-        problems = (
-            (f.file, recovery.frame_problem(self._folders[f.side], f)) for f in self._state.manifest.frames
-        )
-        return tuple(f"{file} {problem}" for file, problem in problems if problem)
+        problems = ((f.file, recovery.file_problem(self._folders[f.side], f)) for f in self._state.manifest.frames)
+        return tuple(f"{file} {problem.message}" for file, problem in problems if problem)
 
     def _add(self, kind: str, record: Model) -> None:
         """Check, journal, apply; a failure at the journal leaves the state as it was."""
@@ -341,8 +337,12 @@ def _new_root(parent: Folder, name: str) -> Folder:
     for number in range(1, _MAX_NAMESAKES + 1):
         candidate = name if number == 1 else f"{name}-{number}"
         if parent.make_sub(candidate):
-            parent.sync()
-            return parent.sub(candidate)
+            try:
+                parent.sync()
+                return parent.sub(candidate)
+            except BaseException:
+                _remove_unborn(parent, candidate)
+                raise
     raise SessionExistsError(
         f"{_MAX_NAMESAKES} sessions of this name are there already",
         where=str(parent.path / name),

@@ -24,6 +24,8 @@ def _check_depth(raw: bytes) -> None:
         depth += 1 if bracket[0] in b"[{" else -1
         if depth > MAX_DEPTH:
             raise StrictJsonError(f"nested deeper than {MAX_DEPTH} levels")
+        if depth < 0:
+            raise StrictJsonError("not JSON: a bracket closes that none opened")
 
 
 def _constant(text: str) -> Any:

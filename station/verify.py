@@ -10,16 +10,15 @@ from pathlib import Path
 from station import durable, recovery
 from station.errors import (
     JournalError,
-    ManifestError,
     ResourceError,
     SessionError,
     SessionNotFoundError,
 )
 from station.folder import PART_PREFIX, READ_BYTES, Folder, write_file
-from station.journal import JournalContent, read_journal
+from station.journal import read_journal
 from station.lock import LOCK_NAME, SessionLock
 from station.manifest import manifest_bytes, read_manifest
-from station.recovery import REJECTED, SUBFOLDERS
+from station.recovery import REJECTED, SUBFOLDERS, FileProblem
 from station.replay import RECORDS, replay
 from station.session import JOURNAL_NAME, MANIFEST_NAME, FrameRecord, Model, SessionManifest, SessionStatus
 from station.verify_report import Problem, VerifyReport
@@ -45,17 +44,17 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
     report = VerifyReport(str(path), fast)
     try:
         if not any(root.lstat(name) for name in (MANIFEST_NAME, JOURNAL_NAME)):
-            raise SessionNotFoundError(
-                f"no {MANIFEST_NAME} here", where=str(path), advice="name a session folder"
-            )
+            raise SessionNotFoundError(f"no {MANIFEST_NAME} here", where=str(path), advice="name a session folder")
         manifest = _check_manifest(root, report)
-        _check_journal(root, manifest, report)
+        told = _check_journal(root, manifest, report)
         _check_root(root, report)
-        if manifest:
-            report.status, report.missing = manifest.status.value, manifest.missing
+        best = manifest or told
+        if best:
+            report.status, report.missing = best.status.value, best.missing
+            listed = {file for m in (manifest, told) if m for file in _files(m)}
             for name in SUBFOLDERS:
-                _check_folder(root, name, manifest, report)
-            for frame in manifest.frames:
+                _check_folder(root, name, listed, report)
+            for frame in best.frames:
                 _check_frame(root, frame, report, frame_check)
     finally:
         root.close()
@@ -106,23 +105,27 @@ def _check_manifest(root: Folder, report: VerifyReport) -> SessionManifest | Non
     return manifest
 
 
-def _check_journal(root: Folder, manifest: SessionManifest | None, report: VerifyReport) -> None:
+def _check_journal(root: Folder, manifest: SessionManifest | None, report: VerifyReport) -> SessionManifest | None:
+    """Compare journal and manifest; returns the manifest as the journal tells it."""
+    told = None
     try:
         content = read_journal(root)
         if content is None or not (content.entries or content.torn):
             report.notes.append("no journal: the manifest alone vouches for the files")
-            return
+            return None
         if content.torn:
             report.add("journal-torn", JOURNAL_NAME, f"ends in a damaged line of {len(content.torn)} bytes")
-        if manifest and content.entries:
-            _compare(content, manifest, report)
-    except (SessionError, ManifestError, ResourceError) as exc:
+        if content.entries:
+            told = replay(content.entries, JOURNAL_NAME).manifest
+            if manifest:
+                _compare(told, manifest, report)
+    except (SessionError, ResourceError) as exc:
         report.add("journal", JOURNAL_NAME, exc.message)
+    return told
 
 
-def _compare(content: JournalContent, manifest: SessionManifest, report: VerifyReport) -> None:
+def _compare(told: SessionManifest, manifest: SessionManifest, report: VerifyReport) -> None:
     """Say where journal and manifest disagree, record by record."""
-    told = replay(content.entries, JOURNAL_NAME).manifest
     for kind, (name, _) in RECORDS.items():
         ours, theirs = getattr(manifest, name), getattr(told, name)
         for record in _lacking(theirs, ours):
@@ -155,7 +158,11 @@ def _check_root(root: Folder, report: VerifyReport) -> None:
             report.add("irregular", name, reason)
 
 
-def _check_folder(root: Folder, name: str, manifest: SessionManifest, report: VerifyReport) -> None:
+def _files(manifest: SessionManifest) -> list[str]:
+    return [f.file for f in manifest.frames] + [r.file for r in manifest.rejected if r.file]
+
+
+def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyReport) -> None:
     """Tell what is in a folder and in no record."""
     if root.lstat(name) is None:
         return
@@ -164,7 +171,6 @@ def _check_folder(root: Folder, name: str, manifest: SessionManifest, report: Ve
     except SessionError as exc:
         report.add("irregular", name, exc.message)
         return
-    listed = {f.file for f in manifest.frames} | {r.file for r in manifest.rejected}
     for inside in folder.names():
         file = f"{name}/{inside}"
         if file in listed:
@@ -180,31 +186,29 @@ def _check_folder(root: Folder, name: str, manifest: SessionManifest, report: Ve
     folder.close()
 
 
-def _check_frame(
-    root: Folder, frame: FrameRecord, report: VerifyReport, frame_check: FrameCheck | None
-) -> None:
+def _check_frame(root: Folder, frame: FrameRecord, report: VerifyReport, frame_check: FrameCheck | None) -> None:
     try:
         folder = root.sub(frame.side.value)
     except SessionError as exc:
         report.add("missing", frame.file, exc.message)
         return
     try:
-        problem = recovery.frame_problem(folder, frame)
-        code = "missing" if problem == recovery.MISSING else "size"
+        problem = recovery.file_problem(folder, frame)
         if problem is None and not report.fast:
-            code, problem = "digest", _digest_problem(folder, frame, report)
+            problem = _digest_problem(folder, frame, report)
         if problem is None and frame_check:
-            code, problem = "content", frame_check(folder.path / frame.file.partition("/")[2], frame)
+            told = frame_check(folder.path / frame.file.partition("/")[2], frame)
+            problem = FileProblem("content", told) if told else None
     except (SessionError, ResourceError) as exc:
-        code, problem = "unreadable", exc.message
+        problem = FileProblem("unreadable", exc.message)
     finally:
         folder.close()
     report.frames_checked += 1
     if problem:
-        report.add(code, frame.file, problem)
+        report.add(problem.code, frame.file, problem.message)
 
 
-def _digest_problem(folder: Folder, frame: FrameRecord, report: VerifyReport) -> str | None:
+def _digest_problem(folder: Folder, frame: FrameRecord, report: VerifyReport) -> FileProblem | None:
     name = frame.file.partition("/")[2]
     fd = folder.open_file(name)
     digest = hashlib.sha256()
@@ -215,4 +219,6 @@ def _digest_problem(folder: Folder, frame: FrameRecord, report: VerifyReport) ->
                 report.bytes_read += len(block)
     finally:
         os.close(fd)
-    return None if digest.hexdigest() == frame.sha256 else "its SHA-256 is not the recorded one"
+    if digest.hexdigest() == frame.sha256:
+        return None
+    return FileProblem("digest", "its SHA-256 is not the recorded one")

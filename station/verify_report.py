@@ -8,6 +8,11 @@ from typing import Any
 from station.errors import IntegrityError
 
 
+def printable(text: str) -> str:
+    """Return the text with everything unprintable spelled as an escape."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 @dataclass(frozen=True)
 class Problem:
     """One thing that is not as it should be: a code to sort by, the file inside the session, and words."""
@@ -36,8 +41,8 @@ class VerifyReport:
         return not self.problems
 
     def add(self, code: str, file: str, message: str) -> None:
-        """Note a problem."""
-        self.problems.append(Problem(code, file, message))
+        """Note a problem; text from a hostile session cannot reach a terminal as control characters."""
+        self.problems.append(Problem(code, printable(file), printable(message)))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as a JSON-able mapping."""
