@@ -1,0 +1,1 @@
+"""Hardware: links, protocols and one driver an instrument; imports nothing else of daylit."""

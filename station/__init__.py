@@ -1,0 +1,1 @@
+"""On site: from instruments to a complete, verified session on disk."""

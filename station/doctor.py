@@ -49,7 +49,9 @@ def list_instruments() -> Iterator[Check]:
         yield Check(Level.OK, "camera", f"{camera.product or 'unnamed'} ({ids}) on bus {camera.bus}.{camera.address}")
     ports = list_ports()
     if not ports:
-        yield Check(Level.WARN, "serial ports", "none", "plug the meter in; on Linux it shows as /dev/ttyACM* or ttyUSB*")
+        yield Check(
+            Level.WARN, "serial ports", "none", "plug the meter in; on Linux it shows as /dev/ttyACM* or ttyUSB*"
+        )
     for port in ports:
         yield Check(Level.OK, "serial port", f"{port.device} {port.description}".strip())
 
@@ -61,11 +63,9 @@ def _check_libraries() -> Iterator[Check]:
 
 
 def _check_usb_library() -> Check:
-    import usb.backend.libusb1  # noqa: PLC0415 (see the layer test: doctor asks pyusb through the link)
 
     from drivers.usb_link import real_backend
 
-    del usb
     backend = real_backend()
     if backend is None:
         return Check(Level.FAIL, "libusb", "no USB library can be loaded", "pip install libusb-package")

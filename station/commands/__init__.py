@@ -1,0 +1,1 @@
+"""The commands of `daylit`, one module each; imported only when used."""

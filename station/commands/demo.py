@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--world", default="room", show_default=True, help="What the simulated instruments look at.")
 @click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full", show_default=True)
-@click.option("--into", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="Folder of sessions.")
+@click.option(
+    "--into", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="Folder of sessions."
+)
 @click.option("--json", "as_json", is_flag=True, help="JSON events, then one summary object.")
 def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
     """Capture a simulated room at full size (meter, Theta Z1, 5D Mark II), verify the session, say where to look.

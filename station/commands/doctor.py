@@ -15,7 +15,9 @@ _MARKS = {"ok": ("ok  ", "green"), "warn": ("warn", "yellow"), "fail": ("FAIL", 
 
 
 @click.command()
-@click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Connect and check every instrument of this rig.")
+@click.option(
+    "--rig", "rig_path", type=click.Path(path_type=Path), help="Connect and check every instrument of this rig."
+)
 @click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead.")
 @click.option("--into", type=click.Path(path_type=Path), default=Path("sessions"), help="Folder of sessions.")
 @click.option("--write-rig", type=click.Path(path_type=Path), metavar="FILE", help="Write an example rig file and end.")

@@ -1,0 +1,59 @@
+"""``daylit conform``: does an instrument, real or simulated, do what daylit relies on?"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from station.conform import Outcome
+    from station.rig import Rig
+
+
+@click.command()
+@click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file with the real instruments.")
+@click.option("--simulate", metavar="WORLD", help="Simulated instruments instead.")
+@click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="One instrument.")
+@click.option("--delete", "may_delete", is_flag=True, help="May delete from the camera the pictures it took.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object (to send in).")
+def conform(rig_path: Path | None, simulate: str | None, only: str | None, *, may_delete: bool, as_json: bool) -> int:
+    """Run the conformance suite on the rig's instruments; it takes about eight pictures a camera.
+
+    \b
+    Examples:
+      daylit conform --simulate room
+      daylit conform --rig rig.toml --only meter
+      daylit conform --rig rig.toml --json > conform.json
+    Exit code: 0 all passed · 1 something failed.
+    """
+    from station.rig import open_named_rig
+
+    rig = open_named_rig(rig_path, simulate, size="quarter")
+    outcomes: list[Outcome] = []
+    try:
+        for outcome in _run(rig, only, may_delete=may_delete or rig.simulated):
+            outcomes.append(outcome)
+            if not as_json:
+                mark = click.style("ok  ", fg="green") if outcome.passed else click.style("FAIL", fg="red")
+                click.echo(f"{mark}  {outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
+    finally:
+        rig.close()
+    passed = all(o.passed for o in outcomes)
+    if as_json:
+        click.echo(json.dumps({"ok": passed, "simulated": rig.simulated, "outcomes": [o.to_dict() for o in outcomes]}))
+    return 0 if passed else 1
+
+
+def _run(rig: Rig, only: str | None, *, may_delete: bool) -> Iterator[Outcome]:
+    from station.conform import CameraBench, run_camera, run_meter
+
+    for side, camera in rig.cameras.items():
+        if only in (None, side.value):
+            settings = rig.file.cameras()[side].settings()
+            yield from run_camera(CameraBench(camera, settings, rig.clock, may_delete=may_delete))
+    if rig.meter is not None and only in (None, "meter"):
+        yield from run_meter(rig.meter, rig.clock)
