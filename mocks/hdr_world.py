@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -31,7 +31,7 @@ class HdrWorld:
     outdoor: Path
     scale: float = 100.0
     outdoor_scale: float = 1000.0
-    drift: LightDrift = LightDrift()
+    drift: LightDrift = field(default_factory=LightDrift)
 
     @property
     def key(self) -> str:

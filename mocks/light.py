@@ -7,7 +7,7 @@ Radiance is linear RGB (Rec. 709 primaries) scaled so that ``0.2127 R + 0.7151 G
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, TypeAlias
 
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from drivers.errors import DaylitError
 
 Floats: TypeAlias = npt.NDArray[np.float32]
+Reals: TypeAlias = npt.NDArray[np.floating]
 Vector: TypeAlias = tuple[float, float, float]
 
 LUMINANCE_WEIGHTS = np.array([0.2127, 0.7151, 0.0722], dtype=np.float32)
@@ -136,7 +137,7 @@ class UniformWorld:
 
     luminance_cd_m2: float = 100.0
     tint_rgb: Vector = (1.0, 1.0, 1.0)
-    drift: LightDrift = LightDrift()
+    drift: LightDrift = field(default_factory=LightDrift)
 
     @property
     def key(self) -> str:

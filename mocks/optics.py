@@ -31,7 +31,8 @@ class Filter:
     def apply(self, radiance: Floats) -> Floats:
         """Return the filtered light; what a tint would make negative is 0."""
         matrix = np.array(self.tint, dtype=np.float32) * np.float32(10**-self.density)
-        return np.asarray(np.maximum(radiance @ matrix, 0), dtype=np.float32)
+        filtered = np.einsum("...i,ij->...j", radiance, matrix)
+        return np.asarray(np.maximum(filtered, 0), dtype=np.float32)
 
 
 # The inverse of a published colour correction for an ND 3.0 filter, scaled to keep the luminance of white.
@@ -116,7 +117,9 @@ def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range) -> F
     light = np.ascontiguousarray(coarse[first : first + len(rows)])
     _refine(light, edges[first : first + len(rows)], (world, optics, size), rows.start)
     for disc in world.discs(optics.site):
-        _add_disc(light, rows, disc, (world, optics, size))
+        near = optics.lens.rows_near(disc.direction, _disc_reach_rad(optics, disc, size), size)
+        if near.start < rows.stop and rows.start < near.stop:
+            _add_disc(light, rows, disc, (world, optics, size))
     return light
 
 
@@ -220,7 +223,7 @@ def _add_disc(light: Floats, rows: range, disc: BrightDisc, scene: tuple[World, 
 
 def _disc_pixels(optics: CameraOptics, disc: BrightDisc, size: Size) -> tuple[Floats, Floats]:
     """Return the centres of all pixels that may touch the disc."""
-    reach = disc.radius_rad + 2 * optics.lens.pixel_rad(size)
+    reach = _disc_reach_rad(optics, disc, size)
     rows = optics.lens.rows_near(disc.direction, reach, size)
     if len(rows) == 0:
         return np.zeros(0, np.float32), np.zeros(0, np.float32)
@@ -228,3 +231,7 @@ def _disc_pixels(optics: CameraOptics, disc: BrightDisc, size: Size) -> tuple[Fl
     directions, _ = optics.lens.directions(x, y, size)
     near = directions @ np.array(disc.direction, dtype=np.float32) > np.cos(reach)
     return np.ascontiguousarray(x[near]), np.ascontiguousarray(y[near])
+
+
+def _disc_reach_rad(optics: CameraOptics, disc: BrightDisc, size: Size) -> float:
+    return disc.radius_rad + 2 * optics.lens.pixel_rad(size)

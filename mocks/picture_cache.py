@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,6 +15,8 @@ from platformdirs import user_cache_path
 
 DEFAULT_LIMIT_BYTES = 2_000_000_000
 _LOCK_LIMIT_S = 300.0
+_IN_USE_S = 120.0
+_ABANDONED_S = 3600.0
 
 
 def default_folder() -> Path:
@@ -74,10 +77,13 @@ class PictureCache:
         self.evict()
 
     @contextmanager
-    def rendering(self, key: str) -> Iterator[None]:
-        """Keep a second process from rendering the same picture; after five minutes it may do so all the same."""
+    def rendering(self) -> Iterator[None]:
+        """Let one process render at a time, so that none renders what another has just made.
+
+        After five minutes of waiting it goes ahead all the same: the worst is work done twice.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(self.folder / f"{key}.lock", timeout=_LOCK_LIMIT_S)
+        lock = FileLock(self.folder / "render.lock", timeout=_LOCK_LIMIT_S)
         try:
             lock.acquire()
         except Timeout:
@@ -89,7 +95,8 @@ class PictureCache:
             lock.release()
 
     def evict(self) -> None:
-        """Delete the files unused for longest until the rest fits the limit."""
+        """Delete the files unused for longest until the rest fits the limit; what is in use just now stays."""
+        now_ns = time.time_ns()
         files = []
         with suppress(FileNotFoundError):
             for entry in os.scandir(self.folder):
@@ -97,9 +104,12 @@ class PictureCache:
                     facts = entry.stat()
                     files.append((facts.st_mtime_ns, facts.st_size, entry.path))
         total = sum(size for _, size, _ in files)
-        for _, size, path in sorted(files):
-            if total <= self.limit_bytes:
-                return
-            if not path.endswith(".part"):
+        for used_ns, size, path in sorted(files):
+            age_s = (now_ns - used_ns) / 1e9
+            if path.endswith(".part"):
+                evictable = age_s > _ABANDONED_S
+            else:
+                evictable = total > self.limit_bytes and age_s > _IN_USE_S and not path.endswith(".lock")
+            if evictable:
                 Path(path).unlink(missing_ok=True)
                 total -= size

@@ -17,7 +17,7 @@ from mocks.optics import CameraOptics, image_rows
 from mocks.sensor import Exposure
 
 _BAND_PX = 400_000
-_EXPOSE_ROWS = 128
+_EXPOSE_ROWS = 32
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def mosaic(job: PictureJob, step: int) -> npt.NDArray[np.uint16]:
     sensor = job.optics.sensor
     white = 2**sensor.raw_bits - 1
     counts = sensor.raw_black + bayer * (white - sensor.raw_black)
-    return np.clip(np.rint(counts), 0, white).astype(np.uint16)
+    return np.asarray(np.clip(np.rint(counts), 0, white), dtype=np.uint16)
 
 
 def _signals(job: PictureJob) -> Iterator[tuple[range, Floats]]:

@@ -12,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -33,9 +33,8 @@ _POOL_FROM_PX = 3_000_000
 _RAW_WIDTH_PX = 702
 _THETA_FOCAL_MM = 2.6
 
-_T = TypeVar("_T")
-_R = TypeVar("_R")
-_Map: TypeAlias = Callable[[Callable[[_T], _R], Iterable[_T]], Iterator[_R]]
+# `map`, or the same over worker processes.
+_Map: TypeAlias = Callable[..., Iterable[Any]]
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,7 @@ class RenderedShots:
         image_key = self._image_key(size)
         if not self._missing(shots, size, ".jpg") and not (raw and self._missing(shots, size, ".mosaic")):
             return 0
-        with self.cache.rendering(image_key):
+        with self.cache.rendering():
             missing = self._missing(shots, size, ".jpg")
             raw_missing = self._missing(shots, size, ".mosaic") if raw else []
             if not missing and not raw_missing:
@@ -164,11 +163,10 @@ class RenderedShots:
                     self._render_image(image_key, size, run)
                 image = self.cache.path(image_key, ".image")
                 tasks = [(self._job(shot, size, image), self._key(shot, size)) for shot in missing]
-                for key in run(_Expose(self.cache), tasks):
-                    assert self.cache.holds(key, ".jpg")
-        for shot in raw_missing:
-            counts = mosaic(self._job(shot, size, image), _raw_step(size))
-            self.cache.write(self._key(shot, size), ".mosaic", counts.tobytes())
+                list(run(_Expose(self.cache), tasks))
+            for shot in raw_missing:
+                counts = mosaic(self._job(shot, size, image), _raw_step(size))
+                self.cache.write(self._key(shot, size), ".mosaic", counts.tobytes())
         return len(missing)
 
     def _missing(self, shots: list[_Shot], size: Size, suffix: str) -> list[_Shot]:
@@ -207,15 +205,15 @@ class _Band:
 
 
 class _Expose:
-    """Callable that a worker process can be sent: exposes one picture and stores it; returns its key."""
+    """Callable that a worker process can be sent: exposes one picture and stores it."""
 
     def __init__(self, cache: PictureCache) -> None:
         self._cache = cache
 
-    def __call__(self, task: tuple[PictureJob, str]) -> str:
+    def __call__(self, task: tuple[PictureJob, str]) -> None:
         job, key = task
+        self._cache.holds(job.image.stem, job.image.suffix)  # marks it as in use
         self._cache.write(key, ".jpg", expose(job))
-        return key
 
 
 def _rounded(shutter_s: float) -> float:

@@ -19,7 +19,7 @@ from mocks.room_rays import WINDOW_WALL, Faces, Ints, blocked, in_window, pane_d
 from mocks.sky import SUN_RADIUS_RAD, SimpleSky
 
 GLASS_TRANSMITTANCE = 0.65
-_FINE_M, _COARSE_M, _COARSE_SOLID_M = 0.12, 0.38, 0.22
+_FINE_M, _COARSE_M, _COARSE_SOLID_M = 0.14, 0.38, 0.24
 _BOUNCES = 12
 
 
@@ -95,9 +95,9 @@ def _grid(faces: Faces, wall_step_m: float, solid_step_m: float) -> _Grid:
 
 
 def _sky_light(plan: RoomPlan, grid: _Grid, sky: SimpleSky) -> Floats:
-    """Return irradiance from sky and ground seen through the panes (12 x 8 samples of the inner opening)."""
+    """Return irradiance from sky and ground seen through the panes (10 x 7 samples of the inner opening)."""
     window = plan.window
-    nx, nz = 12, 8
+    nx, nz = 10, 7
     x = window.a0 + (np.arange(nx) + 0.5) / nx * (window.a1 - window.a0)
     z = window.z0 + (np.arange(nz) + 0.5) / nz * (window.z1 - window.z0)
     cell_m2 = np.float32((window.a1 - window.a0) * (window.z1 - window.z0) / (nx * nz))

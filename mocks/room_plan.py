@@ -1,4 +1,4 @@
-"""The built-in room as data: where the walls, the window, the door and the furniture are. Metres, camera at x = y = 0."""
+"""The built-in room as data: where walls, window, door and furniture are. Metres; the camera is at x = y = 0."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class ToneCurve:
         x0 = ((y0 + self.toe) / (1 + self.toe)) ** self.gamma
         power = (1 + self.toe) * np.maximum(x, x0) ** (1 / self.gamma) - self.toe
         y = np.where(x < x0, x * (y0 / x0), power)
-        return y + self.contrast * (y * y * (3 - 2 * y) - y)
+        return np.asarray(y + self.contrast * (y * y * (3 - 2 * y) - y), dtype=np.float64)
 
     def decode(self, value: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the linear exposure (0..1) of a picture value (0..1): the inverse of `encode`."""
@@ -106,7 +106,8 @@ class Sensor:
 
     def mosaic_signal(self, radiance: Floats, exposure: Exposure, rng: np.random.Generator) -> Floats:
         """Return the noisy signal of each channel (..., 3), 1 at saturation, clipped there, before white balance."""
-        signal = radiance * (np.array(self.native_balance, np.float32) * np.float32(self.exposure_gain(exposure)))
+        gain = np.array(self.native_balance, dtype=np.float32) * np.float32(self.exposure_gain(exposure))
+        signal: Floats = radiance * gain
         np.minimum(signal, 4, out=signal)
         electrons = np.float32(self.full_well_e * 100 / exposure.iso)
         noise = rng.standard_normal(signal.shape, dtype=np.float32)
@@ -135,7 +136,7 @@ def white_balance_gains(color_temperature_k: int) -> npt.NDArray[np.float64]:
     CIE daylight locus (4000 to 25000 K; nearer temperatures are clamped), Rec. 709 primaries.
     """
     wanted = 1 / _daylight_rgb(color_temperature_k) * _daylight_rgb(6500)
-    return wanted / wanted[1]
+    return np.asarray(wanted / wanted[1])
 
 
 def _daylight_rgb(color_temperature_k: float) -> npt.NDArray[np.float64]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -38,9 +38,9 @@ class SimpleRoom:
     """
 
     seed: int = 0
-    sky: SimpleSky = SimpleSky()
+    sky: SimpleSky = field(default_factory=SimpleSky)
     gain: float = 1.0
-    drift: LightDrift = LightDrift()
+    drift: LightDrift = field(default_factory=LightDrift)
 
     @property
     def key(self) -> str:
@@ -114,7 +114,11 @@ class SimpleRoom:
     def _irradiance(self, hits: Hits) -> Floats:
         faces, face = self._faces, hits.face
         board = 6 * len(self.plan.solids) + 3
-        point = np.where((face == board)[:, None], np.array(self.plan.board_centre, np.float32), hits.point)
+        point = hits.point
+        on_board = np.flatnonzero(face == board)
+        if on_board.size:
+            point = point.copy()
+            point[on_board] = self.plan.board_centre
         size = faces.high - faces.low
         relative = (point - faces.low[face]) / np.maximum(size[face], 1e-6)
         axis = faces.axis[face]
@@ -142,7 +146,7 @@ class SimpleRoom:
         rays = self._at_window(hits)
         if rays.size == 0:
             return
-        x, z, way = through_window(self.plan, hits.point[rays], directions[rays])
+        x, z, _ = through_window(self.plan, hits.point[rays], directions[rays])
         outside = self.sky.radiance(directions[rays]) * np.float32(GLASS_TRANSMITTANCE)
         window = self.plan.window
         lateral = (x < window.a0) | (x > window.a1) | (z > window.z1) | (z < window.z0)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from mocks.light import Floats
+from mocks.light import Floats, Reals
 
 # cv2.remap refuses more than 32767 rows or columns.
 _REMAP_WIDTH = 8192
@@ -40,7 +40,7 @@ class MipTexture:
         level = math.floor(math.log2(max(footprint_px, 1.0)))
         return min(level, len(self.levels) - 1)
 
-    def sample(self, column: Floats, row: Floats, level: int = 0) -> Floats:
+    def sample(self, column: Reals, row: Reals, level: int = 0) -> Floats:
         """Return bilinear values at finest-level coordinates (0 is the centre of the first pixel).
 
         Coordinates must lie within half a pixel of the picture; tiles are wrapped by the caller.
@@ -105,7 +105,7 @@ class PlankFloor:
         warmth = rng.normal(0.0, 0.03, (column.max() + 1, boards))[column[None, :], board % boards]
         value = tint * (1 + self._grain(rng)) * (1 - 0.65 * self._gaps(centre_m, along_m))
         albedo = np.stack([0.46 * value * (1 + warmth), 0.33 * value, 0.22 * value * (1 - warmth)], axis=-1)
-        return np.clip(albedo, 0.02, 0.9).astype(np.float32)
+        return np.asarray(np.clip(albedo, 0.02, 0.9), dtype=np.float32)
 
     def _grain(self, rng: np.random.Generator) -> Floats:
         size = (self.tile_px, self.tile_px)
@@ -113,7 +113,7 @@ class PlankFloor:
         broad = cv2.resize(rng.normal(0, 0.05, (12, 240)).astype(np.float32), size)
         return np.asarray(fine + broad, dtype=np.float32)
 
-    def _gaps(self, centre_m: Floats, along_m: Floats) -> Floats:
+    def _gaps(self, centre_m: Reals, along_m: Reals) -> Floats:
         """Return how much of each pixel is gap, so that a gap thinner than a pixel keeps its weight."""
         pixel_m = self.tile_m / self.tile_px
         side = np.minimum(centre_m % self.board_width_m, -centre_m % self.board_width_m)
