@@ -1,7 +1,7 @@
 """What a PTP session needs from a link: bytes in, bytes out, every call with a limit.
 
 The real one is `drivers.usb_link.UsbLink`. Links raise errors of `drivers.errors` only: `DeviceTimeoutError`,
-`LinkStallError`, `DeviceLostError`, and on opening `DeviceClaimedError`, `DevicePermissionError`, `DeviceNotFoundError`.
+`LinkStallError`, `DeviceLostError`; on opening `DeviceClaimedError`, `DevicePermissionError`, `DeviceNotFoundError`.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from drivers.errors import ProtocolViolationError
 from drivers.ptp.codes import HEADER_BYTES, MAX_PARAMETERS, UNKNOWN_LENGTH, ContainerType
@@ -23,7 +24,7 @@ _MAX_PAYLOAD_BYTES = {
 _SHOWN_BYTES = 64
 
 
-def violation(message: str, data: bytes = b"", **details: object) -> ProtocolViolationError:
+def violation(message: str, data: bytes = b"", **details: Any) -> ProtocolViolationError:
     """Return the error for bytes that PTP does not allow, with the first of them as hex."""
     if data:
         details["bytes_hex"] = bytes(data[:_SHOWN_BYTES]).hex(" ")

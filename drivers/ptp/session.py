@@ -1,0 +1,226 @@
+"""A PTP session: opening, closing, recovering, and the standard operations with typed arguments and results.
+
+One thread owns a session. Nothing here knows a camera model; see `drivers.theta_z1` and `drivers.canon_5d2`.
+"""
+
+from __future__ import annotations
+
+from drivers.clock import Clock
+from drivers.errors import (
+    DeviceError,
+    DeviceLostError,
+    DeviceTimeoutError,
+    LinkStallError,
+    OperationRefusedError,
+    ProtocolViolationError,
+)
+from drivers.links import PtpTransport
+from drivers.ptp import datasets
+from drivers.ptp.codes import Operation, Response
+from drivers.ptp.container import violation
+from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo, StorageInfo
+from drivers.ptp.resync import DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
+from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transactions
+from drivers.ptp.values import Value, decode_array, decode_value, encode_value
+
+__all__ = ["PtpEvent", "PtpSession", "Reply"]
+
+ANY_RESPONSE = range(0x2000, 0xB000)
+ALL_STORAGES = 0xFFFFFFFF
+MAX_CHUNK_BYTES = 1024 * 1024
+MAX_DATASET_BYTES = 256 * 1024
+"""Largest DeviceInfo, ObjectInfo and the like; real ones stay below a few kilobytes, handle lists at 40."""
+
+
+class PtpSession(Transactions):
+    """Everything a camera driver asks of PTP.
+
+    ``generation`` counts opened sessions: when it has changed after `resynchronise`, the camera has forgotten modes
+    that were set in the session before. ``last_remedy`` names the rung of the ladder that helped last.
+    """
+
+    def __init__(
+        self, transport: PtpTransport, clock: Clock, *, name: str, timeout_s: float = DEFAULT_TIMEOUT_S
+    ) -> None:
+        super().__init__(transport, clock, name=name, timeout_s=timeout_s)
+        self.generation = 0
+        self.last_remedy: str | None = None
+        self._wanted_session_id = 1
+        self._ladder = Ladder(transport, clock, self._bulk, self._events)
+
+    def open(self, session_id: int = 1) -> None:
+        """Open the session, whatever an earlier program left behind in the camera.
+
+        Old bytes are drained, an old session is closed, reset or at last adopted; a camera out of step is
+        resynchronised. Raises what is left.
+        """
+        self._wanted_session_id = session_id
+        try:
+            self._bulk.drain(DRAIN_LIMIT_S)
+            self.open_anew(PROOF_LIMIT_S)
+        except (DeviceTimeoutError, LinkStallError, ProtocolViolationError):
+            self.resynchronise()
+
+    def close(self) -> None:
+        """Close the session where it is in step, then the link; never raises a device error."""
+        if self.session_id is not None and self.broken is None:
+            try:
+                self.transact(Operation.CLOSE_SESSION, timeout_s=PROOF_LIMIT_S, accept=ANY_RESPONSE)
+            except DeviceError:
+                # The camera is gone or mute; there is nobody to take leave of.
+                pass
+        self.session_id = None
+        self._transport.close()
+
+    def cancel(self) -> None:
+        """Give up the last operation: tell the camera, wait until it is ready, drop what it still sends.
+
+        `DeviceTimeoutError` where it goes on sending; then `resynchronise`.
+        """
+        self._ladder.cancel(self._last_id)
+        self.broken = None
+
+    def resynchronise(self) -> None:
+        """Bring the camera back into step, within `drivers.ptp.resync.RESYNC_LIMIT_S`.
+
+        Cancel and drain, class reset, port reset and opening anew, in this order, until a transaction proves that the
+        camera is in step. Raises the last remedy's error where none helps; the session then stays ``broken``.
+        """
+        lost = isinstance(self._last_error, DeviceLostError)
+        self.broken = "resynchronisation was interrupted"
+        self.last_remedy = None
+        try:
+            self.last_remedy = self._ladder.climb(self, self._last_id, lost=lost)
+        except DeviceError as error:
+            self.broken = f"resynchronisation failed: {error.message}"
+            raise
+
+    # The ladder's two proofs (`drivers.ptp.resync.Proof`).
+
+    def prove(self, limit_s: float) -> None:
+        """Show that the camera is in step by one whole transaction of at most ``limit_s``."""
+        if self.session_id is None:
+            self.open_anew(limit_s)
+            return
+        self.broken = None
+        reply = self.transact(
+            Operation.GET_DEVICE_INFO,
+            data_in=True,
+            max_data_bytes=MAX_DATASET_BYTES,
+            timeout_s=limit_s,
+            accept=ANY_RESPONSE,
+        )
+        if reply.code in (Response.SESSION_NOT_OPEN, Response.INVALID_TRANSACTION_ID):
+            self.open_anew(limit_s)
+
+    def open_anew(self, limit_s: float) -> None:
+        """Open a session, leaving an old one first where the camera says that it has one."""
+        for leave in (None, self._close_old_session, self._ladder.class_reset):
+            if leave is not None:
+                leave()
+            self.session_id = None
+            self.broken = None
+            reply = self.transact(
+                Operation.OPEN_SESSION,
+                (self._wanted_session_id,),
+                timeout_s=limit_s,
+                accept=(Response.OK, Response.SESSION_ALREADY_OPEN),
+            )
+            if reply.code == Response.OK:
+                self._start_session()
+                return
+        self._start_session()
+        self._check_adopted_session(limit_s)
+
+    def _start_session(self) -> None:
+        self.session_id = self._wanted_session_id
+        self._last_id = 0
+        self._unanswered.clear()
+        self.generation += 1
+
+    def _close_old_session(self) -> None:
+        self.session_id, self._last_id = self._wanted_session_id, 0
+        self.transact(Operation.CLOSE_SESSION, timeout_s=PROOF_LIMIT_S, accept=ANY_RESPONSE)
+
+    def _check_adopted_session(self, limit_s: float) -> None:
+        """Use the session that the camera does not let go of, where it takes our transaction ids."""
+        try:
+            self.transact(Operation.GET_DEVICE_INFO, data_in=True, timeout_s=limit_s)
+        except OperationRefusedError as error:
+            self.session_id = None
+            error.likely = "the camera holds on to the session of a program that was killed"
+            error.advice = "switch the camera off and on"
+            raise
+
+    # Standard operations.
+
+    def device_info(self) -> DeviceInfo:
+        """Return what the camera says of itself; works with and without a session."""
+        return datasets.decode_device_info(self._dataset(Operation.GET_DEVICE_INFO))
+
+    def get_storage_ids(self) -> tuple[int, ...]:
+        """Return the ids of the camera's stores."""
+        return decode_array(self._dataset(Operation.GET_STORAGE_IDS), item_bytes=4)
+
+    def get_storage_info(self, storage_id: int) -> StorageInfo:
+        """Return size and free space of a store."""
+        return datasets.decode_storage_info(self._dataset(Operation.GET_STORAGE_INFO, storage_id))
+
+    def get_object_handles(
+        self, storage_id: int = ALL_STORAGES, format_code: int = 0, parent: int = 0
+    ) -> tuple[int, ...]:
+        """Return the handles of objects; 0 means any format, any folder."""
+        return decode_array(
+            self._dataset(Operation.GET_OBJECT_HANDLES, storage_id, format_code, parent), item_bytes=4
+        )
+
+    def get_object_info(self, handle: int) -> ObjectInfo:
+        """Return name, format, size and dates of an object."""
+        return datasets.decode_object_info(self._dataset(Operation.GET_OBJECT_INFO, handle))
+
+    def get_partial_object(
+        self, handle: int, offset: int, size: int, operation: int = Operation.GET_PARTIAL_OBJECT
+    ) -> bytes:
+        """Return up to ``size`` bytes of an object from ``offset``; at least one.
+
+        ``size`` is 1 to `MAX_CHUNK_BYTES` bytes, ``offset`` below 4 GiB. Where the camera says how many bytes it sent
+        (GetPartialObject's first response parameter) it must have sent as many.
+        """
+        if not 0 < size <= MAX_CHUNK_BYTES:
+            raise ValueError(f"a chunk is 1 to {MAX_CHUNK_BYTES} bytes, not {size}")
+        reply = self.transact(operation, (handle, offset, size), data_in=True, max_data_bytes=size)
+        told = reply.params[0] if operation == Operation.GET_PARTIAL_OBJECT and reply.params else len(reply.data)
+        if told != len(reply.data) or not reply.data:
+            error = violation(
+                f"the camera sent {len(reply.data)} bytes of an object and says {told}",
+                handle=handle,
+                offset=offset,
+                asked_bytes=size,
+            )
+            error.where = self.name
+            raise error
+        return reply.data
+
+    def delete_object(self, handle: int) -> None:
+        """Delete an object from the camera's store."""
+        self.transact(Operation.DELETE_OBJECT, (handle, 0))
+
+    def get_prop_desc(self, prop: int) -> DevicePropDesc:
+        """Return type, current value and allowed values of a property."""
+        desc = datasets.decode_device_prop_desc(self._dataset(Operation.GET_DEVICE_PROP_DESC, prop))
+        if desc.code != prop:
+            error = violation(f"asked for property {prop:04X}, got the description of {desc.code:04X}")
+            error.where = self.name
+            raise error
+        return desc
+
+    def get_prop_value(self, prop: int, data_type: int) -> Value:
+        """Return the current value of a property of the given `DataType`."""
+        return decode_value(self._dataset(Operation.GET_DEVICE_PROP_VALUE, prop), data_type)
+
+    def set_prop_value(self, prop: int, data_type: int, value: Value) -> None:
+        """Set a property; `ValueError` where the value does not fit the type."""
+        self.transact(Operation.SET_DEVICE_PROP_VALUE, (prop,), data_out=encode_value(value, data_type))
+
+    def _dataset(self, operation: int, *params: int) -> bytes:
+        return self.transact(operation, params, data_in=True, max_data_bytes=MAX_DATASET_BYTES).data

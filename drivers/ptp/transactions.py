@@ -1,0 +1,241 @@
+"""Transactions: command, data phase, response, with ids that no late or doubled answer gets past."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+from drivers.clock import Clock, Deadline
+from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ProtocolViolationError
+from drivers.links import PtpTransport
+from drivers.ptp.assembler import MAX_RESPONSE_BYTES
+from drivers.ptp.codes import HEADER_BYTES, ContainerType, Response
+from drivers.ptp.container import Container, Header, pack_params, violation
+from drivers.ptp.pipes import BulkPipe, EventPipe
+from drivers.ptp.refusals import operation_name, refusal
+
+DEFAULT_TIMEOUT_S = 20.0
+MAX_DATA_BYTES = 4 * 1024 * 1024
+MAX_UNANSWERED = 8
+LAST_TRANSACTION_ID = 0xFFFFFFFE
+RESPONSE_GROUPS = (0x2, 0xA)
+"""First hex digit of a response code: standard, vendor."""
+MAX_BUSY_WAIT_S = 0.2
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What an operation gave: its response code and parameters, and the data of its data phase."""
+
+    code: int
+    params: tuple[int, ...] = ()
+    data: bytes = b""
+
+
+@dataclass(frozen=True)
+class PtpEvent:
+    """One event; what the parameters mean depends on the code."""
+
+    code: int
+    transaction_id: int
+    params: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Ask:
+    """One operation while it runs."""
+
+    operation: int
+    transaction_id: int
+    data_in: bool
+    max_data_bytes: int
+    deadline: Deadline
+
+
+def next_transaction_id(current: int) -> int:
+    """Return the id after ``current``; 0 and FFFFFFFF are never used for an operation of a session."""
+    return 1 if current >= LAST_TRANSACTION_ID else current + 1
+
+
+class Transactions:
+    """Runs one operation at a time over a transport.
+
+    After a violation, a lost device or a container that stopped in the middle, ``broken`` says why and every
+    operation is refused until the session is resynchronised. A plain time-out leaves the session usable: should the
+    answer come after all, its id gives it away and it is dropped.
+    """
+
+    def __init__(
+        self, transport: PtpTransport, clock: Clock, *, name: str, timeout_s: float = DEFAULT_TIMEOUT_S
+    ) -> None:
+        self.name = name
+        self.timeout_s = timeout_s
+        self.broken: str | None = None
+        self.session_id: int | None = None
+        self.late_answers = 0
+        """Containers of given-up transactions that came late and were dropped."""
+        self._transport = transport
+        self._clock = clock
+        self._bulk = BulkPipe(transport, clock)
+        self._events = EventPipe(transport, clock)
+        self._last_id = 0
+        self._sent = False
+        self._unanswered: set[int] = set()
+
+    def transact(
+        self,
+        operation: int,
+        params: Sequence[int] = (),
+        *,
+        data_out: bytes | None = None,
+        data_in: bool = False,
+        max_data_bytes: int = MAX_DATA_BYTES,
+        timeout_s: float | None = None,
+        accept: Collection[int] = (Response.OK,),
+    ) -> Reply:
+        """Run one operation and return its reply.
+
+        Parameters
+        ----------
+        operation, params
+            Operation code and up to five 32-bit parameters.
+        data_out, data_in
+            Bytes to send, or whether data is to come; at most one of them.
+        max_data_bytes
+            Largest data to accept; more is a violation, before anything is allocated.
+        timeout_s
+            Limit for the whole operation; the session's own where None.
+        accept
+            Response codes to return rather than raise.
+
+        Raises
+        ------
+        DeviceBusyError, StoreFullError, OperationRefusedError
+            The camera answered with a code that is not in ``accept``; the session is in order.
+        ProtocolViolationError
+            Id, code, type or length of an answer is wrong; the session is ``broken``.
+        DeviceTimeoutError, LinkStallError, DeviceLostError
+            From the link; see ``broken``.
+        """
+        if data_in and data_out is not None:
+            raise ValueError("PTP has one data phase an operation: data_in or data_out")
+        self._require_sound(operation)
+        limit_s = self.timeout_s if timeout_s is None else timeout_s
+        ask = _Ask(operation, self._take_id(), data_in, max_data_bytes, Deadline.after(self._clock, limit_s))
+        self.broken = f"{operation_name(operation)} was interrupted"
+        try:
+            reply = self._exchange(ask, pack_params(params), data_out)
+        except DeviceError as error:
+            error.where = self.name
+            error.details.update(operation=operation, transaction_id=ask.transaction_id)
+            self.broken = self._damage(ask, error)
+            raise
+        self.broken = None
+        if reply.code not in accept:
+            raise refusal(operation, reply.code, reply.params, where=self.name)
+        return reply
+
+    def _require_sound(self, operation: int) -> None:
+        if self.broken is not None:
+            raise ProtocolViolationError(
+                f"{operation_name(operation)} refused: the exchange is out of step ({self.broken})",
+                where=self.name,
+                advice="resynchronise first",
+            )
+
+    def _damage(self, ask: _Ask, error: DeviceError) -> str | None:
+        """Say what an error left broken; None where only whole containers, or nothing, had come so far."""
+        whole = isinstance(error, DeviceTimeoutError) and self._sent and not self._bulk.in_pieces
+        if whole and len(self._unanswered) < MAX_UNANSWERED:
+            return None
+        return f"{operation_name(ask.operation)}: {error.message}"
+
+    def _take_id(self) -> int:
+        """Return the id of the next operation: 0 outside a session, then 1, 2, ..."""
+        if self.session_id is None:
+            return 0
+        self._last_id = next_transaction_id(self._last_id)
+        return self._last_id
+
+    def _exchange(self, ask: _Ask, params: bytes, data_out: bytes | None) -> Reply:
+        self._sent = False
+        self._unanswered.add(ask.transaction_id)
+        self._bulk.send(Container(ContainerType.COMMAND, ask.operation, ask.transaction_id, params), ask.deadline)
+        if data_out is not None:
+            self._bulk.send(Container(ContainerType.DATA, ask.operation, ask.transaction_id, data_out), ask.deadline)
+        self._sent = True
+        data: bytes | None = None
+        answer = self._bulk.receive(partial(self._admit, ask), ask.deadline)
+        if answer.type is ContainerType.DATA:
+            data = answer.payload
+            answer = self._bulk.receive(partial(self._admit, replace(ask, data_in=False)), ask.deadline)
+        self._unanswered.discard(ask.transaction_id)
+        if ask.data_in and data is None and answer.code == Response.OK:
+            raise violation("the camera answered OK without the data that was asked for")
+        return Reply(answer.code, answer.params, data or b"")
+
+    def _admit(self, ask: _Ask, header: Header) -> int | None:
+        """Judge the header of a container: the payload it may have, or None for a late one that is to be skipped."""
+        if header.transaction_id != ask.transaction_id:
+            return self._admit_stranger(ask, header)
+        if header.type is ContainerType.RESPONSE:
+            if header.code >> 12 not in RESPONSE_GROUPS:
+                raise violation(f"{header.code:04X} is no response code", code=header.code)
+            return MAX_RESPONSE_BYTES - HEADER_BYTES
+        if not ask.data_in:
+            raise violation("data came where none is due", code=header.code)
+        if header.code != ask.operation:
+            raise violation(f"data for operation {header.code:04X} came", expected=ask.operation, got=header.code)
+        return ask.max_data_bytes
+
+    def _admit_stranger(self, ask: _Ask, header: Header) -> None:
+        """Skip a container of another transaction where that was given up; refuse it otherwise.
+
+        Outside a session (id 0) anything else is left over from an earlier session or program.
+        """
+        if ask.transaction_id != 0 and header.transaction_id not in self._unanswered:
+            behind = (ask.transaction_id - header.transaction_id) & 0xFFFFFFFF < 0x80000000
+            raise violation(
+                "a second answer came for a finished operation" if behind else "an answer came ahead of its operation",
+                expected=ask.transaction_id,
+                got=header.transaction_id,
+                code=header.code,
+            )
+        if header.type is ContainerType.RESPONSE:
+            self._unanswered.discard(header.transaction_id)
+        self.late_answers += 1
+
+    def poll_event(self, timeout_s: float) -> PtpEvent | None:
+        """Return the next event, or None where none came within ``timeout_s``.
+
+        Events wait in the camera, or here, while operations run; none is lost to them.
+        """
+        event = self._events.poll(timeout_s)
+        return None if event is None else PtpEvent(event.code, event.transaction_id, event.params)
+
+    @property
+    def garbled_events(self) -> int:
+        """Stretches of bytes on the interrupt pipe that were no event and were dropped."""
+        return self._events.garbled
+
+    def retry_busy(self, call: Callable[[], T], limit_s: float, first_wait_s: float = 0.05) -> T:
+        """Return what ``call`` returns, asking again while the camera is busy.
+
+        Waits ``first_wait_s``, then twice as long each time up to 0.2 s; raises the last `DeviceBusyError` where the
+        camera is still busy after ``limit_s``.
+        """
+        deadline = Deadline.after(self._clock, limit_s)
+        wait_s = first_wait_s
+        while True:
+            try:
+                return call()
+            except DeviceBusyError as error:
+                if deadline.expired:
+                    error.details["limit_s"] = limit_s
+                    raise
+            self._clock.sleep(min(wait_s, deadline.remaining_s))
+            wait_s = min(2 * wait_s, MAX_BUSY_WAIT_S)
