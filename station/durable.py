@@ -82,7 +82,7 @@ def disk_error(exc: OSError, path: Path, doing: str) -> ResourceError:
             "a limit on the size of files",
             "lift the limit (ulimit -f) or use another file system",
         )
-    reason = os.strerror(exc.errno) if exc.errno else str(exc)
+    reason = exc.strerror or str(exc)
     name = errno.errorcode.get(exc.errno or 0, "")
     return kind(f"{doing} failed: {reason}", where=str(path), likely=likely, advice=advice, errno=name)
 

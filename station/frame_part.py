@@ -129,9 +129,7 @@ class FramePart:
         self._need("open")
         self._state = "failed"
         with durable.disk_errors(self.path, "syncing"):
-            with suppress(
-                PermissionError
-            ):  # some file systems have no modes; it is a courtesy, not a promise
+            with suppress(PermissionError):  # some file systems have no modes; it is a courtesy, not a promise
                 durable.os_calls.fchmod(self._fd, 0o444)
             durable.os_calls.fsync(self._fd)
             durable.check_size(self._fd, self.size_bytes)
@@ -139,9 +137,7 @@ class FramePart:
 
     def _need(self, state: str) -> None:
         if self._state != state:
-            raise SessionError(
-                f"this frame is {self._state}", where=str(self.path), advice="begin the frame anew"
-            )
+            raise SessionError(f"this frame is {self._state}", where=str(self.path), advice="begin the frame anew")
 
     def _close(self) -> None:
         if self._fd >= 0:
