@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from drivers.camera import CameraSettings
 from station.bracket import PAPER_STOPS_S, parse_shutter
-from station.errors import RigError
+from station.errors import RigError, UsageError
 from station.session import MeterTarget, Side, Site
 
 MAX_RIG_BYTES = 256 * 1024
@@ -84,7 +84,10 @@ class BracketTable(_Table):
     @classmethod
     def _readable(cls, stops: tuple[str, ...]) -> tuple[str, ...]:
         for stop in stops:
-            parse_shutter(stop)
+            try:
+                parse_shutter(stop)
+            except UsageError as error:
+                raise ValueError(str(error)) from error  # so that the key is named with the others
         return stops
 
     def stops_s(self) -> tuple[float, ...]:

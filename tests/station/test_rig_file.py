@@ -1,0 +1,78 @@
+"""rig.toml: the example is valid, and what is wrong is named."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from station.bracket import PAPER_STOPS_S
+from station.errors import RigError
+from station.rig import SIZE_STEPS, find_rig_file, simulated_rig_file
+from station.rig_file import EXAMPLE, PAPER_RIG, load_rig
+from station.session import Side
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "rig.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_example_is_the_papers_rig(tmp_path: Path) -> None:
+    rig = load_rig(write(tmp_path, EXAMPLE))
+    assert rig.bracket.stops_s() == PAPER_STOPS_S
+    assert rig.indoor == PAPER_RIG.indoor
+    assert rig.outdoor == PAPER_RIG.outdoor
+    assert rig.meter is not None
+    assert rig.meter.target() is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[indoor]\nkind = 'gopro'\niso = 100\nf_number = 2\nsize_px = [1, 2]", "indoor.kind"),
+        ("[indoor]\nkind = 'theta_z1'\niso = 100\nf_number = 5.6\nsize_px = [6720, 3360]\nflash = true", "flash"),
+        ("[bracket]\nstops = ['4', 'long']", "bracket"),
+        ("[meter]\ntarget_deg = [500, 0]", "target_deg"),
+        ("heading_deg = nan", "heading_deg"),
+        ("this is not toml", "rig.toml"),
+        ("[limits]\nmin_battery_frac = 2", "min_battery_frac"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, text: str, named: str) -> None:
+    with pytest.raises(RigError, match=r"rig\.toml") as caught:
+        load_rig(write(tmp_path, text))
+    assert named in str(caught.value)
+
+
+def test_missing_and_oversized_files(tmp_path: Path) -> None:
+    with pytest.raises(RigError, match="no such rig file"):
+        load_rig(tmp_path / "none.toml")
+    with pytest.raises(RigError, match="too large"):
+        load_rig(write(tmp_path, "#" * 300_000))
+
+
+def test_target_is_in_radians(tmp_path: Path) -> None:
+    rig = load_rig(write(tmp_path, "[meter]\ntarget_deg = [-90, 30]"))
+    target = rig.meter.target()  # type: ignore[union-attr]
+    assert target is not None
+    assert target.longitude_rad == pytest.approx(-math.pi / 2)
+    assert target.latitude_rad == pytest.approx(math.pi / 6)
+
+
+def test_no_rig_file_says_how_to_get_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    with pytest.raises(RigError, match="--write-rig"):
+        find_rig_file(None)
+
+
+@pytest.mark.parametrize("size", SIZE_STEPS)
+def test_simulated_sizes_are_even_and_keep_shape(size: str) -> None:
+    for table in simulated_rig_file(PAPER_RIG, size).cameras().values():
+        width_px, height_px = table.size_px
+        assert width_px % 2 == height_px % 2 == 0
+        assert width_px / height_px == pytest.approx({"theta_z1": 2.0, "canon_5d2": 1.5}[table.kind], rel=0.02)
+    assert set(PAPER_RIG.cameras()) == set(Side)
