@@ -111,12 +111,12 @@ class BulkAssembler:
             return False
         header = decode_header(self._raw)
         if header.type not in (ContainerType.DATA, ContainerType.RESPONSE):
-            raise violation(f"a {header.type.name.lower()} container cannot come from bulk-in", bytes(self._raw))
+            raise violation(f"a {header.type.name.lower()} container cannot come from bulk-in", self._raw)
         self._limit = admit(header)
         if self._limit is not None and not header.unbounded and header.payload_bytes > self._limit:
             raise violation(
                 f"{header.payload_bytes} bytes announced where at most {self._limit} are due",
-                bytes(self._raw),
+                self._raw,
                 code=header.code,
             )
         self._header = header

@@ -24,7 +24,7 @@ _MAX_PAYLOAD_BYTES = {
 _SHOWN_BYTES = 64
 
 
-def violation(message: str, data: bytes = b"", **details: Any) -> ProtocolViolationError:
+def violation(message: str, data: bytes | bytearray = b"", **details: Any) -> ProtocolViolationError:
     """Return the error for bytes that PTP does not allow, with the first of them as hex."""
     if data:
         details["bytes_hex"] = bytes(data[:_SHOWN_BYTES]).hex(" ")
@@ -98,7 +98,7 @@ def encode(container: Container) -> bytes:
     return header + container.payload
 
 
-def decode_header(data: bytes) -> Header:
+def decode_header(data: bytes | bytearray) -> Header:
     """Return the checked header at the start of ``data``; `ProtocolViolationError` where it is none.
 
     Bytes after the header are not looked at. An unknown length is allowed for data containers only.

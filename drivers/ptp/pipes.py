@@ -165,5 +165,3 @@ class EventPipe:
                 break
             self._keep(self._assembler.feed(piece))
         self._assembler.reset()
-
-

@@ -34,8 +34,6 @@ RESYNC_LIMIT_S = 30.0
 STATUS_BYTES = 32
 
 
-
-
 class Proof(Protocol):
     """Ways to show that the camera is in step again; each takes at most about twice its limit."""
 

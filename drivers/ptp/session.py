@@ -5,6 +5,9 @@ One thread owns a session. Nothing here knows a camera model; see `drivers.theta
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 from drivers.clock import Clock
 from drivers.errors import (
     DeviceError,
@@ -21,7 +24,7 @@ from drivers.ptp.container import violation
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo, StorageInfo
 from drivers.ptp.resync import DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
 from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transactions
-from drivers.ptp.values import Value, decode_array, decode_value, encode_value
+from drivers.ptp.values import Value, decode_ids, decode_value, encode_value
 
 __all__ = ["PtpEvent", "PtpSession", "Reply"]
 
@@ -30,6 +33,8 @@ ALL_STORAGES = 0xFFFFFFFF
 MAX_CHUNK_BYTES = 1024 * 1024
 MAX_DATASET_BYTES = 256 * 1024
 """Largest DeviceInfo, ObjectInfo and the like; real ones stay below a few kilobytes, handle lists at 40."""
+
+T = TypeVar("T")
 
 
 class PtpSession(Transactions):
@@ -86,14 +91,15 @@ class PtpSession(Transactions):
         Cancel and drain, class reset, port reset and opening anew, in this order, until a transaction proves that the
         camera is in step. Raises the last remedy's error where none helps; the session then stays ``broken``.
         """
-        lost = isinstance(self._last_error, DeviceLostError)
         self.broken = "resynchronisation was interrupted"
         self.last_remedy = None
         try:
-            self.last_remedy = self._ladder.climb(self, self._last_id, lost=lost)
+            self.last_remedy = self._ladder.climb(self, self._last_id, lost=self._lost)
         except DeviceError as error:
+            self._lost = isinstance(error, DeviceLostError)
             self.broken = f"resynchronisation failed: {error.message}"
             raise
+        self.broken, self._lost = None, False
 
     # The ladder's two proofs (`drivers.ptp.resync.Proof`).
 
@@ -156,27 +162,25 @@ class PtpSession(Transactions):
 
     def device_info(self) -> DeviceInfo:
         """Return what the camera says of itself; works with and without a session."""
-        return datasets.decode_device_info(self._dataset(Operation.GET_DEVICE_INFO))
+        return self._ask(datasets.decode_device_info, Operation.GET_DEVICE_INFO)
 
     def get_storage_ids(self) -> tuple[int, ...]:
         """Return the ids of the camera's stores."""
-        return decode_array(self._dataset(Operation.GET_STORAGE_IDS), item_bytes=4)
+        return self._ask(decode_ids, Operation.GET_STORAGE_IDS)
 
     def get_storage_info(self, storage_id: int) -> StorageInfo:
         """Return size and free space of a store."""
-        return datasets.decode_storage_info(self._dataset(Operation.GET_STORAGE_INFO, storage_id))
+        return self._ask(datasets.decode_storage_info, Operation.GET_STORAGE_INFO, storage_id)
 
     def get_object_handles(
         self, storage_id: int = ALL_STORAGES, format_code: int = 0, parent: int = 0
     ) -> tuple[int, ...]:
         """Return the handles of objects; 0 means any format, any folder."""
-        return decode_array(
-            self._dataset(Operation.GET_OBJECT_HANDLES, storage_id, format_code, parent), item_bytes=4
-        )
+        return self._ask(decode_ids, Operation.GET_OBJECT_HANDLES, storage_id, format_code, parent)
 
     def get_object_info(self, handle: int) -> ObjectInfo:
         """Return name, format, size and dates of an object."""
-        return datasets.decode_object_info(self._dataset(Operation.GET_OBJECT_INFO, handle))
+        return self._ask(datasets.decode_object_info, Operation.GET_OBJECT_INFO, handle)
 
     def get_partial_object(
         self, handle: int, offset: int, size: int, operation: int = Operation.GET_PARTIAL_OBJECT
@@ -191,14 +195,8 @@ class PtpSession(Transactions):
         reply = self.transact(operation, (handle, offset, size), data_in=True, max_data_bytes=size)
         told = reply.params[0] if operation == Operation.GET_PARTIAL_OBJECT and reply.params else len(reply.data)
         if told != len(reply.data) or not reply.data:
-            error = violation(
-                f"the camera sent {len(reply.data)} bytes of an object and says {told}",
-                handle=handle,
-                offset=offset,
-                asked_bytes=size,
-            )
-            error.where = self.name
-            raise error
+            message = f"the camera sent {len(reply.data)} bytes of an object and says {told}"
+            raise self._named(violation(message, handle=handle, offset=offset, asked_bytes=size))
         return reply.data
 
     def delete_object(self, handle: int) -> None:
@@ -207,20 +205,28 @@ class PtpSession(Transactions):
 
     def get_prop_desc(self, prop: int) -> DevicePropDesc:
         """Return type, current value and allowed values of a property."""
-        desc = datasets.decode_device_prop_desc(self._dataset(Operation.GET_DEVICE_PROP_DESC, prop))
+        desc = self._ask(datasets.decode_device_prop_desc, Operation.GET_DEVICE_PROP_DESC, prop)
         if desc.code != prop:
-            error = violation(f"asked for property {prop:04X}, got the description of {desc.code:04X}")
-            error.where = self.name
-            raise error
+            raise self._named(violation(f"asked for property {prop:04X}, got the description of {desc.code:04X}"))
         return desc
 
     def get_prop_value(self, prop: int, data_type: int) -> Value:
         """Return the current value of a property of the given `DataType`."""
-        return decode_value(self._dataset(Operation.GET_DEVICE_PROP_VALUE, prop), data_type)
+        return self._ask(lambda data: decode_value(data, data_type), Operation.GET_DEVICE_PROP_VALUE, prop)
 
     def set_prop_value(self, prop: int, data_type: int, value: Value) -> None:
         """Set a property; `ValueError` where the value does not fit the type."""
         self.transact(Operation.SET_DEVICE_PROP_VALUE, (prop,), data_out=encode_value(value, data_type))
 
-    def _dataset(self, operation: int, *params: int) -> bytes:
-        return self.transact(operation, params, data_in=True, max_data_bytes=MAX_DATASET_BYTES).data
+    def _ask(self, decode: Callable[[bytes], T], operation: int, *params: int) -> T:
+        """Run an operation and decode its data; a dataset that is none leaves the exchange in step."""
+        data = self.transact(operation, params, data_in=True, max_data_bytes=MAX_DATASET_BYTES).data
+        try:
+            return decode(data)
+        except ProtocolViolationError as error:
+            self._named(error)
+            raise
+
+    def _named(self, error: ProtocolViolationError) -> ProtocolViolationError:
+        error.where = self.name
+        return error

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TypeVar
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ProtocolViolationError
+from drivers.errors import DeviceBusyError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
 from drivers.links import PtpTransport
 from drivers.ptp.assembler import MAX_RESPONSE_BYTES
 from drivers.ptp.codes import HEADER_BYTES, ContainerType, Response
@@ -83,6 +83,7 @@ class Transactions:
         self._bulk = BulkPipe(transport, clock)
         self._events = EventPipe(transport, clock)
         self._last_id = 0
+        self._lost = False
         self._sent = False
         self._unanswered: set[int] = set()
 
@@ -133,6 +134,7 @@ class Transactions:
             error.where = self.name
             error.details.update(operation=operation, transaction_id=ask.transaction_id)
             self.broken = self._damage(ask, error)
+            self._lost = isinstance(error, DeviceLostError)
             raise
         self.broken = None
         if reply.code not in accept:
@@ -181,7 +183,8 @@ class Transactions:
     def _admit(self, ask: _Ask, header: Header) -> int | None:
         """Judge the header of a container: the payload it may have, or None for a late one that is to be skipped."""
         if header.transaction_id != ask.transaction_id:
-            return self._admit_stranger(ask, header)
+            self._admit_stranger(ask, header)
+            return None
         if header.type is ContainerType.RESPONSE:
             if header.code >> 12 not in RESPONSE_GROUPS:
                 raise violation(f"{header.code:04X} is no response code", code=header.code)
@@ -214,7 +217,11 @@ class Transactions:
 
         Events wait in the camera, or here, while operations run; none is lost to them.
         """
-        event = self._events.poll(timeout_s)
+        try:
+            event = self._events.poll(timeout_s)
+        except DeviceLostError as error:
+            self.broken, self._lost = error.message, True
+            raise
         return None if event is None else PtpEvent(event.code, event.transaction_id, event.params)
 
     @property

@@ -1,0 +1,197 @@
+"""Values inside PTP datasets: integers, arrays, strings, dates; pure, strict, never past the end of the buffer."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta, timezone
+
+from drivers.ptp.codes import DataType
+from drivers.ptp.container import violation
+
+Value = int | str | tuple[int, ...]
+
+MAX_STRING_UNITS = 255
+"""A string's length, its closing NUL included, is one byte."""
+
+_INTEGERS: dict[int, tuple[int, bool]] = {
+    DataType.INT8: (1, True),
+    DataType.UINT8: (1, False),
+    DataType.INT16: (2, True),
+    DataType.UINT16: (2, False),
+    DataType.INT32: (4, True),
+    DataType.UINT32: (4, False),
+    DataType.INT64: (8, True),
+    DataType.UINT64: (8, False),
+    DataType.INT128: (16, True),
+    DataType.UINT128: (16, False),
+}
+
+_DATE = re.compile(r"(\d{8}T\d{6})(?:\.(\d{1,6}))?(Z|[+-]\d{4})?", re.ASCII)
+
+
+class DatasetReader:
+    """Walks through a dataset; every step is checked against what is left. `ProtocolViolationError` otherwise."""
+
+    def __init__(self, data: bytes, what: str) -> None:
+        self._data = data
+        self._at = 0
+        self._what = what
+
+    @property
+    def left_bytes(self) -> int:
+        """How many bytes are not read yet."""
+        return len(self._data) - self._at
+
+    def take(self, count: int) -> bytes:
+        """Return the next ``count`` bytes."""
+        if count > self.left_bytes:
+            raise violation(
+                f"{self._what} ends after {len(self._data)} bytes where {self._at + count} are needed", self._data
+            )
+        piece = self._data[self._at : self._at + count]
+        self._at += count
+        return piece
+
+    def unsigned(self, size_bytes: int) -> int:
+        """Return the next unsigned little-endian integer."""
+        return int.from_bytes(self.take(size_bytes), "little")
+
+    def array(self, item_bytes: int, *, signed: bool = False) -> tuple[int, ...]:
+        """Return the next array (32-bit count, then items); the count is checked before anything is built."""
+        count = self.unsigned(4)
+        if count * item_bytes > self.left_bytes:
+            raise violation(f"{self._what} announces {count} items and has {self.left_bytes} bytes left", self._data)
+        raw = self.take(count * item_bytes)
+        return tuple(
+            int.from_bytes(raw[i : i + item_bytes], "little", signed=signed) for i in range(0, len(raw), item_bytes)
+        )
+
+    def string(self) -> str:
+        """Return the next string; it must be closed by NUL, and nothing but NULs may follow a NUL."""
+        units = self.unsigned(1)
+        if units == 0:
+            return ""
+        try:
+            text = self.take(2 * units).decode("utf-16-le")
+        except UnicodeDecodeError:
+            raise violation(f"{self._what} has a string that is no UTF-16", self._data) from None
+        body = text.rstrip("\0")
+        if len(body) == len(text) or "\0" in body:
+            raise violation(f"{self._what} has a string that is not closed where it should be", self._data)
+        return body
+
+    def value(self, data_type: int) -> Value:
+        """Return the next value of a `DataType`, or of an array of one."""
+        if data_type == DataType.STRING:
+            return self.string()
+        size_bytes, signed = _integer_type(data_type & ~DataType.ARRAY, self._what)
+        if data_type & DataType.ARRAY:
+            return self.array(size_bytes, signed=signed)
+        return int.from_bytes(self.take(size_bytes), "little", signed=signed)
+
+    def finish(self) -> None:
+        """Refuse bytes after the end: then the layout is not what we think it is."""
+        if self.left_bytes:
+            raise violation(f"{self._what} has {self.left_bytes} bytes too many", self._data)
+
+
+def _integer_type(data_type: int, what: str) -> tuple[int, bool]:
+    try:
+        return _INTEGERS[data_type]
+    except KeyError:
+        raise violation(f"{what}: datatype {data_type:04X} does not exist", datatype=data_type) from None
+
+
+def decode_value(data: bytes, data_type: int) -> Value:
+    """Return the value that ``data`` is, to the byte."""
+    reader = DatasetReader(data, "property value")
+    value = reader.value(data_type)
+    reader.finish()
+    return value
+
+
+def decode_ids(data: bytes) -> tuple[int, ...]:
+    """Return the array of 32-bit ids or handles that ``data`` is, to the byte."""
+    reader = DatasetReader(data, "list of ids")
+    items = reader.array(4)
+    reader.finish()
+    return items
+
+
+def encode_integer(value: int, data_type: int) -> bytes:
+    """Return an integer of a `DataType`; `ValueError` where it does not fit."""
+    size_bytes, signed = _INTEGERS[data_type]
+    try:
+        return value.to_bytes(size_bytes, "little", signed=signed)
+    except OverflowError:
+        raise ValueError(f"{value} does not fit datatype {data_type:04X}") from None
+
+
+def encode_array(items: Sequence[int], item_type: int) -> bytes:
+    """Return an array: 32-bit count, then the items."""
+    return len(items).to_bytes(4, "little") + b"".join(encode_integer(item, item_type) for item in items)
+
+
+def encode_string(text: str) -> bytes:
+    """Return a string: number of UTF-16 units with the closing NUL, then the units; one zero byte where empty.
+
+    `ValueError` for NULs, lone surrogates, or more than 254 units.
+    """
+    if not text:
+        return b"\0"
+    if "\0" in text:
+        raise ValueError("a PTP string cannot hold NUL")
+    raw = (text + "\0").encode("utf-16-le")
+    if len(raw) // 2 > MAX_STRING_UNITS:
+        raise ValueError(f"a PTP string holds {MAX_STRING_UNITS - 1} units, not {len(raw) // 2 - 1}")
+    return bytes([len(raw) // 2]) + raw
+
+
+def encode_value(value: Value, data_type: int) -> bytes:
+    """Return a value of a `DataType`, or of an array of one; `ValueError` where it does not fit."""
+    if isinstance(value, str):
+        if data_type != DataType.STRING:
+            raise ValueError(f"datatype {data_type:04X} holds no text")
+        return encode_string(value)
+    is_array = data_type != DataType.STRING and bool(data_type & DataType.ARRAY)
+    if data_type == DataType.STRING or is_array != isinstance(value, tuple):
+        raise ValueError(f"datatype {data_type:04X} does not hold {value!r}")
+    if data_type & ~DataType.ARRAY not in _INTEGERS:
+        raise ValueError(f"datatype {data_type:04X} does not exist")
+    if isinstance(value, tuple):
+        return encode_array(value, data_type & ~DataType.ARRAY)
+    return encode_integer(value, data_type)
+
+
+def decode_date(text: str) -> datetime | None:
+    """Return the date of ``YYYYMMDDThhmmss[.s][Z|+hhmm]``; None for empty text.
+
+    Aware where the text names a zone, naive otherwise: then it is the camera's own local time.
+    """
+    if not text:
+        return None
+    match = _DATE.fullmatch(text)
+    if match is None:
+        raise violation(f"{text[:40]!r} is no PTP date")
+    moment, fraction, zone = match.groups()
+    try:
+        date = datetime.strptime(moment, "%Y%m%dT%H%M%S")  # noqa: DTZ007 - naive on purpose where no zone is given
+        date = date.replace(microsecond=int((fraction or "0").ljust(6, "0")), tzinfo=_decode_zone(zone))
+    except ValueError:
+        raise violation(f"{text[:40]!r} is no date that exists") from None
+    return date
+
+
+def _decode_zone(zone: str | None) -> timezone | None:
+    if zone is None:
+        return None
+    if zone == "Z":
+        return UTC
+    offset = timedelta(hours=int(zone[1:3]), minutes=int(zone[3:5]))
+    return timezone(-offset if zone[0] == "-" else offset)
+
+
+def encode_date(date: datetime) -> str:
+    """Return a date as ``YYYYMMDDThhmmss[+hhmm]``; whole seconds, as cameras want it."""
+    return date.strftime("%Y%m%dT%H%M%S%z")[:20]
