@@ -1,7 +1,7 @@
 """The datasets of PTP that our cameras speak: DeviceInfo, StorageInfo, ObjectInfo, DevicePropDesc; both ways, pure.
 
-The fields of each dataclass stand in the order of the wire. Decoding raises `ProtocolViolationError` for anything that is not exactly such a dataset. Text from a camera is text:
-names are never used as paths.
+The fields of each dataclass stand in the order of the wire. Decoding raises `ProtocolViolationError` for anything that
+is not exactly such a dataset. Text from a camera is text: names are never used as paths.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Any
 
 from drivers.ptp.codes import DataType, FormFlag
 from drivers.ptp.container import violation
@@ -109,7 +110,7 @@ class DevicePropDesc:
 def decode_device_info(data: bytes) -> DeviceInfo:
     """Return the DeviceInfo that ``data`` is."""
     reader = DatasetReader(data, "DeviceInfo")
-    info = DeviceInfo(
+    fields: list[Any] = [
         *_DEVICE_INFO.unpack(reader.take(_DEVICE_INFO.size)),
         reader.string(),
         reader.unsigned(2),
@@ -122,9 +123,9 @@ def decode_device_info(data: bytes) -> DeviceInfo:
         reader.string(),
         reader.string(),
         reader.string(),
-    )
+    ]
     reader.finish()
-    return info
+    return DeviceInfo(*fields)
 
 
 def encode_device_info(info: DeviceInfo) -> bytes:
@@ -145,10 +146,9 @@ def encode_device_info(info: DeviceInfo) -> bytes:
 def decode_storage_info(data: bytes) -> StorageInfo:
     """Return the StorageInfo that ``data`` is."""
     reader = DatasetReader(data, "StorageInfo")
-    fixed = _STORAGE_INFO.unpack(reader.take(_STORAGE_INFO.size))
-    info = StorageInfo(*fixed, reader.string(), reader.string())
+    fields: list[Any] = [*_STORAGE_INFO.unpack(reader.take(_STORAGE_INFO.size)), reader.string(), reader.string()]
     reader.finish()
-    return info
+    return StorageInfo(*fields)
 
 
 def encode_storage_info(info: StorageInfo) -> bytes:
@@ -162,16 +162,15 @@ def encode_storage_info(info: StorageInfo) -> bytes:
 def decode_object_info(data: bytes) -> ObjectInfo:
     """Return the ObjectInfo that ``data`` is."""
     reader = DatasetReader(data, "ObjectInfo")
-    fixed = _OBJECT_INFO.unpack(reader.take(_OBJECT_INFO.size))
-    info = ObjectInfo(
-        *fixed,
+    fields: list[Any] = [
+        *_OBJECT_INFO.unpack(reader.take(_OBJECT_INFO.size)),
         reader.string(),
         reader.string(),
         reader.string(),
         reader.string(),
-    )
+    ]
     reader.finish()
-    return info
+    return ObjectInfo(*fields)
 
 
 def encode_object_info(info: ObjectInfo) -> bytes:
