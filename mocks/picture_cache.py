@@ -13,6 +13,8 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 from platformdirs import user_cache_path
 
+from drivers.errors import DaylitError
+
 DEFAULT_LIMIT_BYTES = 2_000_000_000
 _LOCK_LIMIT_S = 300.0
 _IN_USE_S = 120.0
@@ -28,6 +30,13 @@ def default_folder() -> Path:
 def content_key(*parts: object) -> str:
     """Return a short digest of the texts of ``parts``."""
     return hashlib.sha256("\x1f".join(str(part) for part in parts).encode()).hexdigest()[:40]
+
+
+class PictureCacheError(DaylitError):
+    """The folder for rendered pictures cannot be written."""
+
+    code = "SIM-002"
+    exit_code = 6
 
 
 class PictureCache:
@@ -65,15 +74,18 @@ class PictureCache:
     @contextmanager
     def new_file(self, key: str, suffix: str) -> Iterator[Path]:
         """Give a temporary file to fill; it takes its name when the block ends well, and goes when it does not."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=self.folder, suffix=".part")
-        os.close(handle)
-        path = Path(name)
         try:
-            yield path
-            path.replace(self.path(key, suffix))
-        finally:
-            path.unlink(missing_ok=True)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            handle, name = tempfile.mkstemp(dir=self.folder, suffix=".part")
+            os.close(handle)
+            path = Path(name)
+            try:
+                yield path
+                path.replace(self.path(key, suffix))
+            finally:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise self._unwritable(error) from error
         self.evict()
 
     @contextmanager
@@ -82,7 +94,10 @@ class PictureCache:
 
         After five minutes of waiting it goes ahead all the same: the worst is work done twice.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise self._unwritable(error) from error
         lock = FileLock(self.folder / "render.lock", timeout=_LOCK_LIMIT_S)
         try:
             lock.acquire()
@@ -93,6 +108,14 @@ class PictureCache:
             yield
         finally:
             lock.release()
+
+    def _unwritable(self, error: OSError) -> PictureCacheError:
+        return PictureCacheError(
+            f"pictures cannot be kept ({error.strerror or error})",
+            where=str(self.folder),
+            likely="the disk is full or the folder may not be written",
+            advice="make room (a full-size bracket takes about 600 MB), or point DAYLIT_CACHE elsewhere",
+        )
 
     def evict(self) -> None:
         """Delete the files unused for longest until the rest fits the limit; what is in use just now stays."""

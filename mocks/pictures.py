@@ -27,7 +27,7 @@ from mocks.sensor import Exposure
 from mocks.shots import ShotRequest
 
 # Raise when rendering changes, so that old pictures are not served.
-_RENDER_VERSION = 1
+_RENDER_VERSION = 2
 # Below this many pixels a worker process costs more than it saves.
 _POOL_FROM_PX = 3_000_000
 _RAW_WIDTH_PX = 702
@@ -58,6 +58,8 @@ class RenderedShots:
         Where pictures are kept; by default the user's cache folder, 2 GB at most.
     workers
         Processes that render, 0 to render in this one.
+    on_progress
+        Called with steps done and steps in all while rendering (some seconds for a full-size image).
     """
 
     def __init__(
@@ -68,12 +70,14 @@ class RenderedShots:
         seed: int = 0,
         cache: PictureCache | None = None,
         workers: int = 2,
+        on_progress: Callable[[int, int], None] | None = None,
     ) -> None:
         self.world = world
         self.optics = optics
         self.seed = seed
         self.cache = cache or PictureCache()
         self.workers = workers
+        self._on_progress = on_progress
         self._world_key = world.key
         self._times_s: dict[float, float] = {}
 
@@ -106,7 +110,8 @@ class RenderedShots:
         key = self._key(shot, size)
         data = self.cache.read(key, ".jpg")
         if data is None or not is_whole_jpeg(data):
-            self.cache.path(key, ".jpg").unlink(missing_ok=True)
+            if data is not None:
+                self.cache.path(key, ".jpg").unlink(missing_ok=True)
             self._render([shot], size, raw=False)
             data = self.cache.path(key, ".jpg").read_bytes()
         segments = [exif_segment(request, self._focal_length_mm)]
@@ -158,12 +163,14 @@ class RenderedShots:
             raw_missing = self._missing(shots, size, ".mosaic") if raw else []
             if not missing and not raw_missing:
                 return 0
+            image = self.cache.path(image_key, ".image")
             with self._mapper(size) as run:
-                if not self.cache.holds(image_key, ".image"):
-                    self._render_image(image_key, size, run)
-                image = self.cache.path(image_key, ".image")
+                image_steps = 0 if self.cache.holds(image_key, ".image") else len(bands(size))
+                steps = _Steps(image_steps + len(missing), self._on_progress)
+                if image_steps:
+                    self._render_image(image_key, size, lambda *work: steps.counted(run(*work)))
                 tasks = [(self._job(shot, size, image), self._key(shot, size)) for shot in missing]
-                list(run(_Expose(self.cache), tasks))
+                list(steps.counted(run(_Expose(self.cache), tasks)))
             for shot in raw_missing:
                 counts = mosaic(self._job(shot, size, image), _raw_step(size))
                 self.cache.write(self._key(shot, size), ".mosaic", counts.tobytes())
@@ -192,6 +199,20 @@ class RenderedShots:
             self.workers, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,)
         ) as pool:
             yield pool.map
+
+
+class _Steps:
+    """Counts finished work and tells the listener."""
+
+    def __init__(self, total: int, listener: Callable[[int, int], None] | None) -> None:
+        self._done, self._total, self._listener = 0, total, listener
+
+    def counted(self, results: Iterable[Any]) -> Iterator[Any]:
+        for result in results:
+            self._done += 1
+            if self._listener:
+                self._listener(self._done, self._total)
+            yield result
 
 
 @dataclass(frozen=True)

@@ -108,10 +108,16 @@ class PlankFloor:
         return np.asarray(np.clip(albedo, 0.02, 0.9), dtype=np.float32)
 
     def _grain(self, rng: np.random.Generator) -> Floats:
-        size = (self.tile_px, self.tile_px)
-        fine = cv2.resize(rng.normal(0, 0.06, (24, self.tile_px)).astype(np.float32), size)
-        broad = cv2.resize(rng.normal(0, 0.05, (12, 240)).astype(np.float32), size)
-        return np.asarray(fine + broad, dtype=np.float32)
+        """Return streaks along the boards that join where the tile repeats."""
+        fine = rng.normal(0, 0.06, (24, self.tile_px))
+        broad = rng.normal(0, 0.05, (12, self.tile_px // 6))
+        return self._stretched(fine) + self._stretched(broad)
+
+    def _stretched(self, noise: Reals) -> Floats:
+        wrapped = np.pad(noise, ((2, 2), (0, 0)), mode="wrap").astype(np.float32)
+        step_px = self.tile_px // len(noise)
+        tall = cv2.resize(wrapped, (self.tile_px, step_px * len(wrapped)))
+        return np.asarray(tall[2 * step_px : 2 * step_px + self.tile_px], dtype=np.float32)
 
     def _gaps(self, centre_m: Reals, along_m: Reals) -> Floats:
         """Return how much of each pixel is gap, so that a gap thinner than a pixel keeps its weight."""

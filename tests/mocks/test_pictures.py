@@ -16,7 +16,7 @@ from PIL import ExifTags, Image
 from mocks import pictures as pictures_module
 from mocks.light import LightDrift, UniformWorld
 from mocks.optics import CANON_5D2, THETA_Z1
-from mocks.picture_cache import PictureCache, content_key, default_folder
+from mocks.picture_cache import PictureCache, PictureCacheError, content_key, default_folder
 from mocks.picture_files import is_whole_jpeg
 from mocks.pictures import RenderedShots
 from mocks.sensor import Exposure
@@ -221,6 +221,22 @@ def test_workers_render_the_same_pixels(tmp_path, monkeypatch):
     assert pooled.prepare([1 / 60, 1 / 250], 160, 80, raw=True) == 2
     for stop in (1 / 60, 1 / 250):
         assert pooled.jpeg(request_for(THETA_Z1, stop)) == alone.jpeg(request_for(THETA_Z1, stop))
+
+
+def test_progress_counts_to_the_end(cache):
+    seen = []
+    shots = RenderedShots(UniformWorld(), THETA_Z1, cache=cache, on_progress=lambda *step: seen.append(step))
+    shots.prepare([1 / 60, 1 / 250], 160, 80)
+    total = seen[-1][1]
+    assert seen == [(done, total) for done in range(1, total + 1)]
+    assert total == 3
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_bytes(b"")
+    shots = RenderedShots(UniformWorld(), THETA_Z1, cache=PictureCache(tmp_path / "file" / "cache"))
+    with pytest.raises(PictureCacheError, match="DAYLIT_CACHE"):
+        shots.jpeg(request_for(THETA_Z1))
 
 
 def test_two_threads_may_ask_at_once(cache):

@@ -15,6 +15,7 @@ from mocks import room_light
 from mocks.room_light import bake
 from mocks.room_plan import Box, WallRect, plan_room
 from mocks.room_rays import blocked, pane_distance_m, room_faces
+from mocks.textures import PlankFloor
 from mocks.world import (
     BrightDisc,
     HdrWorld,
@@ -28,6 +29,7 @@ from mocks.world import (
     luminance_cd_m2,
     meter_luminance_cd_m2,
     open_world,
+    read_equirect,
 )
 
 
@@ -168,6 +170,15 @@ def test_every_seed_leaves_the_camera_free_and_all_furniture_inside(seed):
     assert plan.window.z1 < plan.high[2]
 
 
+def test_floor_tile_repeats_without_a_seam():
+    tile = PlankFloor(seed=5).tile()
+    boards = tile.shape[1]
+    step_inside = np.median(np.abs(np.diff(tile, axis=0)))
+    across_seam = np.median(np.abs(tile[0] - tile[-1]))
+    assert tile.shape == (boards, boards, 3)
+    assert across_seam < 3 * step_inside
+
+
 def test_seeds_differ_and_repeat():
     directions = sphere(16)[0]
     one, again = (SimpleRoom(1).radiance(Site.INDOOR, directions) for _ in range(2))
@@ -305,6 +316,13 @@ def test_pictures_that_cannot_be_light_are_refused(tmp_path, name):
     path.write_bytes(BAD_FILES[name](hdr, exr))
     with pytest.raises(WorldFileError, match=r"world\.bin"):
         open_world(f"{path},{path}")
+
+
+def test_undershoots_of_lossy_compression_become_black(tmp_path):
+    path = write_exr(tmp_path / "dwa.exr", spoilt(-0.001))
+    pixels = read_equirect(path)
+    assert pixels[3, 3, 1] == 0
+    assert pixels.min() == 0
 
 
 def test_worlds_have_names(tmp_path):
