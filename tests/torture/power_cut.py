@@ -8,6 +8,7 @@ in particular, fsync of a file does not make its name durable.
 
 from __future__ import annotations
 
+import errno
 import os
 import random
 from collections.abc import Callable
@@ -42,8 +43,12 @@ class Op:
 class Recorder(Counting):
     """Carries the calls out and writes down, with paths below ``top``, what they did."""
 
-    def __init__(self, top: Path) -> None:
+    def __init__(self, top: Path, *, failing: int = 0) -> None:
+        """``failing``: the number of a write or sync that fails (a write after half its bytes); 0: none."""
         super().__init__()
+        self.failing = failing
+        self.failed = ""
+        self._may_fail = 0
         self.top = str(top)
         self.log: list[Op] = []
         self._paths: dict[int, str] = {}
@@ -91,12 +96,27 @@ class Recorder(Counting):
             self._open_files[fd] = self._files[path]
         return fd
 
+    def _fails(self, name: str) -> bool:
+        self._may_fail += 1
+        if self._may_fail == self.failing:
+            self.failed = name
+        return self._may_fail == self.failing
+
     def write(self, fd: int, data: bytes | memoryview) -> int:
+        fails = self._fails("write")
+        data = memoryview(data)[: len(data) // 2] if fails else data
         if fd in self._open_files:
             self.log.append(Op("write", self._paths[fd], self._open_files[fd], bytes(data)))
-        return os.write(fd, data)
+        written = os.write(fd, data)
+        if fails:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return written
 
     def fsync(self, fd: int) -> None:
+        if self._fails("fsync"):
+            if fd in self._open_files:
+                self.log.append(Op("failed fsync", self._paths[fd], self._open_files[fd]))
+            raise OSError(errno.EIO, "Input/output error")
         os.fsync(fd)
         if fd in self._open_files:
             self.log.append(Op("fsync", self._paths[fd], self._open_files[fd]))
@@ -116,7 +136,11 @@ class Recorder(Counting):
     def unlink(self, name: str, *, dir_fd: int) -> None:
         super().unlink(name, dir_fd=dir_fd)
         path = self._path(name, dir_fd)
-        self.log.append(Op("unlink", path, self._files.pop(path)))
+        self.log.append(Op("unlink", path, self._files.pop(path, 0)))
+
+    def rmdir(self, name: str, *, dir_fd: int) -> None:
+        super().rmdir(name, dir_fd=dir_fd)
+        self.log.append(Op("rmdir", self._path(name, dir_fd)))
 
     def mkdir(self, name: str, *, dir_fd: int | None = None) -> None:
         super().mkdir(name, dir_fd=dir_fd)
@@ -150,10 +174,13 @@ def _surviving(pending: bytes, how: str, rng: random.Random) -> bytes:
 def _contents(log: list[Op], how: str, rng: random.Random) -> dict[int, bytes]:
     certain: dict[int, bytes] = {}
     pending: dict[int, bytes] = {}
+    void: set[int] = set()  # after a failed fsync no later one proves anything about the file
     for op in log:
         if op.kind == "write":
             pending[op.inode] = pending.get(op.inode, b"") + op.data
-        elif op.kind == "fsync":
+        elif op.kind == "failed fsync":
+            void.add(op.inode)
+        elif op.kind == "fsync" and op.inode not in void:
             certain[op.inode] = certain.get(op.inode, b"") + pending.pop(op.inode, b"")
     return {
         inode: certain.get(inode, b"") + _surviving(pending.get(inode, b""), how, rng) for inode in {*certain, *pending}

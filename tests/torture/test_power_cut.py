@@ -35,12 +35,13 @@ def parent() -> Iterator[Path]:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def recorded_run(folder: Path) -> tuple[list[Op], int]:
+def recorded_run(folder: Path, failing: int = 0) -> tuple[list[Op], int]:
     """Run the capture; return its operations and how many of them stand for what was there before."""
-    recorder = Recorder(folder)
+    recorder = Recorder(folder, failing=failing)
     given = len(recorder.log)
     with installed(recorder):
-        small_capture.run(folder, recorder.acknowledge)
+        small_capture.run(folder, recorder.acknowledge, patience=1 if failing else 0)
+    assert bool(recorder.failed) == bool(failing)
     return recorder.log, given
 
 
@@ -132,6 +133,32 @@ def test_power_cut_in_a_resume(parent: Path) -> None:
     )
     assert bad == []
     assert injected >= (1000 if LONG else 30)
+
+
+@pytest.mark.torture
+@pytest.mark.timeout(1800)
+def test_power_cut_after_a_failing_write_or_sync(parent: Path) -> None:
+    """The disk fails once, the station goes on in the same session, and then the power goes."""
+    start, injected, bad = time.monotonic(), 0, []
+    for failing in range(1, 79) if LONG else (29, 34, 41):
+        folder = parent / f"run-{failing}"
+        folder.mkdir()
+        log, _ = recorded_run(folder, failing)
+        more, worse = bad_images(log, parent, 1, resume_every=5)
+        injected += more
+        bad += worse
+        shutil.rmtree(folder)
+    record(
+        "power cut after a failing write or sync",
+        injected=injected,
+        observed=injected,
+        lost=len(bad),
+        seconds=time.monotonic() - start,
+        seed=SEED,
+        notes="the step is tried again in the same open session",
+    )
+    assert bad == []
+    assert injected >= (5000 if LONG else 200)
 
 
 @pytest.mark.torture
