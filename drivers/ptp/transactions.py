@@ -156,6 +156,11 @@ class Transactions:
             return None
         return f"{operation_name(ask.operation)}: {error.message}"
 
+    @property
+    def last_transaction_id(self) -> int:
+        """Id of the last operation; a capture's events carry that of its command."""
+        return self._last_id
+
     def _take_id(self) -> int:
         """Return the id of the next operation: 0 outside a session, then 1, 2, ..."""
         if self.session_id is None:
