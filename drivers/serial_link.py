@@ -1,0 +1,271 @@
+"""Lines over a serial port: the only file that knows pyserial. Every call has a deadline, every buffer a bound."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, NoReturn, Protocol
+
+import serial
+from serial.tools import list_ports as serial_list_ports
+
+from drivers.clock import Clock, Deadline, SystemClock
+from drivers.errors import (
+    DeviceClaimedError,
+    DeviceError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    DeviceTimeoutError,
+)
+
+POLL_S = 0.05
+"""Longest single wait inside pyserial; deadlines are looked at in between."""
+BY_ID = Path("/dev/serial/by-id")
+_PARITY = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
+
+
+@dataclass(frozen=True)
+class PortSettings:
+    """Line settings of a serial port."""
+
+    baud: int = 9600
+    data_bits: Literal[7, 8] = 8
+    parity: Literal["none", "even", "odd"] = "none"
+    stop_bits: Literal[1, 2] = 1
+    rts_handshake: bool = False
+
+
+@dataclass(frozen=True)
+class PortInfo:
+    """A serial port as the system lists it; ``stable_name`` survives renumbering where the system has such names."""
+
+    device: str
+    stable_name: str
+    description: str
+    vendor_id: int | None
+    product_id: int | None
+    serial: str
+
+
+class ByteLine(Protocol):
+    """A line of text with an instrument at its end."""
+
+    name: str
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        """Send all bytes."""
+        ...
+
+    def read_line(self, delimiter: bytes, max_bytes: int, timeout_s: float) -> bytes:
+        """Return bytes up to and without ``delimiter``.
+
+        `DeviceTimeoutError` when no delimiter comes in time (``details["partial"]`` has what came); a line longer
+        than ``max_bytes`` is cut there and returned, for the parser to refuse.
+        """
+        ...
+
+    def drain(self, quiet_s: float, limit_s: float) -> int:
+        """Throw away what comes until the line was quiet for ``quiet_s`` or ``limit_s`` is over; returns the bytes."""
+        ...
+
+    def close(self) -> None:
+        """Give the line back; never raises."""
+        ...
+
+
+class SerialLink:
+    """A serial port; make it with `open`."""
+
+    def __init__(self, port: serial.Serial, name: str, clock: Clock) -> None:
+        self.name = name
+        self._port = port
+        self._clock = clock
+        self._buffer = bytearray()
+
+    @classmethod
+    def open(cls, name: str, settings: PortSettings, *, clock: Clock | None = None) -> SerialLink:
+        """Open a port for ourselves alone.
+
+        Raises
+        ------
+        DeviceNotFoundError, DevicePermissionError, DeviceClaimedError, DeviceLostError
+            As the operating system says.
+        """
+        try:
+            port = serial.serial_for_url(
+                name,
+                baudrate=settings.baud,
+                bytesize=settings.data_bits,
+                parity=_PARITY[settings.parity],
+                stopbits=settings.stop_bits,
+                timeout=POLL_S,
+                write_timeout=POLL_S * 10,
+                do_not_open=True,
+            )
+            port.exclusive = True
+            port.rtscts = settings.rts_handshake
+            port.open()
+            _refuse_parity_errors(port)
+        except (OSError, ValueError) as error:
+            raise _open_error(error, name) from error
+        return cls(port, name, clock or SystemClock())
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        """Send all bytes; `DeviceTimeoutError` when the line does not take them (handshake lines?)."""
+        deadline = Deadline.after(self._clock, timeout_s)
+        sent = 0
+        while sent < len(data):
+            try:
+                sent += self._port.write(data[sent:]) or 0
+            except serial.SerialTimeoutException:
+                deadline.check("room on the line", self.name)
+            except (OSError, TypeError) as error:  # pyserial's port may be None after an unplug
+                self._lost(error)
+
+    def read_line(self, delimiter: bytes, max_bytes: int, timeout_s: float) -> bytes:
+        """See `ByteLine.read_line`."""
+        deadline = Deadline.after(self._clock, timeout_s)
+        while True:
+            found = self._buffer.find(delimiter)
+            if 0 <= found <= max_bytes:
+                line = bytes(self._buffer[:found])
+                del self._buffer[: found + len(delimiter)]
+                return line
+            if len(self._buffer) > max_bytes:
+                line = bytes(self._buffer[: max_bytes + 1])
+                self._buffer.clear()
+                return line
+            if deadline.expired:
+                partial = bytes(self._buffer)
+                self._buffer.clear()
+                raise DeviceTimeoutError(
+                    f"no whole line within {timeout_s:g} s",
+                    where=self.name,
+                    likely="the meter is off, not in remote mode, or speaks another dialect",
+                    advice="switch it on as its manual says for remote work; try: daylit meter probe",
+                    partial=partial.hex(),
+                    limit_s=timeout_s,
+                )
+            self._buffer += self._read(max_bytes)
+
+    def drain(self, quiet_s: float, limit_s: float) -> int:
+        """See `ByteLine.drain`."""
+        dropped = len(self._buffer)
+        self._buffer.clear()
+        deadline = Deadline.after(self._clock, limit_s)
+        quiet = Deadline.after(self._clock, quiet_s)
+        while not quiet.expired and not deadline.expired:
+            data = self._read(4096)
+            if data:
+                dropped += len(data)
+                quiet = Deadline.after(self._clock, quiet_s)
+        return dropped
+
+    def close(self) -> None:
+        """Give the port back; never raises."""
+        try:
+            self._port.close()
+        except (OSError, TypeError, AttributeError):
+            pass  # already gone
+
+    def _read(self, max_bytes: int) -> bytes:
+        try:
+            waiting = self._port.in_waiting
+            return bytes(self._port.read(min(max(waiting, 1), max_bytes + 2)))
+        except (OSError, TypeError, AttributeError) as error:
+            self._lost(error)
+
+    def _lost(self, error: Exception) -> NoReturn:
+        raise DeviceLostError(
+            f"the line is gone: {error}", where=self.name, likely="the cable was pulled", advice="plug it in and go on"
+        ) from error
+
+
+def _refuse_parity_errors(port: serial.Serial) -> None:
+    """Let a byte with a wrong parity bit arrive as NUL, which no dialect accepts; pyserial lets it through as it is."""
+    if port.parity == serial.PARITY_NONE or not hasattr(port, "fd"):
+        return
+    import termios
+
+    attributes = termios.tcgetattr(port.fd)
+    attributes[0] = (attributes[0] | termios.INPCK) & ~(termios.IGNPAR | termios.PARMRK | termios.ISTRIP)
+    termios.tcsetattr(port.fd, termios.TCSANOW, attributes)
+
+
+def list_ports() -> list[PortInfo]:
+    """Return the serial ports of this computer, with the names that survive renumbering."""
+    stable = {}
+    if BY_ID.is_dir():
+        stable = {os.path.realpath(link): str(link) for link in sorted(BY_ID.iterdir())}
+    return [
+        PortInfo(
+            device=p.device,
+            stable_name=stable.get(os.path.realpath(p.device), p.device),
+            description=p.description or "",
+            vendor_id=p.vid,
+            product_id=p.pid,
+            serial=p.serial_number or "",
+        )
+        for p in sorted(serial_list_ports.comports(), key=lambda p: str(p.device))
+    ]
+
+
+def find_port(
+    usb_ids: Collection[tuple[int, int]], serial_number: str = "", *, ports: Callable[[], list[PortInfo]] = list_ports
+) -> str:
+    """Return the port of the instrument with one of these USB ids (and serial number), whatever its number now.
+
+    Raises
+    ------
+    DeviceNotFoundError
+        None, or several without a serial number to choose by.
+    """
+    found = [
+        p
+        for p in ports()
+        if (p.vendor_id, p.product_id) in usb_ids and (not serial_number or p.serial == serial_number)
+    ]
+    if len(found) == 1:
+        return found[0].stable_name
+    what = "no meter" if not found else f"{len(found)} meters ({', '.join(p.device for p in found)})"
+    raise DeviceNotFoundError(
+        f"{what} among the serial ports",
+        where="meter",
+        likely="it is off, or it sits on an RS-232 adapter that does not tell what is behind it",
+        advice='name the port in the rig: [meter] port = "/dev/ttyUSB0"',
+    )
+
+
+def _open_error(error: OSError | ValueError, name: str) -> DeviceError:
+    number = getattr(error, "errno", None)
+    text = str(error)
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
+        holder = _holder(name)
+        return DeviceClaimedError(
+            f"{holder or 'another program'} holds the port",
+            where=name,
+            advice=f"stop {holder or 'it'} (ModemManager? see the udev rule)",
+            holder=holder,
+        )
+    if number in (errno.EACCES, errno.EPERM):
+        advice = "install the udev rule, or join the group dialout and log in anew"
+        return DevicePermissionError("the system refuses the port", where=name, advice=advice)
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text:
+        return DeviceNotFoundError("there is no such port", where=name, advice="daylit doctor lists the ports")
+    return DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in anew")
+
+
+def _holder(name: str) -> str:
+    """Return the program that has the device open, where /proc tells ('' otherwise)."""
+    target = os.path.realpath(name)
+    for link in Path("/proc").glob("[0-9]*/fd/*"):
+        try:
+            if os.path.realpath(link) == target and link.parts[2] != str(os.getpid()):
+                return (link.parents[1] / "comm").read_text().strip()
+        except OSError:
+            continue
+    return ""

@@ -1,0 +1,193 @@
+"""The simulated luminance meter: what it hears, what it says, and how it may misbehave.
+
+Written from the instruments' manuals, not from the dialect files that it is to test. A meter is told bytes and gives
+back timed pieces of bytes, so that the same instrument serves a pseudo-terminal and a line in memory.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class MeterFaultKind(StrEnum):
+    """Ways to spoil one answer."""
+
+    GARBLE_BYTE = "garble_byte"
+    DROP_BYTE = "drop_byte"
+    PARTIAL = "partial"
+    JOINED = "joined"
+    NULS = "nuls"
+    ECHO = "echo"
+    FLOOD = "flood"
+    OVER_RANGE = "over_range"
+    ERROR_CODE = "error_code"
+    UNIT_FL = "unit_fl"
+    PER_CENT = "per_cent"
+    PEAK = "peak"
+    BATTERY_LOW = "battery_low"
+    FROZEN = "frozen"
+    NO_ANSWER = "no_answer"
+    LATE = "late"
+    UNPLUG = "unplug"
+
+
+@dataclass(frozen=True)
+class MeterFault:
+    """Spoil the answers number ``first`` to ``last`` (from 1, of measurements only)."""
+
+    kind: MeterFaultKind
+    first: int = 1
+    last: int = 1_000_000
+    seconds: float = 8.0
+    """How late a late answer is."""
+
+    def hits(self, number: int) -> bool:
+        """Whether this measurement is spoiled."""
+        return self.first <= number <= self.last
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Bytes that leave the meter ``after_s`` seconds after the question; None in place of bytes: the plug is out."""
+
+    after_s: float
+    data: bytes | None
+
+
+class SimulatedMeter:
+    """A meter that looks at a luminance.
+
+    Parameters
+    ----------
+    luminance_cd_m2
+        What it looks at, as a function of seconds since it was made.
+    language
+        ``"ls100"`` (4800 7E2, MES), ``"cs100a"``, or ``"ls160"`` (the assumed RMT/MES/MDR).
+    noise_frac
+        Standard deviation of one reading, relative.
+    measuring_s
+        Time of one measurement.
+    """
+
+    def __init__(
+        self,
+        luminance_cd_m2: Callable[[float], float],
+        *,
+        language: str = "ls100",
+        noise_frac: float = 1e-3,
+        measuring_s: float = 0.4,
+        faults: tuple[MeterFault, ...] = (),
+        seed: int = 0,
+    ) -> None:
+        self._luminance = luminance_cd_m2
+        self._language = language
+        self._noise_frac = noise_frac
+        self._measuring_s = measuring_s
+        self._faults = faults
+        self._random = random.Random(seed)
+        self._held: bytes | None = None
+        self._remote = False
+        self._last_number = ""
+        self.n_measured = 0
+        self.shown: list[str] = []
+        """The number of each measurement as its display showed it, for tests."""
+
+    def hear(self, line: bytes, now_s: float) -> list[Piece]:
+        """Return the answer to one question (without its line end)."""
+        answers = {"ls100": self._ls100, "cs100a": self._cs100a, "ls160": self._ls160}
+        return answers[self._language](line.decode("ascii", "replace").strip("\0"), now_s)
+
+    def _ls100(self, text: str, now_s: float) -> list[Piece]:
+        if text == "MES":
+            return self._measured(now_s, lambda number: f"OK00,CcPH{number:>6}")
+        if text == "DSR":
+            return [Piece(0.05, self._held or b"ER00\r\n")]
+        if text.startswith("MDS,") and text[4:].isdigit() and int(text[4:]) <= 9:
+            return [Piece(0.05, b"OK00\r\n")]
+        if text == "CLE":
+            return [Piece(0.05, b"OK00\r\n")]
+        return [Piece(0.05, b"ER00\r\n")]
+
+    def _cs100a(self, text: str, now_s: float) -> list[Piece]:
+        if text == "MES":
+            return self._measured(now_s, lambda number: f"OK00,{number:>6}, .3127, .3290")
+        return [Piece(0.05, b"OK00\r\n" if text.startswith("MDS,") else b"ER00\r\n")]
+
+    def _ls160(self, text: str, now_s: float) -> list[Piece]:
+        if text in ("RMT,1", "RMT,0"):
+            self._remote = text == "RMT,1"
+            return [Piece(0.02, b"OK00\r\n")]
+        if not self._remote:
+            return [Piece(0.02, b"ER00\r\n")]
+        if text == "MES,1":
+            pieces = self._measured(now_s, lambda number: f"OK00,0,{number:>9}")
+            self._held = pieces[-1].data if pieces else None
+            if pieces and pieces[-1].data is None:
+                return pieces
+            return [Piece(0.02, f"OK00,{self._measuring_s:4.1f}\r\n".encode())]
+        if text == "MDR,0":
+            held, self._held = self._held, None
+            return [Piece(0.02, held)] if held else []
+        return [Piece(0.02, b"ER00\r\n")]
+
+    def _measured(self, now_s: float, line: Callable[[str], str]) -> list[Piece]:
+        self.n_measured += 1
+        fault = next((f for f in self._faults if f.hits(self.n_measured)), None)
+        number = self._number(now_s)
+        if fault is not None and fault.kind is MeterFaultKind.FROZEN and self._last_number:
+            number = self._last_number
+        self._last_number = number
+        self.shown.append(number)
+        answer = (line(number) + "\r\n").encode()
+        self._held = answer
+        pieces = [Piece(self._measuring_s, answer)]
+        return pieces if fault is None else self._spoil(fault, answer)
+
+    def _number(self, now_s: float) -> str:
+        """Return the luminance as the display shows it: four significant digits, at most two decimals."""
+        value = self._luminance(now_s) * (1 + self._random.gauss(0, self._noise_frac))
+        if value <= 0:
+            return "0.00"
+        decimals = min(2, max(0, 3 - math.floor(math.log10(value))))
+        text = f"{value:.{decimals}f}"
+        return text if decimals else f"{float(f'{value:.4g}'):.0f}"
+
+    def _spoil(self, fault: MeterFault, answer: bytes) -> list[Piece]:
+        after_s = self._measuring_s
+        kind = fault.kind
+        if kind is MeterFaultKind.NO_ANSWER:
+            return []
+        if kind is MeterFaultKind.UNPLUG:
+            return [Piece(after_s / 2, None)]
+        if kind is MeterFaultKind.LATE:
+            return [Piece(after_s + fault.seconds, answer)]
+        spoiled = {
+            MeterFaultKind.GARBLE_BYTE: self._garbled(answer),
+            MeterFaultKind.DROP_BYTE: self._dropped(answer),
+            MeterFaultKind.PARTIAL: answer[: len(answer) // 2],
+            MeterFaultKind.JOINED: answer[:-2] + answer,
+            MeterFaultKind.NULS: b"\0\0\0" + answer,
+            MeterFaultKind.ECHO: b"MES\r\n" + answer,
+            MeterFaultKind.FLOOD: b"U" * 10_240,
+            MeterFaultKind.OVER_RANGE: b"ER10\r\n",
+            MeterFaultKind.ERROR_CODE: b"ER20\r\n",
+            MeterFaultKind.BATTERY_LOW: b"ER30\r\n",
+            MeterFaultKind.UNIT_FL: answer.replace(b"Cc", b"Cf").replace(b"OK00,0,", b"OK00,1,"),
+            MeterFaultKind.PER_CENT: answer.replace(b"CcPH", b"C% H"),
+            MeterFaultKind.PEAK: answer.replace(b"CcPH", b"PcPH"),
+            MeterFaultKind.FROZEN: answer,
+        }[kind]
+        return [Piece(after_s, spoiled)]
+
+    def _garbled(self, answer: bytes) -> bytes:
+        """Flip one bit of one character, as noise does; the parity of a real line would show it: it becomes NUL."""
+        place = self._random.randrange(len(answer) - 2)
+        return answer[:place] + b"\0" + answer[place + 1 :]
+
+    def _dropped(self, answer: bytes) -> bytes:
+        place = self._random.randrange(len(answer) - 2)
+        return answer[:place] + answer[place + 1 :]
