@@ -1,4 +1,4 @@
-"""The Theta Z1's encodings as pure functions: shutter fractions, f-numbers, clock, error bits.
+"""The Theta Z1's encodings as pure functions: shutter fractions, f-numbers, error bits.
 
 Source: Ricoh USB API specification and libgphoto2 (devices.md 2.5 to 2.8).
 """
@@ -6,11 +6,9 @@ Source: Ricoh USB API specification and libgphoto2 (devices.md 2.5 to 2.8).
 from __future__ import annotations
 
 import math
-import re
 import struct
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta, timezone
 
 from drivers.errors import ProtocolViolationError
 from drivers.ptp.ricoh_codes import ERROR_INFO_BITS, F_NUMBER_INDEX
@@ -18,7 +16,6 @@ from drivers.ptp.ricoh_codes import ERROR_INFO_BITS, F_NUMBER_INDEX
 SHUTTER_BYTES = 8
 F_NUMBER_560 = 560
 """In the enumeration of a camera that counts f-numbers times 100."""
-_DATE = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)(?:\.\d{1,6})?(Z|[+-]\d{4})?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -99,25 +96,6 @@ def f_number_code(f_number: float, codes: Mapping[int, str]) -> int | None:
     return next(
         (code for code, text in codes.items() if code and math.isclose(float(text), f_number, rel_tol=1e-3)), None
     )
-
-
-def parse_date_time(text: str) -> datetime | None:
-    """Return the camera's clock (``20230519T155400-0400``) as UTC, or None where it is no date or has no zone."""
-    match = _DATE.fullmatch(text)
-    if match is None or match[7] is None:
-        return None
-    try:
-        year, month, day, hour, minute, second = (int(match[i]) for i in range(1, 7))
-        return datetime(year, month, day, hour, minute, second, tzinfo=_zone(match[7])).astimezone(UTC)
-    except (ValueError, OverflowError):
-        return None
-
-
-def _zone(text: str) -> timezone:
-    if text == "Z":
-        return UTC
-    offset = timedelta(hours=int(text[1:3]), minutes=int(text[3:5]))
-    return timezone(-offset if text[0] == "-" else offset)
 
 
 def error_texts(error_info: int) -> tuple[tuple[str, ...], tuple[str, ...]]:

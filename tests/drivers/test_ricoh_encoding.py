@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +13,6 @@ from drivers.ptp.ricoh import (
     f_number_code,
     f_number_codes,
     nearest_shutter,
-    parse_date_time,
 )
 from drivers.ptp.ricoh_codes import ERROR_INFO_BITS, SHUTTER_FRACTIONS
 
@@ -85,19 +82,6 @@ def test_f_number_encoding_is_decided_by_the_cameras_list() -> None:
     assert f_number_code(4.0, index) is None
     for neither in ([], [0], [0, 1, 2], [1, 2, 3, 4], [0, 56]):
         assert f_number_codes(neither) is None
-
-
-def test_clock() -> None:
-    assert parse_date_time("20230519T155400-0400") == datetime(2023, 5, 19, 19, 54, tzinfo=UTC)
-    assert parse_date_time("20230519T155400.5Z") == datetime(2023, 5, 19, 15, 54, tzinfo=UTC)
-    for wrong in ("", "20230519T155400", "20231319T155400+0000", "20230519T155400+9900", "00010101T000000+1200"):
-        assert parse_date_time(wrong) is None
-
-
-@given(st.text(max_size=30))
-def test_any_text_is_a_clock_or_none(text: str) -> None:
-    found = parse_date_time(text)
-    assert found is None or found.tzinfo is UTC
 
 
 def test_every_error_bit_is_named() -> None:

@@ -1,0 +1,145 @@
+"""One camera's cable and session, opened by a factory so that both can be replaced when the cable comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+from drivers.clock import Clock
+from drivers.errors import DeviceLostError, DeviceNotFoundError, UnsupportedError
+from drivers.links import PtpTransport
+from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.session import PtpSession
+
+TRANSACTION_LIMIT_S = 8.0
+"""Of one transaction; the slowest known (half press with a slow lens, opening a session) may need as long."""
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """What a camera must say of itself before it is spoken to any further."""
+
+    name: str
+    vendor_extension_id: int
+    required_operations: Collection[int]
+
+
+class CameraLink:
+    """Holds the session of one camera; `open` it, `recover` it, `close` it."""
+
+    def __init__(self, open_transport: Callable[[], PtpTransport], clock: Clock, model: CameraModel) -> None:
+        self._open_transport = open_transport
+        self._clock = clock
+        self._model = model
+        self._session: PtpSession | None = None
+        self._info: DeviceInfo | None = None
+
+    @property
+    def name(self) -> str:
+        """What to call the camera in messages."""
+        return self._model.name
+
+    @property
+    def session(self) -> PtpSession:
+        """The open session; `DeviceLostError` while there is none."""
+        if self._session is None:
+            raise DeviceLostError(
+                "not connected",
+                where=self._model.name,
+                likely="it was unplugged or switched off",
+                advice="check the cable and the power switch, then resume",
+            )
+        return self._session
+
+    @property
+    def info(self) -> DeviceInfo:
+        """What the camera says of itself; `DeviceLostError` before the first `open`."""
+        if self._info is None:
+            raise DeviceLostError("not connected", where=self._model.name, advice="connect first")
+        return self._info
+
+    def open(self) -> DeviceInfo:
+        """Open transport and session and check that the camera is of the right kind.
+
+        Raises
+        ------
+        UnsupportedError
+            Another PTP extension, or operations missing.
+        DeviceError
+            What the transport or the session raises; nothing stays open then.
+        """
+        self.close()
+        transport = self._open_transport()
+        try:
+            session = PtpSession(transport, self._clock, name=self._model.name, timeout_s=TRANSACTION_LIMIT_S)
+            session.open()
+            info = session.device_info()
+            self._check(info)
+        except BaseException:
+            transport.close()
+            raise
+        self._session, self._info = session, info
+        return info
+
+    def _check(self, info: DeviceInfo) -> None:
+        if info.vendor_extension_id != self._model.vendor_extension_id:
+            raise UnsupportedError(
+                f"{info.model!r} speaks PTP extension {info.vendor_extension_id:#x}, "
+                f"not {self._model.vendor_extension_id:#x}",
+                where=self._model.name,
+                likely="another camera, or the camera is in another USB mode",
+                advice="connect the camera that the rig file names, in its still-picture (MTP/PTP) mode",
+            )
+        missing = set(self._model.required_operations) - set(info.operations)
+        if missing:
+            raise UnsupportedError(
+                f"{info.model!r} lacks the operations {', '.join(f'{code:#06x}' for code in sorted(missing))}",
+                where=self._model.name,
+                likely="another model, or firmware that is too old",
+                advice="update the camera's firmware",
+            )
+
+    def recover(self) -> bool:
+        """Bring the session back into step, by reopening the link where nothing milder helps.
+
+        Returns
+        -------
+        bool
+            Whether it is a new session (the camera may have lost modes and settings).
+
+        Raises
+        ------
+        DeviceNotFoundError
+            Another camera than before answers.
+        DeviceError
+            What is still wrong after `drivers.ptp.resync.RESYNC_LIMIT_S`.
+        """
+        if self._session is None:
+            before = self._info
+            self.open()
+            self._require_same(before)
+            return True
+        generation = self._session.generation
+        self._session.resynchronise()
+        if self._session.generation == generation:
+            return False
+        before, self._info = self._info, self._session.device_info()
+        self._require_same(before)
+        return True
+
+    def _require_same(self, before: DeviceInfo | None) -> None:
+        if before is None or before.serial == self.info.serial:
+            return
+        other, self._info = self.info.serial, before
+        self.close()
+        raise DeviceNotFoundError(
+            f"another camera answers: serial number {other}, not {before.serial}",
+            where=self._model.name,
+            advice="plug the first camera in again, or start a new session with this one",
+        )
+
+    def close(self) -> None:
+        """Close session and transport; never raises."""
+        if self._session is not None:
+            self._session.close()
+        self._session = None
