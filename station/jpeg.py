@@ -105,13 +105,9 @@ def _next_marker(data: bytes, position: int) -> tuple[int, int]:
         raise FrameProblemError(Reason.TRUNCATED, "the file ends before the end-of-image mark")
     marker = data[position]
     if marker < 0xC0 or 0xD0 <= marker <= _SOI:
-        raise FrameProblemError(
-            Reason.DAMAGED, f"marker ff{marker:02x} at byte {position - 1} has no place there"
-        )
+        raise FrameProblemError(Reason.DAMAGED, f"marker ff{marker:02x} at byte {position - 1} has no place there")
     if marker in _NO_CAMERA_OF_OURS:
-        raise FrameProblemError(
-            Reason.UNSUPPORTED, f"{_NO_CAMERA_OF_OURS[marker]}, which no supported camera writes"
-        )
+        raise FrameProblemError(Reason.UNSUPPORTED, f"{_NO_CAMERA_OF_OURS[marker]}, which no supported camera writes")
     return marker, position + 1
 
 
@@ -155,9 +151,7 @@ def _frame_size(payload: bytes, *, progressive: bool) -> _FrameSize:
         raise FrameProblemError(Reason.DAMAGED, f"a picture of {width_px}x{height_px} pixels")
     if width_px * height_px > MAX_PIXELS:
         raise FrameProblemError(Reason.TOO_LARGE, f"{width_px}x{height_px} pixels; the limit is {MAX_PIXELS}")
-    return _FrameSize(
-        width_px, height_px, progressive, payload[6::3], _blocks(width_px, height_px, payload[7::3])
-    )
+    return _FrameSize(width_px, height_px, progressive, payload[6::3], _blocks(width_px, height_px, payload[7::3]))
 
 
 def _blocks(width_px: int, height_px: int, factors: bytes) -> int:
@@ -178,9 +172,7 @@ def _scan(data: bytes, position: int, payload: bytes, walk: _Walk) -> int:
         raise FrameProblemError(Reason.DAMAGED, "a scan header of the wrong length")
     components = set(payload[1 : 1 + 2 * count : 2])
     if len(components) != count or not components <= set(walk.frame.component_ids):
-        raise FrameProblemError(
-            Reason.DAMAGED, "a scan of a component that the picture does not have, or twice"
-        )
+        raise FrameProblemError(Reason.DAMAGED, "a scan of a component that the picture does not have, or twice")
     if components & walk.scanned and not walk.frame.progressive:
         raise FrameProblemError(Reason.DAMAGED, "a second scan of the same component")
     walk.scanned |= components
@@ -189,9 +181,7 @@ def _scan(data: bytes, position: int, payload: bytes, walk: _Walk) -> int:
         raise FrameProblemError(Reason.DAMAGED, f"more than {MAX_SCANS} scans")
     end = _END_OF_SCAN.search(data, position)
     if end is None:
-        raise FrameProblemError(
-            Reason.TRUNCATED, "the file ends inside the picture data, without an end-of-image mark"
-        )
+        raise FrameProblemError(Reason.TRUNCATED, "the file ends inside the picture data, without an end-of-image mark")
     walk.scan_bytes += end.start() - position
     return end.start()
 
@@ -226,6 +216,4 @@ def _check_tail(data: bytes, end: int, walk: _Walk) -> None:
             Reason.TRAILING_DATA, f"{len(data) - end} bytes behind the end-of-image mark at byte {end}"
         )
     if len(data) > end:
-        walk.notes.append(
-            f"{len(data) - end} bytes of {'previews' if tail else 'padding'} behind the picture"
-        )
+        walk.notes.append(f"{len(data) - end} bytes of {'previews' if tail else 'padding'} behind the picture")

@@ -95,9 +95,7 @@ class TiffReader:
             raise self.problem(f"tag {entry.tag:#06x} has type {entry.type} and count {entry.count}")
         end = entry.value_at + SIZES_BYTES[entry.type] * entry.count
         if end > len(self.data):
-            raise self.problem(
-                f"tag {entry.tag:#06x} points to bytes {entry.value_at} to {end} of {len(self.data)}"
-            )
+            raise self.problem(f"tag {entry.tag:#06x} points to bytes {entry.value_at} to {end} of {len(self.data)}")
         return entry.value_at
 
     def integers(self, entry: Entry, max_count: int = 1) -> tuple[int, ...]:
