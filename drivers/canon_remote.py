@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from drivers.camera_link import CameraLink
 from drivers.clock import Clock, Deadline
-from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, OperationRefusedError
+from drivers.errors import DeviceBusyError, DeviceTimeoutError, OperationRefusedError
 from drivers.ptp.canon import (
     AvailableValues,
     NumberRecord,
@@ -70,10 +70,10 @@ class CanonRemote:
         self._pressed.clear()
         self.busy = self._shuts_down_soon = False
 
-    def start(self) -> None:
+    def start(self, busy_limit_s: float = BUSY_LIMIT_S) -> None:
         """Enter remote and event mode and take over the camera's whole state."""
         for operation in (CanonOperation.SET_REMOTE_MODE, CanonOperation.SET_EVENT_MODE):
-            self.patiently(lambda operation=operation: self.do(operation, 1))  # type: ignore[misc]
+            self.patiently(lambda operation=operation: self.do(operation, 1), busy_limit_s)  # type: ignore[misc]
         self.drain()
 
     def stop(self) -> None:
@@ -254,21 +254,13 @@ class CanonRemote:
 
     def let_go_whatever_happened(self) -> None:
         """Release both holds after an error, when nobody knows which is pressed; a refusal means it was not."""
-        for hold in (FULL, HALF):
+        self._pressed = [HALF, FULL]
+        while self._pressed:
             try:
-                self.patiently(lambda hold=hold: self.do(CanonOperation.REMOTE_RELEASE_OFF, hold))  # type: ignore[misc]
+                self.patiently(self.let_go_a_little)
             except OperationRefusedError:
-                pass
-        self._pressed.clear()
+                self._pressed.pop()
 
     def transfer_complete(self, handle: int) -> None:
         """Tell the camera that it may forget a picture that it held for us."""
         self.patiently(lambda: self.do(CanonOperation.TRANSFER_COMPLETE, handle))
-
-    def stop_quietly(self) -> None:
-        """Let go of the button and leave remote mode; what fails is left to the power switch."""
-        for step in (self.let_go, self.stop):
-            try:
-                step()
-            except DeviceError:
-                return
