@@ -187,13 +187,14 @@ class SerialLink:
 
 def _refuse_parity_errors(port: serial.Serial) -> None:
     """Let a byte with a wrong parity bit arrive as NUL, which no dialect accepts; pyserial lets it through as it is."""
-    if port.parity == serial.PARITY_NONE or not hasattr(port, "fd"):
+    fd = getattr(port, "fd", None)  # POSIX only
+    if port.parity == serial.PARITY_NONE or fd is None:
         return
     import termios
 
-    attributes = termios.tcgetattr(port.fd)
+    attributes = termios.tcgetattr(fd)
     attributes[0] = (attributes[0] | termios.INPCK) & ~(termios.IGNPAR | termios.PARMRK | termios.ISTRIP)
-    termios.tcsetattr(port.fd, termios.TCSANOW, attributes)
+    termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
 def list_ports() -> list[PortInfo]:

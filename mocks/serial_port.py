@@ -1,0 +1,149 @@
+"""Where a simulated meter is plugged in: a pseudo-terminal for the real pyserial, or a line in memory for speed."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import tty
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Protocol
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DeviceLostError, DeviceTimeoutError
+from mocks.ls160 import Piece
+
+LINE_END = b"\r\n"
+MAX_QUESTION_BYTES = 256
+
+
+class Instrument(Protocol):
+    """Anything that answers lines, as `mocks.ls160.SimulatedMeter` does."""
+
+    def hear(self, line: bytes, now_s: float) -> list[Piece]:
+        """Return the timed answer to one question."""
+        ...
+
+
+class SerialPort:
+    """A pseudo-terminal with an instrument behind it; open ``name`` with pyserial. Close it when done."""
+
+    def __init__(self, instrument: Instrument, clock: Clock | None = None) -> None:
+        self._instrument = instrument
+        self._clock = clock or SystemClock()
+        self._start_s = self._clock.monotonic_s()
+        self._master, self._slave = os.openpty()
+        # Raw: bytes pass as on a wire. The slave stays open here, so that the master lives while nobody listens.
+        tty.setraw(self._slave)
+        self.name = os.ttyname(self._slave)
+        self._wake_read, self._wake_write = os.pipe()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name="meter-port", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Unplug for good; may be called twice."""
+        if self._over.is_set():
+            return
+        self._over.set()
+        os.write(self._wake_write, b"x")
+        self._thread.join(5)
+        for fd in (self._master, self._slave, self._wake_read, self._wake_write):
+            with suppress(OSError):
+                os.close(fd)
+
+    def _serve(self) -> None:
+        heard = bytearray()
+        while not self._over.is_set():
+            ready, _, _ = select.select([self._master, self._wake_read], [], [], 1.0)
+            if self._master not in ready:
+                continue
+            try:
+                heard += os.read(self._master, 4096)
+            except OSError:
+                return
+            while LINE_END in heard:
+                line, _, rest = bytes(heard).partition(LINE_END)
+                heard = bytearray(rest)
+                if not self._answer(line):
+                    return
+            del heard[:-MAX_QUESTION_BYTES]
+
+    def _answer(self, line: bytes) -> bool:
+        """Send the timed pieces; False when the plug is pulled."""
+        asked_s = self._clock.monotonic_s()
+        for piece in self._instrument.hear(line, asked_s - self._start_s):
+            wait_s = asked_s + piece.after_s - self._clock.monotonic_s()
+            while wait_s > 0 and not self._over.is_set():
+                self._clock.sleep(min(wait_s, 0.1))
+                wait_s = asked_s + piece.after_s - self._clock.monotonic_s()
+            if piece.data is None:
+                with suppress(OSError):
+                    os.close(self._master)
+                    os.close(self._slave)
+                return False
+            if self._over.is_set():
+                return False
+            os.write(self._master, piece.data)
+        return True
+
+
+class MemoryLine:
+    """A `drivers.serial_link.ByteLine` without a port, for millions of lines; time passes on the clock given."""
+
+    def __init__(self, instrument: Instrument, clock: Clock, name: str = "memory") -> None:
+        self.name = name
+        self._instrument = instrument
+        self._clock = clock
+        self._coming: list[tuple[float, bytes | None]] = []
+        self._buffer = bytearray()
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        """Give the instrument whole lines."""
+        now_s = self._clock.monotonic_s()
+        for line in data.split(LINE_END)[:-1]:
+            pieces = self._instrument.hear(line, now_s)
+            self._coming += [(now_s + p.after_s, p.data) for p in pieces]
+        self._coming.sort(key=lambda timed: timed[0])
+
+    def read_line(self, delimiter: bytes, max_bytes: int, timeout_s: float) -> bytes:
+        """Return the next line, as `drivers.serial_link.SerialLink.read_line` does."""
+        end_s = self._clock.monotonic_s() + timeout_s
+        while True:
+            self._take(lambda at_s: at_s <= self._clock.monotonic_s())
+            found = self._buffer.find(delimiter)
+            if 0 <= found <= max_bytes:
+                line = bytes(self._buffer[:found])
+                del self._buffer[: found + len(delimiter)]
+                return line
+            if len(self._buffer) > max_bytes:
+                line = bytes(self._buffer[: max_bytes + 1])
+                self._buffer.clear()
+                return line
+            next_s = self._coming[0][0] if self._coming else float("inf")
+            if next_s > end_s:
+                self._clock.sleep(end_s - self._clock.monotonic_s())
+                partial = bytes(self._buffer)
+                self._buffer.clear()
+                raise DeviceTimeoutError(
+                    f"no whole line within {timeout_s:g} s", where=self.name, partial=partial.hex(), limit_s=timeout_s
+                )
+            self._clock.sleep(next_s - self._clock.monotonic_s())
+
+    def drain(self, quiet_s: float, limit_s: float) -> int:
+        """Throw away what has come."""
+        self._take(lambda at_s: at_s <= self._clock.monotonic_s())
+        dropped = len(self._buffer)
+        self._buffer.clear()
+        return dropped
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+    def _take(self, is_due: Callable[[float], bool]) -> None:
+        while self._coming and is_due(self._coming[0][0]):
+            data = self._coming.pop(0)[1]
+            if data is None:
+                raise DeviceLostError("the line is gone", where=self.name)
+            self._buffer += data
