@@ -20,8 +20,13 @@ from drivers.errors import (
 )
 from drivers.links import PtpTransport
 from drivers.ptp.codes import ClassRequest, Event, Response
-from drivers.ptp.pipes import BulkPipe, EventPipe
+from drivers.ptp.pipes import MIN_CALL_S, BulkPipe, EventPipe
 
+CANCEL_LIMIT_S = 7.0
+CLASS_RESET_LIMIT_S = 6.0
+PORT_RESET_LIMIT_S = 13.0
+RESYNC_LIMIT_S = CANCEL_LIMIT_S + CLASS_RESET_LIMIT_S + PORT_RESET_LIMIT_S
+"""All rungs together; beyond it only the kernel's own waits (resetting a port, clearing a halted endpoint)."""
 DRAIN_LIMIT_S = 1.0
 CONTROL_LIMIT_S = 0.5
 READY_LIMIT_S = 1.5
@@ -29,19 +34,17 @@ READY_PAUSE_S = 0.05
 PROOF_LIMIT_S = 2.0
 REOPEN_LIMIT_S = 8.0
 REOPEN_PAUSE_S = 0.25
-RESYNC_LIMIT_S = 30.0
-"""No resynchronisation takes longer than this; the rungs' own limits add up to less."""
 STATUS_BYTES = 32
 
 
 class Proof(Protocol):
-    """Ways to show that the camera is in step again; each takes at most about twice its limit."""
+    """Ways to show that the camera is in step again."""
 
-    def prove(self, limit_s: float) -> None:
+    def prove(self, deadline: Deadline) -> None:
         """Run a harmless transaction in the session there is; open a session where there is none."""
         ...
 
-    def open_anew(self, limit_s: float) -> None:
+    def open_anew(self, deadline: Deadline) -> None:
         """Open a new session."""
         ...
 
@@ -60,23 +63,22 @@ class Ladder:
 
         ``lost`` skips to opening the link anew. Raises the last rung's error, with what was tried, where none helps.
         """
-        rungs: list[tuple[str, Callable[[], None]]] = [
-            ("cancel", lambda: self._cancel_and_prove(proof, transaction_id)),
-            ("class reset", lambda: self._class_reset(proof)),
-            ("port reset", lambda: self._port_reset(proof)),
+        rungs: list[tuple[str, float, Callable[[Deadline], None]]] = [
+            ("cancel", CANCEL_LIMIT_S, lambda deadline: self._cancel_and_prove(proof, transaction_id, deadline)),
+            ("class reset", CLASS_RESET_LIMIT_S, lambda deadline: self._class_reset_and_prove(proof, deadline)),
+            ("port reset", PORT_RESET_LIMIT_S, lambda deadline: self._port_reset_and_prove(proof, deadline)),
         ]
         tried: list[str] = []
-        if lost:
-            rungs = rungs[-1:]
         last: DeviceError | None = None
-        for name, rung in rungs:
-            if isinstance(last, DeviceLostError) and name != rungs[-1][0]:
+        for name, limit_s, rung in rungs:
+            if lost and name != "port reset":
                 continue
             try:
-                rung()
+                rung(Deadline.after(self._clock, limit_s))
             except DeviceError as error:
                 tried.append(f"{name}: {error.message}")
                 last = error
+                lost = isinstance(error, DeviceLostError)
             else:
                 return name
         assert last is not None
@@ -85,73 +87,79 @@ class Ladder:
         last.details["tried"] = tried
         raise last
 
-    def cancel(self, transaction_id: int) -> None:
+    def cancel(self, transaction_id: int, deadline: Deadline) -> None:
         """Ask the camera to give up a transaction, wait until it has, and drop what it still had to say.
 
         `DeviceTimeoutError` where it goes on sending; a camera that does not know the request is only drained.
         """
-        self._events.rescue(CONTROL_LIMIT_S)
-        self._request(ClassRequest.CANCEL, struct.pack("<HI", Event.CANCEL_TRANSACTION, transaction_id))
-        halted = self._wait_until_ready()
-        self._bulk.drain(DRAIN_LIMIT_S)
+        self._events.rescue(_at_most(CONTROL_LIMIT_S, deadline))
+        payload = struct.pack("<HI", Event.CANCEL_TRANSACTION, transaction_id)
+        self._request(ClassRequest.CANCEL, payload, deadline)
+        halted = self._wait_until_ready(deadline)
+        self._bulk.drain(_at_most(DRAIN_LIMIT_S, deadline))
         if halted:
             self._bulk.clear_halts(("in", "out", "event"))
 
-    def class_reset(self) -> bool:
+    def class_reset(self, deadline: Deadline) -> bool:
         """Send the class's reset and wait until the camera is ready; return whether it took the request."""
-        taken = self._request(ClassRequest.DEVICE_RESET)
+        taken = self._request(ClassRequest.DEVICE_RESET, b"", deadline)
         if taken:
-            self._wait_until_ready()
-            self._bulk.drain(DRAIN_LIMIT_S)
+            self._wait_until_ready(deadline)
+            self._bulk.drain(_at_most(DRAIN_LIMIT_S, deadline))
             self._bulk.clear_halts(("in", "out", "event"))
         return taken
 
-    def _cancel_and_prove(self, proof: Proof, transaction_id: int) -> None:
-        self.cancel(transaction_id)
-        proof.prove(PROOF_LIMIT_S)
+    def _cancel_and_prove(self, proof: Proof, transaction_id: int, deadline: Deadline) -> None:
+        self.cancel(transaction_id, deadline)
+        proof.prove(deadline)
 
-    def _class_reset(self, proof: Proof) -> None:
-        if not self.class_reset():
+    def _class_reset_and_prove(self, proof: Proof, deadline: Deadline) -> None:
+        if not self.class_reset(deadline):
             raise LinkStallError("the camera refused the class reset", where=self._transport.name)
-        proof.open_anew(PROOF_LIMIT_S)
+        proof.open_anew(deadline)
 
-    def _port_reset(self, proof: Proof) -> None:
+    def _port_reset_and_prove(self, proof: Proof, deadline: Deadline) -> None:
         try:
             self._transport.reset()
         except DeviceError:
             # Opening anew finds out whether the camera is there; a reset is impossible on one that left and came back.
             pass
         self._bulk.forget()
-        deadline = Deadline.after(self._clock, REOPEN_LIMIT_S)
+        self._reopen(Deadline.after(self._clock, _at_most(REOPEN_LIMIT_S, deadline)))
+        self._bulk.drain(_at_most(DRAIN_LIMIT_S, deadline))
+        proof.open_anew(deadline)
+
+    def _reopen(self, deadline: Deadline) -> None:
+        """Open the link until it opens: a camera needs a moment to come back, and udev another to give access."""
         while True:
             try:
                 self._transport.reopen()
-                break
             except DeviceError:
                 if deadline.expired:
                     raise
-            self._clock.sleep(REOPEN_PAUSE_S)
-        self._bulk.drain(DRAIN_LIMIT_S)
-        proof.open_anew(PROOF_LIMIT_S)
+            else:
+                return
+            self._clock.sleep(min(REOPEN_PAUSE_S, deadline.remaining_s))
 
-    def _request(self, request: ClassRequest, data: bytes = b"") -> bool:
+    def _request(self, request: ClassRequest, data: bytes, deadline: Deadline) -> bool:
         try:
-            self._transport.control_out(request, data, CONTROL_LIMIT_S)
+            self._transport.control_out(request, data, _at_most(CONTROL_LIMIT_S, deadline))
         except (LinkStallError, DeviceTimeoutError):
             return False
         return True
 
-    def _wait_until_ready(self) -> bool:
+    def _wait_until_ready(self, rung: Deadline) -> bool:
         """Poll the camera's status until it is ready or the limit is over; return whether it names halted endpoints.
 
         The layout (length, code, endpoints) is from general knowledge of the class; a camera without it is not waited
         for.
         """
-        deadline = Deadline.after(self._clock, READY_LIMIT_S)
+        deadline = Deadline.after(self._clock, _at_most(READY_LIMIT_S, rung))
         halted = False
         while not deadline.expired:
             try:
-                status = self._transport.control_in(ClassRequest.GET_DEVICE_STATUS, STATUS_BYTES, CONTROL_LIMIT_S)
+                limit_s = _at_most(CONTROL_LIMIT_S, deadline)
+                status = self._transport.control_in(ClassRequest.GET_DEVICE_STATUS, STATUS_BYTES, limit_s)
             except (LinkStallError, DeviceTimeoutError):
                 break
             if len(status) < 4:
@@ -161,3 +169,8 @@ class Ladder:
                 break
             self._clock.sleep(READY_PAUSE_S)
         return halted
+
+
+def _at_most(limit_s: float, deadline: Deadline) -> float:
+    """Return a step's own limit, or what is left of its rung where that is less."""
+    return max(MIN_CALL_S, min(limit_s, deadline.remaining_s))

@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
-from drivers.clock import Clock
+from drivers.clock import Clock, Deadline
 from drivers.errors import (
     DeviceError,
     DeviceLostError,
     DeviceTimeoutError,
     LinkStallError,
-    OperationRefusedError,
     ProtocolViolationError,
 )
 from drivers.links import PtpTransport
@@ -22,13 +21,17 @@ from drivers.ptp import datasets
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.container import violation
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo, StorageInfo
-from drivers.ptp.resync import DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
+from drivers.ptp.pipes import MIN_CALL_S
+from drivers.ptp.refusals import refusal
+from drivers.ptp.resync import CANCEL_LIMIT_S, DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
 from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transactions
 from drivers.ptp.values import Value, decode_ids, decode_value, encode_value
 
 __all__ = ["PtpEvent", "PtpSession", "Reply"]
 
 ANY_RESPONSE = range(0x2000, 0xB000)
+OPEN_LIMIT_S = 8.0
+"""Some cameras need as long to open a session after waking."""
 ALL_STORAGES = 0xFFFFFFFF
 MAX_CHUNK_BYTES = 1024 * 1024
 MAX_DATASET_BYTES = 256 * 1024
@@ -62,7 +65,7 @@ class PtpSession(Transactions):
         self._wanted_session_id = session_id
         try:
             self._bulk.drain(DRAIN_LIMIT_S)
-            self.open_anew(PROOF_LIMIT_S)
+            self.open_anew(Deadline.after(self._clock, OPEN_LIMIT_S))
         except (DeviceTimeoutError, LinkStallError, ProtocolViolationError):
             self.resynchronise()
 
@@ -82,7 +85,7 @@ class PtpSession(Transactions):
 
         `DeviceTimeoutError` where it goes on sending; then `resynchronise`.
         """
-        self._ladder.cancel(self._last_id)
+        self._ladder.cancel(self._last_id, Deadline.after(self._clock, CANCEL_LIMIT_S))
         self.broken = None
 
     def resynchronise(self) -> None:
@@ -103,40 +106,49 @@ class PtpSession(Transactions):
 
     # The ladder's two proofs (`drivers.ptp.resync.Proof`).
 
-    def prove(self, limit_s: float) -> None:
-        """Show that the camera is in step by one whole transaction of at most ``limit_s``."""
+    def prove(self, deadline: Deadline) -> None:
+        """Show that the camera is in step by one whole transaction, opening a session where it has none."""
         if self.session_id is None:
-            self.open_anew(limit_s)
+            self.open_anew(deadline)
             return
         self.broken = None
-        reply = self.transact(
-            Operation.GET_DEVICE_INFO,
-            data_in=True,
-            max_data_bytes=MAX_DATASET_BYTES,
-            timeout_s=limit_s,
-            accept=ANY_RESPONSE,
-        )
-        if reply.code in (Response.SESSION_NOT_OPEN, Response.INVALID_TRANSACTION_ID):
-            self.open_anew(limit_s)
+        if self._probe(deadline) in (Response.SESSION_NOT_OPEN, Response.INVALID_TRANSACTION_ID):
+            self.open_anew(deadline)
 
-    def open_anew(self, limit_s: float) -> None:
-        """Open a session, leaving an old one first where the camera says that it has one."""
-        for leave in (None, self._close_old_session, self._ladder.class_reset):
-            if leave is not None:
-                leave()
-            self.session_id = None
-            self.broken = None
-            reply = self.transact(
-                Operation.OPEN_SESSION,
-                (self._wanted_session_id,),
-                timeout_s=limit_s,
-                accept=(Response.OK, Response.SESSION_ALREADY_OPEN),
-            )
-            if reply.code == Response.OK:
-                self._start_session()
-                return
+    def open_anew(self, deadline: Deadline) -> None:
+        """Open a session; one that the camera already has is closed, reset away, or at last adopted."""
+        if self._try_to_open(deadline):
+            return
+        self.session_id = self._wanted_session_id
+        self.transact(Operation.CLOSE_SESSION, timeout_s=self._left(deadline), accept=ANY_RESPONSE)
+        if self._try_to_open(deadline):
+            return
+        self._ladder.class_reset(deadline)
+        if self._try_to_open(deadline):
+            return
         self._start_session()
-        self._check_adopted_session(limit_s)
+        code = self._probe(deadline)
+        if code != Response.OK:
+            self.session_id = None
+            error = refusal(Operation.GET_DEVICE_INFO, code, where=self.name)
+            error.likely = "the camera holds on to the session of a program that was killed"
+            error.advice = "switch the camera off and on"
+            raise error
+
+    def _try_to_open(self, deadline: Deadline) -> bool:
+        """Send OpenSession; return False where the camera says that a session is open already."""
+        self.session_id = None
+        self.broken = None
+        self._last_id = 0
+        reply = self.transact(
+            Operation.OPEN_SESSION,
+            (self._wanted_session_id,),
+            timeout_s=self._left(deadline),
+            accept=(Response.OK, Response.SESSION_ALREADY_OPEN),
+        )
+        if reply.code == Response.OK:
+            self._start_session()
+        return reply.code == Response.OK
 
     def _start_session(self) -> None:
         self.session_id = self._wanted_session_id
@@ -144,19 +156,19 @@ class PtpSession(Transactions):
         self._unanswered.clear()
         self.generation += 1
 
-    def _close_old_session(self) -> None:
-        self.session_id, self._last_id = self._wanted_session_id, 0
-        self.transact(Operation.CLOSE_SESSION, timeout_s=PROOF_LIMIT_S, accept=ANY_RESPONSE)
+    def _probe(self, deadline: Deadline) -> int:
+        """Run a harmless transaction and return its response code."""
+        limit_s = min(PROOF_LIMIT_S, self._left(deadline))
+        return self.transact(
+            Operation.GET_DEVICE_INFO,
+            data_in=True,
+            max_data_bytes=MAX_DATASET_BYTES,
+            timeout_s=limit_s,
+            accept=ANY_RESPONSE,
+        ).code
 
-    def _check_adopted_session(self, limit_s: float) -> None:
-        """Use the session that the camera does not let go of, where it takes our transaction ids."""
-        try:
-            self.transact(Operation.GET_DEVICE_INFO, data_in=True, timeout_s=limit_s)
-        except OperationRefusedError as error:
-            self.session_id = None
-            error.likely = "the camera holds on to the session of a program that was killed"
-            error.advice = "switch the camera off and on"
-            raise
+    def _left(self, deadline: Deadline) -> float:
+        return max(deadline.remaining_s, MIN_CALL_S)
 
     # Standard operations.
 
