@@ -30,6 +30,8 @@ class Filter:
 
     def apply(self, radiance: Floats) -> Floats:
         """Return the filtered light; what a tint would make negative is 0."""
+        if self == Filter():
+            return radiance.copy()
         matrix = np.array(self.tint, dtype=np.float32) * np.float32(10**-self.density)
         filtered = np.einsum("...i,ij->...j", radiance, matrix)
         return np.asarray(np.maximum(filtered, 0), dtype=np.float32)

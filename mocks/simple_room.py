@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -99,17 +99,13 @@ class SimpleRoom:
     def _faces(self) -> Faces:
         return room_faces(self.plan)
 
-    @cached_property
+    @property
     def _surfaces(self) -> Surfaces:
         return surfaces_of(self.seed)
 
-    @cached_property
+    @property
     def _light(self) -> LightMaps:
-        return bake(self.plan, self._faces, self._surfaces.mean_albedo, self.sky)
-
-    def __getstate__(self) -> dict[str, object]:
-        """Leave the floor's tile behind when sent to a worker, but take the light along: it costs seconds."""
-        return {name: value for name, value in self.__dict__.items() if name != "_surfaces"}
+        return _light_of(self.seed, self.sky)
 
     def _irradiance(self, hits: Hits) -> Floats:
         faces, face = self._faces, hits.face
@@ -163,3 +159,10 @@ class SimpleRoom:
         ahead = np.stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)], axis=-1).astype(np.float32)
         mean = float(luminance_cd_m2(self.sky.radiance(ahead)).mean())
         return math.pi * mean / 3
+
+
+@lru_cache(maxsize=4)
+def _light_of(seed: int, sky: SimpleSky) -> LightMaps:
+    """Return the light maps; kept by the process, so that a worker bakes once and not for every band of rows."""
+    plan = plan_room(seed)
+    return bake(plan, room_faces(plan), surfaces_of(seed).mean_albedo, sky)
