@@ -88,7 +88,7 @@ def inspect(path: str, format_: str, exact: bool, complaints: Callable[[], str])
         if status.st_size > limit_bytes:
             raise FrameProblemError(Reason.TOO_LARGE, f"{status.st_size} bytes; the limit is {limit_bytes}")
         if format_ == "jpeg":
-            return _inspect_jpeg(file.read(limit_bytes + 1), exact, complaints)
+            return _inspect_jpeg(file.read(status.st_size), exact, complaints)
         if status.st_size == 0:
             raise FrameProblemError(Reason.NOT_RAW, "an empty file")
         with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as data:
