@@ -27,6 +27,9 @@ FROZEN_RESOLUTION = 2e-3
 of 0.1 % repeatability gives that less than once in ten thousand."""
 DRAIN_QUIET_S = 0.02
 DRAIN_LIMIT_S = 0.5
+RESYNC_QUIET_S, RESYNC_LIMIT_S = 1.5, 6.0
+"""After silence or garbage the line must be quiet for so long before the next question: an answer that is late would
+otherwise be taken for the next one's."""
 WRITE_LIMIT_S = 2.0
 RETRYABLE = (ReadingStatus.GARBLED, ReadingStatus.NO_ANSWER)
 
@@ -62,6 +65,7 @@ class KonicaMinoltaMeter:
         self._clock = clock
         self._line: ByteLine | None = None
         self._recent: list[str] = []
+        self._in_step = True
 
     def connect(self) -> MeterIdentity:
         """Open the line and go through the dialect's greeting.
@@ -154,15 +158,21 @@ class KonicaMinoltaMeter:
     def _ask(self, step: Step, timeout_s: float) -> _Answer:
         line = self._open()
         self._clock.sleep(self._dialect.pause_s)
-        line.drain(DRAIN_QUIET_S, DRAIN_LIMIT_S)
+        if self._in_step:
+            line.drain(DRAIN_QUIET_S, DRAIN_LIMIT_S)
+        else:
+            line.drain(RESYNC_QUIET_S, RESYNC_LIMIT_S)
         line.write(self._encode(step), WRITE_LIMIT_S)
+        self._in_step = False
         try:
             raw = line.read_line(self._dialect.line_end.encode(), self._dialect.max_line_bytes, timeout_s)
         except DeviceTimeoutError as error:
             partial = bytes.fromhex(str(error.details.get("partial", "")))
             status = ReadingStatus.GARBLED if partial else ReadingStatus.NO_ANSWER
             return _Answer(status, _shown(partial), detail="the line was not finished" if partial else "silence")
-        return interpret(self._dialect, step, raw)
+        answer = interpret(self._dialect, step, raw)
+        self._in_step = answer.status is not ReadingStatus.GARBLED
+        return answer
 
     def _open(self) -> ByteLine:
         if self._line is None:

@@ -132,11 +132,16 @@ class MemoryLine:
             self._clock.sleep(next_s - self._clock.monotonic_s())
 
     def drain(self, quiet_s: float, limit_s: float) -> int:
-        """Throw away what has come."""
-        self._take(lambda at_s: at_s <= self._clock.monotonic_s())
-        dropped = len(self._buffer)
-        self._buffer.clear()
-        return dropped
+        """Throw away what comes until the line was quiet for ``quiet_s``."""
+        end_s, dropped = self._clock.monotonic_s() + limit_s, 0
+        while True:
+            self._clock.sleep(quiet_s)
+            self._take(lambda at_s: at_s <= self._clock.monotonic_s())
+            came = len(self._buffer)
+            dropped += came
+            self._buffer.clear()
+            if not came or self._clock.monotonic_s() >= end_s:
+                return dropped
 
     def close(self) -> None:
         """Nothing to give back."""

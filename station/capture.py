@@ -158,11 +158,20 @@ class Capture:
             self._store = SessionStore.create(self._request.into, self._manifest(findings), clock=self._rig.clock)
             yield from self._opening_warnings()
         else:
+            yield from self._withdraw_damaged(self._store)
             self._store.update(devices=_merged(self._store.manifest.devices, findings.devices))
             yield self._warn("resumed", "the session was completed later: its light may have changed in between")
         for check in findings.checks:
             if check.level is Level.WARN:
                 self._store.add_warning(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
+
+    def _withdraw_damaged(self, store: SessionStore) -> Iterator[CaptureEvent]:
+        """Frames whose file is gone or of another size since they were saved are taken anew."""
+        damaged = {text.partition(" ")[0]: text for text in store.recovery.damaged}
+        for frame in store.manifest.frames:
+            if frame.file in damaged:
+                store.withdraw_frame(frame.side, frame.stop, frame.format, damaged[frame.file])
+                yield self._warn("damaged", f"{damaged[frame.file]}: taken anew")
 
     def _bytes_needed(self) -> int:
         tables = self._rig.file.cameras()

@@ -11,7 +11,7 @@ from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
 from drivers.meter import Meter
 from station.errors import RigError
-from station.rig_file import CameraTable, MeterTable, RigFile
+from station.rig_file import CameraTable, RigFile
 from station.session import Side
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
         A meter dialect that does not exist.
     """
     clock = clock or SystemClock()
-    cameras = {side: _real_camera(table, clock) for side, table in file.cameras().items()}
-    meter = _real_meter(file.meter, clock) if file.meter else None
+    cameras = {side: _camera(table, None, clock) for side, table in file.cameras().items()}
+    meter = meter_on_port(file.meter.dialect, file.meter.port, clock) if file.meter else None
     return Rig(file, cameras, meter, clock)
 
 
@@ -59,18 +59,13 @@ def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
     cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
     meter = None
     if file.meter is not None:
-        meter = _meter_on_port(file.meter, bench.meter_port, bench.clock)
+        meter = meter_on_port(file.meter.dialect, bench.meter_port, bench.clock)
     return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
 
 
-def _real_camera(table: CameraTable, clock: Clock) -> Camera:
-    return _camera(table, None, clock)
-
-
 def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
-    from drivers.usb_link import UsbLink
-
     from drivers.ptp import canon_codes, ricoh_codes
+    from drivers.usb_link import UsbLink
 
     vendor_id, product_id = ricoh_codes.USB_ID if table.kind == "theta_z1" else canon_codes.USB_ID
 
@@ -86,20 +81,23 @@ def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
     return Canon5D2(open_transport, clock)
 
 
-def _real_meter(table: MeterTable, clock: Clock) -> Meter:
-    return _meter_on_port(table, table.port, clock)
+def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
+    """Return the meter of a dialect on a serial port; ``"auto"`` looks for its USB ids each time it connects.
 
-
-def _meter_on_port(table: MeterTable, port: str, clock: Clock) -> Meter:
+    Raises
+    ------
+    DialectError
+        No such dialect, or a file that is none.
+    """
     from drivers.ls160 import KonicaMinoltaMeter
     from drivers.meter_dialect import load_dialect
     from drivers.serial_link import SerialLink, find_port
 
-    dialect = load_dialect(table.dialect)
+    dialect = load_dialect(dialect_name)
 
     def open_line() -> SerialLink:
         name = find_port(dialect.usb_ids) if port == "auto" else port
-        return SerialLink.open(name, dialect.port, clock=clock)
+        return SerialLink.open(name, dialect.port.settings(), clock=clock)
 
     return KonicaMinoltaMeter(open_line, dialect, clock)
 

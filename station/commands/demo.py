@@ -56,8 +56,10 @@ def _tell(manifest: SessionManifest, report: VerifyReport, path: Path, *, as_jso
     readings = [r.luminance_cd_m2 for r in manifest.readings]
     if as_json:
         summary = {"ok": whole, "session": str(path), "frames": len(manifest.frames), "readings_cd_m2": readings}
-        click.echo(json.dumps({**summary, "problems": [p.message for p in report.problems]}))
+        click.echo(json.dumps({**summary, "problems": [f"{p.file}: {p.message}" for p in report.problems]}))
         return 0 if whole else 4
+    for problem in report.problems:
+        click.echo(f"{problem.file}: {problem.message}")
     megabytes = sum(f.size_bytes for f in manifest.frames) / 1e6
     click.echo(f"{len(manifest.frames)} frames ({megabytes:.0f} MB), readings {readings} cd/m2, every digest checked")
     click.echo(f"look at: {path}/session.json and the frames in {path}/indoor and {path}/outdoor")

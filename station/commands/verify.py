@@ -30,7 +30,7 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
         repair_session(session)
     if look:
         with FrameChecker() as checker:
-            report = verify_session(session, fast=fast, frame_check=checker.problem)
+            report = verify_session(session, fast=fast, frame_check=checker.verify_frame)
     else:
         report = verify_session(session, fast=fast)
     whole = report.intact and report.status == "complete"

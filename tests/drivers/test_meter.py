@@ -1,0 +1,306 @@
+"""The meter driver: byte-exact dialogues, and a status for everything that is no plain luminance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.clock import SystemClock
+from drivers.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
+from drivers.ls160 import FROZEN_SAMPLES, KonicaMinoltaMeter, interpret
+from drivers.meter import Meter, MeterReading, ReadingStatus
+from drivers.meter_dialect import SHIPPED, DialectError, load_dialect
+from drivers.serial_link import PortInfo, PortSettings, SerialLink, find_port
+from mocks.clock import VirtualClock
+from mocks.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.serial_port import MemoryLine, SerialPort
+
+LS100 = load_dialect("ls100")
+
+
+class ScriptedLine:
+    """Answers exactly the questions expected, in order."""
+
+    name = "script"
+
+    def __init__(self, *dialogue: tuple[bytes, bytes | None]) -> None:
+        self.dialogue = list(dialogue)
+        self._answer: bytes | None = None
+
+    def write(self, data: bytes, timeout_s: float) -> None:
+        expected, self._answer = self.dialogue.pop(0)
+        assert data == expected
+
+    def read_line(self, delimiter: bytes, max_bytes: int, timeout_s: float) -> bytes:
+        if self._answer is None:
+            raise DeviceTimeoutError("silence", partial="")
+        line, mark, rest = self._answer.partition(delimiter)
+        if not mark:
+            raise DeviceTimeoutError("half a line", partial=line.hex())
+        self._answer = rest or None
+        return line
+
+    def drain(self, quiet_s: float, limit_s: float) -> int:
+        self._answer = None
+        return 0
+
+    def close(self) -> None:
+        return None
+
+
+def speak(*dialogue: tuple[bytes, bytes | None], dialect: str = "ls100") -> tuple[KonicaMinoltaMeter, ScriptedLine]:
+    line = ScriptedLine(*dialogue)
+    return KonicaMinoltaMeter(lambda: line, load_dialect(dialect), VirtualClock()), line
+
+
+def simulated(
+    *faults: MeterFault, language: str = "ls100", luminance: float = 34.63, noise: float = 1e-3
+) -> KonicaMinoltaMeter:
+    clock = VirtualClock()
+    instrument = SimulatedMeter(lambda _t: luminance, language=language, faults=faults, noise_frac=noise)
+    return KonicaMinoltaMeter(lambda: MemoryLine(instrument, clock), load_dialect(language), clock)
+
+
+GREETING = ((b"MDS,04\r\n", b"OK00\r\n"), (b"MDS,09\r\n", b"OK00,CcPH 34.63\r\n"))
+
+
+def test_ls100_dialogue_is_the_manuals() -> None:
+    meter, line = speak(*GREETING, (b"MES\r\n", b"OK00,CcPH 34.63\r\n"))
+    identity = meter.connect()
+    reading = meter.measure()
+    meter.close()
+    assert reading.luminance_cd_m2 == 34.63
+    assert identity.dialect_verified
+    assert not line.dialogue, "nothing left unsaid"
+
+
+def test_ls160_dialogue_is_the_assumed_one_and_says_so() -> None:
+    meter, line = speak(
+        (b"RMT,1\r\n", b"OK00\r\n"),
+        (b"MES,1\r\n", b"OK00, 2.0\r\n"),
+        (b"MDR,0\r\n", b"OK00,0,  1019.00\r\n"),
+        (b"RMT,0\r\n", b"OK00\r\n"),
+        dialect="ls160",
+    )
+    assert not meter.connect().dialect_verified
+    reading = meter.measure()
+    meter.close()
+    assert reading.luminance_cd_m2 == 1019.0
+    assert not reading.dialect_verified
+    assert not line.dialogue
+
+
+@pytest.mark.parametrize(
+    ("answer", "status"),
+    [
+        (b"OK00,CcPH125.35", ReadingStatus.OK),
+        (b"OK00,CcPH  0.35", ReadingStatus.OK),
+        (b"OK00,CfPH125.35", ReadingStatus.WRONG_UNIT),
+        (b"OK00,P% H 83.02", ReadingStatus.WRONG_MODE),
+        (b"OK00,C% H 83.02", ReadingStatus.WRONG_UNIT),
+        (b"OK00,PcPH 83.02", ReadingStatus.WRONG_MODE),
+        (b"OK00,CcLH 83.02", ReadingStatus.WRONG_MODE),
+        (b"ER10", ReadingStatus.OVER_RANGE),
+        (b"ER19", ReadingStatus.OVER_RANGE),
+        (b"ER30", ReadingStatus.BATTERY_LOW),
+        (b"ER20", ReadingStatus.ERROR_CODE),
+        (b"ER00", ReadingStatus.ERROR_CODE),
+        (b"OK00,CcPH12 .35", ReadingStatus.GARBLED),
+        (b"OK00,CcPH 34.6", ReadingStatus.GARBLED),
+        (b"OK00,CcPH 34.63 ", ReadingStatus.GARBLED),
+        (b"OK00,CcPH 34,63", ReadingStatus.GARBLED),
+        (b"OK00,CcPH 3.4.6", ReadingStatus.GARBLED),
+        (b"MESOK00,CcPH 34.63", ReadingStatus.GARBLED),
+        (b"OK00,CcPH 34.63OK00,CcPH 34.63", ReadingStatus.GARBLED),
+        (b"\0OK00,CcPH 34.63", ReadingStatus.GARBLED),
+        (b"OK00,CcPH -4.63", ReadingStatus.GARBLED),
+        (b"OK00,CcPH   nan", ReadingStatus.GARBLED),
+        (b"OK00,CcPH 1e-03", ReadingStatus.GARBLED),
+        (b"", ReadingStatus.GARBLED),
+        (b"\xff\xfe", ReadingStatus.GARBLED),
+    ],
+)
+def test_what_a_line_means(answer: bytes, status: ReadingStatus) -> None:
+    assert interpret(LS100, LS100.measure[0], answer).status is status
+
+
+@given(st.binary(max_size=60), st.sampled_from(SHIPPED))
+def test_any_bytes_are_interpreted_without_error(line: bytes, name: str) -> None:
+    dialect = load_dialect(name)
+    answer = interpret(dialect, dialect.measure[-1], line)
+    assert answer.status is not ReadingStatus.OK or line.startswith(b"OK")
+
+
+SPOILED = {
+    MeterFaultKind.OVER_RANGE: ReadingStatus.OVER_RANGE,
+    MeterFaultKind.ERROR_CODE: ReadingStatus.ERROR_CODE,
+    MeterFaultKind.BATTERY_LOW: ReadingStatus.BATTERY_LOW,
+    MeterFaultKind.UNIT_FL: ReadingStatus.WRONG_UNIT,
+    MeterFaultKind.PER_CENT: ReadingStatus.WRONG_UNIT,
+    MeterFaultKind.PEAK: ReadingStatus.WRONG_MODE,
+    MeterFaultKind.NO_ANSWER: ReadingStatus.NO_ANSWER,
+    MeterFaultKind.PARTIAL: ReadingStatus.GARBLED,
+    MeterFaultKind.FLOOD: ReadingStatus.GARBLED,
+    MeterFaultKind.JOINED: ReadingStatus.GARBLED,
+    MeterFaultKind.NULS: ReadingStatus.GARBLED,
+    MeterFaultKind.ECHO: ReadingStatus.GARBLED,
+    MeterFaultKind.GARBLE_BYTE: ReadingStatus.GARBLED,
+    MeterFaultKind.DROP_BYTE: ReadingStatus.GARBLED,
+    MeterFaultKind.LATE: ReadingStatus.NO_ANSWER,
+}
+
+
+def measure(meter: KonicaMinoltaMeter, **how: float) -> MeterReading:
+    meter.connect()
+    return meter.measure(**how)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", SPOILED)
+def test_a_lasting_fault_is_a_status_and_no_number(kind: MeterFaultKind) -> None:
+    reading = measure(simulated(MeterFault(kind, seconds=30.0)))
+    assert reading.status is SPOILED[kind]
+    assert reading.luminance_cd_m2 is None
+
+
+@pytest.mark.parametrize(
+    "kind", [k for k, s in SPOILED.items() if s in (ReadingStatus.GARBLED, ReadingStatus.NO_ANSWER)]
+)
+def test_a_passing_fault_is_asked_again(kind: MeterFaultKind) -> None:
+    reading = measure(simulated(MeterFault(kind, last=1, seconds=9.0)), timeout_s=40.0)
+    assert reading.luminance_cd_m2 == pytest.approx(34.63, rel=0.01)
+
+
+def test_a_late_answer_is_never_taken_for_the_next() -> None:
+    clock = VirtualClock()
+    values = iter([11.11, 22.22, 33.33, 44.44])
+    instrument = SimulatedMeter(
+        lambda _t: next(values), noise_frac=0, faults=(MeterFault(MeterFaultKind.LATE, last=1, seconds=7.8),)
+    )
+    meter = KonicaMinoltaMeter(lambda: MemoryLine(instrument, clock), LS100, clock)
+    reading = measure(meter, timeout_s=60.0)
+    assert reading.luminance_cd_m2 != pytest.approx(11.11), "that was the answer to the question given up"
+
+
+def test_a_frozen_display_is_noticed() -> None:
+    meter = simulated(MeterFault(MeterFaultKind.FROZEN, first=2))
+    reading = measure(meter, n_samples=FROZEN_SAMPLES + 1, timeout_s=60.0)
+    assert reading.status is ReadingStatus.FROZEN
+
+
+def test_equal_readings_of_a_dark_wall_are_no_freeze() -> None:
+    reading = measure(simulated(luminance=0.05), n_samples=FROZEN_SAMPLES + 1, timeout_s=60.0)
+    assert reading.luminance_cd_m2 == pytest.approx(0.05)
+
+
+def test_samples_that_disagree_are_no_number() -> None:
+    reading = measure(simulated(noise=0.3), n_samples=5, timeout_s=60.0)
+    assert reading.status is ReadingStatus.UNSTEADY
+    assert reading.spread_frac > 0.1
+
+
+def test_too_little_time_is_no_number_and_no_hang() -> None:
+    clock = VirtualClock()
+    instrument = SimulatedMeter(lambda _t: 10.0, measuring_s=3.0)
+    meter = KonicaMinoltaMeter(lambda: MemoryLine(instrument, clock), LS100, clock)
+    meter.connect()
+    start_s = clock.monotonic_s()
+    assert meter.measure(n_samples=10, timeout_s=5.0).status is ReadingStatus.NO_ANSWER
+    assert clock.monotonic_s() - start_s < 7.0
+
+
+def test_unplugged_in_the_middle_is_an_error_of_the_link() -> None:
+    meter = simulated(MeterFault(MeterFaultKind.UNPLUG))
+    with pytest.raises(DeviceLostError):
+        measure(meter)
+
+
+def test_silence_at_connect_says_what_to_do() -> None:
+    meter, _ = speak(*[(b"MDS,04\r\n", None)] * 3)
+    with pytest.raises(DeviceTimeoutError, match="--reading"):
+        meter.connect()
+
+
+def test_it_is_a_meter() -> None:
+    assert isinstance(simulated(), Meter)
+
+
+@pytest.mark.parametrize("language", SHIPPED)
+def test_through_the_real_pyserial(language: str) -> None:
+    instrument = SimulatedMeter(lambda _t: 1019.0, language=language, measuring_s=0.02, noise_frac=0)
+    port = SerialPort(instrument)
+    dialect = load_dialect(language)
+    clock = SystemClock()
+    meter = KonicaMinoltaMeter(lambda: SerialLink.open(port.name, dialect.port.settings(), clock=clock), dialect, clock)
+    try:
+        meter.connect()
+        assert meter.measure(n_samples=2).luminance_cd_m2 == 1019.0
+    finally:
+        meter.close()
+        port.close()
+
+
+def test_unplugged_pseudo_terminal_is_lost() -> None:
+    port = SerialPort(SimulatedMeter(lambda _t: 1.0, measuring_s=0.05, faults=(MeterFault(MeterFaultKind.UNPLUG),)))
+    clock = SystemClock()
+    meter = KonicaMinoltaMeter(lambda: SerialLink.open(port.name, LS100.port.settings(), clock=clock), LS100, clock)
+    try:
+        meter.connect()
+        with pytest.raises(DeviceLostError):
+            meter.measure()
+    finally:
+        meter.close()
+        port.close()
+
+
+def test_missing_port_is_not_found() -> None:
+    with pytest.raises(DeviceNotFoundError):
+        SerialLink.open("/dev/no-such-port", PortSettings())
+
+
+def info(device: str, serial: str, ids: tuple[int, int] = (0x132B, 0x210D)) -> PortInfo:
+    return PortInfo(device, f"/dev/serial/by-id/{serial}", "", *ids, serial=serial)
+
+
+def test_a_renumbered_port_is_found_by_its_serial_number() -> None:
+    ids = [(0x132B, 0x210D)]
+    before = [info("/dev/ttyACM0", "A"), info("/dev/ttyACM1", "B")]
+    after = [info("/dev/ttyACM4", "A"), info("/dev/ttyACM0", "B"), info("/dev/ttyS0", "", (1, 2))]
+    assert find_port(ids, "B", ports=lambda: before) == find_port(ids, "B", ports=lambda: after)
+    with pytest.raises(DeviceNotFoundError, match="2 meters"):
+        find_port(ids, ports=lambda: before)
+    with pytest.raises(DeviceNotFoundError, match="no meter"):
+        find_port(ids, "C", ports=lambda: after)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ("verified = true", "title"),
+        ("name = 'Has Spaces'", "name"),
+        ("[[measure]]\nsend = 'M'\nexpect = '('", "regular expression"),
+        ("[[measure]]\nsend = 'M'\nexpect = '(?P<colour>x)'", "unknown groups"),
+        ("not toml", "cannot be read"),
+    ],
+)
+def test_a_wrong_dialect_file_is_named(tmp_path: Path, change: str, named: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(change)
+    with pytest.raises(DialectError, match=r"mine\.toml") as caught:
+        load_dialect(str(path))
+    assert named in str(caught.value)
+
+
+def test_a_users_own_dialect_works(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'name = "mine"\ntitle = "My meter"\nverified = false\nsource = "me"\nconnect = []\nrange_cd_m2 = [0.1, 1000]\n'
+        "[port]\nbaud = 9600\n[[measure]]\nsend = \"L?\"\nexpect = '(?P<value>[0-9.]+) cd'\n"
+    )
+    meter = KonicaMinoltaMeter(
+        lambda: ScriptedLine((b"L?\r\n", b"12.5 cd\r\n")), load_dialect(str(path)), VirtualClock()
+    )
+    meter.connect()
+    assert meter.measure().luminance_cd_m2 == 12.5
