@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +31,12 @@ class Surfaces:
 
     plan: RoomPlan
     mean_albedo: Floats
-    planks: MipTexture
     floor: PlankFloor
+
+    @cached_property
+    def planks(self) -> MipTexture:
+        """The floor's pattern: some 40 MB, made when a ray first meets the floor."""
+        return MipTexture.tiled(self.floor.tile())
 
     def albedo(self, hits: Hits, directions: Floats, pixel_rad: float) -> Floats:
         """Return the albedo (N, 3) at each hit, averaged over what a pixel covers where that matters."""
@@ -113,7 +117,7 @@ def surfaces_of(seed: int) -> Surfaces:
     solids = [box.albedo for box in plan.solids for _ in range(6)]
     floor = PlankFloor(seed)
     albedo = np.array(walls + solids, dtype=np.float32)
-    return Surfaces(plan, albedo, MipTexture.tiled(floor.tile()), floor)
+    return Surfaces(plan, albedo, floor)
 
 
 def _paint_door(out: Floats, rays: Rays, door: WallRect, at: tuple[Floats, Floats]) -> None:

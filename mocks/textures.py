@@ -95,17 +95,20 @@ class PlankFloor:
     def tile(self) -> Floats:
         """Return the albedo tile (tile_px, tile_px, 3); rows run along y, columns along x."""
         rng = np.random.default_rng(self.seed)
-        centre_m = (np.arange(self.tile_px) + 0.5) * self.tile_m / self.tile_px
+        centre_m = (np.arange(self.tile_px, dtype=np.float32) + 0.5) * (self.tile_m / self.tile_px)
         column = (centre_m / self.board_width_m).astype(int)
-        shift_m = rng.uniform(0, self.board_length_m, column.max() + 1)[column]
+        shift_m = rng.uniform(0, self.board_length_m, column.max() + 1).astype(np.float32)[column]
         along_m = (centre_m[:, None] + shift_m[None, :]) % self.tile_m
         board = (along_m / self.board_length_m).astype(int)
         boards = int(self.tile_m / self.board_length_m + 0.5)
-        tint = rng.normal(1.0, 0.09, (column.max() + 1, boards))[column[None, :], board % boards]
-        warmth = rng.normal(0.0, 0.03, (column.max() + 1, boards))[column[None, :], board % boards]
+        tint = rng.normal(1.0, 0.09, (column.max() + 1, boards)).astype(np.float32)[column[None, :], board % boards]
+        warmth = rng.normal(0.0, 0.03, (column.max() + 1, boards)).astype(np.float32)[column[None, :], board % boards]
         value = tint * (1 + self._grain(rng)) * (1 - 0.65 * self._gaps(centre_m, along_m))
-        albedo = np.stack([0.46 * value * (1 + warmth), 0.33 * value, 0.22 * value * (1 - warmth)], axis=-1)
-        return np.asarray(np.clip(albedo, 0.02, 0.9), dtype=np.float32)
+        albedo = np.empty((*value.shape, 3), dtype=np.float32)
+        albedo[..., 0] = 0.46 * value * (1 + warmth)
+        albedo[..., 1] = 0.33 * value
+        albedo[..., 2] = 0.22 * value * (1 - warmth)
+        return np.clip(albedo, 0.02, 0.9, out=albedo)
 
     def _grain(self, rng: np.random.Generator) -> Floats:
         """Return streaks along the boards that join where the tile repeats."""
