@@ -124,7 +124,8 @@ class Fault:
     """One fault and its trigger.
 
     ``code`` 0 means any operation, event or property; it fires on occurrences ``nth`` to ``nth + times - 1`` (from 1).
-    ``phase`` and ``byte`` place faults of the link: bytes of that phase that still pass. ``parameters`` are the kind's own.
+    ``phase`` and ``byte`` place faults of the link: bytes of that phase that still pass. ``parameters`` are those of the
+    kind.
     """
 
     kind: FaultKind
@@ -165,7 +166,7 @@ class Fault:
         """Return the fault as a flat JSON-able mapping."""
         return {
             "kind": str(self.kind),
-            self.moment.value if self.moment is not Moment.SHOT else "shot": self.code,
+            self.moment.value: self.code,
             "nth": self.nth,
             "times": self.times,
             "phase": str(self.phase),
