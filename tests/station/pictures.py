@@ -43,15 +43,20 @@ def pixels(time_s: float, seed: int = 1, size: tuple[int, int] = SIZE) -> np.nda
     return np.round(255 * np.clip(scene(seed, size) * time_s, 0, 1) ** (1 / 2.2)).astype(np.uint8)
 
 
+def ratio(value: float) -> IFDRational:
+    """Return a value as EXIF holds it; Pillow alone would write a double, which no camera does."""
+    fraction = Fraction(value).limit_denominator(1_000_000)
+    return IFDRational(fraction.numerator, fraction.denominator)
+
+
 def exif(time_s: float, size: tuple[int, int] = SIZE, **changes: Any) -> Image.Exif:
     """Return EXIF as a camera writes it; ``changes`` by tag name replace or (None) remove values."""
     block = Image.Exif()
     block[MAKE], block[MODEL] = "Canon", "Canon EOS 5D Mark II"
     sub = block.get_ifd(0x8769)
-    fraction = Fraction(time_s).limit_denominator(1_000_000)
     sub.update(
         {
-            EXPOSURE: IFDRational(fraction.numerator, fraction.denominator),
+            EXPOSURE: ratio(time_s),
             F_NUMBER: IFDRational(56, 10),
             ISO: 100,
             WIDTH: size[0],
@@ -66,7 +71,7 @@ def exif(time_s: float, size: tuple[int, int] = SIZE, **changes: Any) -> Image.E
         if value is None:
             del where[tag]
         else:
-            where[tag] = value
+            where[tag] = ratio(value) if isinstance(value, float) else value
     return block
 
 
