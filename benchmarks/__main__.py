@@ -1,7 +1,7 @@
 """``python -m benchmarks NAME [--quick] [--json] [--seed N]``; NAME may be ``all``.
 
-With ``--json`` the last line of standard output is one JSON object a benchmark: name, metrics, rivals, seconds, machine,
-versions, seed, quick. Exit status 0 whatever the figures; another only where a benchmark could not run.
+With ``--json`` the last line of standard output is one JSON object a benchmark: name, metrics, rivals, seconds,
+machine, versions, seed, quick. Exit status 0 whatever the figures; another only where a benchmark could not run.
 """
 
 from __future__ import annotations
@@ -35,7 +35,9 @@ def machine() -> Result:
     cpu = "unknown"
     info = Path("/proc/cpuinfo")
     if info.exists():
-        models = [line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+        models = [
+            line.split(":", 1)[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")
+        ]
         cpu = models[0] if models else cpu
     return {"cpu": cpu, "cores": os.cpu_count(), "system": platform.system(), "python": platform.python_version()}
 

@@ -86,7 +86,7 @@ class SimulatedMeter:
         self._luminance = luminance_cd_m2
         self._language = language
         self._noise_frac = noise_frac
-        self._measuring_s = measuring_s
+        self.measuring_s = measuring_s
         self._faults = faults
         self._random = random.Random(seed)
         self._held: bytes | None = None
@@ -128,7 +128,7 @@ class SimulatedMeter:
             self._held = pieces[-1].data if pieces else None
             if pieces and pieces[-1].data is None:
                 return pieces
-            return [Piece(0.02, f"OK00,{self._measuring_s:4.1f}\r\n".encode())]
+            return [Piece(0.02, f"OK00,{self.measuring_s:4.1f}\r\n".encode())]
         if text == "MDR,0":
             held, self._held = self._held, None
             return [Piece(0.02, held)] if held else []
@@ -144,7 +144,7 @@ class SimulatedMeter:
         self.shown.append(number)
         answer = (line(number) + "\r\n").encode()
         self._held = answer
-        pieces = [Piece(self._measuring_s, answer)]
+        pieces = [Piece(self.measuring_s, answer)]
         return pieces if fault is None else self._spoil(fault, answer)
 
     def _number(self, now_s: float) -> str:
@@ -157,7 +157,7 @@ class SimulatedMeter:
         return text if decimals else f"{float(f'{value:.4g}'):.0f}"
 
     def _spoil(self, fault: MeterFault, answer: bytes) -> list[Piece]:
-        after_s = self._measuring_s
+        after_s = self.measuring_s
         kind = fault.kind
         if kind is MeterFaultKind.NO_ANSWER:
             return []

@@ -15,7 +15,7 @@ from station.rig_file import CameraTable, RigFile
 from station.session import Side
 
 if TYPE_CHECKING:
-    from mocks.bench import SimulatedBench
+    from mocks.bench import SimulatedBench, WantedCamera
 
 
 @dataclass
@@ -55,7 +55,13 @@ def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
 
 
 def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
-    """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks."""
+    """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks.
+
+    The meter looks where the bench's meter does, unless the rig file says otherwise.
+    """
+    if file.meter is not None and file.meter.target_deg is None:
+        meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
+        file = file.model_copy(update={"meter": meter_table})
     cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
     meter = None
     if file.meter is not None:
@@ -126,22 +132,25 @@ def open_named_rig(path: Path | None, simulate: str | None, *, size: str = "full
     from mocks.bench import make_bench
 
     file = simulated_rig_file(file, size)
-    return open_simulated_rig(file, make_bench(simulate, file_settings(file)))
+    return open_simulated_rig(file, make_bench(simulate, wanted_cameras(file), file.bracket.stops_s()))
+
+
+def wanted_cameras(file: RigFile) -> list[WantedCamera]:
+    """Return the cameras of a rig file as the simulated bench wants them."""
+    from mocks.bench import WantedCamera
+
+    names = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+    return [WantedCamera(**{n: getattr(table, n) for n in names}) for table in file.cameras().values()]
 
 
 def simulated_rig_file(file: RigFile, size: str) -> RigFile:
-    """Return the rig file with the cameras' pictures at a fraction of their size, and the verified meter dialect."""
+    """Return the rig file with the pictures of its cameras at a fraction of their size."""
     step = SIZE_STEPS[size]
     changes: dict[str, object] = {}
     for side, table in file.cameras().items():
         width_px, height_px = (n // step // 2 * 2 for n in table.size_px)
         changes[side.value] = table.model_copy(update={"size_px": (width_px, height_px)})
     return file.model_copy(update=changes)
-
-
-def file_settings(file: RigFile) -> dict[str, CameraTable]:
-    """Return the camera tables by side name, as the bench wants them."""
-    return {side.value: table for side, table in file.cameras().items()}
 
 
 def find_rig_file(path: Path | None) -> Path:

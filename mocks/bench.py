@@ -1,0 +1,132 @@
+"""The simulated bench: a world, and three instruments looking at it behind real pyusb and real pyserial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from drivers.clock import Clock, SystemClock
+from mocks.canon_5d2 import SimulatedCanon5D2
+from mocks.exposures import CameraTiming
+from mocks.faults import FaultSchedule
+from mocks.ls160 import MeterFault, SimulatedMeter
+from mocks.optics import CANON_5D2, THETA_Z1
+from mocks.pictures import RenderedShots
+from mocks.sensor import Exposure
+from mocks.serial_port import SerialPort
+from mocks.shots import ShotSource
+from mocks.theta_z1 import SimulatedThetaZ1
+from mocks.usb_bus import SimulatedUsbBackend
+from mocks.world import Vector, World, meter_luminance_cd_m2, open_world
+
+SimulatedCamera = SimulatedThetaZ1 | SimulatedCanon5D2
+OPTICS = {"theta_z1": THETA_Z1, "canon_5d2": CANON_5D2}
+MEASURING_S = 1.5
+"""Of the simulated meter; a real one in AUTO takes 0.7 to 4.3 s."""
+
+
+@dataclass(frozen=True)
+class WantedCamera:
+    """A camera that is wanted on the bench, and the settings its pictures are rendered for."""
+
+    kind: str
+    iso: int
+    f_number: float
+    color_temperature_k: int
+    size_px: tuple[int, int]
+    keep_raw: bool = False
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """How the instruments behave; everything seeded.
+
+    ``timing`` and ``faults`` are by camera kind; ``shots`` replaces rendered pictures (tests with their own).
+    """
+
+    seed: int = 0
+    clock: Clock = field(default_factory=SystemClock)
+    timing: Mapping[str, CameraTiming] = field(default_factory=dict)
+    faults: Mapping[str, FaultSchedule] = field(default_factory=dict)
+    meter_language: str = "ls160"
+    meter_noise_frac: float = 1e-3
+    meter_faults: tuple[MeterFault, ...] = ()
+    measuring_s: float = MEASURING_S
+    shots: Mapping[str, ShotSource] = field(default_factory=dict)
+
+
+@dataclass
+class SimulatedBench:
+    """The instruments, ready to be opened: cameras on ``usb_backend``, the meter on ``meter_port``."""
+
+    world: World
+    clock: Clock
+    usb_backend: SimulatedUsbBackend
+    cameras: dict[str, SimulatedCamera]
+    """By kind."""
+    meter: SimulatedMeter
+    meter_port: str
+    meter_direction: Vector
+    _port: SerialPort
+
+    @property
+    def meter_target_deg(self) -> tuple[float, float]:
+        """Where the meter looks: longitude (right of ahead) and latitude, degrees."""
+        x, y, z = self.meter_direction
+        return math.degrees(math.atan2(x, y)), math.degrees(math.asin(max(-1.0, min(1.0, z))))
+
+    def close(self) -> None:
+        """Unplug everything."""
+        self._port.close()
+
+
+def make_bench(
+    world_name: str,
+    cameras: Sequence[WantedCamera],
+    stops_s: Sequence[float],
+    options: BenchOptions | None = None,
+) -> SimulatedBench:
+    """Return simulated instruments that look at the world of that name (see `mocks.world.open_world`).
+
+    The pictures of ``stops_s`` are rendered here, before anything is captured, and kept for next time.
+
+    Raises
+    ------
+    WorldFileError
+        No such world.
+    """
+    options = options or BenchOptions()
+    world = open_world(world_name)
+    devices: dict[str, SimulatedCamera] = {}
+    for wanted in cameras:
+        shots = options.shots.get(wanted.kind) or _rendered(world, wanted, stops_s, options.seed)
+        devices[wanted.kind] = _camera(wanted.kind, shots, options)
+    direction = getattr(world, "board_direction", (0.0, 1.0, 0.0))
+    meter = SimulatedMeter(
+        lambda t_s: meter_luminance_cd_m2(world, direction, t_s),
+        language=options.meter_language,
+        noise_frac=options.meter_noise_frac,
+        measuring_s=options.measuring_s,
+        faults=options.meter_faults,
+        seed=options.seed,
+    )
+    port = SerialPort(meter, options.clock)
+    backend = SimulatedUsbBackend(list(devices.values()), options.clock)
+    return SimulatedBench(world, options.clock, backend, devices, meter, port.name, direction, port)
+
+
+def _rendered(world: World, wanted: WantedCamera, stops_s: Sequence[float], seed: int) -> RenderedShots:
+    shots = RenderedShots(world, OPTICS[wanted.kind], seed=seed)
+    settings = Exposure(1.0, wanted.iso, wanted.f_number, wanted.color_temperature_k)
+    shots.prepare(tuple(stops_s), *wanted.size_px, settings=settings, raw=wanted.keep_raw)
+    return shots
+
+
+def _camera(kind: str, shots: ShotSource, options: BenchOptions) -> SimulatedCamera:
+    how = {"faults": options.faults.get(kind), "seed": options.seed}
+    if kind in options.timing:
+        how["timing"] = options.timing[kind]
+    if kind == "theta_z1":
+        return SimulatedThetaZ1(shots, options.clock, **how)
+    return SimulatedCanon5D2(shots, options.clock, **how)
