@@ -216,10 +216,14 @@ class CanonRemote:
     def press_half(self) -> None:
         """Press the button half-way and let the camera settle."""
         self._pressed = [HALF]
-        self.patiently(
-            lambda: self.do(CanonOperation.REMOTE_RELEASE_ON, HALF, 0, timeout_s=HALF_PRESS_LIMIT_S),
-            HALF_PRESS_LIMIT_S,
-        )
+        try:
+            self.patiently(
+                lambda: self.do(CanonOperation.REMOTE_RELEASE_ON, HALF, 0, timeout_s=HALF_PRESS_LIMIT_S),
+                HALF_PRESS_LIMIT_S,
+            )
+        except OperationRefusedError:
+            self._pressed.clear()
+            raise
         deadline = Deadline.after(self._clock, HALF_PRESS_SETTLE_S)
         while not self.patiently(self.poll) and not deadline.expired:
             self._clock.sleep(FIRST_PAUSE_S)

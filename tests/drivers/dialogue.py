@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
+from typing import Self
 
 from tests.drivers.scripted import (
     Answer,
@@ -63,7 +64,7 @@ class Dialogue:
         self.steps: list[Step] = []
         self.last_id = 0
 
-    def open(self) -> Dialogue:
+    def open(self) -> Self:
         self.last_id = 0
         self.steps.append(Step(command(0x1002, 0, 1), [response(OK, 0)]))
         return self
@@ -76,7 +77,7 @@ class Dialogue:
         sends: bytes | None = None,
         answer: int = OK,
         results: Sequence[int] = (),
-    ) -> Dialogue:
+    ) -> Self:
         """One operation: what it sends, or is given, and how it is answered."""
         self.last_id += 1
         answers: list[Answer] = [] if gives is None else [data(code, self.last_id, gives)]
@@ -88,7 +89,7 @@ class Dialogue:
             self.steps.append(Step(data(code, self.last_id, sends), answers))
         return self
 
-    def event(self, code: int, *params: int, transaction_id: int | None = None) -> Dialogue:
+    def event(self, code: int, *params: int, transaction_id: int | None = None) -> Self:
         """An event that comes with the answer of the last operation; its own id is that operation's."""
         number = self.last_id if transaction_id is None else transaction_id
         last = self.steps[-1]

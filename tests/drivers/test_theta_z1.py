@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
+from typing import Self
 
 import pytest
 
@@ -21,7 +22,7 @@ from drivers.errors import (
 )
 from drivers.theta_z1 import ThetaZ1
 from tests.drivers.dialogue import BUSY, OK, Dialogue, device_info, enumeration, object_info, ptp_string, u32_array
-from tests.drivers.scripted import FakeClock, ScriptedTransport, command, data, event
+from tests.drivers.scripted import FakeClock, Reopen, Reset, ScriptedTransport, Step, command, data, event
 
 OPERATIONS = (
     0x1001,
@@ -62,47 +63,45 @@ class ThetaDialogue(Dialogue):
         super().__init__()
         self.properties = properties
 
-    def get(self, prop: int, value: int) -> ThetaDialogue:
+    def get(self, prop: int, value: int) -> Self:
         self.ask(0x1015, prop, gives=number(prop, value))
         return self
 
-    def set(self, prop: int, value: int, reads: int | None = None) -> ThetaDialogue:
+    def set(self, prop: int, value: int, reads: int | None = None) -> Self:
         """Write, then read back."""
         self.ask(0x1016, prop, sends=number(prop, value))
         return self.get(prop, value if reads is None else reads)
 
-    def wake(self) -> ThetaDialogue:
+    def wake(self) -> Self:
         self.get(0xD80E, 0)
         self.ask(0x1016, 0xD80E, sends=b"\0")
         return self.get(0x500E, 2)
 
-    def ready(self) -> ThetaDialogue:
+    def ready(self) -> Self:
         self.get(0xD808, 0)
         return self.get(0xD83E, 0) if 0xD83E in self.properties else self
 
-    def handles(self, *handles: int) -> ThetaDialogue:
+    def handles(self, *handles: int) -> Self:
         self.ask(0x1007, 0xFFFFFFFF, 0, 0, gives=u32_array(handles))
         return self
 
-    def shutter_list(self) -> ThetaDialogue:
+    def shutter_list(self) -> Self:
         values = [d << 32 | n for n, d in FRACTIONS]
         self.ask(0x1014, 0xD00F, gives=enumeration(0xD00F, 8, "Q", [0, *values]))
         return self
 
-    def connect(self, operations: Sequence[int] = OPERATIONS) -> ThetaDialogue:
+    def connect(self, operations: Sequence[int] = OPERATIONS) -> Self:
         self.open()
         self.ask(0x1001, gives=device_info(6, operations, self.properties, TEXTS))
         self.wake().ready().handles(*OLD)
         return self.shutter_list()
 
-    def modes(self) -> ThetaDialogue:
+    def modes(self) -> Self:
         self.wake().ready().get(0xD803, 180).get(0xD81B, 64800)
         self.set(0xD803, 0).set(0xD81B, 0).set(0x5013, 1).set(0x5012, 0).set(0xD80B, 0)
         return self.set(0x500E, 1)
 
-    def prepare(
-        self, *, f_numbers: Sequence[int] = (0, 210, 350, 560), f_number: int = 560, raw: int = 0
-    ) -> ThetaDialogue:
+    def prepare(self, *, f_numbers: Sequence[int] = (0, 210, 350, 560), f_number: int = 560, raw: int = 0) -> Self:
         self.modes()
         self.ask(0x1014, 0x5007, gives=enumeration(0x5007, 4, "H", f_numbers))
         size = ptp_string("6720x3360")
@@ -113,19 +112,19 @@ class ThetaDialogue(Dialogue):
         self.set(0xD825, 4).set(0x5005, 0x8007).set(0xD813, 6500).set(0x5007, f_number).set(0x500F, 100)
         return self.shutter_list().handles(*OLD)
 
-    def witnesses(self) -> ThetaDialogue:
+    def witnesses(self) -> Self:
         return self.get(0x500E, 1).get(0x5005, 0x8007).get(0xD813, 6500).get(0x5007, 560).get(0x500F, 100)
 
-    def shutter(self, n: int, d: int) -> ThetaDialogue:
+    def shutter(self, n: int, d: int) -> Self:
         self.ready().witnesses()
         return self.set(0xD00F, d << 32 | n)
 
-    def release(self, answer: int = OK) -> ThetaDialogue:
+    def release(self, answer: int = OK) -> Self:
         self.ready()
         self.ask(0x100E, 0, 0, answer=answer)
         return self
 
-    def looks_at(self, handle: int, name: str = "R0010007.JPG", fmt: int = 0x3801, size: int = 9000) -> ThetaDialogue:
+    def looks_at(self, handle: int, name: str = "R0010007.JPG", fmt: int = 0x3801, size: int = 9000) -> Self:
         self.ask(0x1008, handle, gives=object_info(name, fmt, size))
         return self
 
@@ -533,3 +532,20 @@ def test_a_camera_that_was_never_there_can_be_recovered_when_it_comes() -> None:
         camera.arm()
     camera.connect()
     assert attempts == 2
+
+
+def test_recovery_after_unplugging_wakes_and_forgets_but_sets_nothing(start: Start, armed: ThetaDialogue) -> None:
+    armed.release().event(0x4002, 0x66)
+    armed.steps.append(Step(command(0x1008, armed.last_id + 1, 0x66), raises=DeviceLostError("unplugged")))
+    armed.steps += [Step(Reset(), raises=DeviceLostError("unplugged")), Step(Reopen())]
+    armed.open().ask(0x1001, gives=device_info(6, OPERATIONS, PROPERTIES, TEXTS))
+    armed.wake().ready().handles(*OLD, 0x66)
+    camera, transport = start(armed)
+    ready_to_fire(camera)
+    camera.release()
+    with pytest.raises(DeviceLostError):
+        camera.poll_exposure()
+    camera.recover()
+    with pytest.raises(ExposureFailedError, match="no exposure is running"):
+        camera.poll_exposure()
+    transport.assert_finished()
