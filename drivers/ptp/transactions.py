@@ -125,11 +125,12 @@ class Transactions:
         if data_in and data_out is not None:
             raise ValueError("PTP has one data phase an operation: data_in or data_out")
         self._require_sound(operation)
+        packed = pack_params(params)
         limit_s = self.timeout_s if timeout_s is None else timeout_s
         ask = _Ask(operation, self._take_id(), data_in, max_data_bytes, Deadline.after(self._clock, limit_s))
         self.broken = f"{operation_name(operation)} was interrupted"
         try:
-            reply = self._exchange(ask, pack_params(params), data_out)
+            reply = self._exchange(ask, packed, data_out)
         except DeviceError as error:
             error.where = self.name
             error.details.update(operation=operation, transaction_id=ask.transaction_id)
