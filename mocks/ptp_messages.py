@@ -29,6 +29,7 @@ class DeviceIdentity:
     model: str
     version: str
     serial: str
+    serial_on_usb: bool = True
 
     def device_info(self) -> bytes:
         """Return the DeviceInfo dataset."""

@@ -10,44 +10,9 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.ptp.codes import Event, Operation, Response
-from mocks.exposures import CameraTiming
-from mocks.faults import Fault, FaultKind, FaultSchedule
+from mocks.faults import Fault, FaultKind
 from mocks.ptp_ip import LOOPBACK, PtpIpServer
-from mocks.ptp_messages import Answer, DeviceIdentity, Request, Rule
-from mocks.ptp_responder import PtpResponder
-
-IDENTITY = DeviceIdentity(
-    usb_id=(1, 2),
-    endpoints=(0x81, 0x02, 0x83),
-    interrupt_packet_bytes=8,
-    vendor_extension=(0, 0),
-    operations=(0x1001, 0x1002, 0x1003, 0x9000, 0x9001),
-    events=(),
-    properties=(),
-    capture_formats=(),
-    image_formats=(),
-    manufacturer="Nobody",
-    model="Echo",
-    version="1",
-    serial="7",
-)
-TIMING = CameraTiming(release_lag_s=0, processing_s=0, transfer_bytes_per_s=1e9, transaction_latency_s=0)
-
-
-class Echo(PtpResponder):
-    """Operation 9000 keeps the host's data, 9001 gives it back."""
-
-    def standard_rules(self) -> dict[int, Rule]:
-        self.kept = b""
-        more = {0x9000: Rule(self.keep, data_out=True), 0x9001: Rule(self.give, 0, 1)}
-        return {**super().standard_rules(), **more}
-
-    def keep(self, request: Request) -> Answer:
-        self.kept = request.data
-        return Answer(params=(len(request.data),))
-
-    def give(self, _request: Request) -> Answer:
-        return Answer(data=self.kept)
+from tests.mocks.echo import GIVE, KEEP, Echo
 
 
 class Client:
@@ -98,8 +63,7 @@ class Client:
 
 @pytest.fixture
 def camera() -> Echo:
-    busy = Fault(FaultKind.BUSY, 0x9001, nth=3)
-    return Echo(IDENTITY, SystemClock(), TIMING, FaultSchedule.of(busy), 0)
+    return Echo(SystemClock(), Fault(FaultKind.BUSY, GIVE, nth=3))
 
 
 @pytest.fixture
@@ -111,7 +75,7 @@ def client(camera: Echo) -> Iterator[Client]:
 
 
 def test_session_and_refusals(client: Client, camera: Echo) -> None:
-    client.request(0x9001, 0)
+    client.request(GIVE, 0)
     assert client.answer()[0] == Response.SESSION_NOT_OPEN
     client.request(Operation.OPEN_SESSION, 0, 1)
     assert client.answer() == (Response.OK, 0, b"")
@@ -126,13 +90,13 @@ def test_data_goes_out_in_pieces_and_comes_back(client: Client, camera: Echo) ->
     data = bytes(range(256)) * 500
     client.request(Operation.OPEN_SESSION, 0, 1)
     client.answer()
-    client.request(0x9000, 1, phase=2)
+    client.request(KEEP, 1, phase=2)
     client.send(client.command, 9, struct.pack("<IQ", 1, len(data)))
     client.send(client.command, 10, struct.pack("<I", 1) + data[:70_000])
     client.send(client.command, 12, struct.pack("<I", 1) + data[70_000:])
     assert client.answer() == (Response.OK, 1, struct.pack("<I", len(data)))
     assert camera.kept == data
-    client.request(0x9001, 2)
+    client.request(GIVE, 2)
     assert client.receive(client.command) == (9, struct.pack("<IQ", 2, len(data)))
     assert client.receive(client.command) == (12, struct.pack("<I", 2) + data)
     assert client.answer() == (Response.OK, 2, b"")
@@ -154,7 +118,7 @@ def test_faults_of_the_responder_hold_over_tcp_too(client: Client, camera: Echo)
     client.answer()
     codes = []
     for transaction_id in (1, 2, 3, 4):
-        client.request(0x9001, transaction_id)
+        client.request(GIVE, transaction_id)
         if transaction_id != 3:
             client.receive(client.command)
             client.receive(client.command)
@@ -165,7 +129,7 @@ def test_faults_of_the_responder_hold_over_tcp_too(client: Client, camera: Echo)
 
 @pytest.mark.parametrize(
     ("kind", "body"),
-    [(6, b"short"), (99, b""), (6, struct.pack("<IHI", 2, 0x9000, 0)), (6, struct.pack("<IHIB", 1, 0x1001, 0, 1))],
+    [(6, b"short"), (99, b""), (6, struct.pack("<IHI", 2, KEEP, 0)), (6, struct.pack("<IHIB", 1, 0x1001, 0, 1))],
 )
 def test_nonsense_ends_the_connection_and_is_noted(client: Client, camera: Echo, kind: int, body: bytes) -> None:
     client.send(client.command, kind, body)
