@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 
-from station.frame_problem import FrameProblemError, Reason
+from station.frame_problem import Reason
 from station.tiff import Entry, TiffReader
 
 MAX_EXPOSURE_S = 3600.0
@@ -126,6 +126,3 @@ def parse_offset(text: str) -> int | None:
     if minutes > 14 * 60:
         return None
     return -minutes if sign == "-" else minutes
-
-
-__all__ = ["ExifFacts", "FrameProblemError", "read_exif"]

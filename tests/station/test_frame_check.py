@@ -331,3 +331,18 @@ def test_a_real_bracket_passes(checker):
     wrong = ExpectedFrame(exposure_s=1 / 4)
     with pytest.raises(FrameRejectedError, match=r"1/5 s, asked 1/4 s, 0\.32 stops shorter"):
         checker.check((folder / "IMG_6961.JPG").resolve(), wrong)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("at", [200_000, 1_000_001, 3_000_000])
+def test_a_packet_lost_from_a_real_frame_is_heard_of(checker, tmp_path, at):
+    """Of 512 bytes lost or doubled every one was; of single flipped bits only one in five: those are for SHA-256."""
+    source = SHARED / "brackets" / "canon5d2_8mm_bracket" / "IMG_6963.JPG"
+    if not source.exists():
+        pytest.skip("the shared data folder is not beside the checkout")
+    data = source.read_bytes()
+    path = tmp_path / "lost.jpg"
+    path.write_bytes(data[:at] + data[at + 512 :])
+    assert reason(checker, path) == Reason.DAMAGED
+    path.write_bytes(data[:at] + data[at - 512 :])
+    assert reason(checker, path) == Reason.DAMAGED

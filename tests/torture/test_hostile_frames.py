@@ -11,6 +11,7 @@ import io
 import os
 import resource
 import time
+import warnings
 from collections import Counter
 from datetime import UTC, timedelta
 from pathlib import Path
@@ -25,7 +26,7 @@ from tests.torture.hostile_frames import SIZE, TIME_S, cases, good_frames
 from tests.torture.ledger import record
 
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
-COUNT = 11_000 if LONG else 660
+COUNT = 33_000 if LONG else 660
 SEED = 20_230_519
 LIMIT_S = 5.0
 ASKED = ExpectedFrame(
@@ -52,13 +53,14 @@ def misjudged(facts: FrameFacts, data: bytes) -> str:
     """Say what is wrong with an acceptance, looking at the file without our code."""
     if facts.sha256 != hashlib.sha256(data).hexdigest():
         return "another digest"
-    with Image.open(io.BytesIO(data)) as picture:
+    with warnings.catch_warnings(), Image.open(io.BytesIO(data)) as picture:
+        warnings.simplefilter("ignore")  # Pillow follows directories that the station never visits
         picture.load()
         said = picture.getexif().get_ifd(0x8769)
         if picture.size != SIZE:
             return f"size {picture.size}"
     asked = {0x829A: TIME_S, 0x829D: 5.6, 0x8827: 100}
-    wrong = [f"{tag:#x} is {said.get(tag)}" for tag, value in asked.items() if abs(said[tag] / value - 1) > 0.09]
+    wrong = [f"{tag:#x} is {said.get(tag)}" for tag, value in asked.items() if abs(said.get(tag, 0) / value - 1) > 0.09]
     return ", ".join(wrong)
 
 
