@@ -37,7 +37,6 @@ class BulkAssembler:
         self._limit: int | None = 0
         self._payload = bytearray()
         self._passed_bytes = 0
-        self._short_before = False
         self._ended = False
         self._empty_in_a_row = 0
 
@@ -66,12 +65,14 @@ class BulkAssembler:
             # A header that arrives alone (split header) is short too, and ends nothing.
             self._ended = short and len(self._raw) + len(transfer) > HEADER_BYTES
         self._raw += transfer
-        self._short_before = short
 
     def _refuse_response_inside_data(self, transfer: bytes) -> None:
-        """Notice a response where announced data is still missing, rather than wait for the rest in vain."""
+        """Notice a response where announced data is still missing, rather than wait for the rest in vain.
+
+        A transfer that is, to the byte, a response with the id of the data is no part of a picture.
+        """
         header = self._header
-        if header is None or header.type is not ContainerType.DATA or self.wanted_bytes == 0 or not self._short_before:
+        if header is None or header.type is not ContainerType.DATA or self.wanted_bytes == 0:
             return
         if not HEADER_BYTES <= len(transfer) <= MAX_RESPONSE_BYTES:
             return
@@ -146,7 +147,6 @@ class BulkAssembler:
         self._ended = False
         if not keep_rest:
             self._raw.clear()
-            self._short_before = False
             self._empty_in_a_row = 0
 
 

@@ -1,7 +1,9 @@
 """The datasets of PTP that our cameras speak: DeviceInfo, StorageInfo, ObjectInfo, DevicePropDesc; both ways, pure.
 
 The fields of each dataclass stand in the order of the wire. Decoding raises `ProtocolViolationError` for anything that
-is not exactly such a dataset. Text from a camera is text: names are never used as paths.
+is no such dataset. Bytes after the last field of DeviceInfo, StorageInfo and ObjectInfo are let pass, since devices in
+the field append fields of their own there; values and descriptions of properties must end where they end, since a
+longer one means another type. Text from a camera is text: names are never used as paths.
 """
 
 from __future__ import annotations
@@ -124,7 +126,6 @@ def decode_device_info(data: bytes) -> DeviceInfo:
         reader.string(),
         reader.string(),
     ]
-    reader.finish()
     return DeviceInfo(*fields)
 
 
@@ -147,7 +148,6 @@ def decode_storage_info(data: bytes) -> StorageInfo:
     """Return the StorageInfo that ``data`` is."""
     reader = DatasetReader(data, "StorageInfo")
     fields: list[Any] = [*_STORAGE_INFO.unpack(reader.take(_STORAGE_INFO.size)), reader.string(), reader.string()]
-    reader.finish()
     return StorageInfo(*fields)
 
 
@@ -169,7 +169,6 @@ def decode_object_info(data: bytes) -> ObjectInfo:
         reader.string(),
         reader.string(),
     ]
-    reader.finish()
     return ObjectInfo(*fields)
 
 

@@ -247,13 +247,15 @@ def test_skipped_container_is_not_stored() -> None:
     tracemalloc.stop()
 
 
-def test_response_where_data_is_missing_is_noticed_at_once() -> None:
+@pytest.mark.parametrize("received_bytes", [0, 500, 688])
+def test_response_where_data_is_missing_is_noticed_at_once(received_bytes: int) -> None:
     assembler = BulkAssembler(512)
-    assembler.feed(encode(OBJECT)[:700])
+    assembler.feed(encode(OBJECT)[: 12 + received_bytes])
     assert assembler.take(admit_all) is None
+    assembler.feed(b"")
     with pytest.raises(ProtocolViolationError, match="ended before its announced length") as caught:
         assembler.feed(encode(DONE))
-    assert caught.value.details["received_bytes"] == 688
+    assert caught.value.details["received_bytes"] == received_bytes
 
 
 def test_zero_length_packets_without_end_are_a_violation() -> None:

@@ -65,6 +65,10 @@ PAIRS: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], bytes], Callable[
 }
 
 
+EXTENSIBLE = {"DeviceInfo", "StorageInfo", "ObjectInfo"}
+"""Devices append fields of their own; the virtual camera of libgphoto2 appends a string to DeviceInfo."""
+
+
 @pytest.mark.parametrize("name", PAIRS)
 @given(data=st.data())
 def test_decode_undoes_encode_and_nothing_else_passes(name: str, data: st.DataObject) -> None:
@@ -75,8 +79,11 @@ def test_decode_undoes_encode_and_nothing_else_passes(name: str, data: st.DataOb
     cut = data.draw(st.integers(0, len(wire) - 1))
     with pytest.raises(ProtocolViolationError):
         decode(wire[:cut])
-    with pytest.raises(ProtocolViolationError):
-        decode(wire + b"\0")
+    if name in EXTENSIBLE:
+        assert decode(wire + b"\0\1\2") == dataset
+    else:
+        with pytest.raises(ProtocolViolationError, match="3 bytes too many"):
+            decode(wire + b"\0\1\2")
 
 
 @pytest.mark.parametrize("name", PAIRS)
