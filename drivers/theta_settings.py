@@ -104,10 +104,10 @@ class ThetaProperties:
         except (DeviceBusyError, OperationRefusedError):
             return None
 
-    def write(self, prop: int, value: int | str) -> None:
+    def write(self, prop: int, value: int | str, busy_limit_s: float = BUSY_LIMIT_S) -> None:
         """Write a property, waiting while the camera is busy."""
         session = self._link.session
-        session.retry_busy(lambda: session.set_prop_value(prop, PROPERTY_TYPES[prop], value), BUSY_LIMIT_S)
+        session.retry_busy(lambda: session.set_prop_value(prop, PROPERTY_TYPES[prop], value), busy_limit_s)
 
     def write_and_compare(self, name: str, prop: int, value: int | str) -> None:
         """Write a property and read it back; `SettingRefusedError` where it does not take, twice."""

@@ -65,8 +65,8 @@ READY_LIMIT_S = 15.0
 READY_PAUSE_S = 0.05
 EVENT_DRAIN_WAIT_S = 0.001
 MAX_DRAINED_EVENTS = 256
-RELEASE_LAG_S = 0.0
-"""Ricoh gives no figure; measure it and put it into the rig file."""
+RELEASE_LAG_S = 0.12
+"""Assumed: Ricoh gives no figure. Measure it and put it into the rig file."""
 USB_SHOOTING_POSSIBLE = 0
 WITNESSES = (
     Prop.EXPOSURE_PROGRAM_MODE,
@@ -122,8 +122,16 @@ class ThetaZ1:
         self._exposure = None
         self._wake()
         self._wait_until_ready(ready_limit_s)
+        self._wait_until_it_takes_settings(ready_limit_s)
         self._drain_events()
         self._store.remember()
+
+    def _wait_until_it_takes_settings(self, limit_s: float) -> None:
+        """Wait for a single exposure that older firmware does not tell of: it refuses settings meanwhile."""
+        if self._properties.has(RicohProp.EXPOSURE_STATUS):
+            return
+        mode = self._properties.number(Prop.STILL_CAPTURE_MODE)
+        self._properties.write(Prop.STILL_CAPTURE_MODE, mode, limit_s)
 
     def _wake(self) -> None:
         """Write "awake" until the camera takes it and answers for properties that a sleeping one keeps to itself."""

@@ -93,8 +93,10 @@ class ThetaDialogue(Dialogue):
     def connect(self, operations: Sequence[int] = OPERATIONS) -> Self:
         self.open()
         self.ask(0x1001, gives=device_info(6, operations, self.properties, TEXTS))
-        self.wake().ready().handles(*OLD)
-        return self.shutter_list()
+        self.wake().ready()
+        if 0xD83E not in self.properties:
+            self.get(0x5013, 1).ask(0x1016, 0x5013, sends=number(0x5013, 1))
+        return self.handles(*OLD).shutter_list()
 
     def modes(self) -> Self:
         self.wake().ready().get(0xD803, 180).get(0xD81B, 64800)
