@@ -124,8 +124,8 @@ class Fault:
     """One fault and its trigger.
 
     ``code`` 0 means any operation, event or property; it fires on occurrences ``nth`` to ``nth + times - 1`` (from 1).
-    ``phase`` and ``byte`` place faults of the link: bytes of that phase that still pass. ``parameters`` are those of the
-    kind.
+    ``phase`` and ``byte`` place faults of the link: bytes of that phase that still pass. ``parameters`` are the kind's
+    own.
     """
 
     kind: FaultKind

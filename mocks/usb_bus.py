@@ -1,4 +1,4 @@
-"""A pyusb backend whose devices are simulated cameras: the real pyusb runs on top of it, with errno as libusb gives it."""
+"""A pyusb backend whose devices are simulated cameras: the real pyusb runs on top of it; errno as libusb gives it."""
 
 from __future__ import annotations
 

@@ -18,7 +18,13 @@ from mocks.usb_pipe import CutError, InPipe, LinkError
 MAX_DATA_OUT_BYTES = 1 << 20
 ENDLESS_S = 3600.0
 WAIT_SLICE_S = 0.25
+SHORTEST_WAIT_S = 1e-6
+"""Shorter waits would not move a clock that has run for days."""
 HOST_TO_CLASS, CLASS_TO_HOST = 0x21, 0xA1
+
+
+def _gone() -> LinkError:
+    return LinkError(errno.ENODEV, "No such device (it may have been disconnected)")
 
 
 @dataclass
@@ -69,12 +75,16 @@ class UsbPtpDevice:
         """Give a bulk or interrupt IN transfer of at most ``size_bytes``; what came before a time-out is given."""
         pipe = self._event if endpoint == self.camera.identity.endpoints[2] else self._in
         deadline_s = self.clock.monotonic_s() + (timeout_s or ENDLESS_S)
+        attachment = self.camera.attachment
         got = bytearray()
         while True:
             with self.camera.lock:
+                if self.camera.attachment != attachment:
+                    raise _gone()
+                self._check_present(endpoint)
                 step = self._step(pipe, endpoint, size_bytes - len(got), deadline_s)
             if isinstance(step, float):
-                if step <= 0:
+                if step < SHORTEST_WAIT_S:
                     break
                 self.clock.sleep(step)
                 continue
@@ -136,23 +146,19 @@ class UsbPtpDevice:
     def _check_present(self, endpoint: int | None) -> None:
         self.catch_up()
         if not self.camera.plugged:
-            raise LinkError(errno.ENODEV, "No such device (it may have been disconnected)")
+            raise _gone()
         if endpoint in self.halted:
             raise LinkError(errno.EPIPE, "Pipe error")
 
     def _step(self, pipe: InPipe, endpoint: int, room_bytes: int, deadline_s: float) -> float | tuple[bytes, bool]:
         """Return bytes and whether they end the transfer, or the time to wait (0: no time left)."""
-        attachment = self._attachment
-        self._check_present(endpoint)
-        if self._attachment != attachment:
-            raise LinkError(errno.ENODEV, "No such device (it may have been disconnected)")
         if pipe is self._event:
             self._fetch_events()
         now_s = self.clock.monotonic_s()
         left_s = deadline_s - now_s
         if not pipe.ready(now_s):
             due = [t for t in (self.camera.agenda.next_due_s(), pipe.next_ready_s()) if t is not None]
-            return min(left_s, WAIT_SLICE_S, *(max(1e-6, t - now_s) for t in due))
+            return min(left_s, WAIT_SLICE_S, *(max(SHORTEST_WAIT_S, t - now_s) for t in due))
         affordable = int(max(0.0, left_s) * self._rate()) // pipe.packet_bytes * pipe.packet_bytes
         if affordable < min(room_bytes, pipe.packet_bytes):
             return left_s
@@ -167,7 +173,7 @@ class UsbPtpDevice:
         if fault.kind is FaultKind.UNPLUG:
             self.camera.unplug(fault.number("replug_after_s"))
             self.catch_up()
-            raise LinkError(errno.ENODEV, "No such device (it may have been disconnected)")
+            raise _gone()
         self.halted.add(endpoint)
         self.camera.excuse_transaction_id()
         if fault.word("afterwards") == "drop":

@@ -1,4 +1,4 @@
-"""The device's end of an IN endpoint: packets, short and zero-length ones, as a host's read sees them (USB 2.0, 5.8)."""
+"""The device's end of an IN endpoint: packets, short and zero-length ones, as a host's read sees them."""
 
 from __future__ import annotations
 
@@ -62,6 +62,8 @@ class InPipe:
         head = self.queue[0]
         if head.cut is not None and head.cut_fault is not None and head.position >= head.cut:
             fault, head.cut = head.cut_fault, None
+            if head.left_bytes == 0 and len(head.data) % self.packet_bytes:
+                self.queue.popleft()
             raise CutError(fault)
         if head.left_bytes == 0:
             self.queue.popleft()
