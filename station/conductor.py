@@ -130,9 +130,7 @@ class Conductor:
         while not self._notices.empty():
             yield from self._pump()
 
-    def _sides_in_need(
-        self, stop: int, sides: Iterable[Side]
-    ) -> Generator[CaptureEvent, None, tuple[Side, ...]]:
+    def _sides_in_need(self, stop: int, sides: Iterable[Side]) -> Generator[CaptureEvent, None, tuple[Side, ...]]:
         """Return the sides that need the stop; in an adaptive bracket, after the frames that tell are judged."""
         if self._plan.mode == "full":
             return tuple(sides)
