@@ -22,7 +22,7 @@ from drivers.serial_link import PortSettings
 
 SHIPPED = ("ls100", "cs100a", "ls160")
 MAX_DIALECT_BYTES = 64 * 1024
-GROUPS = {"value", "unit", "mode", "calibration", "state", "wait_s", "model", "serial", "error"}
+GROUPS = {"value", "unit", "mode", "calibration", "state", "wait_s", "model", "serial", "tail"}
 
 Meaning = Literal["ok", "over_range", "under_range", "wrong_unit", "wrong_mode", "battery_low", "error_code", "garbled"]
 
@@ -89,13 +89,19 @@ class Dialect(_Table):
     max_line_bytes: Annotated[int, Field(ge=8, le=4096)] = 64
     pause_s: Annotated[float, Field(ge=0, le=5)] = 0.1
     """Before each question."""
-    connect: tuple[Step, ...]
+    connect: Annotated[tuple[Step, ...], Field(min_length=1)]
+    """The greeting. The first step is harmless and its answer looks like no reading: it also brings a dialogue in step
+    again. A group ``tail`` marks text that a late reading could have too."""
     measure: Annotated[tuple[Step, ...], Field(min_length=1)]
+    confirm: Step | None = None
+    """Asks for the held value once more; the digits must be the same as in the last step of ``measure``."""
     goodbye: tuple[Step, ...] = ()
     meanings: dict[str, dict[str, Meaning]] = {}
     """Group name -> its text -> what that means; text that is not listed is garbled."""
     errors: dict[str, Meaning] = {}
     """Whole error lines (regular expressions) -> what they mean."""
+    ask_again: tuple[str, ...] = ()
+    """Error lines that say that the question did not arrive well: it is put again."""
     range_cd_m2: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 
     @field_validator("measure")

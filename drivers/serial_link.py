@@ -24,6 +24,8 @@ from drivers.errors import (
 
 POLL_S = 0.05
 """Longest single wait inside pyserial; deadlines are looked at in between."""
+STEP_S = 0.005
+"""Pause between two looks at a line that should stay quiet."""
 BY_ID = Path("/dev/serial/by-id")
 _PARITY = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 
@@ -150,7 +152,7 @@ class SerialLink:
                     partial=partial.hex(),
                     limit_s=timeout_s,
                 )
-            self._buffer += self._read(max_bytes)
+            self._buffer += self._read(max_bytes + len(delimiter))
 
     def drain(self, quiet_s: float, limit_s: float) -> int:
         """See `ByteLine.drain`."""
@@ -158,12 +160,15 @@ class SerialLink:
         self._buffer.clear()
         deadline = Deadline.after(self._clock, limit_s)
         quiet = Deadline.after(self._clock, quiet_s)
-        while not quiet.expired and not deadline.expired:
-            data = self._read(4096)
-            if data:
-                dropped += len(data)
+        while True:
+            waiting = self._waiting()
+            if waiting:
+                dropped += len(self._read(min(waiting, 4096)))
                 quiet = Deadline.after(self._clock, quiet_s)
-        return dropped
+            if deadline.expired or (quiet.expired and not waiting):
+                return dropped
+            if not waiting:
+                self._clock.sleep(min(STEP_S, quiet.remaining_s))
 
     def close(self) -> None:
         """Give the port back; never raises."""
@@ -172,10 +177,16 @@ class SerialLink:
         except (OSError, TypeError, AttributeError):
             pass  # already gone
 
-    def _read(self, max_bytes: int) -> bytes:
+    def _waiting(self) -> int:
         try:
-            waiting = self._port.in_waiting
-            return bytes(self._port.read(min(max(waiting, 1), max_bytes + 2)))
+            return int(self._port.in_waiting)
+        except (OSError, TypeError, AttributeError) as error:
+            self._lost(error)
+
+    def _read(self, max_bytes: int) -> bytes:
+        waiting = self._waiting()
+        try:
+            return bytes(self._port.read(min(max(waiting, 1), max_bytes)))
         except (OSError, TypeError, AttributeError) as error:
             self._lost(error)
 

@@ -32,7 +32,14 @@ class MeterFaultKind(StrEnum):
     FROZEN = "frozen"
     NO_ANSWER = "no_answer"
     LATE = "late"
+    """The meter is busy for so long, and hears nothing meanwhile."""
+    LAGGING = "lagging"
+    """The adapter holds the answer back, and all later ones behind it; questions get through."""
     UNPLUG = "unplug"
+
+
+TOP_CD_M2 = {"ls100": 299_900.0, "cs100a": 299_000.0, "ls160": 9_999_000.0}
+"""Above this a meter says that it is out of range (data sheets, from memory)."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,7 @@ class MeterFault:
     first: int = 1
     last: int = 1_000_000
     seconds: float = 8.0
-    """How late a late answer is."""
+    """How late a late or lagging answer is."""
 
     def hits(self, number: int) -> bool:
         """Whether this measurement is spoiled."""
@@ -66,7 +73,7 @@ class SimulatedMeter:
     luminance_cd_m2
         What it looks at, as a function of seconds since it was made.
     language
-        ``"ls100"`` (4800 7E2, MES), ``"cs100a"``, or ``"ls160"`` (the assumed RMT/MES/MDR).
+        ``"ls100"`` (MES; deaf while it measures), ``"cs100a"`` (likewise), or ``"ls160"`` (the assumed RMT/MES/MDR).
     noise_frac
         Standard deviation of one reading, relative.
     measuring_s
@@ -90,16 +97,25 @@ class SimulatedMeter:
         self._faults = faults
         self._random = random.Random(seed)
         self._held: bytes | None = None
+        self._measured_at_s = self._lag_s = 0.0
         self._remote = False
         self._last_number = ""
+        self._busy_until_s = self._sent_until_s = float("-inf")
         self.n_measured = 0
         self.shown: list[str] = []
         """The number of each measurement as its display showed it, for tests."""
 
     def hear(self, line: bytes, now_s: float) -> list[Piece]:
-        """Return the answer to one question (without its line end)."""
+        """Return the answer to one question (without its line end); nothing from a meter that is busy."""
+        if now_s < self._busy_until_s:
+            return []
         answers = {"ls100": self._ls100, "cs100a": self._cs100a, "ls160": self._ls160}
-        return answers[self._language](line.decode("ascii", "replace").strip("\0"), now_s)
+        pieces = answers[self._language](line.decode("ascii", "replace").strip("\0"), now_s)
+        ready_s = self._sent_until_s - now_s  # one wire: nothing overtakes
+        pieces = [Piece(max(p.after_s, ready_s), p.data) for p in pieces]
+        if pieces:
+            self._sent_until_s = now_s + pieces[-1].after_s
+        return pieces
 
     def _ls100(self, text: str, now_s: float) -> list[Piece]:
         if text == "MES":
@@ -124,15 +140,23 @@ class SimulatedMeter:
         if not self._remote:
             return [Piece(0.02, b"ER00\r\n")]
         if text == "MES,1":
-            pieces = self._measured(now_s, lambda number: f"OK00,0,{number:>9}")
-            self._held = pieces[-1].data if pieces else None
-            if pieces and pieces[-1].data is None:
-                return pieces
-            return [Piece(0.02, f"OK00,{self.measuring_s:4.1f}\r\n".encode())]
+            return self._ls160_measured(now_s)
         if text == "MDR,0":
-            held, self._held = self._held, None
-            return [Piece(0.02, held)] if held else []
+            if now_s < self._measured_at_s:
+                return [Piece(0.02, b"ER20\r\n")]
+            return [Piece(0.02 + self._lag_s, self._held)] if self._held else []
         return [Piece(0.02, b"ER00\r\n")]
+
+    def _ls160_measured(self, now_s: float) -> list[Piece]:
+        """Measure in the background: the answer says how long that takes; the data stay until the next time."""
+        pieces = self._measured(now_s, lambda number: f"OK00,0,{number:>9}")
+        self._busy_until_s = float("-inf")
+        if pieces and pieces[-1].data is None:
+            return pieces
+        self._held = pieces[-1].data if pieces else None
+        self._lag_s = pieces[-1].after_s - self.measuring_s if pieces else 0.0
+        self._measured_at_s = now_s + self.measuring_s
+        return [Piece(0.02, f"OK00,{self.measuring_s:4.1f}\r\n".encode())]
 
     def _measured(self, now_s: float, line: Callable[[str], str]) -> list[Piece]:
         self.n_measured += 1
@@ -142,10 +166,13 @@ class SimulatedMeter:
             number = self._last_number
         self._last_number = number
         self.shown.append(number)
-        answer = (line(number) + "\r\n").encode()
+        over = float(number) > TOP_CD_M2[self._language]
+        answer = b"ER10\r\n" if over else (line(number) + "\r\n").encode()
         self._held = answer
-        pieces = [Piece(self.measuring_s, answer)]
-        return pieces if fault is None else self._spoil(fault, answer)
+        pieces = [Piece(self.measuring_s, answer)] if fault is None else self._spoil(fault, answer)
+        late_s = fault.seconds if fault is not None and fault.kind is MeterFaultKind.LATE else 0.0
+        self._busy_until_s = now_s + self.measuring_s + late_s
+        return pieces
 
     def _number(self, now_s: float) -> str:
         """Return the luminance as the display shows it: four significant digits, at most two decimals."""
@@ -163,7 +190,7 @@ class SimulatedMeter:
             return []
         if kind is MeterFaultKind.UNPLUG:
             return [Piece(after_s / 2, None)]
-        if kind is MeterFaultKind.LATE:
+        if kind in (MeterFaultKind.LATE, MeterFaultKind.LAGGING):
             return [Piece(after_s + fault.seconds, answer)]
         spoiled = {
             MeterFaultKind.GARBLE_BYTE: self._garbled(answer),

@@ -8,6 +8,7 @@ import threading
 import tty
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import Protocol
 
 from drivers.clock import Clock, SystemClock
@@ -27,66 +28,103 @@ class Instrument(Protocol):
 
 
 class SerialPort:
-    """A pseudo-terminal with an instrument behind it; open ``name`` with pyserial. Close it when done."""
+    """A pseudo-terminal with an instrument behind it; open ``name`` with pyserial. Close it when done.
 
-    def __init__(self, instrument: Instrument, clock: Clock | None = None) -> None:
+    Parameters
+    ----------
+    instrument
+        Who answers.
+    clock
+        Time of the answers.
+    stable_name
+        A symbolic link that is kept on the current pseudo-terminal, as the system's by-id names are.
+    """
+
+    def __init__(self, instrument: Instrument, clock: Clock | None = None, stable_name: Path | None = None) -> None:
         self._instrument = instrument
         self._clock = clock or SystemClock()
         self._start_s = self._clock.monotonic_s()
+        self._stable_name = stable_name
+        self._plug: _Plug | None = None
+        self.name = ""
+        self.replug()
+
+    def replug(self) -> None:
+        """Pull the plug and put it in again: the port has another number then."""
+        before, self._plug = self._plug, _Plug(self._answer)
+        self.name = self._plug.name
+        if before is not None:
+            before.pull()
+        if self._stable_name is not None:
+            self._stable_name.unlink(missing_ok=True)
+            self._stable_name.symlink_to(self.name)
+
+    def inject(self, data: bytes) -> None:
+        """Let bytes come that nobody asked for."""
+        assert self._plug is not None
+        self._plug.send(data)
+
+    def close(self) -> None:
+        """Unplug for good; may be called twice."""
+        if self._plug is not None:
+            self._plug.pull()
+
+    def _answer(self, line: bytes, plug: _Plug) -> None:
+        """Send the timed pieces."""
+        asked_s = self._clock.monotonic_s()
+        for piece in self._instrument.hear(line, asked_s - self._start_s):
+            wait_s = asked_s + piece.after_s - self._clock.monotonic_s()
+            while wait_s > 0 and not plug.pulled.is_set():
+                self._clock.sleep(min(wait_s, 0.1))
+                wait_s = asked_s + piece.after_s - self._clock.monotonic_s()
+            if piece.data is None:
+                plug.pull()
+            if plug.pulled.is_set():
+                return
+            plug.send(piece.data or b"")
+
+
+class _Plug:
+    """One pseudo-terminal and the thread behind it."""
+
+    def __init__(self, answer: Callable[[bytes, _Plug], None]) -> None:
+        self._answer = answer
         self._master, self._slave = os.openpty()
         # Raw: bytes pass as on a wire. The slave stays open here, so that the master lives while nobody listens.
         tty.setraw(self._slave)
         self.name = os.ttyname(self._slave)
+        self.pulled = threading.Event()
         self._wake_read, self._wake_write = os.pipe()
-        self._over = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="meter-port", daemon=True)
         self._thread.start()
 
-    def close(self) -> None:
-        """Unplug for good; may be called twice."""
-        if self._over.is_set():
-            return
-        self._over.set()
-        os.write(self._wake_write, b"x")
-        self._thread.join(5)
-        for fd in (self._master, self._slave, self._wake_read, self._wake_write):
-            with suppress(OSError):
-                os.close(fd)
+    def send(self, data: bytes) -> None:
+        """Put bytes on the wire; what finds no room within a second is lost."""
+        while data and select.select([], [self._master], [], 1.0)[1]:
+            data = data[os.write(self._master, data[:512]) :]
+
+    def pull(self) -> None:
+        """End the line: who has it open gets an error. May be called twice, and from the thread itself."""
+        if not self.pulled.is_set():
+            self.pulled.set()
+            os.write(self._wake_write, b"x")
+        if threading.current_thread() is not self._thread:
+            self._thread.join(5)
 
     def _serve(self) -> None:
         heard = bytearray()
-        while not self._over.is_set():
-            ready, _, _ = select.select([self._master, self._wake_read], [], [], 1.0)
-            if self._master not in ready:
-                continue
-            try:
+        while not self.pulled.is_set():
+            ready, _, _ = select.select([self._master, self._wake_read], [], [])
+            if self._master in ready:
                 heard += os.read(self._master, 4096)
-            except OSError:
-                return
-            while LINE_END in heard:
+            while LINE_END in heard and not self.pulled.is_set():
                 line, _, rest = bytes(heard).partition(LINE_END)
                 heard = bytearray(rest)
-                if not self._answer(line):
-                    return
+                self._answer(line, self)
             del heard[:-MAX_QUESTION_BYTES]
-
-    def _answer(self, line: bytes) -> bool:
-        """Send the timed pieces; False when the plug is pulled."""
-        asked_s = self._clock.monotonic_s()
-        for piece in self._instrument.hear(line, asked_s - self._start_s):
-            wait_s = asked_s + piece.after_s - self._clock.monotonic_s()
-            while wait_s > 0 and not self._over.is_set():
-                self._clock.sleep(min(wait_s, 0.1))
-                wait_s = asked_s + piece.after_s - self._clock.monotonic_s()
-            if piece.data is None:
-                with suppress(OSError):
-                    os.close(self._master)
-                    os.close(self._slave)
-                return False
-            if self._over.is_set():
-                return False
-            os.write(self._master, piece.data)
-        return True
+        for fd in (self._master, self._slave, self._wake_read, self._wake_write):
+            with suppress(OSError):
+                os.close(fd)
 
 
 class MemoryLine:

@@ -12,7 +12,7 @@ import random
 import re
 import time
 
-from drivers.ls160 import interpret
+from drivers.meter_dialogue import interpret
 from drivers.meter import ReadingStatus
 from drivers.meter_dialect import load_dialect
 from tests.torture.ledger import record
