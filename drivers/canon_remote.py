@@ -180,14 +180,19 @@ class CanonRemote:
         return self.values.get(prop, b"") if prop in self._fresh else b""
 
     def _confirm(self, prop: int) -> bytes:
-        """Return the property as told anew on request, or as last told where requests are not answered."""
+        """Return the property as told anew, or as last told where requests are not answered."""
+        told = self.ask_anew(prop)
+        return self.values[prop] if told is None else told
+
+    def ask_anew(self, prop: int) -> bytes | None:
+        """Request a property and return what the camera then tells, or None where it does not answer."""
         self._fresh.discard(prop)
         try:
             self.patiently(lambda: self.do(CanonOperation.REQUEST_DEVICE_PROP_VALUE, prop))
         except OperationRefusedError:
-            return self.values[prop]
+            return None
         self._await(prop, CONFIRM_LIMIT_S, None)
-        return self.values[prop]
+        return self.values[prop] if prop in self._fresh else None
 
     def _await(self, prop: int, limit_s: float, value: bytes | None) -> None:
         """Poll until the property is told anew (and is ``value``, where one is given), at most ``limit_s``."""

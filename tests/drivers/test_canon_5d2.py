@@ -266,7 +266,15 @@ def test_nearest_stop_is_taken_and_both_are_recorded() -> None:
 
 
 def test_all_wrong_controls_are_named_at_once() -> None:
-    camera, transport = CanonDialogue(xD105=2, xD108=0).connect().poll().poll().ask(0x1004, answer=0x2013).start()
+    camera, transport = (
+        CanonDialogue(xD105=2, xD108=0)
+        .connect()
+        .poll()
+        .poll()
+        .ask(0x1004, answer=0x2013)
+        .ask(0x9127, 0xD113, answer=0x200A)
+        .start()
+    )
     camera.connect()
     with pytest.raises(SettingRefusedError, match=r"dial stands at Av: turn it to M; the lens is on AF"):
         camera.prepare(PAPER)
@@ -515,14 +523,14 @@ def test_status_tells_battery_space_and_clock() -> None:
     dialogue.ask(0x1004, gives=u32_array([0x00010001]))
     space = struct.pack("<HHHQQI", 4, 3, 0, 2 * 10**10, 10**10, 0xFFFFFFFF)
     dialogue.ask(0x1005, 0x00010001, gives=space + b"\x03C\0F\0\0\0\0")
+    dialogue.ask(0x9127, 0xD113).poll(told(0xD113, CLOCK_S + 60))
     camera, transport = dialogue.start()
     camera.connect()
     status = camera.status()
     assert (status.battery_frac, status.free_bytes, status.free_frames) == (0.75, 10**10, 900)
     assert status.clock_utc is not None
-    assert status.clock_utc.astimezone().replace(tzinfo=None) == datetime.fromtimestamp(CLOCK_S, UTC).replace(
-        tzinfo=None
-    )
+    on_display = datetime.fromtimestamp(CLOCK_S + 60, UTC).replace(tzinfo=None)
+    assert status.clock_utc.astimezone().replace(tzinfo=None) == on_display
     assert (status.ready, status.problems, status.warnings) == (True, (), ())
     transport.assert_finished()
 
@@ -530,7 +538,7 @@ def test_status_tells_battery_space_and_clock() -> None:
 def test_silent_controls_are_warned_of() -> None:
     dialogue = CanonDialogue()
     del dialogue.before[AE_MODE], dialogue.before[FOCUS]
-    dialogue.connect().poll().ask(0x1004, answer=0x2013)
+    dialogue.connect().poll().ask(0x1004, answer=0x2013).ask(0x9127, 0xD113, answer=0x200A)
     camera, transport = dialogue.start()
     camera.connect()
     status = camera.status()
