@@ -8,6 +8,7 @@ from collections import deque
 
 import pytest
 
+from drivers.clock import Deadline
 from drivers.errors import (
     DeviceError,
     DeviceLostError,
@@ -18,16 +19,19 @@ from drivers.errors import (
     ProtocolViolationError,
 )
 from drivers.links import Pipe
+from drivers.ptp.pipes import DRAIN_QUIET_S, BulkPipe, EventPipe
 from drivers.ptp.resync import (
     CANCEL_LIMIT_S,
     CLASS_RESET_LIMIT_S,
     CONTROL_LIMIT_S,
     DRAIN_LIMIT_S,
     PORT_RESET_LIMIT_S,
+    READY_PAUSE_S,
     RESYNC_LIMIT_S,
     STATUS_BYTES,
+    Ladder,
 )
-from drivers.ptp.session import OPEN_LIMIT_S, PtpSession
+from drivers.ptp.session import OPEN_LIMIT_S, PtpEvent, PtpSession
 from tests.drivers.scripted import (
     Answer,
     ClearHalt,
@@ -216,12 +220,32 @@ def test_port_reset_is_the_last_rung() -> None:
     transport.assert_finished()
 
 
-def test_events_are_rescued_before_a_reset() -> None:
-    session, transport = broken_session(cancel(1), READY, probe(2))
+def test_events_are_rescued_before_a_remedy_throws_them_away() -> None:
+    class Forgetful(ScriptedTransport):
+        def control_out(self, request: int, data: bytes, timeout_s: float) -> None:
+            super().control_out(request, data, timeout_s)
+            self.interrupt.clear()
+
+    transport = Forgetful([OPENED, Step(command(0x911D, 1), [b"\xff" * 16]), cancel(1), READY, probe(2)])
+    session = PtpSession(transport, transport.clock, name="camera")
+    session.open()
+    with pytest.raises(ProtocolViolationError):
+        session.transact(0x911D)
     transport.interrupt.extend([event(0x4002, 1, 7), event(0x400D, 1, 1)])
     session.resynchronise()
-    assert session.poll_event(0.05).params == (7,)  # type: ignore[union-attr]
-    assert session.poll_event(0.05).code == 0x400D  # type: ignore[union-attr]
+    assert session.poll_event(0.05) == PtpEvent(0x4002, 1, (7,))
+    assert session.poll_event(0.05) == PtpEvent(0x400D, 1, (1,))
+
+
+def test_step_of_a_rung_takes_no_more_than_the_rung_has_left() -> None:
+    clock = FakeClock()
+    camera = LateCamera(clock, late=False)
+    camera.control_out = lambda request, payload, timeout_s: None  # type: ignore[method-assign]
+    camera.control_in = lambda request, length, timeout_s: bytes.fromhex("0400 1920")  # type: ignore[method-assign]
+    ladder = Ladder(camera, clock, BulkPipe(camera, clock), EventPipe(camera, clock))
+    began_s = clock.now_s
+    assert ladder.class_reset(Deadline.after(clock, 0.3))
+    assert clock.now_s - began_s <= 0.3 + READY_PAUSE_S + DRAIN_QUIET_S
 
 
 def test_lost_camera_goes_straight_to_opening_anew() -> None:
