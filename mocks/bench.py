@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.clock import Clock, SystemClock
-from mocks.canon_5d2 import SimulatedCanon5D2
+from mocks.canon_5d2 import CanonOptions, SimulatedCanon5D2
 from mocks.exposures import CameraTiming
 from mocks.faults import FaultSchedule
 from mocks.ls160 import MeterFault, SimulatedMeter
@@ -16,7 +16,7 @@ from mocks.pictures import RenderedShots
 from mocks.sensor import Exposure
 from mocks.serial_port import SerialPort
 from mocks.shots import ShotSource
-from mocks.theta_z1 import SimulatedThetaZ1
+from mocks.theta_z1 import SimulatedThetaZ1, ThetaOptions
 from mocks.usb_bus import SimulatedUsbBackend
 from mocks.world import Vector, World, meter_luminance_cd_m2, open_world
 
@@ -54,6 +54,8 @@ class BenchOptions:
     meter_faults: tuple[MeterFault, ...] = ()
     measuring_s: float = MEASURING_S
     shots: Mapping[str, ShotSource] = field(default_factory=dict)
+    theta: ThetaOptions | None = None
+    canon: CanonOptions | None = None
 
 
 @dataclass
@@ -101,8 +103,9 @@ def make_bench(
     devices: dict[str, SimulatedCamera] = {}
     for wanted in cameras:
         shots = options.shots.get(wanted.kind) or _rendered(world, wanted, stops_s, options.seed)
-        devices[wanted.kind] = _camera(wanted.kind, shots, options)
+        devices[wanted.kind] = _camera(wanted, shots, options)
     direction = getattr(world, "board_direction", (0.0, 1.0, 0.0))
+    meter_luminance_cd_m2(world, direction)  # now, so that the first reading need not wait for the world's light
     meter = SimulatedMeter(
         lambda t_s: meter_luminance_cd_m2(world, direction, t_s),
         language=options.meter_language,
@@ -123,10 +126,12 @@ def _rendered(world: World, wanted: WantedCamera, stops_s: Sequence[float], seed
     return shots
 
 
-def _camera(kind: str, shots: ShotSource, options: BenchOptions) -> SimulatedCamera:
-    how = {"faults": options.faults.get(kind), "seed": options.seed}
-    if kind in options.timing:
-        how["timing"] = options.timing[kind]
-    if kind == "theta_z1":
-        return SimulatedThetaZ1(shots, options.clock, **how)
-    return SimulatedCanon5D2(shots, options.clock, **how)
+def _camera(wanted: WantedCamera, shots: ShotSource, options: BenchOptions) -> SimulatedCamera:
+    how = {"faults": options.faults.get(wanted.kind), "seed": options.seed}
+    if wanted.kind in options.timing:
+        how["timing"] = options.timing[wanted.kind]
+    if wanted.kind == "theta_z1":
+        theta = options.theta or ThetaOptions(image_size_px=wanted.size_px)
+        return SimulatedThetaZ1(shots, options.clock, options=theta, **how)
+    canon = options.canon or CanonOptions(image_size_px=wanted.size_px)
+    return SimulatedCanon5D2(shots, options.clock, options=canon, **how)

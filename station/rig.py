@@ -62,11 +62,21 @@ def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
     if file.meter is not None and file.meter.target_deg is None:
         meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
         file = file.model_copy(update={"meter": meter_table})
+    file = file.model_copy(update=_as_measured(file, bench))
     cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
     meter = None
     if file.meter is not None:
         meter = meter_on_port(file.meter.dialect, bench.meter_port, bench.clock)
     return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
+
+
+def _as_measured(file: RigFile, bench: SimulatedBench) -> dict[str, object]:
+    """Return the camera tables with the bench's mean release lags, as a rig file has them that somebody measured."""
+    return {
+        side.value: table.model_copy(update={"release_lag_s": bench.cameras[table.kind].timing.release_lag_s})
+        for side, table in file.cameras().items()
+        if table.release_lag_s is None
+    }
 
 
 def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
@@ -84,7 +94,9 @@ def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
         return ThetaZ1(open_transport, clock)
     from drivers.canon_5d2 import Canon5D2
 
-    return Canon5D2(open_transport, clock)
+    # A simulated camera calls its one picture size "large", whatever it is.
+    sizes_px = canon_codes.IMAGE_SIZES_PX if backend is None else {canon_codes.IMAGE_SIZE_LARGE: table.size_px}
+    return Canon5D2(open_transport, clock, sizes_px=sizes_px)
 
 
 def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:

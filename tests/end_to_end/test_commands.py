@@ -1,0 +1,180 @@
+"""The commands as a user runs them, on simulated instruments: real pyusb, real pyserial, real processes."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CAPTURE = ("capture", "Try Out", "--simulate", "room", "--size", "small")
+FEW_STOPS = ("--stops", "1/15,1/60,1/250")
+
+
+@pytest.fixture(scope="session")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pictures")
+
+
+def start(cache: Path, *arguments: str, cwd: Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "daylit", *arguments],
+        cwd=cwd,
+        env={**os.environ, "DAYLIT_CACHE": str(cache), "PYTHONPATH": str(Path(__file__).parents[2])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def daylit(cache: Path, *arguments: str, cwd: Path, expect: int = 0) -> list[dict[str, Any]]:
+    """Run a command and return its standard output as JSON objects."""
+    process = start(cache, *arguments, cwd=cwd)
+    out, err = process.communicate(timeout=110)
+    assert process.returncode == expect, f"exit {process.returncode}\n{out}\n{err}"
+    return [json.loads(line) for line in out.splitlines()]
+
+
+def test_a_capture_is_whole_and_verifies(cache: Path, tmp_path: Path) -> None:
+    events = daylit(cache, *CAPTURE, *FEW_STOPS, cwd=tmp_path)
+    summary = events[-1]
+    assert summary["ok"]
+    assert summary["frames"] == 6
+    kinds = [e["event"] for e in events[:-1]]
+    assert kinds[0] == "started"
+    assert kinds[-1] == "finished"
+    assert kinds.count("saved") == 6
+    assert kinds.count("reading") == 2
+    assert any("ASSUMED" in w for w in summary["warnings"]), "the assumed meter dialect is told in the session"
+    (report,) = daylit(cache, "verify", "--look", "--json", summary["session"], cwd=tmp_path)
+    assert report["ok"], report
+    manifest = json.loads((tmp_path / summary["session"] / "session.json").read_text())
+    assert manifest["simulated"]
+    assert manifest["target"] is not None
+    assert {d["role"] for d in manifest["devices"]} == {"indoor", "outdoor", "meter"}
+    assert all(f["exif_s"] == pytest.approx(f["asked_s"], rel=0.1) for f in manifest["frames"])
+
+
+def test_one_flipped_bit_is_found(cache: Path, tmp_path: Path) -> None:
+    session = daylit(cache, *CAPTURE, "--stops", "1/60", "--only", "indoor", cwd=tmp_path)[-1]["session"]
+    (frame,) = (tmp_path / session / "indoor").iterdir()
+    data = bytearray(frame.read_bytes())
+    data[len(data) // 2] ^= 1
+    frame.chmod(0o644)
+    frame.write_bytes(data)
+    (report,) = daylit(cache, "verify", "--json", session, cwd=tmp_path, expect=4)
+    assert not report["ok"]
+    assert frame.name in json.dumps(report["problems"])
+
+
+def test_killed_in_the_middle_then_resumed(cache: Path, tmp_path: Path) -> None:
+    process = start(cache, *CAPTURE, "--stops", "1,1/4,1/15,1/60,1/250", cwd=tmp_path)
+    assert process.stdout is not None
+    acknowledged = []
+    for line in process.stdout:
+        event = json.loads(line)
+        if event.get("event") == "saved":
+            acknowledged.append(event["file"])
+        if len(acknowledged) >= 3:
+            process.send_signal(signal.SIGKILL)
+            break
+    process.wait(20)
+    (session,) = (tmp_path / "sessions").iterdir()
+    digests = {name: (session / name).read_bytes() for name in acknowledged}
+    summary = daylit(cache, "capture", "--simulate", "room", "--size", "small", "--resume", str(session), cwd=tmp_path)[
+        -1
+    ]
+    assert summary["ok"], summary
+    assert summary["frames"] == 10
+    assert all((session / name).read_bytes() == data for name, data in digests.items())
+    (report,) = daylit(cache, "verify", "--json", str(session), cwd=tmp_path)
+    assert report["ok"]
+
+
+def test_ctrl_c_ends_after_the_pair_and_says_how_to_go_on(cache: Path, tmp_path: Path) -> None:
+    process = start(cache, *CAPTURE, "--stops", "1,1/4,1/15,1/60", cwd=tmp_path)
+    assert process.stdout is not None
+    last: dict[str, Any] = {}
+    for line in process.stdout:
+        last = json.loads(line)
+        if last.get("event") == "saved":
+            process.send_signal(signal.SIGINT)
+    assert process.wait(30) == 4
+    assert last["status"] == "partial"
+    assert last["missing"]
+
+
+def test_adaptive_says_what_it_left_out(cache: Path, tmp_path: Path) -> None:
+    world = "uniform:100"
+    events = daylit(
+        cache, "capture", "x", "--simulate", world, "--size", "small", "--bracket", "adaptive",
+        "--only", "indoor", "--no-meter", cwd=tmp_path,
+    )  # fmt: skip
+    skipped = [e for e in events if e.get("event") == "skipped"]
+    assert skipped
+    assert all("any more" in e["reason"] for e in skipped)
+    assert events[-1]["ok"]
+    assert events[-1]["frames"] + events[-1]["skipped"] == 9
+
+
+def test_dry_run_touches_nothing(cache: Path, tmp_path: Path) -> None:
+    (plan,) = daylit(cache, "capture", "x", "--simulate", "room", "--dry-run", "--json", cwd=tmp_path)
+    assert len(plan["rows"]) == 9
+    assert plan["total_s"] > plan["exposures_s"] > 5.3
+    assert not list(tmp_path.iterdir())
+
+
+def test_typed_reading_stands_for_the_meter(cache: Path, tmp_path: Path) -> None:
+    summary = daylit(cache, *CAPTURE, "--stops", "1/60", "--only", "indoor", "--reading", "34.63", cwd=tmp_path)[-1]
+    manifest = json.loads((tmp_path / summary["session"] / "session.json").read_text())
+    (reading,) = manifest["readings"]
+    assert (reading["status"], reading["luminance_cd_m2"]) == ("typed", 34.63)
+
+
+def test_doctor_and_conform_pass_on_simulated_instruments(cache: Path, tmp_path: Path) -> None:
+    process = start(cache, "doctor", "--simulate", "room", "--json", cwd=tmp_path)
+    out, err = process.communicate(timeout=60)
+    answer = json.loads(out)
+    assert answer["ok"], (answer, err)
+    assert "ASSUMED" in out
+    (conform,) = daylit(cache, "conform", "--simulate", "room", "--json", cwd=tmp_path)
+    assert conform["ok"], conform
+    assert len(conform["outcomes"]) > 20
+
+
+def test_two_stations_on_one_session_exclude_each_other(cache: Path, tmp_path: Path) -> None:
+    session = daylit(cache, *CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
+    holder = (
+        "import sys, time; from pathlib import Path; from station.store import SessionStore;"
+        "store = SessionStore.open(Path(sys.argv[1]), writable=True); print('held', flush=True); time.sleep(60)"
+    )
+    root = str(Path(__file__).parents[2])
+    process = subprocess.Popen(
+        [sys.executable, "-c", holder, session],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": root},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"held\n"
+    resume = ("capture", "--simulate", "room", "--size", "small", "--resume", session, "--json")
+    (refused,) = daylit(cache, *resume, cwd=tmp_path, expect=4)
+    assert refused["error"]["code"] == "SES-002"
+    process.kill()
+    process.wait(10)
+    time.sleep(0.1)
+    assert daylit(cache, *resume, cwd=tmp_path)[-1]["ok"], "a killed holder leaves no lock behind"
+
+
+def test_demo_ends_by_saying_where_to_look(cache: Path, tmp_path: Path) -> None:
+    process = start(cache, "demo", "--size", "small", cwd=tmp_path)
+    out, err = process.communicate(timeout=110)
+    assert process.returncode == 0, err
+    assert "look at:" in out.splitlines()[-1]
+    assert len(list((tmp_path / "demo").glob("*/indoor/*.jpg"))) == 9
