@@ -195,8 +195,10 @@ class Canon5D2:
 
     def _clock_utc(self) -> datetime | None:
         """Ask for the clock anew: what the camera told when it was connected is old by now."""
-        told = self._remote.ask_anew(CanonProp.CAMERA_TIME)
-        return None if told is None else camera_time_utc(int.from_bytes(told, "little"))
+        if self._remote.ask_anew(CanonProp.CAMERA_TIME) is None:
+            return None
+        seconds = self._remote.number(CanonProp.CAMERA_TIME)
+        return None if seconds is None else camera_time_utc(seconds)
 
     def _free_bytes(self) -> int | None:
         session = self._link.session

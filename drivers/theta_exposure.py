@@ -22,7 +22,7 @@ from drivers.theta_settings import ThetaProperties
 EVENT_WAIT_S = 0.02
 MAX_EVENTS_A_POLL = 8
 COMPLETE_GRACE_S = 1.0
-"""All frames are there but CaptureComplete is not: ask the camera after this time whether it is ready."""
+"""Some of the events of a capture are there, but not all: ask the camera after this time."""
 ANNOUNCE_GRACE_S = 8.0
 """Stitching and saving take a few seconds (6 s is Ricoh's shortest interval for JPEG, 10 s for RAW+)."""
 ANNOUNCE_GRACE_RAW_S = 12.0
@@ -98,7 +98,7 @@ class ThetaExposure:
             self._ask_by(COMPLETE_GRACE_S)
         elif event.code == Event.STORE_FULL:
             self._store_full = True
-            self._ask_by(0.0)
+            self._ask_by(COMPLETE_GRACE_S)
 
     def _ask_by(self, wait_s: float) -> None:
         self._ask_at_s = min(self._ask_at_s, self._clock.monotonic_s() + wait_s)

@@ -28,6 +28,7 @@ from drivers.errors import (
     OperationRefusedError,
     ProtocolViolationError,
     SettingRefusedError,
+    StoreFullError,
 )
 from drivers.frame_store import FrameStore
 from drivers.links import PtpTransport
@@ -216,7 +217,10 @@ class ThetaZ1:
 
     def _free_space(self) -> tuple[int | None, int | None]:
         session = self._link.session
-        infos = [session.get_storage_info(storage_id) for storage_id in session.get_storage_ids()]
+        try:
+            infos = [session.get_storage_info(storage_id) for storage_id in session.get_storage_ids()]
+        except (DeviceBusyError, OperationRefusedError, StoreFullError):
+            return None, None
         if not infos:
             return None, None
         frames = sum(i.free_images for i in infos) if all(i.free_images != UNKNOWN_COUNT for i in infos) else None
@@ -252,6 +256,7 @@ class ThetaZ1:
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:
         """Set the nearest exposure time and read it back, after checking that the camera kept its other settings."""
+        self.keep_alive()
         self._wait_until_ready(READY_LIMIT_S)
         for setting in self._kept:
             # What the camera forgets, it forgets all at once: these few witnesses are enough.

@@ -117,8 +117,11 @@ class ThetaDialogue(Dialogue):
     def witnesses(self) -> Self:
         return self.get(0x500E, 1).get(0x5005, 0x8007).get(0xD813, 6500).get(0x5007, 560).get(0x500F, 100)
 
+    def awake(self) -> Self:
+        return self.get(0xD80E, 0).ready().witnesses()
+
     def shutter(self, n: int, d: int) -> Self:
-        self.ready().witnesses()
+        self.awake()
         return self.set(0xD00F, d << 32 | n)
 
     def release(self, answer: int = OK) -> Self:
@@ -253,7 +256,7 @@ def test_no_static_stitching_is_told_not_hidden(start: Start) -> None:
 
 
 def test_setting_that_takes_at_the_second_attempt(start: Start) -> None:
-    dialogue = ThetaDialogue().connect().prepare().ready().witnesses()
+    dialogue = ThetaDialogue().connect().prepare().awake()
     dialogue.set(0xD00F, 60 << 32 | 1, reads=15 << 32 | 1).set(0xD00F, 60 << 32 | 1)
     camera, transport = start(dialogue)
     camera.connect()
@@ -263,7 +266,7 @@ def test_setting_that_takes_at_the_second_attempt(start: Start) -> None:
 
 
 def test_setting_that_never_takes_is_refused(start: Start) -> None:
-    dialogue = ThetaDialogue().connect().prepare().ready().witnesses()
+    dialogue = ThetaDialogue().connect().prepare().awake()
     for _ in range(2):
         dialogue.set(0xD00F, 60 << 32 | 1, reads=15 << 32 | 1)
     camera, transport = start(dialogue)
@@ -275,7 +278,7 @@ def test_setting_that_never_takes_is_refused(start: Start) -> None:
 
 
 def test_refused_value_is_a_setting_error(start: Start) -> None:
-    dialogue = ThetaDialogue().connect().prepare().ready().witnesses()
+    dialogue = ThetaDialogue().connect().prepare().awake()
     dialogue.ask(0x1016, 0xD00F, sends=number(0xD00F, 60 << 32 | 1), answer=0x201C)
     camera, transport = start(dialogue)
     camera.connect()
@@ -295,7 +298,7 @@ def test_nearest_stop_is_taken_and_both_are_recorded(start: Start) -> None:
 
 
 def test_settings_lost_in_sleep_are_found_before_the_exposure(start: Start) -> None:
-    camera, transport = start(ThetaDialogue().connect().prepare().ready().get(0x500E, 2))
+    camera, transport = start(ThetaDialogue().connect().prepare().get(0xD80E, 1).wake().ready().get(0x500E, 2))
     camera.connect()
     camera.prepare(PAPER)
     with pytest.raises(SettingRefusedError, match="slept"):
@@ -305,7 +308,7 @@ def test_settings_lost_in_sleep_are_found_before_the_exposure(start: Start) -> N
 
 @pytest.mark.parametrize("wrong", [0.0, -1.0, float("nan")])
 def test_no_time_is_no_shutter(start: Start, wrong: float) -> None:
-    camera, transport = start(ThetaDialogue().connect().prepare().ready().witnesses())
+    camera, transport = start(ThetaDialogue().connect().prepare().awake())
     camera.connect()
     camera.prepare(PAPER)
     with pytest.raises(SettingRefusedError):
