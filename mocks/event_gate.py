@@ -38,7 +38,8 @@ class EventGate:
         """Hand ``event`` to ``put``, through whatever faults it triggers; then any event held back before it."""
         copies, hold_s = [event], 0.0
         for fault in self._faults.at(Moment.EVENT, code):
-            self._faults.note(fault)
+            if fault.kind not in (FaultKind.UNPLUG, FaultKind.STALL):
+                self._faults.note(fault)
             if fault.kind is FaultKind.LOST_EVENT:
                 copies = []
             elif fault.kind is FaultKind.DUPLICATE_EVENT:
