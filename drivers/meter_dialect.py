@@ -12,9 +12,9 @@ import tomllib
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from drivers.errors import DaylitError
 from drivers.meter import ReadingStatus
@@ -22,6 +22,8 @@ from drivers.serial_link import PortSettings
 
 SHIPPED = ("ls100", "cs100a", "ls160")
 MAX_DIALECT_BYTES = 64 * 1024
+JUDGED = ("unit", "mode", "calibration", "state")
+"""Groups that can turn a number into no luminance: whoever reads them must say what they mean."""
 GROUPS = {"value", "unit", "mode", "calibration", "state", "wait_s", "model", "serial", "tail"}
 
 Meaning = Literal["ok", "over_range", "under_range", "wrong_unit", "wrong_mode", "battery_low", "error_code", "garbled"]
@@ -55,7 +57,7 @@ class Port(_Table):
 class Step(_Table):
     """One question and the form of its answer."""
 
-    send: Annotated[str, Field(max_length=64)]
+    send: Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[ -~]+$")]
     expect: str
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 5.0
 
@@ -121,6 +123,20 @@ class Dialect(_Table):
                 raise ValueError(f"{pattern!r} is not a regular expression: {error}") from error
         return errors
 
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        steps = (*self.measure, *((self.confirm,) if self.confirm else ()))
+        silent = {g for step in steps for g in step.pattern.groupindex if g in JUDGED} - set(self.meanings)
+        if silent:
+            raise ValueError(f"meanings of {sorted(silent)} are missing")
+        if self.confirm and "value" not in self.confirm.pattern.groupindex:
+            raise ValueError("confirm must have a group 'value'")
+        if unknown := [text for text in self.ask_again if not any(p.fullmatch(text) for p, _ in self.error_patterns)]:
+            raise ValueError(f"ask_again names {unknown}, which errors does not know")
+        if self.range_cd_m2[0] >= self.range_cd_m2[1]:
+            raise ValueError("range_cd_m2 is upside down")
+        return self
+
     @cached_property
     def error_patterns(self) -> tuple[tuple[re.Pattern[str], ReadingStatus], ...]:
         """The error lines, compiled."""
@@ -148,7 +164,7 @@ def load_dialect(name_or_path: str) -> Dialect:
             "no dialect of that name and no such file", where=name_or_path, advice=f"shipped: {', '.join(SHIPPED)}"
         ) from error
     except ValidationError as error:
-        keys = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        keys = "; ".join(f"{'.'.join(map(str, e['loc'])) or 'file'}: {e['msg']}" for e in error.errors())
         raise DialectError(keys, where=name_or_path, advice="docs/meter-dialects.md describes the form") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise DialectError(f"cannot be read: {error}", where=name_or_path) from error

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import errno
 import os
-from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NoReturn, Protocol
@@ -13,14 +12,8 @@ import serial
 from serial.tools import list_ports as serial_list_ports
 
 from drivers.clock import Clock, Deadline, SystemClock
-from drivers.errors import (
-    DeviceClaimedError,
-    DeviceError,
-    DeviceLostError,
-    DeviceNotFoundError,
-    DevicePermissionError,
-    DeviceTimeoutError,
-)
+from drivers.errors import DeviceLostError, DeviceTimeoutError
+from drivers.serial_errors import open_error
 
 POLL_S = 0.05
 """Longest single wait inside pyserial; deadlines are looked at in between."""
@@ -105,15 +98,16 @@ class SerialLink:
                 parity=_PARITY[settings.parity],
                 stopbits=settings.stop_bits,
                 timeout=POLL_S,
-                write_timeout=POLL_S * 10,
+                write_timeout=0,  # takes what there is room for
                 do_not_open=True,
             )
             port.exclusive = True
             port.rtscts = settings.rts_handshake
             port.open()
             _refuse_parity_errors(port)
+            _keep_others_out(port, keep=True)
         except (OSError, ValueError) as error:
-            raise _open_error(error, name) from error
+            raise open_error(error, name) from error
         return cls(port, name, clock or SystemClock())
 
     def write(self, data: bytes, timeout_s: float) -> None:
@@ -121,12 +115,15 @@ class SerialLink:
         deadline = Deadline.after(self._clock, timeout_s)
         sent = 0
         while sent < len(data):
+            deadline.check("room on the line", self.name)
             try:
                 sent += self._port.write(data[sent:]) or 0
             except serial.SerialTimeoutException:
                 deadline.check("room on the line", self.name)
             except (OSError, TypeError) as error:  # pyserial's port may be None after an unplug
                 self._lost(error)
+            if sent < len(data):
+                self._clock.sleep(min(STEP_S, deadline.remaining_s))
 
     def read_line(self, delimiter: bytes, max_bytes: int, timeout_s: float) -> bytes:
         """See `ByteLine.read_line`."""
@@ -173,6 +170,7 @@ class SerialLink:
     def close(self) -> None:
         """Give the port back; never raises."""
         try:
+            _keep_others_out(self._port, keep=False)
             self._port.close()
         except (OSError, TypeError, AttributeError):
             pass  # already gone
@@ -208,6 +206,18 @@ def _refuse_parity_errors(port: serial.Serial) -> None:
     termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
 
+def _keep_others_out(port: serial.Serial, *, keep: bool) -> None:
+    """Let the system refuse the port to others (ModemManager does not look at pyserial's lock)."""
+    fd = getattr(port, "fd", None)  # POSIX only
+    if fd is None:
+        return
+    import fcntl
+    import termios
+
+    with suppress(OSError):  # a line that cannot do this works all the same
+        fcntl.ioctl(fd, termios.TIOCEXCL if keep else termios.TIOCNXCL)
+
+
 def list_ports() -> list[PortInfo]:
     """Return the serial ports of this computer, with the names that survive renumbering."""
     stable = {}
@@ -224,60 +234,3 @@ def list_ports() -> list[PortInfo]:
         )
         for p in sorted(serial_list_ports.comports(), key=lambda p: str(p.device))
     ]
-
-
-def find_port(
-    usb_ids: Collection[tuple[int, int]], serial_number: str = "", *, ports: Callable[[], list[PortInfo]] = list_ports
-) -> str:
-    """Return the port of the instrument with one of these USB ids (and serial number), whatever its number now.
-
-    Raises
-    ------
-    DeviceNotFoundError
-        None, or several without a serial number to choose by.
-    """
-    found = [
-        p
-        for p in ports()
-        if (p.vendor_id, p.product_id) in usb_ids and (not serial_number or p.serial == serial_number)
-    ]
-    if len(found) == 1:
-        return found[0].stable_name
-    what = "no meter" if not found else f"{len(found)} meters ({', '.join(p.device for p in found)})"
-    raise DeviceNotFoundError(
-        f"{what} among the serial ports",
-        where="meter",
-        likely="it is off, or it sits on an RS-232 adapter that does not tell what is behind it",
-        advice='name the port in the rig: [meter] port = "/dev/ttyUSB0"',
-    )
-
-
-def _open_error(error: OSError | ValueError, name: str) -> DeviceError:
-    number = getattr(error, "errno", None)
-    text = str(error)
-    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
-        holder = _holder(name)
-        return DeviceClaimedError(
-            f"{holder or 'another program'} holds the port",
-            where=name,
-            advice=f"stop {holder or 'it'} (ModemManager? see the udev rule)",
-            holder=holder,
-        )
-    if number in (errno.EACCES, errno.EPERM):
-        advice = "install the udev rule, or join the group dialout and log in anew"
-        return DevicePermissionError("the system refuses the port", where=name, advice=advice)
-    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text:
-        return DeviceNotFoundError("there is no such port", where=name, advice="daylit doctor lists the ports")
-    return DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in anew")
-
-
-def _holder(name: str) -> str:
-    """Return the program that has the device open, where /proc tells ('' otherwise)."""
-    target = os.path.realpath(name)
-    for link in Path("/proc").glob("[0-9]*/fd/*"):
-        try:
-            if os.path.realpath(link) == target and link.parts[2] != str(os.getpid()):
-                return (link.parents[1] / "comm").read_text().strip()
-        except OSError:
-            continue
-    return ""

@@ -52,9 +52,12 @@ class SerialPort:
     def replug(self) -> None:
         """Pull the plug and put it in again: the port has another number then."""
         before, self._plug = self._plug, _Plug(self._answer)
-        self.name = self._plug.name
+        if self._plug.name == self.name:  # the system gives a free number again: keep this one busy meanwhile
+            taken, self._plug = self._plug, _Plug(self._answer)
+            taken.pull()
         if before is not None:
             before.pull()
+        self.name = self._plug.name
         if self._stable_name is not None:
             self._stable_name.unlink(missing_ok=True)
             self._stable_name.symlink_to(self.name)

@@ -109,14 +109,10 @@ def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
     """
     from drivers.ls160 import KonicaMinoltaMeter
     from drivers.meter_dialect import load_dialect
-    from drivers.serial_link import SerialLink, find_port
+    from drivers.port_finder import PortOpener
 
     dialect = load_dialect(dialect_name)
-
-    def open_line() -> SerialLink:
-        name = find_port(dialect.usb_ids) if port == "auto" else port
-        return SerialLink.open(name, dialect.port.settings(), clock=clock)
-
+    open_line = PortOpener(port, dialect.port.settings(), usb_ids=dialect.usb_ids, clock=clock)
     return KonicaMinoltaMeter(open_line, dialect, clock)
 
 
