@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from tests.station.pictures import jpeg
@@ -129,14 +129,13 @@ KINDS: tuple[Callable[[bytes, random.Random], Case], ...] = (
 )
 
 
-def cases(count: int, seed: int) -> list[Case]:
-    """Return ``count`` cases, all kinds in turn; the same for the same seed. None equals its original."""
+def cases(count: int, seed: int) -> Iterator[Case]:
+    """Yield ``count`` cases, all kinds in turn; the same for the same seed. None equals its original."""
     rng = random.Random(seed)
     originals = good_frames()
-    made: list[Case] = []
-    while len(made) < count:
-        original = rng.choice(originals)
-        case = KINDS[len(made) % len(KINDS)](original, rng)
+    n_made = 0
+    while n_made < count:
+        case = KINDS[n_made % len(KINDS)](rng.choice(originals), rng)
         if case.data not in originals:
-            made.append(case)
-    return made
+            n_made += 1
+            yield case
