@@ -6,6 +6,7 @@ connections to the same port, for commands and for events.
 
 from __future__ import annotations
 
+import itertools
 import socket
 import struct
 import threading
@@ -96,6 +97,8 @@ class PtpIpServer:
         self.port = int(self._listener.getsockname()[1])
         self._connections: list[socket.socket] = []
         self._closing = threading.Event()
+        self._numbers = itertools.count(1)
+        self._client = 0
         self._threads = [threading.Thread(target=self._accept, name="ptp-ip", daemon=True)]
 
     def __enter__(self) -> Self:
@@ -126,14 +129,15 @@ class PtpIpServer:
     def _serve(self, connection: socket.socket) -> None:
         stream = PacketStream(connection)
         try:
-            kind, _body = stream.receive()
+            kind, body = stream.receive()
             if kind == Packet.INIT_COMMAND_REQUEST:
+                self._client = number = next(self._numbers)
                 name = (self._responder.identity.model + "\0").encode("utf-16-le")
-                stream.send(Packet.INIT_COMMAND_ACK, u32s([1]) + GUID + name + u32s([VERSION]))
+                stream.send(Packet.INIT_COMMAND_ACK, u32s([number]) + GUID + name + u32s([VERSION]))
                 self._serve_commands(stream)
-            elif kind == Packet.INIT_EVENT_REQUEST:
+            elif kind == Packet.INIT_EVENT_REQUEST and body == u32s([self._client]):
                 stream.send(Packet.INIT_EVENT_ACK)
-                self._serve_events(stream)
+                self._serve_events(stream, self._client)
             else:
                 stream.send(Packet.INIT_FAIL, u32s([FAIL_BUSY]))
         except ConnectionOver:
@@ -156,6 +160,8 @@ class PtpIpServer:
         finally:
             with self._responder.lock:
                 self._responder.forget_session()
+                self._responder.events.clear()
+                self._client = 0
 
     def _transact(self, stream: PacketStream, body: bytes) -> None:
         if len(body) < 10:
@@ -193,18 +199,20 @@ class PtpIpServer:
         body = struct.pack("<HI", answer.code, transaction_id) + u32s(answer.params)
         stream.send(Packet.OPERATION_RESPONSE, body)
 
-    def _serve_events(self, stream: PacketStream) -> None:
-        while not self._closing.wait(EVENT_POLL_S):
-            event = self._next_event()
+    def _serve_events(self, stream: PacketStream, client: int) -> None:
+        """Send events for as long as the command connection of the same client lives."""
+        while not self._closing.wait(EVENT_POLL_S) and self._client == client:
+            event = self._next_event(client)
             while event is not None:
                 body = struct.pack("<HI", event.code, event.transaction_id) + u32s(event.params)
                 stream.send(Packet.EVENT, body)
-                event = self._next_event()
+                event = self._next_event(client)
 
-    def _next_event(self) -> PendingEvent | None:
+    def _next_event(self, client: int) -> PendingEvent | None:
         with self._responder.lock:
             self._responder.advance()
-            return self._responder.events.popleft() if self._responder.events else None
+            waiting = self._responder.events if self._client == client else None
+            return waiting.popleft() if waiting else None
 
 
 def hang_up(connection: socket.socket) -> None:

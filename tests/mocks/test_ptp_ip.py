@@ -22,7 +22,7 @@ class Client:
         self.command = socket.create_connection((LOOPBACK, port), timeout=20)
         self.send(self.command, 1, bytes(16) + "me\0".encode("utf-16-le") + struct.pack("<I", 0x10000))
         kind, body = self.receive(self.command)
-        assert (kind, body[:4]) == (2, b"\1\0\0\0")
+        assert kind == 2
         assert body[20:-4].decode("utf-16-le") == "Echo\0"
         self.event = socket.create_connection((LOOPBACK, port), timeout=20)
         self.send(self.event, 3, body[:4])
@@ -169,3 +169,24 @@ def wait_until_closed(camera: Echo) -> None:
                 return
         clock.sleep(0.01)
     pytest.fail("the session stayed open")
+
+
+def test_events_go_to_the_client_of_today(camera: Echo) -> None:
+    """A client that hung up without a word must not swallow the events of the next one."""
+    with PtpIpServer(camera) as server:
+        gone = Client(server.port)
+        gone.command.close()
+        late_client = Client(server.port)
+        with camera.lock:
+            camera.emit(Event.CAPTURE_COMPLETE, 9)
+        assert late_client.receive(late_client.event)[0] == 8
+        gone.event.close()
+        late_client.close()
+
+
+def test_an_event_connection_of_nobody_is_refused(camera: Echo) -> None:
+    with PtpIpServer(camera) as server:
+        connection = socket.create_connection((LOOPBACK, server.port), timeout=20)
+        Client.send(connection, 3, struct.pack("<I", 99))
+        assert Client.receive(connection)[0] == 5
+        connection.close()
