@@ -1,328 +1,247 @@
-"""A simulated Canon EOS 5D Mark II with the manners of the real one (libgphoto2; the event stream of a 60D's log).
-
-What no source tells is chosen here and said so: which operations count as activity for auto power-off (all but
-GetEvent), the codes of refusals that libgphoto2 does not tell apart, that a USB reset drops unfetched pictures as
-pulling the cable does, and all times. `mocks.canon_release` is the shutter button.
-"""
+"""A simulated Canon EOS 5D Mark II: the body, and its shutter button over USB (half, full, autofocus, bulb)."""
 
 from __future__ import annotations
 
 import struct
-from collections import deque
-from datetime import UTC, datetime
+from dataclasses import dataclass, replace
 
-from drivers.clock import Clock
-from drivers.ptp import canon_codes
-from drivers.ptp.canon_codes import DESTINATION_CARD, CanonEvent, CanonOperation, CanonProp, CanonResponse
-from drivers.ptp.codes import DataType, Event, Operation, Response
-from mocks import canon_records, ptp_wire
-from mocks.canon_records import Record
-from mocks.canon_settings import D11E, D11F, READ_ONLY, CanonOptions, CanonSettings
-from mocks.exposures import CameraTiming
-from mocks.faults import FaultKind, FaultSchedule
-from mocks.ptp_camera import SimulatedCamera
-from mocks.ptp_messages import Answer, DeviceIdentity, Refusal, Request, Rule
-from mocks.ptp_objects import ObjectStore, Storage, StoredObject
-from mocks.ptp_properties import Property, PropertyTable
-from mocks.shots import ShotSource
-
-CANON_TIMING = CameraTiming(release_lag_s=0.075, processing_s=0.6, transfer_bytes_per_s=18e6)
-FIRST_HANDLE = 0x9000_0000
-FIRST_MEMORY_HANDLE = 0x9190_0001
-SHUTDOWN_WARNING_S = 10
-EMPTY_BATTERY = 0
-MODEL = "Canon EOS 5D Mark II"
-PLAIN_PROPERTIES = (
-    Property(0xD402, DataType.STRING, MODEL, writable=True),
-    Property(0xD407, DataType.UINT32, 1),
-    Property(0xD406, DataType.STRING, "", writable=True),
+from drivers.ptp.canon_codes import (
+    AE_BULB,
+    APERTURE_CODES,
+    DESTINATION_CARD,
+    DESTINATION_PC,
+    FOCUS_MANUAL,
+    IMAGE_SIZES_PX,
+    IMAGE_TYPE_RAW,
+    ISO_CODES,
+    SHUTTER_CODES,
+    SHUTTER_CODES_HALF,
+    WB_COLOR_TEMPERATURE,
+    CanonEvent,
+    CanonOperation,
+    CanonProp,
+    CanonResponse,
 )
+from drivers.ptp.codes import ObjectFormat, Response
+from mocks import canon_records
+from mocks.canon_body import CANON_TIMING, CanonBody
+from mocks.canon_records import ImageFormat, Record
+from mocks.canon_settings import BULB_SHUTTER, CanonOptions
+from mocks.faults import Fault, FaultKind
+from mocks.ptp_messages import Answer, Refusal, Request, Rule
+from mocks.shots import ShotRequest
+
+__all__ = ["CANON_TIMING", "CanonOptions", "SimulatedCanon5D2"]
+
+HALF, FULL, HALF_AND_FULL = 1, 2, 3
+RELEASED, NO_FOCUS, CARD_FULL, CARD_READ_ONLY = 0, 1, 7, 8
+"""Response parameter 1 of RemoteRelease."""
+STORE_CODES = {Response.STORE_FULL: CARD_FULL, Response.STORE_READ_ONLY: CARD_READ_ONLY}
+AUTO_ISO, AUTO_SHUTTER_S, AUTO_F_NUMBER, DAYLIGHT_K = 100, 1 / 125, 8.0, 5200
+FOCUS_POINTS_IN_USE = 9
+WHITE_BALANCE_K = {1: 5200, 2: 6000, 3: 3200, 4: 4000, 5: 6000, 8: 7000}
+SHUTTER_TIMES_S = {**SHUTTER_CODES, **SHUTTER_CODES_HALF}
 
 
-def canon_identity(options: CanonOptions) -> DeviceIdentity:
-    """Return the camera's USB identity and DeviceInfo."""
-    return DeviceIdentity(
-        usb_id=canon_codes.USB_ID,
-        endpoints=canon_codes.ENDPOINTS,
-        interrupt_packet_bytes=8,
-        vendor_extension=(canon_codes.VENDOR_EXTENSION_ID, 200),
-        operations=canon_codes.DEVICE_OPERATIONS,
-        events=canon_codes.DEVICE_EVENTS,
-        properties=canon_codes.DEVICE_PROPERTIES,
-        capture_formats=canon_codes.CAPTURE_FORMATS,
-        image_formats=canon_codes.IMAGE_FORMATS,
-        manufacturer="Canon Inc.",
-        model=MODEL,
-        version=options.firmware,
-        serial=options.serial,
-        serial_on_usb=False,
-    )
+@dataclass(frozen=True)
+class _Plan:
+    """What the running exposure is to become."""
+
+    files: ImageFormat
+    destination: int
 
 
-class CanonBody(SimulatedCamera):
-    """Everything but the shutter button: modes, settings, the record stream, pictures in memory."""
+class SimulatedCanon5D2(CanonBody):
+    """Put it into a `mocks.usb_bus.SimulatedUsbBackend`, or behind `mocks.ptp_ip.PtpIpServer`."""
 
-    unsupported_faults = frozenset()
-
-    def __init__(
-        self,
-        shots: ShotSource,
-        clock: Clock,
-        *,
-        timing: CameraTiming = CANON_TIMING,
-        options: CanonOptions = CanonOptions(),  # noqa: B008 - frozen
-        faults: FaultSchedule | None = None,
-        seed: int = 0,
-    ) -> None:
-        self.options = options
-        self.settings = CanonSettings(options)
-        self.records: deque[Record] = deque()
-        self.memory: dict[int, StoredObject] = {}
-        """Pictures for the computer, not yet fetched."""
-        self.remote_mode = 0
-        self.event_mode = 0
-        self.computer_bytes = 0
-        self._next_memory_handle = FIRST_MEMORY_HANDLE
-        self._last_active_s = clock.monotonic_s()
-        self._warned = False
-        storage = Storage(canon_codes.STORAGE_ID_CF, 4, options.card_bytes, "CF")
-        super().__init__(
-            canon_identity(options),
-            shots,
-            clock,
-            timing=timing,
-            store=ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100CANON")),
-            properties=PropertyTable(PLAIN_PROPERTIES),
-            faults=faults,
-            seed=seed,
-        )
-        self.rules |= self._body_rules()
+    half_pressed = False
+    full_pressed = False
+    _focused = False
+    _focusing_until_s = 0.0
+    _bulb_since_s: float | None = None
+    _plan = _Plan((), DESTINATION_CARD)
 
     def _body_rules(self) -> dict[int, Rule]:
         canon = CanonOperation
-        accept = Rule(lambda _request: Answer())
-        return {
-            canon.GET_STORAGE_IDS: Rule(self.get_storage_ids),
-            canon.GET_STORAGE_INFO: Rule(self.get_storage_info, 1, 1),
-            canon.GET_OBJECT_INFO: Rule(self.get_object_info, 1, 1),
-            canon.GET_OBJECT: Rule(self.get_object, 1, 1),
-            canon.DELETE_OBJECT: Rule(self.delete_object, 1, 2),
-            canon.GET_PARTIAL_OBJECT: Rule(self.get_partial_object, 3, 3),
-            canon.GET_DEVICE_INFO_EX: Rule(self._get_device_info_ex),
-            canon.GET_OBJECT_INFO_EX: Rule(self._get_object_info_ex, 2, 3),
-            canon.SET_DEVICE_PROP_VALUE_EX: Rule(self._set_value, data_out=True),
-            canon.GET_REMOTE_MODE: Rule(lambda _request: Answer(params=(self.remote_mode,))),
-            canon.SET_REMOTE_MODE: Rule(self._set_remote_mode, 1, 1),
-            canon.SET_EVENT_MODE: Rule(self._set_event_mode, 1, 1),
-            canon.GET_EVENT: Rule(self._get_event),
-            canon.TRANSFER_COMPLETE: Rule(self._transfer_complete, 1, 1),
-            canon.CANCEL_TRANSFER: Rule(self._transfer_complete, 1, 1),
-            canon.PC_HDD_CAPACITY: Rule(self._pc_capacity, 2, 3),
-            canon.SET_UI_LOCK: accept,
-            canon.RESET_UI_LOCK: Rule(self._when_idle),
-            canon.KEEP_DEVICE_ON: accept,
-            canon.REQUEST_DEVICE_PROP_VALUE: Rule(self._request_value, 1, 1),
+        return super()._body_rules() | {
+            canon.REMOTE_RELEASE: Rule(self._remote_release),
+            canon.REMOTE_RELEASE_ON: Rule(self._release_on, 1, 2),
+            canon.REMOTE_RELEASE_OFF: Rule(self._release_off, 1, 1),
+            canon.BULB_START: Rule(self._bulb_start),
+            canon.BULB_END: Rule(self._bulb_end),
+            canon.DO_AF: Rule(self._do_af),
+            canon.AF_CANCEL: Rule(self._when_idle),
         }
 
-    # ---- link and power
-
     def forget_session(self) -> None:
-        """Close the session; remote and event mode end with it."""
+        """Close the session; the button comes up."""
         super().forget_session()
-        self.remote_mode = self.event_mode = 0
-        self.records.clear()
+        self.half_pressed = self.full_pressed = False
 
-    def link_reset(self) -> None:
-        """Lose the session and unfetched pictures."""
-        super().link_reset()
-        self.memory.clear()
+    # ---- the button
 
-    def fall_asleep(self) -> None:
-        """Switch off: `replug` is the power switch."""
-        self.unplug()
-
-    def replug(self) -> None:
-        """Put the cable back, or switch on."""
-        super().replug()
-        self._last_active_s = self.clock.monotonic_s()
-        self._warned = False
-
-    def advance(self) -> None:
-        """Catch up with the clock; warn, then switch off, after idling too long."""
-        with self.lock:
-            super().advance()
-            limit_s = self.settings.number(CanonProp.AUTO_POWER_OFF)
-            idle_s = self.clock.monotonic_s() - max(self._last_active_s, self.busy_until_s)
-            if not limit_s or not self.plugged:
-                return
-            if idle_s >= limit_s:
-                self.unplug()
-            elif idle_s >= limit_s - SHUTDOWN_WARNING_S and not self._warned:
-                self._warned = True
-                self.tell(canon_records.number(CanonEvent.WILL_SOON_SHUTDOWN, SHUTDOWN_WARNING_S))
-
-    def before(self, request: Request) -> None:
-        """Note activity, which keeps the camera on."""
-        if request.operation != CanonOperation.GET_EVENT:
-            self._last_active_s = self.clock.monotonic_s()
-            self._warned = False
-
-    def _when_idle(self, _request: Request) -> Answer:
-        self.refuse_while_exposing()
-        return Answer()
-
-    # ---- modes and records
-
-    def tell(self, *records: Record) -> None:
-        """Queue records for GetEvent, and ask the host on the interrupt pipe to fetch them."""
-        if not self.event_mode:
-            return
-        was_empty = not self.records
-        for record in records:
-            self.gate.deliver(record.code, record, self.records.append)
-        if was_empty and self.records:
-            self.emit(CanonEvent.REQUEST_GET_EVENT)
-
-    def refuse_without_remote(self) -> None:
-        """Refuse what needs remote mode."""
-        if not self.remote_mode:
-            raise Refusal(CanonResponse.OPERATION_REFUSED)
-
-    def refuse_undrained(self) -> None:
-        """Answer busy while the host has events to fetch."""
-        if self.records and self.options.busy_until_drained:
-            raise Refusal(Response.DEVICE_BUSY)
-
-    def _set_remote_mode(self, request: Request) -> Answer:
-        self.remote_mode = request.params[0]
-        return Answer()
-
-    def _set_event_mode(self, request: Request) -> Answer:
-        began = request.params[0] and not self.event_mode
-        self.event_mode = request.params[0]
-        if began:
-            self.refresh_settings()
-            self.tell(*self.settings.first_records())
-        elif not self.event_mode:
-            self.records.clear()
-        return Answer()
-
-    def _get_event(self, _request: Request) -> Answer:
-        records = list(self.records)
-        self.records.clear()
-        for fault in (r.fault for r in records if r.fault):
-            self.unplug(fault.number("replug_after_s") if fault.kind is FaultKind.UNPLUG else 0.0)
-        return Answer(data=b"".join(r.encode() for r in records) + canon_records.END)
-
-    # ---- settings
-
-    def refresh_settings(self) -> None:
-        """Bring counters, clock, battery and the lens switch up to date."""
-        values = self.settings.values
-        values[CanonProp.AVAILABLE_SHOTS] = self.available_shots()
-        values[CanonProp.CAMERA_TIME] = int(self.local_now().timestamp())
-        low = self.faults.condition(FaultKind.BATTERY_LOW)
-        values[CanonProp.BATTERY_POWER] = EMPTY_BATTERY if low else self.options.battery_power
-        manual = self.options.lens_manual and not self.faults.condition(FaultKind.AUTOFOCUS)
-        values[CanonProp.FOCUS_MODE] = canon_codes.FOCUS_MANUAL if manual else 0
-
-    def available_shots(self) -> int:
-        """Return how many pictures fit where they are going."""
-        if self.settings.number(CanonProp.CAPTURE_DESTINATION) == DESTINATION_CARD:
-            return self.free_pictures()
-        return self.computer_bytes // self.picture_bytes
-
-    def _set_value(self, request: Request) -> Answer:
+    def _release_on(self, request: Request) -> Answer:
         self.refuse_without_remote()
-        total, prop = struct.unpack_from("<II", request.data.ljust(8, b"\0"))
-        if total != len(request.data) or total < 8:
-            raise Refusal(Response.INVALID_DATASET)
         self.refuse_undrained()
         self.refuse_while_exposing()
-        if prop not in self.settings.values:
-            raise Refusal(Response.DEVICE_PROP_NOT_SUPPORTED)
-        if prop in READ_ONLY:
-            raise Refusal(Response.ACCESS_DENIED)
-        value = self.settings.parse(prop, request.data[8:])
-        if prop == CanonProp.CAPTURE_DESTINATION and value == self.settings.values[prop]:
-            raise Refusal(Response.DEVICE_BUSY)
-        choices = self.settings.choices(prop)
-        if (choices and value not in choices) or (prop == CanonProp.SHUTTER_SPEED and not choices):
-            raise Refusal(Response.INVALID_PROP_VALUE)
-        if self.takes_setting(prop):
-            self._take(prop, value)
-        self.tell(*self._consequences(prop))
+        press = request.params[0]
+        if press not in (HALF, FULL, HALF_AND_FULL):
+            raise Refusal(Response.INVALID_PARAMETER)
+        if press & HALF or not self.half_pressed:
+            self._press_half(with_af=not (request.param(1) and self.options.honours_no_af))
+        if press & FULL:
+            self._press_full()
         return Answer()
 
-    def _take(self, prop: int, value: canon_records.CanonValue) -> None:
-        self.settings.values[prop] = value
-        if prop == CanonProp.CAMERA_TIME:
-            self.set_local(datetime.fromtimestamp(self.settings.number(prop), UTC))
-        elif prop == CanonProp.CAPTURE_DESTINATION:
-            self.settings.values[CanonProp.AVAILABLE_SHOTS] = self.available_shots()
-
-    def _consequences(self, prop: int) -> list[Record]:
-        props: tuple[int, ...] = (prop,)
-        if prop == CanonProp.CAPTURE_DESTINATION:
-            props = (CanonProp.AVAILABLE_SHOTS, prop, CanonProp.IMAGE_FORMAT, D11E, prop, D11F)
-        return [self.settings.value_record(p) for p in props]
-
-    def _request_value(self, request: Request) -> Answer:
-        prop = request.params[0]
-        if prop not in self.settings.values:
-            raise Refusal(Response.DEVICE_PROP_NOT_SUPPORTED)
-        self.refresh_settings()
-        self.tell(self.settings.value_record(prop))
-        return Answer()
-
-    def _pc_capacity(self, request: Request) -> Answer:
+    def _release_off(self, request: Request) -> Answer:
         self.refuse_without_remote()
-        self.computer_bytes = request.params[0] * request.params[1]
-        card = canon_records.value_changed(CanonProp.AVAILABLE_SHOTS, self.free_pictures())
-        self.settings.values[CanonProp.AVAILABLE_SHOTS] = self.available_shots()
-        self.tell(card, self.settings.value_record(CanonProp.AVAILABLE_SHOTS))
+        if request.params[0] & FULL:
+            self.full_pressed = False
+        if request.params[0] & HALF:
+            self.half_pressed = False
         return Answer()
 
-    def _get_device_info_ex(self, _request: Request) -> Answer:
-        events, props = sorted(CanonEvent), sorted(self.settings.values)
-        lists = b"".join(ptp_wire.array(DataType.UINT32, codes) for codes in (events, props, ()))
-        return Answer(data=struct.pack("<I", 4 + len(lists)) + lists)
+    def _press_half(self, *, with_af: bool) -> None:
+        self.half_pressed = True
+        self.refresh_settings()
+        self._focused = True
+        self._focusing_until_s = self.clock.monotonic_s()
+        if self.settings.number(CanonProp.FOCUS_MODE) == FOCUS_MANUAL or not with_af:
+            return
+        fault = self.faults.condition(FaultKind.AUTOFOCUS)
+        self._focused = bool(fault.number("finds")) if fault else self.options.focus_finds
+        self._focusing_until_s += self.timing.focus_s
+        points = FOCUS_POINTS_IN_USE if self._focused else 0
+        self.agenda.at(self._focusing_until_s, lambda _due_s: self.tell(_focus_info(points)))
 
-    # ---- objects
+    def _press_full(self) -> None:
+        if self.full_pressed:
+            raise Refusal(Response.DEVICE_BUSY)
+        self._refuse_to_open()
+        if not self._focused:
+            raise Refusal(CanonResponse.OPERATION_REFUSED)
+        self.full_pressed = True
+        self._open()
 
-    def find_object(self, handle: int) -> StoredObject:
-        """Return the object on the card or in memory, or refuse."""
-        return self.memory[handle] if handle in self.memory else super().find_object(handle)
+    def _remote_release(self, _request: Request) -> Answer:
+        self.refuse_without_remote()
+        self.refuse_undrained()
+        try:
+            self._refuse_to_open()
+        except Refusal as refusal:
+            if refusal.code in STORE_CODES:
+                return Answer(params=(STORE_CODES[Response(refusal.code)],))
+            raise
+        self._press_half(with_af=True)
+        self.half_pressed = False
+        if not self._focused:
+            return Answer(params=(NO_FOCUS,))
+        self._open()
+        return Answer(params=(RELEASED,))
 
-    def remember(self, name: str, object_format: int, data: bytes, size_px: tuple[int, int]) -> StoredObject:
-        """Keep a picture in memory until the computer has fetched it."""
-        item = StoredObject(self._next_memory_handle, 0, object_format, name, 0, data, self._naive_now(), *size_px)
-        self._next_memory_handle += 1
-        self.memory[item.handle] = item
-        return item
+    def _refuse_to_open(self) -> None:
+        """Refuse a release for lack of battery or room, or because a picture waits to be fetched."""
+        self.refuse_while_exposing()
+        if self.memory:
+            raise Refusal(Response.DEVICE_BUSY)
+        if self.faults.condition(FaultKind.BATTERY_LOW):
+            raise Refusal(CanonResponse.LOW_BATTERY)
+        destination = self.settings.number(CanonProp.CAPTURE_DESTINATION)
+        if destination != DESTINATION_PC:
+            self.refuse_without_room()
+        if destination != DESTINATION_CARD and self.computer_bytes < self.picture_bytes:
+            raise Refusal(Response.STORE_FULL)
 
-    def _naive_now(self) -> datetime:
-        return self.local_now().replace(tzinfo=None)
+    def _open(self, open_s: float | None = None) -> None:
+        focusing_s = max(0.0, self._focusing_until_s - self.clock.monotonic_s())
+        settings = self._shot_settings()
+        if open_s is not None:
+            settings = replace(settings, shutter_s=open_s)
+        self._plan = _Plan(self.settings.files, self.settings.number(CanonProp.CAPTURE_DESTINATION))
+        self.expose(settings, focusing_s - (open_s or 0.0), open_s)
+        self.tell(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
 
-    def _transfer_complete(self, request: Request) -> Answer:
-        handle = request.params[0]
-        self.find_object(handle)
-        self.memory.pop(handle, None)
+    # ---- bulb and autofocus
+
+    def _bulb_start(self, _request: Request) -> Answer:
+        self.refuse_without_remote()
+        self.refuse_undrained()
+        self._refuse_to_open()
+        number = self.settings.number
+        if number(CanonProp.AUTO_EXPOSURE_MODE) != AE_BULB and number(CanonProp.SHUTTER_SPEED) != BULB_SHUTTER:
+            raise Refusal(CanonResponse.OPERATION_REFUSED)
+        self._bulb_since_s = self.clock.monotonic_s()
+        self.busy_until_s = float("inf")
+        self.tell(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
+        return Answer(params=(RELEASED,))
+
+    def _bulb_end(self, _request: Request) -> Answer:
+        if self._bulb_since_s is None:
+            raise Refusal(CanonResponse.OPERATION_REFUSED)
+        open_s = self.clock.monotonic_s() - self._bulb_since_s
+        self._bulb_since_s = None
+        self._open(open_s)
+        self.tell(canon_records.number(CanonEvent.BULB_EXPOSURE_TIME, int(open_s)))
+        return Answer(params=(RELEASED,))
+
+    def _do_af(self, _request: Request) -> Answer:
+        self.refuse_without_remote()
+        self.refuse_while_exposing()
+        self._press_half(with_af=True)
+        self.half_pressed = False
         return Answer()
 
-    def delete_object(self, request: Request) -> Answer:
-        """Delete a file and say so, on the interrupt pipe and in the stream."""
-        handle = request.params[0]
-        if handle in self.memory:
-            raise Refusal(Response.INVALID_OBJECT_HANDLE)
-        answer = super().delete_object(request)
-        self.emit(Event.OBJECT_REMOVED, handle)
-        self.tell(canon_records.number(CanonEvent.OBJECT_REMOVED, handle))
-        return answer
+    # ---- the picture
 
-    def _get_object_info_ex(self, request: Request) -> Answer:
-        storage_id, parent = request.params[:2]
-        listing = Request(Operation.GET_OBJECT_HANDLES, request.transaction_id, (storage_id, 0, parent))
-        entries = [canon_records.object_fields(o) for o in self.selected(listing)]
-        packed = b"".join(struct.pack("<I", 4 + len(e)) + e for e in entries)
-        return Answer(data=struct.pack("<I", len(entries)) + packed)
+    def _shot_settings(self) -> ShotRequest:
+        number = self.settings.number
+        white_balance = number(CanonProp.WHITE_BALANCE)
+        kelvin = WHITE_BALANCE_K.get(white_balance, DAYLIGHT_K)
+        if white_balance == WB_COLOR_TEMPERATURE:
+            kelvin = number(CanonProp.COLOR_TEMPERATURE)
+        width_px, height_px = self._size_px(self.settings.files[-1][1])
+        return ShotRequest(
+            shutter_s=SHUTTER_TIMES_S.get(number(CanonProp.SHUTTER_SPEED), AUTO_SHUTTER_S),
+            iso=ISO_CODES.get(number(CanonProp.ISO_SPEED), AUTO_ISO),
+            f_number=float(APERTURE_CODES.get(number(CanonProp.APERTURE), AUTO_F_NUMBER)),
+            color_temperature_k=kelvin,
+            width_px=width_px,
+            height_px=height_px,
+            taken_local=self.local_now().replace(tzinfo=None, microsecond=0),
+            sequence=self.shot_count + 1,
+            manufacturer="Canon",
+            model="Canon EOS 5D Mark II",
+            serial=self.options.serial,
+            firmware=self.options.firmware,
+        )
+
+    def _size_px(self, size: int) -> tuple[int, int]:
+        """Return the pixels of size code 0 L, 1 M, 2 S, in proportion to the large picture of the options."""
+        full, wanted = IMAGE_SIZES_PX[0], IMAGE_SIZES_PX[size]
+        width_px, height_px = self.options.image_size_px
+        return width_px * wanted[0] // full[0], height_px * wanted[1] // full[1]
+
+    def picture_ready(self, settings: ShotRequest, faults: tuple[Fault, ...]) -> None:
+        """Put the files on the card or into memory and announce them; then the camera is idle."""
+        announcements: list[Record] = []
+        for kind, _size, _compression in self._plan.files:
+            raw = kind == IMAGE_TYPE_RAW
+            data = self.darkroom.raw(settings) if raw else self.darkroom.jpeg(settings, faults)
+            name = f"IMG_{self.shot_count % 10000:04d}.{'CR2' if raw else 'JPG'}"
+            object_format = ObjectFormat.CANON_CR2 if raw else ObjectFormat.EXIF_JPEG
+            if self._plan.destination != DESTINATION_PC:
+                announcements.append(canon_records.object_added(self.keep(name, object_format, data, settings)))
+            if self._plan.destination != DESTINATION_CARD:
+                size_px = (settings.width_px, settings.height_px)
+                kept = self.remember(name, object_format, data, size_px)
+                announcements.append(canon_records.transfer_requested(kept))
+                self.computer_bytes = max(0, self.computer_bytes - len(data))
+        self.refresh_settings()
+        idle = canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 0)
+        self.tell(self.settings.value_record(CanonProp.AVAILABLE_SHOTS), *announcements, idle)
+
+
+def _focus_info(points: int) -> Record:
+    """Return C189 of D1D3: a count and the points in focus (its true layout is not published)."""
+    body = struct.pack("<II", 8 + 4 * points, points) + struct.pack(f"<{points}I", *range(points))
+    return canon_records.value_changed(CanonProp.FOCUS_INFO_EX, body)

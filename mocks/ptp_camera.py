@@ -177,7 +177,8 @@ class SimulatedCamera(PtpResponder):
         if storage_id != self.store.storage.storage_id:
             raise Refusal(Response.INVALID_STORAGE_ID)
 
-    def _selected(self, request: Request) -> list[StoredObject]:
+    def selected(self, request: Request) -> list[StoredObject]:
+        """Return the objects that GetObjectHandles' parameters select."""
         if request.params[0] != ANY:
             self._check_storage(request.params[0])
         parent = request.param(2)
@@ -186,10 +187,10 @@ class SimulatedCamera(PtpResponder):
         return [] if self.no_storage() else self.store.select(request.param(1), parent)
 
     def _get_num_objects(self, request: Request) -> Answer:
-        return Answer(params=(len(self._selected(request)),))
+        return Answer(params=(len(self.selected(request)),))
 
     def _get_object_handles(self, request: Request) -> Answer:
-        handles = [o.handle for o in self._selected(request)][:9999]
+        handles = [o.handle for o in self.selected(request)][:9999]
         return Answer(data=ptp_wire.array(6, handles))
 
     def find_object(self, handle: int) -> StoredObject:

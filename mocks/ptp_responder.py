@@ -72,7 +72,7 @@ class PtpResponder:
             forever = replug_after_s is None or replug_after_s < 0
             self._away_until_s = float("inf") if forever else self.clock.monotonic_s() + float(replug_after_s or 0.0)
             self.attachment += 1
-            self.forget_session()
+            self.link_reset()
             self.events.clear()
 
     def replug(self) -> None:
@@ -84,6 +84,10 @@ class PtpResponder:
         self._session_id = 0
         self._last_transaction_id = 0
         self._any_transaction_id = False
+
+    def link_reset(self) -> None:
+        """Lose what a reset or a pulled cable makes a camera lose: the session, at least."""
+        self.forget_session()
 
     def excuse_transaction_id(self) -> None:
         """Accept any transaction id once: a transaction was cut off and the two sides may count differently."""

@@ -105,7 +105,7 @@ class UsbPtpDevice:
                 self._cancel(data)
             elif request == ClassRequest.DEVICE_RESET and not data:
                 self._clear()
-                self.camera.forget_session()
+                self.camera.link_reset()
             else:
                 raise LinkError(errno.EPIPE, "Pipe error")
         return len(data)
@@ -132,7 +132,7 @@ class UsbPtpDevice:
         with self.camera.lock:
             self._check_present(None)
             self._clear()
-            self.camera.forget_session()
+            self.camera.link_reset()
 
     def catch_up(self) -> None:
         """Notice that the cable was pulled since the last look."""
