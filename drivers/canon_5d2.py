@@ -22,7 +22,7 @@ from drivers.camera import (
 )
 from drivers.camera_link import CameraLink, CameraModel
 from drivers.canon_exposure import FORMATS, CanonExposure, CanonShot
-from drivers.canon_remote import BUSY_LIMIT_S, CanonRemote
+from drivers.canon_remote import BUSY_LIMIT_S, IDLE_LIMIT_S, CanonRemote
 from drivers.canon_settings import (
     WHERE,
     CanonSetting,
@@ -151,6 +151,7 @@ class Canon5D2:
             self._remote.forget()
             self._held.clear()
         self._remote.start(BUSY_LIMIT_S + running_s)
+        self._remote.settle(IDLE_LIMIT_S + running_s)
         self._remote.let_go_whatever_happened()
         self._drop_orphans()
         self._learn_shutter_times()
@@ -198,7 +199,7 @@ class Canon5D2:
         if self._remote.ask_anew(CanonProp.CAMERA_TIME) is None:
             return None
         seconds = self._remote.number(CanonProp.CAMERA_TIME)
-        return None if seconds is None else camera_time_utc(seconds)
+        return None if seconds is None else camera_time_utc(seconds, self._clock.utc_now())
 
     def _free_bytes(self) -> int | None:
         session = self._link.session

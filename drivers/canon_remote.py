@@ -33,6 +33,8 @@ VALUE_LIMIT_S = 3.0
 """A written property is reported back within this time."""
 CONFIRM_LIMIT_S = 1.0
 IDLE_LIMIT_S = 15.0
+TOLD_IDLE_LIMIT_S = 1.0
+"""So long the camera is trusted to tell of its own accord that it is not busy any more; then it is asked."""
 KEEP_ON_PERIOD_S = 10.0
 HALF_PRESS_LIMIT_S = 8.0
 """With a slow lens the camera may take so long (libgphoto2 names the 5D Mark II)."""
@@ -148,18 +150,30 @@ class CanonRemote:
 
     def wait_idle(self, limit_s: float = IDLE_LIMIT_S) -> None:
         """Drain until the camera does not call itself busy; `DeviceBusyError` after ``limit_s``."""
-        deadline = Deadline.after(self._clock, limit_s)
+        deadline = Deadline.after(self._clock, TOLD_IDLE_LIMIT_S)
         self.drain()
-        while self.busy:
-            if deadline.expired:
-                raise DeviceBusyError(
-                    f"busy for more than {limit_s:g} s",
-                    where=self._link.name,
-                    likely="it still writes to its card, or holds a picture that nobody fetched",
-                    advice="wait until its lamp is off; if it stays on, switch the camera off and on",
-                )
+        while self.busy and not deadline.expired:
             self._clock.sleep(FIRST_PAUSE_S)
             self.drain()
+        if self.busy:
+            self.settle(limit_s)
+
+    def settle(self, limit_s: float) -> None:
+        """Wait until the camera takes commands, whatever it told before (an "idle" may have been lost).
+
+        It answers "busy" to ResetUILock while it exposes, and does nothing else to it that we could notice.
+        """
+        try:
+            self.patiently(lambda: self.do(CanonOperation.RESET_UI_LOCK), limit_s)
+        except OperationRefusedError:
+            pass  # any other answer than "busy" will do
+        except DeviceBusyError as error:
+            error.message = f"busy for more than {limit_s:g} s"
+            error.likely = "it still exposes or writes to its card, or holds a picture that nobody fetched"
+            error.advice = "wait until its lamp is off; if it stays on, switch the camera off and on"
+            raise
+        self.drain()
+        self.busy = False
 
     def number(self, prop: int) -> int | None:
         """Return the last reported value of a numeric property, or None where the camera told none."""

@@ -92,14 +92,15 @@ def image_format_text(files: Iterable[ImageFile]) -> str:
     )
 
 
-def camera_time_utc(seconds: int) -> datetime:
-    """Return the camera's clock (D113) as UTC.
+def camera_time_utc(seconds: int, now_utc: datetime) -> datetime:
+    """Return the camera's clock (D113) as UTC; ``now_utc`` is the computer's.
 
-    The camera knows no time zone: its number counts the seconds of the *local* time on its display since 1970.
-    It is taken to show the local time of this computer.
+    The number counts seconds since 1970. The camera knows no time zone, and no source says whether it counts UTC or
+    the local time on its display; the reading that is nearer to the computer's clock is taken.
     """
-    local = datetime.fromtimestamp(seconds, UTC).replace(tzinfo=None)
-    return local.astimezone(UTC)
+    as_utc = datetime.fromtimestamp(seconds, UTC)
+    as_local = as_utc.replace(tzinfo=None).astimezone(UTC)
+    return min(as_utc, as_local, key=lambda reading: abs(reading - now_utc))
 
 
 def release_problem(result: int) -> str | None:

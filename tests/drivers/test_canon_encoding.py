@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import struct
+import time
+from datetime import UTC, datetime, timedelta
 
 import pytest
 from hypothesis import given
@@ -259,6 +261,13 @@ def test_words_for_what_the_camera_says() -> None:
     assert release_problem(0x5005) is None
 
 
-def test_camera_clock_counts_local_seconds() -> None:
-    utc = camera_time_utc(1_684_511_640)
-    assert utc.astimezone().strftime("%Y-%m-%d %H:%M:%S") == "2023-05-19 15:54:00"
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="needs a settable time zone")
+def test_camera_clock_is_read_as_utc_or_local_whichever_is_nearer(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = datetime(2023, 5, 19, 19, 54, tzinfo=UTC)
+    with monkeypatch.context() as patch:
+        patch.setenv("TZ", "EST4")
+        time.tzset()
+        counts_utc = camera_time_utc(int(now.timestamp()) + 7, now)
+        counts_local = camera_time_utc(int(now.timestamp()) - 4 * 3600 + 7, now)
+    time.tzset()
+    assert counts_utc == counts_local == now + timedelta(seconds=7)
