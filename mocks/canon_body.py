@@ -30,7 +30,8 @@ CANON_TIMING = CameraTiming(release_lag_s=0.075, processing_s=0.6, transfer_byte
 FIRST_HANDLE = 0x9000_0000
 FIRST_MEMORY_HANDLE = 0x9190_0001
 SHUTDOWN_WARNING_S = 10
-EMPTY_BATTERY = 0
+EMPTY_BATTERY, LOW_BATTERY_PERCENT = 0, 20
+FIRST_RECORD_CODE = 0xC180
 MODEL = "Canon EOS 5D Mark II"
 PLAIN_PROPERTIES = (
     Property(0xD402, DataType.STRING, MODEL, writable=True),
@@ -74,6 +75,8 @@ class CanonBody(SimulatedCamera):
         faults: FaultSchedule | None = None,
         seed: int = 0,
     ) -> None:
+        if faults and any(f.kind is FaultKind.STALL and f.code >= FIRST_RECORD_CODE for f in faults.faults):
+            raise ValueError("records of GetEvent cannot stall: they come as data; stall that phase of 9116")
         self.options = options
         self.settings = CanonSettings(options)
         self.records: deque[Record] = deque()
@@ -211,7 +214,7 @@ class CanonBody(SimulatedCamera):
         records = list(self.records)
         self.records.clear()
         for fault in (r.fault for r in records if r.fault):
-            self.unplug(fault.number("replug_after_s") if fault.kind is FaultKind.UNPLUG else 0.0)
+            self.unplug(fault.number("replug_after_s"))
         return Answer(data=b"".join(r.encode() for r in records) + canon_records.END)
 
     # ---- settings
@@ -222,7 +225,8 @@ class CanonBody(SimulatedCamera):
         values[CanonProp.AVAILABLE_SHOTS] = self.available_shots()
         values[CanonProp.CAMERA_TIME] = int(self.local_now().timestamp())
         low = self.faults.condition(FaultKind.BATTERY_LOW)
-        values[CanonProp.BATTERY_POWER] = EMPTY_BATTERY if low else self.options.battery_power
+        empty = low and low.number("percent") < LOW_BATTERY_PERCENT
+        values[CanonProp.BATTERY_POWER] = EMPTY_BATTERY if empty else self.options.battery_power
         manual = self.options.lens_manual and not self.faults.condition(FaultKind.AUTOFOCUS)
         values[CanonProp.FOCUS_MODE] = canon_codes.FOCUS_MANUAL if manual else 0
 

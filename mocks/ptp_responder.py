@@ -73,7 +73,6 @@ class PtpResponder:
             self._away_until_s = float("inf") if forever else self.clock.monotonic_s() + float(replug_after_s or 0.0)
             self.attachment += 1
             self.link_reset()
-            self.events.clear()
 
     def replug(self) -> None:
         """Put the cable back."""
@@ -84,6 +83,7 @@ class PtpResponder:
         self._session_id = 0
         self._last_transaction_id = 0
         self._any_transaction_id = False
+        self.events.clear()
 
     def link_reset(self) -> None:
         """Lose what a reset or a pulled cable makes a camera lose: the session, at least."""
@@ -221,5 +221,7 @@ class PtpResponder:
     # ---- events
 
     def emit(self, code: int, *params: int, transaction_id: int = 0) -> None:
-        """Send an event on the interrupt pipe, unless a fault says otherwise."""
+        """Send an event on the interrupt pipe of an open session, unless a fault says otherwise."""
+        if not self._session_id:
+            return
         self.gate.deliver(code, PendingEvent(code, transaction_id, params), self.events.append)

@@ -136,10 +136,11 @@ class UsbPtpDevice:
 
     def catch_up(self) -> None:
         """Notice that the cable was pulled since the last look."""
-        self.camera.advance()
-        if self._attachment != self.camera.attachment:
-            self._attachment = self.camera.attachment
-            self._clear()
+        with self.camera.lock:
+            self.camera.advance()
+            if self._attachment != self.camera.attachment:
+                self._attachment = self.camera.attachment
+                self._clear()
 
     # ---- inside, under the camera's lock
 
