@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from drivers.clock import Clock, SystemClock
-from mocks.canon_5d2 import CanonOptions, SimulatedCanon5D2
+from mocks.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
 from mocks.exposures import CameraTiming
 from mocks.faults import FaultSchedule
 from mocks.ls160 import MeterFault, SimulatedMeter
@@ -16,7 +16,7 @@ from mocks.pictures import RenderedShots
 from mocks.sensor import Exposure
 from mocks.serial_port import SerialPort
 from mocks.shots import ShotSource
-from mocks.theta_z1 import SimulatedThetaZ1, ThetaOptions
+from mocks.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
 from mocks.usb_bus import SimulatedUsbBackend
 from mocks.world import Vector, World, meter_luminance_cd_m2, open_world
 
@@ -127,11 +127,11 @@ def _rendered(world: World, wanted: WantedCamera, stops_s: Sequence[float], seed
 
 
 def _camera(wanted: WantedCamera, shots: ShotSource, options: BenchOptions) -> SimulatedCamera:
-    how = {"faults": options.faults.get(wanted.kind), "seed": options.seed}
-    if wanted.kind in options.timing:
-        how["timing"] = options.timing[wanted.kind]
+    clock, faults, seed = options.clock, options.faults.get(wanted.kind), options.seed
     if wanted.kind == "theta_z1":
+        timing = options.timing.get(wanted.kind, THETA_TIMING)
         theta = options.theta or ThetaOptions(image_size_px=wanted.size_px)
-        return SimulatedThetaZ1(shots, options.clock, options=theta, **how)
+        return SimulatedThetaZ1(shots, clock, timing=timing, options=theta, faults=faults, seed=seed)
+    timing = options.timing.get(wanted.kind, CANON_TIMING)
     canon = options.canon or CanonOptions(image_size_px=wanted.size_px)
-    return SimulatedCanon5D2(shots, options.clock, options=canon, **how)
+    return SimulatedCanon5D2(shots, clock, timing=timing, options=canon, faults=faults, seed=seed)

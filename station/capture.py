@@ -13,7 +13,9 @@ from __future__ import annotations
 
 import math
 import queue
+import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
@@ -23,9 +25,10 @@ from station.bracket import BracketPlan, Mode, plan_bracket
 from station.camera_worker import CameraWorker
 from station.conductor import Conductor
 from station.crash_report import software_versions
-from station.errors import SessionError, UsageError
+from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError
 from station.events import CaptureEvent, EventKind
 from station.frame_check import FrameChecker
+from station.frame_rules import check_order
 from station.intake import Intake
 from station.notices import Notice
 from station.preflight import Findings, Level, check_rig, require
@@ -82,6 +85,7 @@ class Capture:
         self._store = resumed
         self._conductor: Conductor | None = None
         self._stop_asked = False
+        self._checkers = {side: FrameChecker() for side in plan.sides}
 
     @classmethod
     def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
@@ -133,24 +137,38 @@ class Capture:
 
     def events(self) -> Iterator[CaptureEvent]:
         """Run the capture. Raises `DaylitError` kinds; what was acknowledged until then is kept and resumable."""
+        self._start_checkers()
+        whole = False
         try:
             yield from self._preflight()
-            if self._lacks("before") or self._resumed:
-                self._start_reading("before" if self._lacks("before") else "extra")
             yield from self._collect_reading()
             yield from self._bracket()
             yield from self._collect_reading()
             yield from self._end()
-        except BaseException:
-            if self._store is not None:
-                self._store.close()  # gives the lock back, so that the session can be resumed
-            raise
+            whole = True
         finally:
-            self._readings.close()
+            self._readings.close(wait=whole)
+            for checker in self._checkers.values():
+                checker.close()
+            if not whole and self._store is not None:
+                self._store.close()  # gives the lock back, so that the session can be resumed
+
+    def _start_checkers(self) -> None:
+        """Start the frame checkers behind preflight; one that does not start says so at its first frame."""
+        for checker in self._checkers.values():
+            threading.Thread(target=_start_quietly, args=(checker,), daemon=True).start()
 
     def _preflight(self) -> Iterator[CaptureEvent]:
         yield self._say(EventKind.STARTED, "preflight")
-        findings = check_rig(self._rig, self._request.into, bytes_needed=self._bytes_needed())
+        first = self._first_reading()
+        if first is not None and self._rig.meter is None:
+            self._readings.start(first)
+        findings = check_rig(
+            self._rig,
+            self._request.into,
+            bytes_needed=self._bytes_needed(),
+            on_meter_ready=lambda: self._readings.start(first) if first is not None else None,
+        )
         for check in findings.checks:
             yield self._say(EventKind.CHECK, f"{check.name}: {check.text}", **check.to_dict())
         require(findings)
@@ -209,12 +227,18 @@ class Capture:
         elif self.store.manifest.target is None:
             yield self._warn("no_target", "where the meter looks is not given: set target_deg in the rig, or --target")
 
+    def _first_reading(self) -> When | None:
+        """Return which reading to begin with: "before" where it is missing, one more when the capture goes on later."""
+        lacks = self._readings.planned > 0 if self._store is None else self._lacks("before")
+        when: When = "before" if lacks else "extra"
+        return when if (lacks or self._store is not None) and self._readings.can_take(when) else None
+
     def _lacks(self, when: When) -> bool:
         return when in self.store.manifest.missing_readings()
 
-    def _start_reading(self, when: When) -> None:
-        if self._readings.can_take(when):
-            self._readings.start(when)
+    def _start_last_reading(self) -> None:
+        if self._lacks("after") and self._readings.can_take("after"):
+            self._readings.start("after")
 
     def _collect_reading(self) -> Iterator[CaptureEvent]:
         try:
@@ -235,10 +259,7 @@ class Capture:
     def _bracket(self) -> Iterator[CaptureEvent]:
         notices: queue.SimpleQueue[Notice] = queue.SimpleQueue()
         sides = [s for s in self._plan.sides if self.store.manifest.missing_stops(s)]
-        checkers = {side: FrameChecker() for side in sides}
-        for checker in checkers.values():
-            checker.start()
-        intakes = {side: self._intake(side, checkers[side], notices) for side in sides}
+        intakes = {side: self._intake(side, notices) for side in sides}
         try:
             self._conductor = Conductor(
                 self._plan,
@@ -247,18 +268,26 @@ class Capture:
                 self.store,
                 self._rig.clock,
                 max_start_skew_s=self._rig.file.limits.max_start_skew_s,
-                on_last_exposure=lambda: self._start_reading("after") if self._lacks("after") else None,
+                on_last_exposure=self._start_last_reading,
             )
             if self._stop_asked:
                 self._conductor.ask_stop()
             yield from self._conductor.run()
+            for side, intake in intakes.items():
+                yield from self._check_order(side, intake)
         finally:
-            for side in sides:
-                intakes[side].close()
-                checkers[side].close()
+            for intake in intakes.values():
+                intake.close()
 
-    def _intake(self, side: Side, checker: FrameChecker, notices: queue.SimpleQueue[Notice]) -> Intake:
-        table = self._rig.file.cameras()[side]
+    def _check_order(self, side: Side, intake: Intake) -> Iterator[CaptureEvent]:
+        """Warn where a longer exposure is no brighter: the light jumped, or the camera did not do as it said."""
+        try:
+            check_order(intake.facts, self._plan.stops_s)
+        except FrameRejectedError as error:
+            yield self._warn("brightness_order", f"{side}: {error.where}: {error.message}")
+
+    def _intake(self, side: Side, notices: queue.SimpleQueue[Notice]) -> Intake:
+        table, checker = self._rig.file.cameras()[side], self._checkers[side]
         offset_s = next((d.clock_offset_s for d in self.store.manifest.devices if d.role == side.value), None)
         exact = self._plan.mode == "adaptive"
         return Intake(side, self.store, checker, table, notices, exact=exact, clock_offset_s=offset_s)
@@ -295,6 +324,11 @@ class Capture:
 
     def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
         return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
+
+
+def _start_quietly(checker: FrameChecker) -> None:
+    with suppress(ResourceError):
+        checker.start()
 
 
 def _in_words(record: ReadingRecord) -> str:

@@ -204,7 +204,7 @@ class FrameChecker:
         ResourceError
             The worker cannot be started.
         """
-        facts = self.inspect(path, exact=exact, name=name)
+        facts = self.inspect(path, exact=exact, name=name, circle=expected.image_circle)
         judge(facts, expected, earlier)
         return facts
 
@@ -212,9 +212,14 @@ class FrameChecker:
         """Check magic, size and directories of a raw companion; raises as `check`."""
         return self._inspect(path, name, {"format": format_, "exact": False})
 
-    def inspect(self, path: Path, *, exact: bool = False, name: str = "") -> FrameFacts:
-        """Return the facts of a JPEG that is whole; raises as `check`, but holds it against nothing."""
-        return self._inspect(path, name, {"format": "jpeg", "exact": exact})
+    def inspect(
+        self, path: Path, *, exact: bool = False, name: str = "", circle: tuple[float, float, float] | None = None
+    ) -> FrameFacts:
+        """Return the facts of a JPEG that is whole; raises as `check`, but holds it against nothing.
+
+        ``circle``: see `ExpectedFrame.image_circle`.
+        """
+        return self._inspect(path, name, {"format": "jpeg", "exact": exact, "circle": circle})
 
     def verify_frame(self, path: Path, record: FrameRecord) -> str | None:
         """Say what is wrong with a frame of a session, or None: a `station.verify.FrameCheck`.

@@ -91,3 +91,6 @@ class ExpectedFrame:
     clock_offset_s: float | None = None
     require_exif: bool = True
     light_expected: bool = True
+    image_circle: tuple[float, float, float] | None = None
+    """Of a fisheye: centre column, centre row, radius as fractions of width, height and width; only inside it is
+    brightness measured."""

@@ -16,7 +16,7 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -30,6 +30,7 @@ from station.jpeg import read_header
 from station.raw_check import check_raw
 
 Pixels = npt.NDArray[np.uint8]
+Circle = Sequence[float]
 
 MAX_JPEG_BYTES = 256 * 2**20
 MAX_RAW_BYTES = 1_000_000_000
@@ -67,7 +68,7 @@ def _serve(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, 
     try:
         return {
             "ok": True,
-            "facts": inspect(request["path"], request["format"], request["exact"], complaints),
+            "facts": inspect(request, complaints),
         }
     except FrameProblemError as problem:
         return {"ok": False, "reason": problem.reason, "message": problem.message}
@@ -77,8 +78,9 @@ def _serve(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, 
         return {"ok": False, "reason": Reason.NOT_A_FILE, "message": f"cannot be read: {error.strerror}"}
 
 
-def inspect(path: str, format_: str, exact: bool, complaints: Callable[[], str]) -> dict[str, Any]:
+def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, Any]:
     """Read and measure one file; ``complaints`` returns what the decoder said since it was last called."""
+    path, format_ = request["path"], request["format"]
     descriptor = os.open(path, _open_flags())
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
@@ -88,12 +90,13 @@ def inspect(path: str, format_: str, exact: bool, complaints: Callable[[], str])
         if status.st_size > limit_bytes:
             raise FrameProblemError(Reason.TOO_LARGE, f"{status.st_size} bytes; the limit is {limit_bytes}")
         if format_ == "jpeg":
-            return _inspect_jpeg(file.read(status.st_size), exact, complaints)
+            data = file.read(status.st_size)
+            return _inspect_jpeg(data, request["exact"], request.get("circle"), complaints)
         if status.st_size == 0:
             raise FrameProblemError(Reason.NOT_RAW, "an empty file")
-        with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as data:
-            check_raw(data, format_)
-            return {"size_bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as raw:
+            check_raw(raw, format_)
+            return {"size_bytes": len(raw), "sha256": hashlib.sha256(raw).hexdigest()}
 
 
 def _open_flags() -> int:
@@ -104,7 +107,7 @@ def _open_flags() -> int:
     return flags
 
 
-def _inspect_jpeg(data: bytes, exact: bool, complaints: Callable[[], str]) -> dict[str, Any]:
+def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: Callable[[], str]) -> dict[str, Any]:
     header = read_header(data)
     exif, exif_problem = _exif(header.exif)
     scale = next((s for s in (8, 4, 2) if header.width_px * header.height_px >= SMALL_PIXELS * s * s), 1)
@@ -113,7 +116,7 @@ def _inspect_jpeg(data: bytes, exact: bool, complaints: Callable[[], str]) -> di
     width_px, height_px = -(-header.width_px // scale), -(-header.height_px // scale)
     if small.shape != (height_px, width_px, 3):
         raise FrameProblemError(Reason.DAMAGED, f"decodes to {small.shape}, not {width_px}x{height_px}")
-    measures = measure(pixels)
+    measures = measure(pixels, circle)
     return {
         "size_bytes": len(data),
         "sha256": hashlib.sha256(data).hexdigest(),
@@ -158,15 +161,22 @@ def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Pixels:
     return np.asarray(pixels, np.uint8)
 
 
-def measure(pixels: Pixels) -> dict[str, Any]:
-    """Return brightness measures of an 8-bit picture, band by band so that little memory is needed."""
+def measure(pixels: Pixels, circle: Circle | None = None) -> dict[str, Any]:
+    """Return brightness measures of an 8-bit picture, band by band so that little memory is needed.
+
+    With ``circle`` (centre column, centre row, radius as fractions of width, height and width) only what lies inside
+    counts: around a fisheye's picture all is black.
+    """
     counts = np.zeros((4, 256), np.int64)
     for top in range(0, pixels.shape[0], 256):
-        blue, green, red = cv2.split(pixels[top : top + 256])
+        band = pixels[top : top + 256]
+        inside = None if circle is None else _inside(pixels.shape, range(top, top + len(band)), circle)
+        blue, green, red = cv2.split(band)
         brightest = cv2.max(cv2.max(blue, green), red)
         for row, plane in enumerate((red, green, blue, brightest)):
-            counts[row] += np.bincount(plane.ravel(), minlength=256)
-    n_pixels = int(counts[3].sum())
+            values = plane.ravel() if inside is None else plane[inside]
+            counts[row] += np.bincount(values, minlength=256)
+    n_pixels = max(1, int(counts[3].sum()))
     clipped = counts[:, CLIPPED_FROM:].sum(axis=1) / n_pixels
     return {
         "mean_frac": float((counts[:3] @ np.arange(256)).sum() / (3 * 255 * n_pixels)),
@@ -174,6 +184,14 @@ def measure(pixels: Pixels) -> dict[str, Any]:
         "dark_frac": float(counts[3, : DARK_TO + 1].sum() / n_pixels),
         "clipped_rgb_frac": [float(share) for share in clipped[:3]],
     }
+
+
+def _inside(shape: tuple[int, ...], rows: range, circle: Circle) -> npt.NDArray[np.bool_]:
+    """Return which pixels of the rows have their centre in the circle."""
+    height_px, width_px = shape[:2]
+    x = (np.arange(width_px) + 0.5) / width_px - circle[0]
+    y = ((np.array(rows) + 0.5) / height_px - circle[1]) * height_px / width_px
+    return np.asarray(x[None, :] ** 2 + y[:, None] ** 2 <= circle[2] ** 2)
 
 
 def _picture_digest(small: Pixels, measures: dict[str, Any]) -> str | None:

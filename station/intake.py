@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable
 
 from drivers.camera import FrameFormat
+from station.bracket import shutter_label
 from station.errors import FrameRejectedError
 from station.frame_check import FrameChecker
 from station.frame_facts import ExpectedFrame, FrameFacts
@@ -45,7 +46,8 @@ class Intake:
         self._table = table
         self._exact = exact
         self._clock_offset_s = clock_offset_s
-        self._earlier: list[FrameFacts] = []
+        self.facts: dict[int, FrameFacts] = {}
+        """Of the JPEGs that counted, by stop."""
         self._parts: dict[int, FramePart] = {}
         self._whole: queue.SimpleQueue[Shot | None] = queue.SimpleQueue()
         self._idle = threading.Condition()
@@ -111,14 +113,17 @@ class Intake:
 
     def _check(self, shot: Shot, part: FramePart) -> FrameFacts:
         """Return what the frame is known by; raises `FrameRejectedError` with the reason if it does not count."""
+        name = f"{self.side} {shutter_label(shot.asked_s)}"
         if part.size_bytes != shot.frame.size_bytes:
             raise FrameRejectedError(
                 f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}", where=part.path.name
             )
         if shot.frame.format is not FrameFormat.JPEG:
-            return self._checker.check_raw(part.path, "cr2" if shot.frame.format is FrameFormat.CR2 else "dng")
-        facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=self._earlier)
-        self._earlier.append(facts)
+            raw = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
+            return self._checker.check_raw(part.path, raw, name=name)
+        earlier = list(self.facts.values())
+        facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=earlier, name=name)
+        self.facts[shot.stop] = facts
         return facts
 
     def _expected(self, shot: Shot) -> ExpectedFrame:
@@ -133,6 +138,7 @@ class Intake:
             taken_before_utc=shot.announced_utc,
             clock_offset_s=self._clock_offset_s,
             light_expected=self.side is Side.INDOOR and not self._table.nd_filter,
+            image_circle=self._table.image_circle,
         )
 
 

@@ -58,14 +58,19 @@ class PreflightError(DeviceError):
     code = "DEV-020"
 
 
-def check_rig(rig: Rig, folder: Path, *, bytes_needed: int) -> Findings:
-    """Connect and set every instrument, in parallel, and report all findings together (never raises for a device)."""
+def check_rig(
+    rig: Rig, folder: Path, *, bytes_needed: int, on_meter_ready: Callable[[], None] = lambda: None
+) -> Findings:
+    """Connect and set every instrument, in parallel, and report all findings together (never raises for a device).
+
+    ``on_meter_ready`` is called, in another thread, as soon as the meter answers: cameras take longer to set.
+    """
     jobs: list[Callable[[], Findings]] = [
         lambda side=side, camera=camera: _check_camera(side, camera, rig)  # type: ignore[misc]
         for side, camera in rig.cameras.items()
     ]
     if rig.meter is not None:
-        jobs.append(lambda: _check_meter(rig))
+        jobs.append(lambda: _check_meter(rig, on_meter_ready))
     with ThreadPoolExecutor(max_workers=max(1, len(jobs))) as pool:
         found = list(pool.map(lambda job: job(), jobs))
     checks = [c for f in found for c in f.checks]
@@ -174,12 +179,13 @@ def _camera_record(
     )
 
 
-def _check_meter(rig: Rig) -> Findings:
+def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:
     assert rig.meter is not None
     try:
         identity = rig.meter.connect()
     except DaylitError as error:
         return Findings((Check(Level.FAIL, "meter", error.message, error.advice, error),), ())
+    on_ready()
     checks = [Check(Level.OK, "meter", f"{identity.model} on {identity.port}, dialect {identity.dialect}")]
     if not identity.dialect_verified:
         text = f"dialect {identity.dialect} is ASSUMED: nobody has confirmed it on the instrument yet"

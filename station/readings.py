@@ -103,9 +103,9 @@ class ReadingTaker:
         running, self._running = self._running, None
         return running.result() if running is not None else None
 
-    def close(self) -> None:
-        """End the background thread (a running reading ends by its own time limit)."""
-        self._pool.shutdown(wait=True)
+    def close(self, *, wait: bool = True) -> None:
+        """End the background thread; a running reading ends by its own time limit, waited for or not."""
+        self._pool.shutdown(wait=wait, cancel_futures=True)
 
     def _take(self, when: When) -> ReadingRecord:
         if self._typed:
