@@ -106,13 +106,14 @@ class Dialogue:
 
     def ask(self, step: Step, deadline: Deadline) -> Answer:
         """Put one question; a dialogue that may be out of step is fenced before."""
-        self._clock.sleep(min(self._dialect.pause_s, deadline.remaining_s))
+        self._pause(deadline)
         if self.line.drain(0.0, DRAIN_LIMIT_S):
             self._in_step = False  # nobody asked for what was there
         if not self._in_step:
             fenced = self._fence(deadline)
             if not fenced.ok:
                 return fenced
+            self._pause(deadline)
         self._in_step = False
         self.line.write(self._encode(step), WRITE_LIMIT_S)
         limit = Deadline.after(self._clock, min(step.timeout_s, deadline.remaining_s))
@@ -167,6 +168,9 @@ class Dialogue:
                 break
         self._in_step = best.ok
         return best
+
+    def _pause(self, deadline: Deadline) -> None:
+        self._clock.sleep(min(self._dialect.pause_s, deadline.remaining_s))
 
     def _listen(self, step: Step, limit: Deadline) -> Answer:
         try:

@@ -11,13 +11,18 @@ from drivers.meter_dialect import Dialect
 from drivers.serial_link import ByteLine, PortSettings
 
 ANSWER_LIMIT_S = 3.0
+AFTER_S = 0.3
+"""How long a further line of one answer is waited for."""
+QUIET_S = 0.05
+MAX_LINE_BYTES = 256
+MAX_ANSWER_BYTES = 1024
 HARMLESS = ("RMT,1", "IDDR", "MDS,04", "RMT,0")
 """Enter remote mode, ask for identity, set absolute mode, leave remote mode: nothing is measured, stored or erased."""
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """One question of a probe and what came back within `ANSWER_LIMIT_S`."""
+    """One question of a probe, all that came back, and the seconds to the end of its last whole line."""
 
     settings: PortSettings
     sent: bytes
@@ -46,15 +51,21 @@ def probe(
 
 
 def _exchange(line: ByteLine, settings: PortSettings, question: bytes, clock: Clock) -> Exchange:
-    line.drain(0.05, 0.5)
+    """Ask, and take down all that comes until the line falls silent."""
+    unasked = line.drain(QUIET_S, 0.5)
     start_s = clock.monotonic_s()
     line.write(question, 2.0)
-    note = ""
-    try:
-        received = line.read_line(b"\n", 256, ANSWER_LIMIT_S) + b"\n"
-    except DeviceTimeoutError as error:
-        received, note = bytes.fromhex(str(error.details.get("partial", ""))), "no whole line"
-    return Exchange(settings, question, received, clock.monotonic_s() - start_s, note)
+    received, limit_s, took_s, note = b"", ANSWER_LIMIT_S, ANSWER_LIMIT_S, f"{unasked} bytes before" if unasked else ""
+    while len(received) < MAX_ANSWER_BYTES:
+        try:
+            received += line.read_line(b"\n", MAX_LINE_BYTES, limit_s) + b"\n"
+        except DeviceTimeoutError as error:
+            partial = bytes.fromhex(str(error.details.get("partial", "")))
+            received += partial
+            note += ", no end of line" if partial else ""
+            break
+        took_s, limit_s = clock.monotonic_s() - start_s, AFTER_S
+    return Exchange(settings, question, received, took_s, note.strip(", "))
 
 
 def transcript_lines(exchanges: Iterator[Exchange], port: str) -> Iterator[str]:

@@ -157,6 +157,13 @@ def test_every_mistake_is_named_with_file_and_key(tmp_path: Path, old: str, new:
     assert named in str(caught.value)
 
 
+def test_the_example_in_the_guide_is_one(tmp_path: Path) -> None:
+    guide = (Path(__file__).resolve().parents[2] / "docs" / "meter-dialects.md").read_text("utf-8")
+    dialect = load_dialect(write(tmp_path, guide.split("```toml\n")[1].split("```")[0]))
+    answer = interpret(dialect, dialect.measure[-1], b"OK00,CcPH 34.63")
+    assert (answer.status, answer.value_text) == (ReadingStatus.OK, " 34.63")
+
+
 def test_missing_too_large_and_not_text(tmp_path: Path) -> None:
     with pytest.raises(DialectError, match="ls100, cs100a, ls160"):
         load_dialect(str(tmp_path / "none.toml"))

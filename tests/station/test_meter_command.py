@@ -1,0 +1,77 @@
+"""``daylit meter`` against a meter behind a pseudo-terminal."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import daylit
+from mocks.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.serial_port import SerialPort
+
+Plug = Callable[..., str]
+
+
+@pytest.fixture
+def plug() -> Iterator[Plug]:
+    """Plug a meter in; returns the name of its port."""
+    ports: list[SerialPort] = []
+
+    def plug_in(**how: object) -> str:
+        meter = SimulatedMeter(lambda _t: 1019.0, measuring_s=0.02, **how)  # type: ignore[arg-type]
+        ports.append(SerialPort(meter))
+        return ports[-1].name
+
+    yield plug_in
+    for port in ports:
+        port.close()
+
+
+def test_read_as_json(plug: Plug, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["meter", "read", "--port", plug(), "--dialect", "ls100", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["ok"]
+    assert answer["luminance_cd_m2"] == pytest.approx(1019.0, rel=1e-2)
+    assert answer["dialect_verified"] is True
+    assert answer["n_samples"] >= 3
+
+
+def test_read_says_that_the_dialect_is_assumed(plug: Plug, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["meter", "read", "--port", plug(language="ls160"), "--samples", "1"]) == 0
+    told = capsys.readouterr().out
+    assert "cd/m2" in told
+    assert "ASSUMED" in told
+
+
+def test_a_status_is_no_number_and_not_a_success(plug: Plug, capsys: pytest.CaptureFixture[str]) -> None:
+    port = plug(faults=(MeterFault(MeterFaultKind.UNIT_FL),))
+    assert daylit.main(["meter", "read", "--port", port, "--dialect", "ls100", "--json"]) == 3
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["ok"] is False
+    assert answer["status"] == "wrong_unit"
+    assert answer["luminance_cd_m2"] is None
+
+
+def test_no_such_port_and_no_such_dialect(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["meter", "read", "--port", "/dev/no-such-port", "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["error"]["code"] == "DEV-001"
+    assert daylit.main(["meter", "read", "--dialect", "klingon", "--json"]) == 2
+    assert "klingon" in json.loads(capsys.readouterr().out)["error"]["where"]
+
+
+def test_probe_writes_a_transcript_once(
+    plug: Plug, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.meter_probe.ANSWER_LIMIT_S", 0.2)
+    path = tmp_path / "transcript.txt"
+    command = ["meter", "probe", str(path), "--port", plug(language="ls160"), "--json"]
+    assert daylit.main(command) == 0
+    assert json.loads(capsys.readouterr().out)["answers"] > 0
+    text = path.read_text()
+    assert "RMT,1" in text
+    assert "4f 4b 30 30 0d 0a  OK00.." in text
+    assert daylit.main(command) == 2, "an old transcript is not overwritten"
+    assert path.read_text() == text
