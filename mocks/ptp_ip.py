@@ -121,6 +121,8 @@ class PtpIpServer:
                 connection, _ = self._listener.accept()
             except OSError:
                 return
+            # Small packets follow each other: waiting for acknowledgements would cost 40 ms a transaction.
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._connections.append(connection)
             thread = threading.Thread(target=self._serve, args=(connection,), name="ptp-ip-client", daemon=True)
             self._threads.append(thread)
@@ -134,7 +136,7 @@ class PtpIpServer:
                 self._client = number = next(self._numbers)
                 name = (self._responder.identity.model + "\0").encode("utf-16-le")
                 stream.send(Packet.INIT_COMMAND_ACK, u32s([number]) + GUID + name + u32s([VERSION]))
-                self._serve_commands(stream)
+                self._serve_commands(stream, number)
             elif kind == Packet.INIT_EVENT_REQUEST and body == u32s([self._client]):
                 stream.send(Packet.INIT_EVENT_ACK)
                 self._serve_events(stream, self._client)
@@ -147,7 +149,7 @@ class PtpIpServer:
         finally:
             hang_up(connection)
 
-    def _serve_commands(self, stream: PacketStream) -> None:
+    def _serve_commands(self, stream: PacketStream, client: int) -> None:
         try:
             while not self._closing.is_set() and self._responder.plugged:
                 kind, body = stream.receive()
@@ -159,9 +161,9 @@ class PtpIpServer:
                     raise BadBytesError(f"PTP/IP packet type {kind} where a request belongs")
         finally:
             with self._responder.lock:
-                self._responder.forget_session()
-                self._responder.events.clear()
-                self._client = 0
+                if self._client == client:
+                    self._responder.forget_session()
+                    self._client = 0
 
     def _transact(self, stream: PacketStream, body: bytes) -> None:
         if len(body) < 10:

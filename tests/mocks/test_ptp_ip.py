@@ -19,12 +19,12 @@ class Client:
     """Two connections to a server, packets by hand."""
 
     def __init__(self, port: int) -> None:
-        self.command = socket.create_connection((LOOPBACK, port), timeout=20)
+        self.command = socket.create_connection((LOOPBACK, port), timeout=5)
         self.send(self.command, 1, bytes(16) + "me\0".encode("utf-16-le") + struct.pack("<I", 0x10000))
         kind, body = self.receive(self.command)
         assert kind == 2
         assert body[20:-4].decode("utf-16-le") == "Echo\0"
-        self.event = socket.create_connection((LOOPBACK, port), timeout=20)
+        self.event = socket.create_connection((LOOPBACK, port), timeout=5)
         self.send(self.event, 3, body[:4])
         assert self.receive(self.event) == (4, b"")
 
@@ -103,6 +103,8 @@ def test_data_goes_out_in_pieces_and_comes_back(client: Client, camera: Echo) ->
 
 
 def test_events_come_on_their_own_connection(client: Client, camera: Echo) -> None:
+    client.request(Operation.OPEN_SESSION, 0, 1)
+    client.answer()
     with camera.lock:
         camera.emit(Event.OBJECT_ADDED, 0x64, transaction_id=10)
     assert client.receive(client.event) == (8, struct.pack("<HII", 0x4002, 10, 0x64))
@@ -177,6 +179,9 @@ def test_events_go_to_the_client_of_today(camera: Echo) -> None:
         gone = Client(server.port)
         gone.command.close()
         late_client = Client(server.port)
+        wait_until_closed(camera)
+        late_client.request(Operation.OPEN_SESSION, 0, 1)
+        late_client.answer()
         with camera.lock:
             camera.emit(Event.CAPTURE_COMPLETE, 9)
         assert late_client.receive(late_client.event)[0] == 8
@@ -186,7 +191,7 @@ def test_events_go_to_the_client_of_today(camera: Echo) -> None:
 
 def test_an_event_connection_of_nobody_is_refused(camera: Echo) -> None:
     with PtpIpServer(camera) as server:
-        connection = socket.create_connection((LOOPBACK, server.port), timeout=20)
+        connection = socket.create_connection((LOOPBACK, server.port), timeout=5)
         Client.send(connection, 3, struct.pack("<I", 99))
         assert Client.receive(connection)[0] == 5
         connection.close()
