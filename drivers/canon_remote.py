@@ -73,9 +73,20 @@ class CanonRemote:
         self.busy = self._shuts_down_soon = False
 
     def start(self, busy_limit_s: float = BUSY_LIMIT_S) -> None:
-        """Enter remote and event mode and take over the camera's whole state."""
-        for operation in (CanonOperation.SET_REMOTE_MODE, CanonOperation.SET_EVENT_MODE):
-            self.patiently(lambda operation=operation: self.do(operation, 1), busy_limit_s)  # type: ignore[misc]
+        """Enter remote and event mode and take over the camera's whole state, which it tells on entering.
+
+        Events may have been lost before, so event mode is left first where it was on.
+        """
+        self.patiently(lambda: self.do(CanonOperation.SET_REMOTE_MODE, 1), busy_limit_s)
+        if self.values:
+            self.do(CanonOperation.SET_EVENT_MODE, 0)
+        self._enter_event_mode()
+        if not self.values:
+            self.do(CanonOperation.SET_EVENT_MODE, 0)  # it was on already: an earlier answer was lost
+            self._enter_event_mode()
+
+    def _enter_event_mode(self) -> None:
+        self.patiently(lambda: self.do(CanonOperation.SET_EVENT_MODE, 1))
         self.drain()
 
     def stop(self) -> None:
@@ -185,6 +196,8 @@ class CanonRemote:
         A property that has the value already is confirmed, not written: the camera may answer "busy" to a write
         that changes nothing.
         """
+        if prop not in self.values:
+            self.ask_anew(prop)
         if self.values.get(prop) == value and self._confirm(prop) == value:
             return value
         self._fresh.discard(prop)

@@ -303,6 +303,8 @@ class ThetaZ1:
         except DeviceBusyError:
             if self._exposure is not None:
                 self.can_transfer_while_exposing = False
+            else:
+                self.keep_alive()  # a sleeping camera answers "busy" for ever
             raise
 
     def finish_frame(self, frame: FrameRef) -> None:

@@ -625,7 +625,7 @@ def test_recovery_after_a_mute_moment_keeps_the_session() -> None:
     cancel = ControlOut(0x64, struct.pack("<HI", 0x4001, dialogue.last_id))
     dialogue.steps += [Step(cancel), Step(ControlIn(0x67, 32), [bytes.fromhex("04000120")])]
     dialogue.ask(0x1001, gives=device_info(0xB, DEVICE_OPERATIONS, (0xD402,), TEXTS))
-    dialogue.ask(0x9114, 1).ask(0x9115, 1).poll().ask(0x911C).poll().ask(0x9129, 2).ask(0x9129, 1)
+    dialogue.ask(0x9114, 1).ask(0x9115, 0).ask(0x9115, 1).poll().ask(0x911C).poll().ask(0x9129, 2).ask(0x9129, 1)
     dialogue.poll(added_record(0x91000002, 9000, "IMG_0002.JPG")).poll()
     camera, transport = dialogue.start()
     ready_to_fire(camera)
@@ -650,3 +650,29 @@ def test_another_camera_after_a_lost_connection_is_refused() -> None:
     with pytest.raises(DeviceNotFoundError, match="another camera"):
         camera.recover()
     assert transport.closed
+
+
+def test_state_that_was_lost_on_the_way_is_told_again() -> None:
+    dialogue = CanonDialogue()
+    dialogue.open().ask(0x1001, gives=device_info(0xB, DEVICE_OPERATIONS, (0xD402,), TEXTS))
+    dialogue.ask(0x9114, 1).ask(0x9115, 1).poll().ask(0x9115, 0).ask(0x9115, 1)
+    dialogue.poll(first_stream(BEFORE)).poll().ask(0x911C).poll().ask(0x9129, 2).ask(0x9129, 1).poll()
+    camera, transport = dialogue.prepare().start()
+    camera.connect()
+    assert all(r.honoured for r in camera.prepare(PAPER))
+    transport.assert_finished()
+
+
+def test_unknown_property_is_asked_for_before_it_is_written() -> None:
+    """A destination that is written without need would be answered with "busy"."""
+    dialogue = CanonDialogue()
+    del dialogue.before[DESTINATION]
+    dialogue.connect().poll()
+    for prop in (DRIVE, FORMAT, WB, KELVIN, ISO, APERTURE):
+        dialogue.ensure(prop, WANTED[prop])
+    dialogue.ask(0x9127, DESTINATION).poll(told(DESTINATION, 2)).ensure(DESTINATION, 2)
+    dialogue.ask(0x1007, 0xFFFFFFFF, 0, 0, gives=u32_array([0x91000001]))
+    camera, transport = dialogue.start()
+    camera.connect()
+    assert all(r.honoured for r in camera.prepare(PAPER))
+    transport.assert_finished()
