@@ -80,6 +80,11 @@ class SimulatedCanon5D2(CanonBody):
 
     # ---- the button
 
+    def press_shutter(self) -> None:
+        """Take a picture as a person at the camera does."""
+        with self.lock:
+            self._open()
+
     def _release_on(self, request: Request) -> Answer:
         self.refuse_without_remote()
         self.refuse_undrained()
@@ -154,7 +159,7 @@ class SimulatedCanon5D2(CanonBody):
 
     def _open(self, open_s: float | None = None) -> None:
         focusing_s = max(0.0, self._focusing_until_s - self.clock.monotonic_s())
-        settings = self._shot_settings()
+        settings = self.current_settings()
         if open_s is not None:
             settings = replace(settings, shutter_s=open_s)
         self._plan = _Plan(self.settings.files, self.settings.number(CanonProp.CAPTURE_DESTINATION))
@@ -193,7 +198,8 @@ class SimulatedCanon5D2(CanonBody):
 
     # ---- the picture
 
-    def _shot_settings(self) -> ShotRequest:
+    def current_settings(self) -> ShotRequest:
+        """Return the exposure as the camera is set now."""
         number = self.settings.number
         white_balance = number(CanonProp.WHITE_BALANCE)
         kelvin = WHITE_BALANCE_K.get(white_balance, DAYLIGHT_K)

@@ -73,6 +73,15 @@ class SimulatedCamera(PtpResponder):
         if self.exposing:
             raise Refusal(Response.DEVICE_BUSY)
 
+    def current_settings(self) -> ShotRequest:
+        """Return the exposure as the camera is set now."""
+        raise NotImplementedError
+
+    def press_shutter(self) -> None:
+        """Take a picture as a person at the camera does."""
+        with self.lock:
+            self.expose(self.current_settings())
+
     def expose(self, settings: ShotRequest, delay_s: float = 0.0, open_s: float | None = None) -> ExposureRecord:
         """Open the shutter after the release lag, log it, and plan `picture_ready`.
 

@@ -129,6 +129,7 @@ class SimulatedThetaZ1(SimulatedCamera):
         self._last_active_s = clock.monotonic_s()
         self._waking_until_s = 0.0
         self._self_timer_until_s = 0.0
+        self._capture_transaction = 0
         if options.asleep:
             self.properties.values[RicohProp.SLEEP_MODE] = 1
 
@@ -275,10 +276,11 @@ class SimulatedThetaZ1(SimulatedCamera):
         delay_s = self.properties.number(Prop.CAPTURE_DELAY) / 1000
         self._self_timer_until_s = self.clock.monotonic_s() + delay_s
         self._capture_transaction = request.transaction_id
-        self.expose(self._settings(), delay_s)
+        self.expose(self.current_settings(), delay_s)
         return Answer()
 
-    def _settings(self) -> ShotRequest:
+    def current_settings(self) -> ShotRequest:
+        """Return the exposure as the camera is set now."""
         numerator, denominator = shutter_fraction(self.properties.number(RicohProp.SHUTTER_SPEED))
         automatic = (numerator, denominator) == shutter_fraction(AUTO_SHUTTER)
         iso = self.properties.number(Prop.EXPOSURE_INDEX)
