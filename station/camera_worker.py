@@ -37,6 +37,8 @@ from station.notices import (
 from station.session import Side
 
 CHUNK_BYTES = 1 << 20
+EXPOSING_CHUNK_BYTES = 1 << 18
+"""Smaller, because the end of the exposure is noticed only between two chunks."""
 EXPOSURE_GRACE_S = 30.0
 """Readout, processing and announcement of a frame must be over by then (its exposure comes on top)."""
 BUSY_LIMIT_S = 60.0
@@ -111,7 +113,7 @@ class CameraWorker:
         while leaving is None or (self._backlog and not leaving.at_once):
             order = self._next_order()
             if isinstance(order, Leave):
-                leaving = order
+                leaving, self._armed = order, None
             else:
                 self._guarded(order)
         self._give_up_backlog()
@@ -140,7 +142,7 @@ class CameraWorker:
     def _carry_out(self, order: Order | None) -> None:
         match order:
             case None if self._backlog:
-                self._transfer_chunk(pause=True)
+                self._transfer_chunk(CHUNK_BYTES, pause=True)
             case None:
                 self._stay_awake()
             case SetUp():
@@ -179,7 +181,7 @@ class CameraWorker:
                 retakes=order.retakes,
             )
             self._backlog.append(_Transfer(shot))
-        self._put(Exposed(self.side, order.stop, len(frames)))
+        self._put(Exposed(self.side, order.stop, len(frames), self._camera.can_transfer_while_exposing))
 
     def _wait_exposure(self, shutter_s: float) -> tuple[FrameRef, ...]:
         deadline = Deadline.after(self._clock, 2 * shutter_s + EXPOSURE_GRACE_S)
@@ -194,18 +196,18 @@ class CameraWorker:
                     likely="no focus, or the card refused it",
                 )
             if self._backlog and self._camera.can_transfer_while_exposing:
-                self._transfer_chunk(pause=False)
+                self._transfer_chunk(EXPOSING_CHUNK_BYTES)
         raise DeviceTimeoutError(
             f"no picture within {deadline.limit_s:g} s of the release",
             where=str(self.side),
             limit_s=deadline.limit_s,
         )
 
-    def _transfer_chunk(self, *, pause: bool) -> None:
+    def _transfer_chunk(self, max_bytes: int, *, pause: bool = False) -> None:
         """Fetch one chunk of the oldest frame; a frame that fails is fetched anew once, then reported lost."""
         transfer = self._backlog[0]
         try:
-            self._read_into(transfer)
+            self._read_into(transfer, max_bytes)
         except DeviceBusyError as error:
             if self._busy_too_long(transfer):
                 self._restart(transfer, error)
@@ -216,9 +218,9 @@ class CameraWorker:
             self._restart(transfer, error)
             raise
 
-    def _read_into(self, transfer: _Transfer) -> None:
+    def _read_into(self, transfer: _Transfer, max_bytes: int) -> None:
         frame = transfer.shot.frame
-        data = self._camera.read_chunk(frame, transfer.offset, min(CHUNK_BYTES, frame.size_bytes - transfer.offset))
+        data = self._camera.read_chunk(frame, transfer.offset, min(max_bytes, frame.size_bytes - transfer.offset))
         if not data:
             raise ExposureFailedError("the camera sent nothing of the frame", where=str(self.side), handle=frame.handle)
         self._intake.write(transfer.shot, data)

@@ -74,7 +74,8 @@ class Conductor:
         self._max_start_skew_s = max_start_skew_s
         self._on_last_exposure = on_last_exposure
         self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
-        self._answers: dict[Side, Notice] = {}
+        self._answers: dict[tuple[Side, int], Notice] = {}
+        self._set_ahead: dict[Side, int] = {}
         self._released_s: dict[Side, float] = {}
         self._in_flight: Counter[tuple[Side, int]] = Counter()
         self._retakes: Counter[tuple[Side, int]] = Counter()
@@ -155,36 +156,61 @@ class Conductor:
 
     def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
         yield self._event(EventKind.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
-        self._answers = {}
-        for side in sides:
-            self._workers[side].tell(SetUp(stop, self._plan.stops_s[stop], self._retakes[side, stop]))
-        yield from self._pump_until(lambda: self._answered(sides), SET_UP_LIMIT_S, "camera made ready")
-        if self._unready(sides):
+        self._set_up(stop, sides)
+        yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera made ready")
+        if not all(isinstance(self._answers.get((s, stop)), Ready) for s in sides) or self.dead:
             for side in sides:
                 self._workers[side].tell(StandDown())
             yield from self._again(stop, sides)
             return
-        self._answers, self._released_s = {}, {}
+        for side in sides:
+            del self._answers[side, stop]
+        self._released_s = {}
         open_at_s = self._clock.monotonic_s() + FIRE_AHEAD_S + max(self._workers[s].release_lag_s for s in sides)
         for side in sides:
             self._workers[side].tell(Fire(open_at_s))
         limit_s = 2 * self._plan.stops_s[stop] + EXPOSURE_GRACE_S + SET_UP_LIMIT_S
-        yield from self._pump_until(lambda: self._answered(sides), limit_s, "exposure finished")
+        yield from self._pump_until(lambda: self._answered(stop, sides), limit_s, "exposure finished")
         yield from self._judge_start(stop, sides)
-        broken = tuple(s for s in sides if isinstance(self._answers.get(s), Broken))
+        broken = tuple(s for s in sides if isinstance(self._answers.get((s, stop)), Broken))
         if broken:
             yield from self._again(stop, broken)
 
-    def _answered(self, sides: Iterable[Side]) -> bool:
-        return bool(self.dead) or all(side in self._answers for side in sides)
+    def _set_up(self, stop: int, sides: tuple[Side, ...]) -> None:
+        """Order the set-up of a stop from the sides that have not been ordered it ahead; forget other orders ahead."""
+        for side, worker in self._workers.items():
+            ahead = self._set_ahead.pop(side, None)
+            if ahead == stop and side in sides:
+                continue
+            if ahead is not None:
+                worker.tell(StandDown())
+            if side in sides:
+                self._order_set_up(side, stop)
 
-    def _unready(self, sides: Iterable[Side]) -> bool:
-        return bool(self.dead) or any(not isinstance(self._answers.get(s), Ready) for s in sides)
+    def _order_set_up(self, side: Side, stop: int) -> None:
+        self._answers.pop((side, stop), None)
+        self._workers[side].tell(SetUp(stop, self._plan.stops_s[stop], self._retakes[side, stop]))
+
+    def _set_up_ahead(self, notice: Exposed) -> None:
+        """A camera that is through sets the next stop while its partner still exposes or saves.
+
+        Not in an adaptive bracket, where the frames must say first whether there is a next stop, and not where
+        transfers cannot hide behind exposures: a camera that is set up is left alone until it fires.
+        """
+        if self._plan.mode != "full" or not notice.overlaps or not self._todo or self._stop_asked or self.dead:
+            return
+        stop, sides = self._todo[0]
+        if notice.side in sides:
+            self._set_ahead[notice.side] = stop
+            self._order_set_up(notice.side, stop)
+
+    def _answered(self, stop: int, sides: Iterable[Side]) -> bool:
+        return bool(self.dead) or all((side, stop) in self._answers for side in sides)
 
     def _again(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
         """Put a stop back, unless its camera failed it too often; then it stays missing and is named."""
         for side in sides:
-            self._failures[side, stop] += isinstance(self._answers.get(side), Broken)
+            self._failures[side, stop] += isinstance(self._answers.get((side, stop)), Broken)
         spent = tuple(s for s in sides if self._failures[s, stop] > MAX_DEVICE_FAILURES)
         for side in spent:
             text = f"{side} {self._label(stop)}: the camera failed {self._failures[side, stop]} times; missing"
@@ -216,7 +242,7 @@ class Conductor:
             return
         match notice:
             case Ready():
-                self._answers[notice.side] = notice
+                self._answers[notice.side, notice.stop] = notice
             case Released() | Exposed():
                 yield self._opened_or_closed(notice)
             case Progress(side, stop, done_bytes, total_bytes):
@@ -233,8 +259,9 @@ class Conductor:
             self._released_s[side] = notice.at_s
             text = f"{side} {self._label(stop)} released"
             return self._event(EventKind.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
-        self._answers[side] = notice
+        self._answers[side, stop] = notice
         self._in_flight[side, stop] += notice.n_frames
+        self._set_up_ahead(notice)
         return self._event(EventKind.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
 
     def _outcome(self, notice: Notice) -> Iterator[CaptureEvent]:
@@ -283,7 +310,7 @@ class Conductor:
     def _broken(self, notice: Broken) -> Iterator[CaptureEvent]:
         side, error = notice.side, notice.error
         if notice.stop is not None:
-            self._answers[side] = notice
+            self._answers[side, notice.stop] = notice
         data = {"side": side, "stop": notice.stop, "error": error.to_dict(), "recovered": notice.recovered}
         if notice.recovered and not isinstance(error, NEEDS_A_PERSON):
             yield self._event(EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)

@@ -210,7 +210,8 @@ def transfers_while_exposing_or_says_busy(bench: CameraBench) -> str:
     bench.camera.set_shutter(1.0)
     bench.camera.arm()
     bench.camera.release()
-    got, busy, done, frames = 0, 0, False, ()
+    got, busy, done = 0, 0, False
+    frames: tuple[FrameRef, ...] = ()
     deadline = Deadline.after(bench.clock, EXPOSURE_GRACE_S)
     while not done:
         deadline.check("picture", "conform")

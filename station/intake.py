@@ -9,6 +9,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable
+from typing import Literal
 
 from drivers.camera import FrameFormat
 from station.bracket import shutter_label
@@ -119,7 +120,7 @@ class Intake:
                 f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}", where=part.path.name
             )
         if shot.frame.format is not FrameFormat.JPEG:
-            raw = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
+            raw: Literal["cr2", "dng"] = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
             return self._checker.check_raw(part.path, raw, name=name)
         earlier = list(self.facts.values())
         facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=earlier, name=name)

@@ -82,11 +82,12 @@ class Released:
 
 @dataclass(frozen=True)
 class Exposed:
-    """The exposure is over; ``n_frames`` frames are announced and will be fetched."""
+    """The exposure is over; ``n_frames`` are announced and will be fetched, behind later exposures if ``overlaps``."""
 
     side: Side
     stop: int
     n_frames: int
+    overlaps: bool
 
 
 @dataclass(frozen=True)
