@@ -243,6 +243,8 @@ class CanonBody(SimulatedCamera):
             raise Refusal(Response.INVALID_DATASET)
         self.refuse_undrained()
         self.refuse_while_exposing()
+        if self.memory:
+            raise Refusal(Response.DEVICE_BUSY)
         if prop not in self.settings.values:
             raise Refusal(Response.DEVICE_PROP_NOT_SUPPORTED)
         if prop in READ_ONLY:

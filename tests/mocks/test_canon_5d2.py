@@ -259,6 +259,7 @@ def test_computer_capture_stays_busy_until_fetched() -> None:
     assert bench.host.call(Operation.GET_PARTIAL_OBJECT, first, 0, 4).data == b"II*\0"
     for handle in (first, second):
         assert bench.press(3, 0) == BUSY
+        assert bench.value(CanonProp.SHUTTER_SPEED, 0x60).code == BUSY
         assert bench.host.call(CanonOperation.TRANSFER_COMPLETE, handle).code == OK
     assert bench.host.call(CanonOperation.TRANSFER_COMPLETE, first).code == Response.INVALID_OBJECT_HANDLE
     assert bench.press(3, 0) == OK

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.ptp.codes import Event, Operation, Response
-from mocks.clock import ScaledClock, VirtualClock
+from mocks.clock import VirtualClock
 from mocks.ptp_messages import Answer, Request
 from tests.mocks.echo import GIVE, KEEP, SIGNAL, Echo
 
@@ -104,17 +104,3 @@ def test_a_pulled_cable_ends_the_session_and_forgets_events(camera: Echo) -> Non
     assert camera.plugged
     assert not camera.events
     assert ask(camera, GIVE, 0).code == Response.SESSION_NOT_OPEN
-
-
-def test_the_clocks() -> None:
-    virtual = VirtualClock()
-    start = virtual.utc_now()
-    virtual.sleep(3600)
-    virtual.sleep(-5)
-    assert (virtual.utc_now() - start).total_seconds() == virtual.monotonic_s() == 3600
-    scaled = ScaledClock(1000)
-    before_s = scaled.monotonic_s()
-    scaled.sleep(5)
-    assert scaled.monotonic_s() - before_s >= 5
-    with pytest.raises(ValueError, match="above 0"):
-        ScaledClock(0)
