@@ -9,6 +9,10 @@ import usb.core
 
 from mocks.usb_bus import SimulatedUsbBackend
 
+PACKET_BYTES = 512
+FIRST_READ_BYTES = 4096
+MAX_READ_BYTES = 1 << 20
+
 
 @dataclass
 class Reply:
@@ -71,9 +75,16 @@ class RawHost:
 
     def container(self) -> tuple[int, int, int, int, bytes]:
         """Read one transfer, which must be one container."""
-        first = self.read(1 << 24)
-        length, kind, code, tid = struct.unpack_from("<IHHI", first)
-        return length, kind, code, tid, first[12:]
+        size = FIRST_READ_BYTES
+        whole = self.read(size)
+        length, kind, code, tid = struct.unpack_from("<IHHI", whole)
+        while len(whole) < length or (len(whole) % size == 0 and len(whole) % PACKET_BYTES == 0):
+            size = min(MAX_READ_BYTES, -(-max(1, length - len(whole)) // PACKET_BYTES) * PACKET_BYTES)
+            piece = self.read(size)
+            whole += piece
+            if len(piece) < size:
+                break
+        return length, kind, code, tid, whole[12:]
 
     def open(self) -> None:
         assert self.call(0x1002, 1).code == 0x2001
