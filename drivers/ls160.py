@@ -12,7 +12,13 @@ from contextlib import suppress
 from dataclasses import replace
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import DeviceError, DeviceLostError, DeviceTimeoutError
+from drivers.errors import (
+    BatteryLowError,
+    DeviceError,
+    DeviceLostError,
+    DeviceTimeoutError,
+    ProtocolViolationError,
+)
 from drivers.meter import MeterIdentity, MeterReading, ReadingStatus
 from drivers.meter_dialect import Dialect
 from drivers.meter_dialogue import Answer, Dialogue
@@ -57,8 +63,10 @@ class KonicaMinoltaMeter:
 
         Raises
         ------
-        DeviceTimeoutError
-            Nothing of the dialect's form came back.
+        DeviceTimeoutError, ProtocolViolationError
+            Nothing came back, or nothing of the dialect's form.
+        BatteryLowError
+            It says so.
         DeviceError
             The line does not open, or is lost.
         """
@@ -112,12 +120,7 @@ class KonicaMinoltaMeter:
             raise
         if not answer.ok:
             self.close()
-            raise DeviceTimeoutError(
-                f"no {self._dialect.title} answers: {answer.status} {answer.detail} {answer.raw!r}",
-                where=line.name,
-                likely="it is off, not in remote mode, or speaks another dialect",
-                advice="LS-100: hold F while switching on. Find out: daylit meter probe. Or type: --reading",
-            )
+            raise self._refusal(answer, line.name)
         found = dict(answer.groups)
         return MeterIdentity(
             model=found.get("model", self._dialect.title),
@@ -125,6 +128,26 @@ class KonicaMinoltaMeter:
             dialect=self._dialect.name,
             dialect_verified=self._dialect.verified,
             port=line.name,
+        )
+
+    def _refusal(self, answer: Answer, where: str) -> DeviceError:
+        """Return the error of a greeting that failed."""
+        title = self._dialect.title
+        if answer.status is ReadingStatus.BATTERY_LOW:
+            return BatteryLowError("the battery is low", where=where, advice="change it, or type: --reading")
+        if answer.status is ReadingStatus.NO_ANSWER:
+            return DeviceTimeoutError(
+                f"no {title} answers: {answer.detail}",
+                where=where,
+                likely="it is off, not in remote mode, or speaks another dialect",
+                advice="LS-100: hold F while switching on. Find out: daylit meter probe. Or type: --reading",
+            )
+        return ProtocolViolationError(
+            f"this is not what a {title} answers: {answer.detail}",
+            where=where,
+            likely="another dialect, other port settings, or a bad cable",
+            advice="find out: daylit meter probe. Or type: --reading",
+            got=answer.raw,
         )
 
     def _sample(self, deadline: Deadline) -> Answer:

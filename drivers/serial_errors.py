@@ -17,7 +17,7 @@ from drivers.errors import (
 PROC = Path("/proc")
 
 
-def open_error(error: OSError | ValueError, name: str) -> DeviceError:
+def open_error(error: Exception, name: str) -> DeviceError:
     """Return what it means that the port ``name`` does not open."""
     number = getattr(error, "errno", None)
     text = str(error)

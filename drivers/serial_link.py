@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,18 @@ from drivers.serial_errors import open_error
 
 POLL_S = 0.05
 """Longest single wait inside pyserial; deadlines are looked at in between."""
+STALL_S = 0.5
+"""A line that takes no bytes for so long will not take them (pyserial counts this in real time)."""
 STEP_S = 0.005
 """Pause between two looks at a line that should stay quiet."""
+_GONE: tuple[type[Exception], ...] = (OSError, TypeError, AttributeError)
+"""What pyserial raises when the port vanishes under it; its file descriptor may be None by then."""
+if sys.platform != "win32":
+    import fcntl
+    import termios
+
+    _GONE += (termios.error,)
+_NOT_OPENED = (*_GONE, ValueError)
 BY_ID = Path("/dev/serial/by-id")
 _PARITY = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 
@@ -98,32 +109,36 @@ class SerialLink:
                 parity=_PARITY[settings.parity],
                 stopbits=settings.stop_bits,
                 timeout=POLL_S,
-                write_timeout=0,  # takes what there is room for
+                write_timeout=STALL_S,
+                rtscts=settings.rts_handshake,
+                exclusive=True if os.name == "posix" else None,
                 do_not_open=True,
             )
-            port.exclusive = True
-            port.rtscts = settings.rts_handshake
             port.open()
             _refuse_parity_errors(port)
             _keep_others_out(port, keep=True)
-        except (OSError, ValueError) as error:
+        except _NOT_OPENED as error:
             raise open_error(error, name) from error
         return cls(port, name, clock or SystemClock())
 
     def write(self, data: bytes, timeout_s: float) -> None:
-        """Send all bytes; `DeviceTimeoutError` when the line does not take them (handshake lines?)."""
-        deadline = Deadline.after(self._clock, timeout_s)
-        sent = 0
-        while sent < len(data):
-            deadline.check("room on the line", self.name)
-            try:
-                sent += self._port.write(data[sent:]) or 0
-            except serial.SerialTimeoutException:
-                deadline.check("room on the line", self.name)
-            except (OSError, TypeError) as error:  # pyserial's port may be None after an unplug
-                self._lost(error)
-            if sent < len(data):
-                self._clock.sleep(min(STEP_S, deadline.remaining_s))
+        """Send all bytes; `DeviceTimeoutError` when the line does not take them within ``timeout_s`` or `STALL_S`.
+
+        What was not sent by then is dropped: the instrument must not get it later.
+        """
+        try:
+            self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            self._drop_unsent()
+            raise DeviceTimeoutError(
+                "the line takes no bytes",
+                where=self.name,
+                likely="a handshake line is missing in the cable, or the meter is off",
+                advice="switch it on; with a three-wire cable: rts_handshake = false in a dialect of your own",
+                limit_s=min(timeout_s, STALL_S),
+            ) from error
+        except _GONE as error:
+            self._lost(error)
 
     def read_line(self, delimiter: bytes, max_bytes: int, timeout_s: float) -> bytes:
         """See `ByteLine.read_line`."""
@@ -134,7 +149,7 @@ class SerialLink:
                 line = bytes(self._buffer[:found])
                 del self._buffer[: found + len(delimiter)]
                 return line
-            if len(self._buffer) > max_bytes:
+            if len(self._buffer) >= max_bytes + len(delimiter):
                 line = bytes(self._buffer[: max_bytes + 1])
                 self._buffer.clear()
                 return line
@@ -152,7 +167,8 @@ class SerialLink:
             self._buffer += self._read(max_bytes + len(delimiter))
 
     def drain(self, quiet_s: float, limit_s: float) -> int:
-        """See `ByteLine.drain`."""
+        """See `ByteLine.drain`; what was not sent yet is dropped, too."""
+        self._drop_unsent()
         dropped = len(self._buffer)
         self._buffer.clear()
         deadline = Deadline.after(self._clock, limit_s)
@@ -169,23 +185,27 @@ class SerialLink:
 
     def close(self) -> None:
         """Give the port back; never raises."""
-        try:
+        with suppress(*_GONE):  # already gone
             _keep_others_out(self._port, keep=False)
             self._port.close()
-        except (OSError, TypeError, AttributeError):
-            pass  # already gone
+
+    def _drop_unsent(self) -> None:
+        try:
+            self._port.reset_output_buffer()
+        except _GONE as error:
+            self._lost(error)
 
     def _waiting(self) -> int:
         try:
             return int(self._port.in_waiting)
-        except (OSError, TypeError, AttributeError) as error:
+        except _GONE as error:
             self._lost(error)
 
     def _read(self, max_bytes: int) -> bytes:
         waiting = self._waiting()
         try:
             return bytes(self._port.read(min(max(waiting, 1), max_bytes)))
-        except (OSError, TypeError, AttributeError) as error:
+        except _GONE as error:
             self._lost(error)
 
     def _lost(self, error: Exception) -> NoReturn:
@@ -196,26 +216,19 @@ class SerialLink:
 
 def _refuse_parity_errors(port: serial.Serial) -> None:
     """Let a byte with a wrong parity bit arrive as NUL, which no dialect accepts; pyserial lets it through as it is."""
-    fd = getattr(port, "fd", None)  # POSIX only
-    if port.parity == serial.PARITY_NONE or fd is None:
+    if sys.platform == "win32" or port.fd is None or port.parity == serial.PARITY_NONE:
         return
-    import termios
-
-    attributes = termios.tcgetattr(fd)
+    attributes = termios.tcgetattr(port.fd)
     attributes[0] = (attributes[0] | termios.INPCK) & ~(termios.IGNPAR | termios.PARMRK | termios.ISTRIP)
-    termios.tcsetattr(fd, termios.TCSANOW, attributes)
+    termios.tcsetattr(port.fd, termios.TCSANOW, attributes)
 
 
 def _keep_others_out(port: serial.Serial, *, keep: bool) -> None:
     """Let the system refuse the port to others (ModemManager does not look at pyserial's lock)."""
-    fd = getattr(port, "fd", None)  # POSIX only
-    if fd is None:
+    if sys.platform == "win32" or port.fd is None:  # on Windows a port belongs to one anyway
         return
-    import fcntl
-    import termios
-
     with suppress(OSError):  # a line that cannot do this works all the same
-        fcntl.ioctl(fd, termios.TIOCEXCL if keep else termios.TIOCNXCL)
+        fcntl.ioctl(port.fd, termios.TIOCEXCL if keep else termios.TIOCNXCL)
 
 
 def list_ports() -> list[PortInfo]:

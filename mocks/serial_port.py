@@ -158,7 +158,7 @@ class MemoryLine:
                 line = bytes(self._buffer[:found])
                 del self._buffer[: found + len(delimiter)]
                 return line
-            if len(self._buffer) > max_bytes:
+            if len(self._buffer) >= max_bytes + len(delimiter):
                 line = bytes(self._buffer[: max_bytes + 1])
                 self._buffer.clear()
                 return line

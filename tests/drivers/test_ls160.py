@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.clock import SystemClock
-from drivers.errors import DeviceLostError, DeviceTimeoutError
+from drivers.errors import BatteryLowError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
 from drivers.ls160 import FROZEN_EQUALS, KonicaMinoltaMeter
 from drivers.meter import Meter, MeterReading, ReadingStatus
 from drivers.meter_dialect import SHIPPED, load_dialect
@@ -296,6 +296,18 @@ def test_silence_at_connect_says_what_to_do() -> None:
     meter, _ = speak(*[(b"MDS,04\r\n", None)] * 3)
     with pytest.raises(DeviceTimeoutError, match="--reading"):
         meter.connect()
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind"),
+    [(b"ER30\r\n", BatteryLowError), (b"ER20\r\n", ProtocolViolationError), (b"+++\r\n", ProtocolViolationError)],
+)
+def test_a_greeting_that_fails_otherwise_says_why(answer: bytes, kind: type[DeviceError]) -> None:
+    meter, line = speak(*[(b"MDS,04\r\n", answer)] * 3)
+    with pytest.raises(kind) as caught:
+        meter.connect()
+    assert caught.value.where == line.name
+    assert caught.value.advice
 
 
 def test_it_is_a_meter() -> None:

@@ -96,7 +96,10 @@ def test_drain_without_waiting_takes_what_is_there(port: SerialPort, link: Seria
 
 def test_an_endless_flood_does_not_hold_drain_for_ever(port: SerialPort, link: SerialLink) -> None:
     class Endless:
-        is_open, in_waiting, fd = True, 10, None
+        in_waiting = 10
+
+        def reset_output_buffer(self) -> None:
+            pass
 
         def read(self, size: int) -> bytes:
             return b"U" * size
@@ -123,20 +126,33 @@ def test_pulling_the_plug_is_a_loss(port: SerialPort, link: SerialLink) -> None:
         link.read_line(b"\r\n", 64, 5.0)
     with pytest.raises(DeviceLostError):
         link.drain(0.1, 1.0)
-    with pytest.raises((DeviceLostError, DeviceTimeoutError)):
+    with pytest.raises(DeviceLostError):
         link.write(b"MES\r\n", 0.2)
     link.close()
 
 
-def test_no_room_on_the_line_is_a_timeout() -> None:
+def test_no_room_on_the_line_is_a_timeout_and_what_waits_is_dropped() -> None:
     class Full:
-        is_open, fd = True, None
+        dropped = 0
 
         def write(self, data: bytes) -> int:
-            return 0
+            raise serial_link.serial.SerialTimeoutException
 
-    with pytest.raises(DeviceTimeoutError, match="room"):
-        SerialLink(Full(), "full", SystemClock()).write(b"MES\r\n", 0.05)  # type: ignore[arg-type]
+        def reset_output_buffer(self) -> None:
+            self.dropped += 1
+
+    port = Full()
+    with pytest.raises(DeviceTimeoutError, match="handshake"):
+        SerialLink(port, "full", SystemClock()).write(b"MES\r\n", 2.0)  # type: ignore[arg-type]
+    assert port.dropped == 1
+
+
+def test_a_line_of_just_the_largest_size_is_whole(port: SerialPort, link: SerialLink) -> None:
+    port.inject(b"x" * 64 + b"\r")
+    port.inject(b"\n")
+    assert link.read_line(b"\r\n", 64, 5.0) == b"x" * 64
+    port.inject(b"x" * 65 + b"\r\n")
+    assert len(link.read_line(b"\r\n", 64, 5.0)) == 65
 
 
 def test_a_port_belongs_to_one(port: SerialPort, link: SerialLink) -> None:

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from drivers.errors import DeviceError
-from drivers.ls160 import KonicaMinoltaMeter
+from drivers.errors import DeviceError, DeviceTimeoutError, ProtocolViolationError
+from drivers.ls160 import MAX_SPREAD_FRAC, KonicaMinoltaMeter
 from drivers.meter import MeterReading, ReadingStatus
 from drivers.meter_dialect import Dialect, load_dialect
 from mocks.clock import VirtualClock
@@ -206,8 +206,47 @@ def test_no_wrong_number_through_the_whole_driver(language: str, share: float) -
     )
     assert not campaign.wrong, campaign.wrong[:3]
     assert campaign.numbers > 0.7 * asked, campaign.statuses
-    allowed = {*map(str, ReadingStatus), "DeviceLostError", "DeviceTimeoutError"}
+    allowed = {*map(str, ReadingStatus), "DeviceLostError", "DeviceTimeoutError", "ProtocolViolationError"}
     assert set(campaign.statuses) <= allowed, campaign.statuses
+
+
+@pytest.mark.torture
+@pytest.mark.timeout(600)
+def test_three_samples_bound_what_a_meter_without_confirmation_can_get_wrong() -> None:
+    """The CS-100A cannot send a value twice: a sample may be wrong, the mean by a third of the spread allowed."""
+    dialect, rng = load_dialect("cs100a"), random.Random(f"{SEED} cs100a")
+    start_s = time.perf_counter()
+    bound_frac = MAX_SPREAD_FRAC / 3 + 0.01  # and a little for the meter's own noise and digits
+    lines = spoiled = numbers = asked = 0
+    errors_frac = [0.0]
+    while lines < LINES // 10:
+        clock, true_cd_m2 = VirtualClock(), 10 ** rng.uniform(0, 5)
+        instrument = SimulatedMeter(lambda _t, v=true_cd_m2: v, language="cs100a", seed=lines)  # type: ignore[misc]
+        noisy = NoisyMeter(instrument, rng, has_parity=True)
+        meter = KonicaMinoltaMeter(lambda n=noisy, c=clock: MemoryLine(n, c), dialect, clock)  # type: ignore[misc]
+        for _ in range(20):
+            asked += 1
+            try:
+                reading = meter.measure(n_samples=3, timeout_s=60.0)
+            except (DeviceTimeoutError, ProtocolViolationError):  # not even the greeting came through
+                continue
+            if reading.luminance_cd_m2 is not None:
+                numbers += 1
+                errors_frac.append(abs(reading.luminance_cd_m2 / true_cd_m2 - 1))
+        lines += noisy.lines
+        spoiled += noisy.spoiled
+    record(
+        "serial dialogue cs100a",
+        injected=spoiled,
+        observed=asked - numbers,
+        lost=sum(e > bound_frac for e in errors_frac),
+        seconds=time.perf_counter() - start_s,
+        seed=SEED,
+        notes=f"{lines} lines, {numbers} means of three; {sum(e > 0.01 for e in errors_frac)} off by more than 1 %, "
+        f"the worst by {max(errors_frac):.1%}; wrong is beyond {bound_frac:.1%}",
+    )
+    assert max(errors_frac) <= bound_frac
+    assert numbers > 0.5 * asked
 
 
 def test_the_campaign_sees_wrong_numbers_of_a_driver_without_its_defences() -> None:
