@@ -29,7 +29,7 @@ if sys.platform != "win32":
     import termios
 
     _GONE += (termios.error,)
-_NOT_OPENED = (*_GONE, ValueError)
+_NOT_OPENED: tuple[type[Exception], ...] = (*_GONE, ValueError)
 BY_ID = Path("/dev/serial/by-id")
 _PARITY = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 
