@@ -213,7 +213,8 @@ class CanonBody(SimulatedCamera):
     def _get_event(self, _request: Request) -> Answer:
         records = list(self.records)
         self.records.clear()
-        for fault in (r.fault for r in records if r.fault):
+        for fault in (r.fault for r in records if r.fault and r.fault.kind is FaultKind.UNPLUG):
+            self.faults.note(fault)  # a stall is of the interrupt pipe, which records do not travel on
             self.unplug(fault.number("replug_after_s"))
         return Answer(data=b"".join(r.encode() for r in records) + canon_records.END)
 
