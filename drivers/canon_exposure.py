@@ -92,8 +92,13 @@ class CanonExposure:
     def _take_announced(self) -> None:
         """Take over the objects that the camera has told of."""
         announced, self._remote.announced = self._remote.announced, []
-        for record in announced:
-            self._take(record)
+        while announced:
+            try:
+                self._take(announced[0])
+            except DeviceBusyError:
+                self._remote.announced = announced + self._remote.announced  # looked at again with the next poll
+                return
+            announced.pop(0)
 
     def _take(self, record: ObjectRecord) -> None:
         known = self._store.known if self._store is not None else set()
@@ -104,7 +109,18 @@ class CanonExposure:
             return  # told again (C187) once it is written, or found on the card when it is overdue
         if record.wants_transfer is self._shot.to_card:
             return
-        self._add(FrameRef(record.handle, record.name, frame_format, record.size_bytes, record.storage_id))
+        frame = FrameRef(record.handle, record.name, frame_format, record.size_bytes, record.storage_id)
+        if self._store is None or self._is_on_the_card(frame, self._store):
+            self._add(frame)
+
+    @staticmethod
+    def _is_on_the_card(frame: FrameRef, store: FrameStore) -> bool:
+        """Whether the card has under this handle what was announced: a picture of another exposure is never taken."""
+        try:
+            found = store.look_at(frame.handle)
+        except OperationRefusedError:
+            return True  # a camera that does not describe its pictures; what comes is checked when it is here
+        return found is not None and (found.name, found.size_bytes) == (frame.name, frame.size_bytes)
 
     def _add(self, frame: FrameRef) -> None:
         self._seen.add(frame.handle)

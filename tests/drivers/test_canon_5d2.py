@@ -181,6 +181,7 @@ def test_published_vectors_are_what_the_scripts_are_made_of() -> None:
 def test_one_whole_frame_on_the_card() -> None:
     dialogue = armed().press().let_go()
     dialogue.poll(record(0xC18B, bytes(4)), added_record(0x91000002, 9000, "IMG_0002.JPG"))
+    dialogue.ask(0x1008, 0x91000002, gives=object_info("IMG_0002.JPG", 0x3801, 9000, storage=0x00010001))
     dialogue.ask(0x101B, 0x91000002, 0, 6000, gives=b"a" * 6000, results=(6000,))
     dialogue.ask(0x101B, 0x91000002, 6000, 3000, gives=b"b" * 3000, results=(3000,))
     dialogue.ask(0x100B, 0x91000002, 0)
@@ -237,7 +238,9 @@ def test_pictures_for_the_computer_are_acknowledged() -> None:
 def test_raw_beside_jpeg_in_the_order_of_the_cameras_own_list() -> None:
     dialogue = CanonDialogue().connect().prepare(xD120=RAW_JPEG_L).shutter(0x68).arm().press().let_go()
     dialogue.poll(added_record(0x91000002, 25_000_000, "IMG_0002.CR2", ofc=0xB103))
+    dialogue.ask(0x1008, 0x91000002, gives=object_info("IMG_0002.CR2", 0xB103, 25_000_000, storage=0x00010001))
     dialogue.poll(added_record(0x91000003, 9000, "IMG_0002.JPG"))
+    dialogue.ask(0x1008, 0x91000003, gives=object_info("IMG_0002.JPG", 0x3801, 9000, storage=0x00010001))
     camera, transport = dialogue.start()
     ready_to_fire(camera, CameraSettings(200, 16, 6500, 5616, 3744, keep_raw=True))
     camera.release()
@@ -412,6 +415,7 @@ def test_one_step_release_where_two_steps_are_unknown(result: int, error: type[D
     dialogue.ask(0x9128, 1, 0, answer=0x2005).ask(0x910F, results=(result,))
     if error is None:
         dialogue.poll(added_record(0x91000002, 9000, "IMG_0002.JPG"))
+        dialogue.ask(0x1008, 0x91000002, gives=object_info("IMG_0002.JPG", 0x3801, 9000, storage=0x00010001))
     camera, transport = dialogue.start()
     ready_to_fire(camera)
     if error is None:
@@ -433,11 +437,28 @@ def test_folders_doubled_and_old_objects_make_no_frame() -> None:
         record(0xC182, struct.pack("<I", 0x91000001)),
     )
     dialogue.poll(added_record(0x91000002, 9000, "IMG_0002.JPG", code=0xC187), added_record(0x91000002, 9000, "X.JPG"))
+    dialogue.ask(0x1008, 0x91000002, gives=object_info("IMG_0002.JPG", 0x3801, 9000, storage=0x00010001))
     camera, transport = dialogue.start()
     ready_to_fire(camera)
     camera.release()
     (frame,) = poll_until_done(camera, transport)
     assert (frame.handle, frame.name) == (0x91000002, "IMG_0002.JPG")
+    transport.assert_finished()
+
+
+def test_announcement_that_the_card_contradicts_is_not_believed() -> None:
+    """Its handle is free; the true one is found on the card once it is overdue."""
+    dialogue = armed().press().let_go()
+    dialogue.poll(added_record(0x91000004, 9000, "IMG_0002.JPG"))
+    dialogue.ask(0x1008, 0x91000004, answer=0x2009)
+    for _ in range(POLLS_UNTIL_OVERDUE - 1):
+        dialogue.poll()
+    dialogue.ask(0x1007, 0xFFFFFFFF, 0, 0, gives=u32_array([0x91000001, 0x91000002]))
+    dialogue.ask(0x1008, 0x91000002, gives=object_info("IMG_0002.JPG", 0x3801, 9000, storage=0x00010001))
+    camera, transport = dialogue.start()
+    ready_to_fire(camera)
+    camera.release()
+    assert [f.handle for f in poll_until_done(camera, transport)] == [0x91000002]
     transport.assert_finished()
 
 
