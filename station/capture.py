@@ -137,7 +137,9 @@ class Capture:
 
     def events(self) -> Iterator[CaptureEvent]:
         """Run the capture. Raises `DaylitError` kinds; what was acknowledged until then is kept and resumable."""
-        self._start_checkers()
+        starters = [threading.Thread(target=_start_quietly, args=(c,)) for c in self._checkers.values()]
+        for starter in starters:
+            starter.start()  # behind preflight
         whole = False
         try:
             yield from self._preflight()
@@ -148,15 +150,12 @@ class Capture:
             whole = True
         finally:
             self._readings.close(wait=whole)
+            for starter in starters:
+                starter.join()  # bounded by the checker's own limit; one that starts after its close would stay
             for checker in self._checkers.values():
                 checker.close()
             if not whole and self._store is not None:
                 self._store.close()  # gives the lock back, so that the session can be resumed
-
-    def _start_checkers(self) -> None:
-        """Start the frame checkers behind preflight; one that does not start says so at its first frame."""
-        for checker in self._checkers.values():
-            threading.Thread(target=_start_quietly, args=(checker,), daemon=True).start()
 
     def _preflight(self) -> Iterator[CaptureEvent]:
         yield self._say(EventKind.STARTED, "preflight")
@@ -327,6 +326,7 @@ class Capture:
 
 
 def _start_quietly(checker: FrameChecker) -> None:
+    """Start a checker; one that does not start says so at its first frame."""
     with suppress(ResourceError):
         checker.start()
 

@@ -32,7 +32,7 @@ def conform(rig_path: Path | None, simulate: str | None, only: str | None, *, ma
     """
     from station.rig import open_named_rig
 
-    rig = open_named_rig(rig_path, simulate, size="quarter")
+    rig = open_named_rig(rig_path, simulate, size="small")
     outcomes: list[Outcome] = []
     try:
         for outcome in _run(rig, only, may_delete=may_delete or rig.simulated):
