@@ -40,6 +40,8 @@ from station.store import SessionStore
 SET_UP_LIMIT_S = 45.0
 """Setting one stop, including one recovery of the camera."""
 LAST_TRANSFERS_LIMIT_S = 300.0
+LEAVE_LIMIT_S = 60.0
+"""For a camera's thread to end an exposure or a recovery when nobody listens any more."""
 FIRE_AHEAD_S = 0.008
 """Both threads are told this long before the shutters are to open, more than a thread takes to wake."""
 MAX_RETAKES = 1
@@ -100,9 +102,28 @@ class Conductor:
         for worker in self._workers.values():
             worker.start()
         try:
+            yield from self._take_and_dismiss()
+        except GeneratorExit:
+            self._leave_unheard()
+            raise
+
+    def _take_and_dismiss(self) -> Iterator[CaptureEvent]:
+        heard = True
+        try:
             yield from self._take_all()
+        except GeneratorExit:
+            heard = False
+            raise
         finally:
-            yield from self._dismiss()
+            if heard:
+                yield from self._dismiss()
+
+    def _leave_unheard(self) -> None:
+        """Nobody iterates any more: no event may be yielded, but no camera may be left in use either."""
+        for worker in self._workers.values():
+            worker.tell(Leave(at_once=True))
+        for worker in self._workers.values():
+            worker.join(LEAVE_LIMIT_S)
 
     def _take_all(self) -> Iterator[CaptureEvent]:
         announced = False
