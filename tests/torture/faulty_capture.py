@@ -1,0 +1,266 @@
+"""A whole capture on simulated instruments under faults, resumed with sound ones until complete, and judged."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import random
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import psutil
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+from drivers.errors import DaylitError
+from mocks.bench import BenchOptions, make_bench
+from mocks.clock import ScaledClock
+from mocks.faults import Fault, FaultKind, FaultSchedule
+from mocks.ls160 import MeterFault, MeterFaultKind
+from mocks.shots import ShotRequest
+from station.capture import Capture, CaptureRequest
+from station.conductor import LAST_TRANSFERS_LIMIT_S, SET_UP_LIMIT_S
+from station.events import EventKind
+from station.rig import Rig, open_simulated_rig, wanted_cameras
+from station.rig_file import CameraTable, LimitsTable, MeterTable, RigFile
+from station.session import SessionManifest, SessionStatus, Side
+from station.store import SessionStore
+from station.verify import verify_session
+
+STOPS_S = (1 / 4, 1 / 15, 1 / 60, 1 / 250)
+RIG = RigFile(
+    indoor=CameraTable(kind="theta_z1", iso=100, f_number=5.6, size_px=(96, 48)),
+    outdoor=CameraTable(kind="canon_5d2", iso=200, f_number=16, size_px=(96, 64), nd_filter="ND 3.0"),
+    meter=MeterTable(samples=1),
+    limits=LimitsTable(min_free_disk_mb=0, max_start_skew_s=1.0),
+)
+KINDS = {Side.INDOOR: "theta_z1", Side.OUTDOOR: "canon_5d2"}
+RATE = 20.0
+"""Times faster than life: the shortest limit of the drivers (1 s) is 50 ms then, more than a busy machine is late."""
+MAX_RESUMES = 4
+SILENCE_LIMIT_S = SET_UP_LIMIT_S + 2 * max(STOPS_S) + 90.0
+"""Longest time without an event: a camera made ready, an exposure with its grace, one recovery."""
+RUN_LIMIT_S = 4 * SILENCE_LIMIT_S + LAST_TRANSFERS_LIMIT_S
+LEAVE_LIMIT_S = 20.0
+"""Wall time for threads and processes to be gone after the end."""
+SHOT_FAULTS = (FaultKind.WRONG_EXPOSURE, FaultKind.BLACK_FRAME, FaultKind.REPEATED_FRAME, FaultKind.TRUNCATED_JPEG)
+
+
+class RampShots:
+    """Small pictures of a ramp of light, as bright as the exposure makes them; each kept by its digest."""
+
+    def __init__(self) -> None:
+        self.made: dict[str, ShotRequest] = {}
+
+    def jpeg(self, request: ShotRequest) -> bytes:
+        width, height = request.width_px, request.height_px
+        light = np.geomspace(1e-3, 1e3, width)[None, :] * np.ones((height, 1))
+        values = np.clip(255 * (light * request.shutter_s * 30) ** (1 / 2.2), 0, 255)
+        noise = np.random.default_rng(len(self.made)).normal(0, 2, values.shape)
+        pixels = np.clip(values + noise * (values > 3), 0, 255).astype(np.uint8)
+        buffer = io.BytesIO()
+        picture = Image.fromarray(np.repeat(pixels[..., None], 3, axis=2))
+        picture.save(buffer, "JPEG", quality=92, exif=_exif(request))
+        data = buffer.getvalue()
+        self.made[hashlib.sha256(data).hexdigest()] = request
+        return data
+
+    def raw(self, request: ShotRequest) -> bytes:
+        raise AssertionError("no raw frame was asked for")
+
+
+def _exif(request: ShotRequest) -> Image.Exif:
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0110] = request.manufacturer, request.model
+    details = exif.get_ifd(0x8769)
+    details[0x829A] = IFDRational(round(request.shutter_s * 1_000_000), 1_000_000)
+    details[0x829D] = IFDRational(round(request.f_number * 10), 10)
+    details[0x8827] = request.iso
+    details[0x9003] = request.taken_local.strftime("%Y:%m:%d %H:%M:%S")
+    exif[0x8769] = details
+    return exif
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """What goes wrong in one capture; ``abandoned_at`` is the number of the event after which nobody listens."""
+
+    cameras: dict[str, FaultSchedule]
+    meter: tuple[MeterFault, ...]
+    abandoned_at: int | None
+
+    def words(self) -> str:
+        """Return it for a report."""
+        cameras = {kind: schedule.to_dicts() for kind, schedule in self.cameras.items()}
+        return f"{cameras}, meter {[f.kind for f in self.meter]}, abandoned at {self.abandoned_at}"
+
+
+def draw_trouble(rng: random.Random, pools: dict[str, list[Fault]]) -> Trouble:
+    """Return one to three faults, of cameras and meter, and sometimes an abandoned capture."""
+    faults: dict[str, list[Fault]] = {kind: [] for kind in pools}
+    meter: list[MeterFault] = []
+    for _ in range(rng.randint(1, 3)):
+        where = rng.choice([*pools, *pools, "shot", "meter"])
+        if where == "meter":
+            first = rng.randint(1, 2)
+            meter.append(MeterFault(rng.choice(list(MeterFaultKind)), first, rng.choice((first, 9))))
+        elif where == "shot":
+            faults[rng.choice(list(pools))].append(Fault(rng.choice(SHOT_FAULTS), nth=rng.randint(1, len(STOPS_S))))
+        else:
+            faults[where].append(rng.choice(pools[where]))
+    abandoned_at = rng.randint(1, 60) if rng.random() < 0.3 else None
+    return Trouble({k: FaultSchedule(tuple(f)) for k, f in faults.items()}, tuple(meter), abandoned_at)
+
+
+@dataclass
+class Outcome:
+    """What a faulty capture and its resumes showed; ``wrong`` must be empty."""
+
+    wrong: list[str] = field(default_factory=list)
+    fired: int = 0
+    resumes: int = 0
+    acknowledged: dict[str, str] = field(default_factory=dict)
+    """File -> digest, of every frame that was called saved."""
+    errors: list[str] = field(default_factory=list)
+    longest_silence_s: float = 0.0
+
+
+class FaultyCapture:
+    """One capture under trouble, then resumed."""
+
+    def __init__(self, trouble: Trouble, into: Path) -> None:
+        self.trouble, self.into = trouble, into
+        self.shots = {kind: RampShots() for kind in KINDS.values()}
+        self.outcome = Outcome()
+
+    def run(self) -> Outcome:
+        """Run it, resume it until complete, and judge what is on disk."""
+        with nothing_left_behind(self.outcome):
+            self._attempt(self.trouble)
+            while self.outcome.resumes < MAX_RESUMES and not self._complete():
+                self.outcome.resumes += 1
+                self._attempt(None)
+        self._judge()
+        return self.outcome
+
+    @contextmanager
+    def _rig(self, trouble: Trouble | None) -> Iterator[Rig]:
+        options = BenchOptions(
+            clock=ScaledClock(RATE),
+            shots=self.shots,
+            faults=trouble.cameras if trouble else {},
+            meter_faults=trouble.meter if trouble else (),
+            measuring_s=0.5,
+        )
+        bench = make_bench("uniform:100", wanted_cameras(RIG), STOPS_S, options)
+        rig = open_simulated_rig(RIG, bench)
+        try:
+            yield rig
+        finally:
+            self.outcome.fired += sum(len(camera.faults.fired) for camera in bench.cameras.values())
+            if trouble and trouble.meter and bench.meter.n_measured >= trouble.meter[0].first:
+                self.outcome.fired += 1
+            rig.close()
+
+    def _attempt(self, trouble: Trouble | None) -> None:
+        """Capture, or go on with what is there; `DaylitError` kinds may end it, and nothing else."""
+        with self._rig(trouble) as rig:
+            try:
+                self._listen(rig, trouble.abandoned_at if trouble else None)
+            except DaylitError as error:
+                self.outcome.errors.append(f"{type(error).__name__}: {error}")
+            except Exception as error:
+                self.outcome.wrong.append(f"escaped: {type(error).__name__}: {error}")
+
+    def _listen(self, rig: Rig, abandoned_at: int | None) -> None:
+        sessions = list(self.into.iterdir())
+        store = SessionStore.open(sessions[0], writable=True) if sessions else None
+        if store is None:
+            job = Capture.new(rig, CaptureRequest(room="Room", into=self.into, stops_s=STOPS_S))
+        else:
+            job = Capture.resume(rig, store)
+        begun_s = before_s = rig.clock.monotonic_s()
+        events = job.events()
+        for number, event in enumerate(events, 1):
+            now_s = rig.clock.monotonic_s()
+            self.outcome.longest_silence_s = max(self.outcome.longest_silence_s, now_s - before_s)
+            before_s = now_s
+            if event.kind is EventKind.SAVED:
+                file = str(event.data["file"])
+                self.outcome.acknowledged[file] = _digest(job.store.path / file)
+            if number == abandoned_at:
+                self.outcome.fired += 1
+                events.close()
+                break
+        else:
+            job.store.close()
+        if rig.clock.monotonic_s() - begun_s > RUN_LIMIT_S:
+            self.outcome.wrong.append(f"a run took {rig.clock.monotonic_s() - begun_s:.0f} s")
+
+    def _manifest(self) -> tuple[Path, SessionManifest] | None:
+        sessions = list(self.into.iterdir())
+        if not sessions:
+            return None
+        with SessionStore.open(sessions[0], writable=False) as store:
+            return sessions[0], store.manifest
+
+    def _complete(self) -> bool:
+        found = self._manifest()
+        return found is not None and found[1].status is SessionStatus.COMPLETE
+
+    def _judge(self) -> None:
+        wrong = self.outcome.wrong
+        found = self._manifest()
+        if found is None:
+            wrong.append("there is no session in the end")
+            return
+        path, manifest = found
+        if manifest.status is not SessionStatus.COMPLETE:
+            wrong.append(
+                f"not complete after {self.outcome.resumes} resumes: {manifest.missing}; {self.outcome.errors}"
+            )
+        if self.outcome.longest_silence_s > SILENCE_LIMIT_S:
+            wrong.append(f"silent for {self.outcome.longest_silence_s:.0f} s")
+        report = verify_session(path)
+        if not report.intact:
+            wrong.append(f"verify: {report.problems}")
+        for file, digest in self.outcome.acknowledged.items():
+            if not (path / file).exists() or _digest(path / file) != digest:
+                wrong.append(f"acknowledged frame lost: {file}")
+        for frame in manifest.frames:
+            made = self.shots[KINDS[frame.side]].made.get(_digest(path / frame.file))
+            if made is None:
+                wrong.append(f"{frame.file}: bytes that the camera never made")
+            elif (
+                max(abs(t / manifest.bracket.stops_s[frame.stop] - 1) for t in (made.shutter_s, frame.exif_s or 0))
+                > 0.01
+            ):
+                wrong.append(f"misfiled: {frame.file} is of {made.shutter_s:g} s")
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextmanager
+def nothing_left_behind(outcome: Outcome) -> Iterator[None]:
+    """Note threads, processes and open files that are still there some seconds after."""
+
+    def held() -> tuple[int, int, int]:
+        return threading.active_count(), len(psutil.Process().children()), len(os.listdir("/proc/self/fd"))
+
+    before = held()
+    yield
+    deadline_s = time.monotonic() + LEAVE_LIMIT_S
+    while any(now > then for now, then in zip(held(), before, strict=True)) and time.monotonic() < deadline_s:
+        time.sleep(0.02)
+    left = [now - then for now, then in zip(held(), before, strict=True)]
+    if max(left) > 0:
+        threads = sorted(t.name for t in threading.enumerate())
+        outcome.wrong.append(f"left behind: threads, processes, files {left} ({threads})")
