@@ -128,7 +128,7 @@ def manifest_bytes(manifest: SessionManifest) -> bytes:
 
 
 def schema_text() -> str:
-    """Return the JSON schema of session.json, as kept in station/schemas/session-1.schema.json."""
+    """Return the JSON schema of session.json, as kept in docs/schemas/session-1.schema.json."""
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **SessionManifest.model_json_schema(),

@@ -32,7 +32,7 @@ def text(**fields: object) -> bytes:
 
 
 def test_the_schema_file_is_current() -> None:
-    assert (ROOT / "station" / "schemas" / "session-1.schema.json").read_text() == schema_text()
+    assert (ROOT / "docs" / "schemas" / "session-1.schema.json").read_text() == schema_text()
 
 
 def test_a_manifest_reads_back_as_written(tmp_path: Path) -> None:
