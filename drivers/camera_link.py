@@ -99,8 +99,8 @@ class CameraLink:
                 advice="update the camera's firmware",
             )
 
-    def recover(self) -> bool:
-        """Bring the session back into step, by reopening the link where nothing milder helps.
+    def recover(self, *, from_port_reset: bool = False) -> bool:
+        """Bring the session back into step, by reopening the link where nothing milder helps (or is wanted).
 
         Returns
         -------
@@ -120,7 +120,7 @@ class CameraLink:
             self._require_same(before)
             return True
         generation = self._session.generation
-        self._session.resynchronise()
+        self._session.resynchronise(from_port_reset=from_port_reset)
         if self._session.generation == generation:
             return False
         before, self._info = self._info, self._session.device_info()

@@ -6,7 +6,8 @@ no computer can turn those.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from datetime import datetime
 from typing import Literal
 
@@ -130,6 +131,7 @@ class Canon5D2:
         self._store = FrameStore(self._link, FORMATS)
         self._store_known = False
         self._held: set[int] = set()
+        self._stuck = False
         self._kept: tuple[CanonSetting, ...] = ()
         self._formats: tuple[FrameFormat, ...] = (FrameFormat.JPEG,)
         self._shutter_s = 0.0
@@ -217,11 +219,21 @@ class Canon5D2:
         SettingRefusedError
             A control on the camera stands wrong (all are named at once), or a setting does not take.
         """
+        try:
+            return self._prepare(settings)
+        except DeviceBusyError:
+            if not self._stuck:
+                raise
+        self.recover()
+        return self._prepare(settings)
+
+    def _prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
         self._remote.let_go()
         self._remote.wait_idle()
         require_controls(self._remote)
         kept = fixed_settings(settings, self._remote, sizes_px=self._sizes_px, destination=self._destination)
-        readbacks = [self._control_readback(), *(make(self._remote, setting) for setting in kept)]
+        with self._noticing_a_held_picture():
+            readbacks = [self._control_readback(), *(make(self._remote, setting) for setting in kept)]
         if self._destination == DESTINATION_PC:
             self._remote.offer_space()
         else:
@@ -254,7 +266,8 @@ class Canon5D2:
             code = nearest_shutter_code(shutter_s, self._shutter_codes())
         except ValueError as error:
             raise refused("shutter", shutter_s, error) from error
-        make(self._remote, CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), _shutter_words))
+        with self._noticing_a_held_picture():
+            make(self._remote, CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), _shutter_words))
         self._remote.wait_idle()
         self._shutter_s = SHUTTER_S[code]
         return ShutterReadback(asked_s=shutter_s, nominal_s=self._shutter_s, raw=f"{code:#04x}")
@@ -284,11 +297,21 @@ class Canon5D2:
         shot = CanonShot(self._shutter_s, self._formats, to_card=self._destination == DESTINATION_CARD)
         store = self._store if self._store_known and shot.to_card else None
         exposure = CanonExposure(self._link, self._remote, store, self._clock, shot)
-        if self._one_step_release:
-            self._release_in_one_step(limit_s)
-        else:
-            self._remote.press_full(limit_s)
+        with self._noticing_a_held_picture():
+            if self._one_step_release:
+                self._release_in_one_step(limit_s)
+            else:
+                self._remote.press_full(limit_s)
         self._exposure = exposure
+
+    @contextmanager
+    def _noticing_a_held_picture(self) -> Iterator[None]:
+        """Note a camera that is idle and yet busy: it holds a picture whose announcement was lost."""
+        try:
+            yield
+        except DeviceBusyError:
+            self._stuck = self._destination == DESTINATION_PC
+            raise
 
     def _release_in_one_step(self, limit_s: float) -> None:
         answer = self._remote.do(CanonOperation.REMOTE_RELEASE, timeout_s=limit_s)
@@ -346,8 +369,13 @@ class Canon5D2:
         self._remote.keep_on()
 
     def recover(self) -> None:
-        """Resynchronise or reconnect, enter remote mode anew, let go of the button, forget a running exposure."""
-        new_session = self._link.recover()
+        """Resynchronise or reconnect, enter remote mode anew, let go of the button, forget a running exposure.
+
+        A picture that the camera holds and that nobody can name goes with a reset of its port, as with pulling the
+        cable; without it the camera would stay busy until it is switched off.
+        """
+        new_session = self._link.recover(from_port_reset=self._stuck)
+        self._stuck = False
         self._start_over(new_session=new_session)
 
     def close(self) -> None:

@@ -88,16 +88,17 @@ class PtpSession(Transactions):
         self._ladder.cancel(self._last_id, Deadline.after(self._clock, CANCEL_LIMIT_S))
         self.broken = None
 
-    def resynchronise(self) -> None:
+    def resynchronise(self, *, from_port_reset: bool = False) -> None:
         """Bring the camera back into step, within `drivers.ptp.resync.RESYNC_LIMIT_S`.
 
         Cancel and drain, class reset, port reset and opening anew, in this order, until a transaction proves that the
-        camera is in step. Raises the last remedy's error where none helps; the session then stays ``broken``.
+        camera is in step; ``from_port_reset`` leaves out the milder ones. Raises the last remedy's error where none
+        helps; the session then stays ``broken``.
         """
         self.broken = "resynchronisation was interrupted"
         self.last_remedy = None
         try:
-            self.last_remedy = self._ladder.climb(self, self._last_id, lost=self._lost)
+            self.last_remedy = self._ladder.climb(self, self._last_id, lost=self._lost or from_port_reset)
         except DeviceError as error:
             self._lost = isinstance(error, DeviceLostError)
             self.broken = f"resynchronisation failed: {error.message}"

@@ -159,6 +159,7 @@ FLAVOURS = (
     Flavour("Theta, F x 100", "theta_z1"),
     Flavour("Theta, F index", "theta_z1", f_number_index=True, later_firmware=True, delete_after=True),
     Flavour("Canon, card", "canon_5d2", delete_after=True),
+    Flavour("Canon, computer", "canon_5d2", destination="pc"),
 )
 
 
