@@ -97,6 +97,7 @@ class _Plug:
         tty.setraw(self._slave)
         self.name = os.ttyname(self._slave)
         self.pulled = threading.Event()
+        self._pulling = threading.Lock()
         self._wake_read, self._wake_write = os.pipe()
         self._thread = threading.Thread(target=self._serve, name="meter-port", daemon=True)
         self._thread.start()
@@ -108,9 +109,10 @@ class _Plug:
 
     def pull(self) -> None:
         """End the line: who has it open gets an error. May be called twice, and from the thread itself."""
-        if not self.pulled.is_set():
-            self.pulled.set()
-            os.write(self._wake_write, b"x")
+        with self._pulling:
+            if not self.pulled.is_set():
+                os.write(self._wake_write, b"x")  # first: once it is pulled, the thread closes the pipe
+                self.pulled.set()
         if threading.current_thread() is not self._thread:
             self._thread.join(5)
 
