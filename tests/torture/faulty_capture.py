@@ -211,8 +211,9 @@ class FaultyCapture:
             return sessions[0], store.manifest
 
     def _complete(self) -> bool:
+        """Whether nothing is missing, and the manifest has caught up with the journal."""
         found = self._manifest()
-        return found is not None and found[1].status is SessionStatus.COMPLETE
+        return found is not None and found[1].status is SessionStatus.COMPLETE and verify_session(found[0]).intact
 
     def _judge(self) -> None:
         wrong = self.outcome.wrong
