@@ -14,7 +14,13 @@ EXIT_CODES = {2, 3, 4, 5, 6, 70}
 
 def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
     """Return the error classes of all modules that define some."""
-    for module in ("station.errors", "station.preflight", "drivers.meter_dialect", "mocks.light", "mocks.picture_cache"):
+    for module in (
+        "station.errors",
+        "station.preflight",
+        "drivers.meter_dialect",
+        "mocks.light",
+        "mocks.picture_cache",
+    ):
         importlib.import_module(module)
     found = {base}
     for child in base.__subclasses__():

@@ -31,7 +31,9 @@ from drivers.errors import DeviceBusyError, DeviceError
 SIZE = (96, 48)
 
 
-def make_jpeg(shutter_s: float, *, iso: int, f_number: float, taken: datetime, gain: float = 30.0, seed: int = 0) -> bytes:
+def make_jpeg(
+    shutter_s: float, *, iso: int, f_number: float, taken: datetime, gain: float = 30.0, seed: int = 0
+) -> bytes:
     """Return a small JPEG of a ramp of light, exposed for ``shutter_s``, with EXIF."""
     light = np.geomspace(1e-3, 1e3, SIZE[0])[None, :] * np.ones((SIZE[1], 1))
     values = np.clip(255 * (light * shutter_s * gain) ** (1 / 2.2), 0, 255)

@@ -29,13 +29,18 @@ def main() -> int:
 
 
 def _write(rows: list[dict[str, object]], seconds: float) -> None:
-    table = ["| campaign | injected | observed | lost or wrong | seconds | seed | notes |", "| --- | --: | --: | --: | --: | --: | --- |"]
+    table = [
+        "| campaign | injected | observed | lost or wrong | seconds | seed | notes |",
+        "| --- | --: | --: | --: | --: | --: | --- |",
+    ]
     for row in sorted(rows, key=lambda r: str(r["campaign"])):
         figures = f"| {row['campaign']} | {row['injected']:,} | {row['observed']:,} | **{row['lost']}** "
         table.append(f"{figures}| {float(str(row['seconds'])):.0f} | {row['seed']} | {row.get('notes', '')} |")
     text = PAGE.read_text("utf-8")
     before, after = text.split(START)[0], text.split(END)[1]
-    middle = "\n".join([START, "", f"Last run: {seconds / 60:.0f} minutes on {os.cpu_count()} cores.", "", *table, "", END])
+    middle = "\n".join(
+        [START, "", f"Last run: {seconds / 60:.0f} minutes on {os.cpu_count()} cores.", "", *table, "", END]
+    )
     PAGE.write_text(before + middle + after, "utf-8")
 
 
