@@ -28,7 +28,7 @@ from station.crash_report import software_versions
 from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError
 from station.events import CaptureEvent, EventKind
 from station.frame_check import FrameChecker
-from station.frame_rules import check_order
+from station.frame_rules import check_not_too_dark, check_order
 from station.intake import Intake
 from station.notices import Notice
 from station.preflight import Findings, Level, check_rig, require
@@ -280,10 +280,11 @@ class Capture:
 
     def _check_order(self, side: Side, intake: Intake) -> Iterator[CaptureEvent]:
         """Warn where a longer exposure is no brighter: the light jumped, or the camera did not do as it said."""
-        try:
-            check_order(intake.facts, self._plan.stops_s)
-        except FrameRejectedError as error:
-            yield self._warn("brightness_order", f"{side}: {error.where}: {error.message}")
+        for check in (check_order, check_not_too_dark):
+            try:
+                check(intake.facts, self._plan.stops_s)
+            except FrameRejectedError as error:
+                yield self._warn("brightness_order", f"{side}: {error.where}: {error.message}")
 
     def _intake(self, side: Side, notices: queue.SimpleQueue[Notice]) -> Intake:
         table, checker = self._rig.file.cameras()[side], self._checkers[side]

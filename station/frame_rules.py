@@ -210,6 +210,34 @@ def _least_mean(other: FrameFacts, time_s: float) -> float:
     return 0.25 * other.mean_frac * min(1.0, time_s / other.exif.exposure_s) - 1 / 255
 
 
+def check_not_too_dark(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> None:
+    """Refuse a frame that a longer one, taken after it, shows to be too dark: black, though its EXIF is right.
+
+    A bracket that runs from short to long begins with frames that nothing can be held against yet.
+
+    Parameters
+    ----------
+    facts_by_stop
+        Facts of one side's frames by stop.
+    stops_s
+        Exposure time of each stop, seconds.
+
+    Raises
+    ------
+    FrameRejectedError
+        Names the frame (``details["stops"]``).
+    """
+    stops = sorted(facts_by_stop, key=lambda stop: stops_s[stop])
+    for shorter, longer in itertools.pairwise(stops):
+        frame, other = facts_by_stop[shorter], facts_by_stop[longer]
+        least = _least_mean(other, stops_s[shorter])
+        if frame.mean_frac < least:
+            message = f"brightness {frame.mean_frac:.4f}, which cannot be below {least:.4f} before {other.name}"
+            error = rejection(frame.name, Reason.TOO_DARK, message, "take it again")
+            error.details["stops"] = [shorter]
+            raise error
+
+
 def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> None:
     """Refuse a bracket whose brightness falls as exposure grows, or stays while the scene has midtones.
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from station.errors import FrameRejectedError
 from station.frame_facts import ExifRecord, ExpectedFrame, FrameFacts
 from station.frame_problem import Reason
-from station.frame_rules import check_order, judge, same_stop, seconds_text, stops_between
+from station.frame_rules import check_not_too_dark, check_order, judge, same_stop, seconds_text, stops_between
 
 NOMINAL = (
     "30 25 20 15 13 10 8 6 5 4 3.2 2.5 2 1.6 1.3 1 0.8 0.6 0.5 0.4 0.3 1/4 1/5 1/6 1/8 1/10 1/13 1/15 1/20 1/25 1/30 "
@@ -214,6 +214,16 @@ def test_a_shutter_that_did_not_move_is_named():
     with pytest.raises(FrameRejectedError, match=r"as bright as 3\.jpg, though 1\.9 stops longer") as caught:
         check_order(bracket([0.8, 0.6, 0.41, 0.409]), PAPER_S)
     assert caught.value.details["stops"] == [2]
+
+
+@pytest.mark.parametrize("black", range(1, 7))
+def test_a_black_frame_before_a_bright_one_is_named(black):
+    check_not_too_dark(bracket(REAL), PAPER_S)
+    means = list(REAL)
+    means[black] = 0.0
+    with pytest.raises(FrameRejectedError, match="cannot be below") as caught:
+        check_not_too_dark(bracket(means), PAPER_S)
+    assert caught.value.details == {"reason": "too_dark", "stops": [black]}
 
 
 @settings(max_examples=100)
