@@ -29,7 +29,7 @@ from station.conductor import LAST_TRANSFERS_LIMIT_S, SET_UP_LIMIT_S
 from station.events import EventKind
 from station.rig import Rig, open_simulated_rig, wanted_cameras
 from station.rig_file import CameraTable, LimitsTable, MeterTable, RigFile
-from station.session import SessionManifest, SessionStatus, Side
+from station.session import FrameRecord, SessionManifest, SessionStatus, Side
 from station.store import SessionStore
 from station.verify import verify_session
 
@@ -234,15 +234,26 @@ class FaultyCapture:
         for file, digest in self.outcome.acknowledged.items():
             if not (path / file).exists() or _digest(path / file) != digest:
                 wrong.append(f"acknowledged frame lost: {file}")
-        for frame in manifest.frames:
-            made = self.shots[KINDS[frame.side]].made.get(_digest(path / frame.file))
-            if made is None:
-                wrong.append(f"{frame.file}: bytes that the camera never made")
-            elif (
-                max(abs(t / manifest.bracket.stops_s[frame.stop] - 1) for t in (made.shutter_s, frame.exif_s or 0))
-                > 0.01
-            ):
-                wrong.append(f"misfiled: {frame.file} is of {made.shutter_s:g} s")
+        wrong += [text for frame in manifest.frames if (text := self._wrong_with(frame, path, manifest))]
+
+    def _wrong_with(self, frame: FrameRecord, path: Path, manifest: SessionManifest) -> str:
+        """Hold a frame of the session against what its camera made for which shutter."""
+        made = self.shots[KINDS[frame.side]].made.get(_digest(path / frame.file))
+        if made is None:
+            named = _black_and_named(path / frame.file, manifest)
+            return "" if named else f"{frame.file}: bytes that the camera never made"
+        asked_s = manifest.bracket.stops_s[frame.stop]
+        if max(abs(time_s / asked_s - 1) for time_s in (made.shutter_s, frame.exif_s or 0.0)) > 0.01:
+            return f"misfiled: {frame.file} is of {made.shutter_s:g} s"
+        return ""
+
+
+def _black_and_named(path: Path, manifest: SessionManifest) -> bool:
+    """Whether a black frame, which could be right while nothing brighter was known, is named in the end."""
+    with Image.open(path) as picture:
+        is_black = max(high for _, high in picture.getextrema()) == 0
+    side = path.parent.name
+    return is_black and any(w.code == "brightness_order" and w.message.startswith(side) for w in manifest.warnings)
 
 
 def _digest(path: Path) -> str:
