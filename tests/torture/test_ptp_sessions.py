@@ -17,7 +17,7 @@ import pytest
 from mocks.faults import Fault, FaultKind
 from tests.torture.ledger import record
 from tests.torture.ptp_faults import evenly, single_faults
-from tests.torture.ptp_session import FLAVOURS, LIMITS_S, Flavour, Sitting, Verdict
+from tests.torture.ptp_session import FLAVOURS, LIMITS_S, SLACK_S, Flavour, Sitting, Verdict
 
 LONG = bool(os.environ.get("DAYLIT_TORTURE"))
 SINGLE, PAIRS = (1500, 600) if LONG else (48, 16)
@@ -62,7 +62,7 @@ class Campaign:
     def end(self) -> None:
         """Write the figures down and fail if anything was wrong."""
         limits_s = LIMITS_S[self.flavour.kind]
-        waits = ", ".join(f"{name} {s:.1f}/{limits_s[name]:.0f}" for name, s in self.waits_s.most_common(4))
+        waits = ", ".join(f"{name} {s:.2f}/{limits_s[name] + SLACK_S:.2f}" for name, s in self.waits_s.most_common(4))
         notes = f"{self.recoveries} recoveries, {self.resumes} resumes, {self.silent} that did not fire not counted; "
         record(
             f"PTP {self.name}: {self.flavour.name}",
