@@ -9,25 +9,19 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 from drivers.camera import CameraSettings, CameraStatus, FrameRef
 from drivers.camera_link import TRANSACTION_LIMIT_S
-from drivers.canon_5d2 import Canon5D2
 from drivers.clock import Deadline
 from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError
-from drivers.ptp import canon_codes, ricoh_codes
 from drivers.ptp.resync import DRAIN_LIMIT_S, RESYNC_LIMIT_S
 from drivers.ptp.session import OPEN_LIMIT_S
-from drivers.theta_z1 import READY_LIMIT_S, WAKE_LIMIT_S, ThetaZ1
-from drivers.usb_link import UsbLink
-from mocks.canon_5d2 import CanonOptions, SimulatedCanon5D2
-from mocks.clock import VirtualClock
+from drivers.theta_z1 import READY_LIMIT_S, WAKE_LIMIT_S
 from mocks.faults import Fault, FaultKind, FaultSchedule
-from mocks.shots import ShotRequest
-from mocks.theta_z1 import SimulatedThetaZ1, ThetaOptions
 from mocks.usb_bus import SimulatedUsbBackend
 from station.conductor import MAX_DEVICE_FAILURES, NEEDS_A_PERSON
+from tests.torture.ptp_flavours import CountedClock, EndlessError, Flavour, RecordedShots
 
 SHUTTERS_S = (1 / 60, 1 / 4, 1 / 250)
 CHUNK_BYTES = 500
@@ -39,8 +33,6 @@ BUSY_LIMIT_S = 60.0
 BUSY_PAUSE_S = 0.03
 PERSON_S = 10.0
 """What a person needs to mend what no program can, before the capture is resumed."""
-MAX_CLOCK_READS = 400_000
-"""A fault-free sitting reads the clock some thousands of times; a loop that never ends is stopped here."""
 SITTING_LIMIT_S = 900.0
 SETTINGS = {
     "theta_z1": CameraSettings(100, 5.6, 6500, 6720, 3360),
@@ -87,80 +79,6 @@ LIMITS_S = {
 wait is looked at between transactions). What the exposure itself takes comes on top of release and recover."""
 SLACK_S = 0.25
 """Latencies of the transactions that are not waited for."""
-
-
-class EndlessError(BaseException):
-    """The sitting went on and on; not an `Exception`, so that nothing under test can swallow it."""
-
-
-class CountedClock(VirtualClock):
-    """A virtual clock that ends a loop that never sleeps."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.reads = 0
-
-    def monotonic_s(self) -> float:
-        self.reads += 1
-        if self.reads > MAX_CLOCK_READS:
-            raise EndlessError(f"{self.reads} looks at the clock")
-        return super().monotonic_s()
-
-
-class RecordedShots:
-    """Pictures of a few hundred bytes, each different, kept by the sequence number of their exposure."""
-
-    SIZES = (1400, 2036, 700)
-    """Of odd sizes; 2036 bytes and a header are whole packets."""
-
-    def __init__(self) -> None:
-        self.made: dict[bytes, ShotRequest] = {}
-
-    def jpeg(self, request: ShotRequest) -> bytes:
-        label = f"{request.sequence} {request.shutter_s:.9f} {request.iso} {request.f_number} "
-        size = self.SIZES[request.sequence % 3]
-        data = (label.encode() * (size // len(label) + 1))[:size]
-        self.made[data] = request
-        return data
-
-    def raw(self, request: ShotRequest) -> bytes:
-        return self.jpeg(request)
-
-
-@dataclass(frozen=True)
-class Flavour:
-    """A camera and how it is used."""
-
-    name: str
-    kind: Literal["theta_z1", "canon_5d2"]
-    f_number_index: bool = False
-    later_firmware: bool = False
-    destination: Literal["card", "pc"] = "card"
-    delete_after: bool = False
-
-    def device(self, shots: RecordedShots, clock: VirtualClock, faults: FaultSchedule, seed: int) -> Any:
-        if self.kind == "theta_z1":
-            theta = ThetaOptions(f_number_index=self.f_number_index, later_firmware=self.later_firmware)
-            return SimulatedThetaZ1(shots, clock, options=theta, faults=faults, seed=seed)
-        return SimulatedCanon5D2(shots, clock, options=CanonOptions(), faults=faults, seed=seed)
-
-    def driver(self, backend: SimulatedUsbBackend, clock: VirtualClock) -> ThetaZ1 | Canon5D2:
-        ids = ricoh_codes.USB_ID if self.kind == "theta_z1" else canon_codes.USB_ID
-
-        def open_transport() -> UsbLink:
-            return UsbLink.open(*ids, backend=backend, clock=clock)
-
-        if self.kind == "theta_z1":
-            return ThetaZ1(open_transport, clock)
-        return Canon5D2(open_transport, clock, destination=self.destination)
-
-
-FLAVOURS = (
-    Flavour("Theta, F x 100", "theta_z1"),
-    Flavour("Theta, F index", "theta_z1", f_number_index=True, later_firmware=True, delete_after=True),
-    Flavour("Canon, card", "canon_5d2", delete_after=True),
-    Flavour("Canon, computer", "canon_5d2", destination="pc"),
-)
 
 
 @dataclass

@@ -17,7 +17,8 @@ import pytest
 from mocks.faults import Fault, FaultKind
 from tests.torture.ledger import record
 from tests.torture.ptp_faults import evenly, single_faults
-from tests.torture.ptp_session import FLAVOURS, LIMITS_S, SLACK_S, Flavour, Sitting, Verdict
+from tests.torture.ptp_flavours import FLAVOURS, Flavour
+from tests.torture.ptp_session import LIMITS_S, SLACK_S, Sitting, Verdict
 
 LONG = bool(os.environ.get("DAYLIT_TORTURE"))
 SINGLE, PAIRS = (1500, 600) if LONG else (48, 16)
