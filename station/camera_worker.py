@@ -10,11 +10,19 @@ from __future__ import annotations
 import queue
 import threading
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.camera import Camera, CameraSettings, FrameRef, ShutterReadback
 from drivers.clock import Clock, Deadline
-from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError
+from drivers.errors import (
+    DeviceBusyError,
+    DeviceError,
+    DeviceTimeoutError,
+    ExposureFailedError,
+    ProtocolViolationError,
+)
+from station.frame_part import FRAME_CAP_BYTES
 from station.intake import Intake
 from station.notices import (
     Broken,
@@ -79,6 +87,7 @@ class CameraWorker:
         self._delete_after = delete_after
         self._inbox: queue.SimpleQueue[Order] = queue.SimpleQueue()
         self._backlog: deque[_Transfer] = deque()
+        self._safe: deque[Safe] = deque()
         self._armed: SetUp | None = None
         self._shutter: ShutterReadback
         self._alive_at_s = clock.monotonic_s()
@@ -118,15 +127,24 @@ class CameraWorker:
                 self._guarded(order)
         self._give_up_backlog()
         self._intake.wait_idle()
+        self._take_leave()
+
+    def _take_leave(self) -> None:
+        """Let the camera forget what became safe meanwhile; one that fails now is not worth a recovery any more."""
         while not self._inbox.empty():
-            self._guarded(self._inbox.get())
+            order = self._inbox.get()
+            if isinstance(order, Safe):
+                self._safe.append(order)
+        with suppress(DeviceError):
+            while self._safe:
+                self._finish(self._safe.popleft())
 
     def _next_order(self) -> Order | None:
         """Return the next order, or None when it is time for a chunk or for keeping the camera awake."""
         if self._armed is not None:
             return self._inbox.get()
         try:
-            return self._inbox.get(timeout=0.0) if self._backlog else self._inbox.get(timeout=IDLE_WAIT_S)
+            return self._inbox.get(timeout=0.0 if self._backlog or self._safe else IDLE_WAIT_S)
         except queue.Empty:
             return None
 
@@ -141,6 +159,8 @@ class CameraWorker:
 
     def _carry_out(self, order: Order | None) -> None:
         match order:
+            case None if self._safe:
+                self._finish(self._safe.popleft())
             case None if self._backlog:
                 self._transfer_chunk(CHUNK_BYTES, pause=True)
             case None:
@@ -151,10 +171,14 @@ class CameraWorker:
                 self._expose(self._armed, open_at_s)
             case StandDown():
                 self._armed = None
-            case Safe(frame):
-                self._finish(frame)
+            case Safe() if self._armed is None:
+                self._finish(order)
+            case Safe():
+                self._safe.append(order)  # an armed camera is left alone until it has fired
 
     def _set_up(self, order: SetUp) -> None:
+        while self._safe:
+            self._finish(self._safe.popleft())
         self._shutter = self._camera.set_shutter(order.shutter_s)
         self._camera.arm()
         self._armed = order
@@ -209,17 +233,22 @@ class CameraWorker:
         try:
             self._read_into(transfer, max_bytes)
         except DeviceBusyError as error:
+            if not pause:
+                return  # it exposes; that has its own limit
             if self._busy_too_long(transfer):
                 self._restart(transfer, error)
                 raise
-            if pause:
-                self._clock.sleep(BUSY_PAUSE_S)
+            self._clock.sleep(BUSY_PAUSE_S)
         except DeviceError as error:
             self._restart(transfer, error)
             raise
 
     def _read_into(self, transfer: _Transfer, max_bytes: int) -> None:
         frame = transfer.shot.frame
+        if frame.size_bytes > FRAME_CAP_BYTES:
+            raise ProtocolViolationError(
+                f"a frame of {frame.size_bytes} bytes is announced, more than {FRAME_CAP_BYTES}", where=str(self.side)
+            )
         data = self._camera.read_chunk(frame, transfer.offset, min(max_bytes, frame.size_bytes - transfer.offset))
         if not data:
             raise ExposureFailedError("the camera sent nothing of the frame", where=str(self.side), handle=frame.handle)
@@ -251,10 +280,10 @@ class CameraWorker:
             self._intake.abort(shot)
             self._put(Lost(self.side, shot.stop, DeviceTimeoutError("left on the camera", where=str(self.side))))
 
-    def _finish(self, frame: FrameRef) -> None:
-        self._camera.finish_frame(frame)
-        if self._delete_after:
-            self._camera.delete(frame)
+    def _finish(self, safe: Safe) -> None:
+        self._camera.finish_frame(safe.frame)
+        if self._delete_after and safe.acknowledged:
+            self._camera.delete(safe.frame)
 
     def _stay_awake(self) -> None:
         now_s = self._clock.monotonic_s()

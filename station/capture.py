@@ -211,6 +211,7 @@ class Capture:
                 stops_s=self._plan.stops_s,
                 sides=self._plan.sides,
                 order=self._plan.order,
+                raw_sides=tuple(s for s in self._plan.sides if rig.cameras()[s].keep_raw),
             ),
             devices=findings.devices,
             target=self._request.target or (rig.meter.target() if rig.meter else None),

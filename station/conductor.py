@@ -80,6 +80,7 @@ class Conductor:
         self._set_ahead: dict[Side, int] = {}
         self._released_s: dict[Side, float] = {}
         self._in_flight: Counter[tuple[Side, int]] = Counter()
+        self._rejected: dict[tuple[Side, int], str] = {}
         self._retakes: Counter[tuple[Side, int]] = Counter()
         self._failures: Counter[tuple[Side, int]] = Counter()
         self._statistics: dict[Side, dict[int, FrameStatistics]] = {side: {} for side in plan.sides}
@@ -103,23 +104,20 @@ class Conductor:
             worker.start()
         try:
             yield from self._take_and_dismiss()
-        except GeneratorExit:
+        except (GeneratorExit, KeyboardInterrupt):
             self._leave_unheard()
             raise
 
     def _take_and_dismiss(self) -> Iterator[CaptureEvent]:
-        heard = True
         try:
             yield from self._take_all()
-        except GeneratorExit:
-            heard = False
-            raise
-        finally:
-            if heard:
-                yield from self._dismiss()
+        except Exception as error:  # noqa: BLE001 (raised again when every camera's thread is over)
+            yield from self._dismiss(error)
+        else:
+            yield from self._dismiss(None)
 
     def _leave_unheard(self) -> None:
-        """Nobody iterates any more: no event may be yielded, but no camera may be left in use either."""
+        """Nobody listens any more: no event may be yielded, but no camera may be left in use either."""
         for worker in self._workers.values():
             worker.tell(Leave(at_once=True))
         for worker in self._workers.values():
@@ -131,7 +129,7 @@ class Conductor:
             if self._todo:
                 stop, sides = self._todo.popleft()
                 sides = yield from self._sides_in_need(stop, sides)
-                if sides:
+                if sides and not self._stop_asked:
                     announced = False
                     yield from self._take(stop, sides)
             elif not announced:
@@ -142,22 +140,32 @@ class Conductor:
             else:
                 return
 
-    def _dismiss(self) -> Iterator[CaptureEvent]:
-        """Let the workers fetch what is exposed and end; bounded."""
+    def _dismiss(self, error: Exception | None) -> Iterator[CaptureEvent]:
+        """Let the workers fetch what is exposed and end, bounded; then raise ``error``, or what goes wrong meanwhile.
+
+        The first error is the one that is told; a thread of a camera must be over whatever happens, for its camera
+        is closed next.
+        """
+        self._stop_asked = True
         for side, worker in self._workers.items():
             worker.tell(Leave(at_once=side in self.dead))
         deadline = Deadline.after(self._clock, LAST_TRANSFERS_LIMIT_S)
-        while self._left != set(self._workers) and not deadline.expired:
-            yield from self._pump()
-        while not self._notices.empty():
-            yield from self._pump()
+        while (self._left != set(self._workers) and not deadline.expired) or not self._notices.empty():
+            try:
+                yield from self._pump()
+            except Exception as another:  # noqa: BLE001 (the first is raised below)
+                error = error or another
+        if self._left != set(self._workers):
+            self._leave_unheard()
+        if error is not None:
+            raise error
 
     def _sides_in_need(self, stop: int, sides: Iterable[Side]) -> Generator[CaptureEvent, None, tuple[Side, ...]]:
         """Return the sides that need the stop; in an adaptive bracket, after the frames that tell are judged."""
         if self._plan.mode == "full":
             return tuple(sides)
         neighbours = [(side, near) for side in sides for near in (stop - 1, stop + 1)]
-        while any(self._in_flight[key] for key in neighbours) and not self.dead:
+        while any(self._in_flight[key] for key in neighbours) and not (self.dead or self._stop_asked):
             yield from self._pump()
         needed = []
         for side in sides:
@@ -300,7 +308,6 @@ class Conductor:
 
     def _saved(self, notice: Saved) -> Iterator[CaptureEvent]:
         side, stop, record = notice.side, notice.stop, notice.record
-        self._settle(side, stop)
         if record.statistics is not None:
             self._statistics[side][stop] = record.statistics
         yield self._event(
@@ -311,14 +318,23 @@ class Conductor:
             file=record.file,
             size_bytes=record.size_bytes,
         )
-
-    def _settle(self, side: Side, stop: int) -> None:
-        self._in_flight[side, stop] -= 1
-        if self._in_flight[side, stop] <= 0:
-            del self._in_flight[side, stop]
+        yield from self._settle(side, stop)
 
     def _frame_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
-        self._settle(side, stop)
+        self._rejected.setdefault((side, stop), reason)
+        yield from self._settle(side, stop)
+
+    def _settle(self, side: Side, stop: int) -> Iterator[CaptureEvent]:
+        """Count a frame that has come to its end; with the last of its exposure, judge the exposure."""
+        self._in_flight[side, stop] -= 1
+        if self._in_flight[side, stop] > 0:
+            return
+        del self._in_flight[side, stop]
+        reason = self._rejected.pop((side, stop), None)
+        if reason is not None:
+            yield from self._exposure_failed(side, stop, reason)
+
+    def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
         again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked)
         text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else "missing")
         yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)

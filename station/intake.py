@@ -49,8 +49,8 @@ class Intake:
         self._clock_offset_s = clock_offset_s
         self.facts: dict[int, FrameFacts] = {}
         """Of the JPEGs that counted, by stop."""
-        self._parts: dict[int, FramePart] = {}
-        self._whole: queue.SimpleQueue[Shot | None] = queue.SimpleQueue()
+        self._parts: dict[Shot, FramePart] = {}
+        self._whole: queue.SimpleQueue[tuple[Shot, FramePart] | None] = queue.SimpleQueue()
         self._idle = threading.Condition()
         self._n_open = 0
         self._thread = threading.Thread(target=self._run, name=f"intake-{side}", daemon=True)
@@ -58,23 +58,24 @@ class Intake:
 
     def write(self, shot: Shot, data: bytes) -> None:
         """Append bytes of a frame (its first bytes open a new temporary file)."""
-        part = self._parts.get(shot.frame.handle)
+        part = self._parts.get(shot)  # not by handle: a camera may use one again after a reset
         if part is None:
             part = self._store.begin_frame(shot.side, shot.stop, shot.asked_s, shot.frame.format)
-            self._parts[shot.frame.handle] = part
+            self._parts[shot] = part
         part.write(data)
 
     def abort(self, shot: Shot) -> None:
         """Forget a frame that will not be completed; its temporary file goes."""
-        part = self._parts.pop(shot.frame.handle, None)
+        part = self._parts.pop(shot, None)
         if part is not None:
             part.abort()
 
     def complete(self, shot: Shot) -> None:
         """All bytes are there: check and commit in the background."""
+        part = self._parts.pop(shot)
         with self._idle:
             self._n_open += 1
-        self._whole.put(shot)
+        self._whole.put((shot, part))
 
     def wait_idle(self, timeout_s: float = IDLE_LIMIT_S) -> bool:
         """Wait until every completed frame is saved or rejected; returns whether that came true."""
@@ -87,9 +88,9 @@ class Intake:
         self._thread.join(IDLE_LIMIT_S)
 
     def _run(self) -> None:
-        while (shot := self._whole.get()) is not None:
+        while (whole := self._whole.get()) is not None:
             try:
-                self._take(shot)
+                self._take(*whole)
             except Exception as error:  # noqa: BLE001 (the conductor must hear of it, whatever it is)
                 self.notices.put(Fatal(self.side, error))
             finally:
@@ -97,20 +98,29 @@ class Intake:
                     self._n_open -= 1
                     self._idle.notify_all()
 
-    def _take(self, shot: Shot) -> None:
-        part = self._parts.pop(shot.frame.handle)
+    def _take(self, shot: Shot, part: FramePart) -> None:
+        counts = True
         try:
             facts = self._check(shot, part)
         except FrameRejectedError as error:
+            counts = False
             file = part.reject(error.message)
             record = RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=error.message[:500])
             self._store.add_rejected(record)
             self.notices.put(Rejected(self.side, shot.stop, record))
         else:
-            frame = _frame_record(shot, facts, part.commit())
+            stored = part.commit()
+            self._replace_earlier(shot)
+            frame = _frame_record(shot, facts, stored)
             self._store.add_frame(frame)
             self.notices.put(Saved(self.side, shot.stop, frame))
-        self.on_safe(Safe(shot.frame))
+        self.on_safe(Safe(shot.frame, acknowledged=counts))
+
+    def _replace_earlier(self, shot: Shot) -> None:
+        """Let the frames of an earlier exposure of this stop make room: JPEG and raw file are of one exposure."""
+        for frame in self._store.manifest.frames:
+            if (frame.side, frame.stop) == (shot.side, shot.stop) and frame.taken_utc != shot.released_utc:
+                self._store.withdraw_frame(frame.side, frame.stop, frame.format, "taken anew")
 
     def _check(self, shot: Shot, part: FramePart) -> FrameFacts:
         """Return what the frame is known by; raises `FrameRejectedError` with the reason if it does not count."""
@@ -120,12 +130,19 @@ class Intake:
                 f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}", where=part.path.name
             )
         if shot.frame.format is not FrameFormat.JPEG:
+            self._require_jpeg_of(shot, name)
             raw: Literal["cr2", "dng"] = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
             return self._checker.check_raw(part.path, raw, name=name)
         earlier = list(self.facts.values())
         facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=earlier, name=name)
         self.facts[shot.stop] = facts
         return facts
+
+    def _require_jpeg_of(self, shot: Shot, name: str) -> None:
+        """Refuse a raw file whose JPEG does not count: that comes first, and alone tells the exposure."""
+        jpeg = self._store.manifest.frame(shot.side, shot.stop)
+        if jpeg is None or jpeg.taken_utc != shot.released_utc:
+            raise FrameRejectedError("the JPEG of its exposure does not count", where=name)
 
     def _expected(self, shot: Shot) -> ExpectedFrame:
         width_px, height_px = self._table.size_px

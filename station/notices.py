@@ -33,9 +33,10 @@ class StandDown:
 
 @dataclass(frozen=True)
 class Safe:
-    """Order, from the intake: the frame is acknowledged, the camera may forget it."""
+    """Order, from the intake: the frame is here for good; the camera may forget it, if it counts (``acknowledged``)."""
 
     frame: FrameRef
+    acknowledged: bool = True
 
 
 @dataclass(frozen=True)

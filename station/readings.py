@@ -93,9 +93,9 @@ class ReadingTaker:
         return self._rig.meter is not None if not self._typed else when != "extra"
 
     def start(self, when: When) -> None:
-        """Begin a reading in the background; one that is already there is dropped as stale."""
+        """Begin a reading in the background, behind one that runs; that is dropped as stale, errors and all."""
         if self._running is not None:
-            self._running.result()
+            self._running.cancel()
         self._running = self._pool.submit(self._take, when)
 
     def collect(self) -> ReadingRecord | None:

@@ -173,6 +173,8 @@ class BracketRecord(Model):
     stops_s: tuple[PositiveSeconds, ...]
     sides: tuple[Side, ...]
     order: tuple[int, ...] = ()
+    raw_sides: tuple[Side, ...] = ()
+    """Sides whose camera was asked for a raw file beside each JPEG."""
 
 
 class WarningRecord(Model):
@@ -216,11 +218,13 @@ class SessionManifest(Model):
         return next(found, None)
 
     def missing_stops(self, side: Side) -> tuple[int, ...]:
-        """Return the indices of planned stops that are neither taken nor left out on purpose."""
+        """Return the indices of planned stops that are neither taken (raw file and all) nor left out on purpose."""
         if side not in self.bracket.sides:
             return ()
         left_out = {s.stop for s in self.skipped if s.side == side}
         taken = {f.stop for f in self.frames if f.side == side and f.format == "jpeg"}
+        if side in self.bracket.raw_sides:
+            taken &= {f.stop for f in self.frames if f.side == side and f.format != "jpeg"}
         return tuple(i for i in range(len(self.bracket.stops_s)) if i not in left_out | taken)
 
     def missing_readings(self) -> tuple[str, ...]:
@@ -232,7 +236,7 @@ class SessionManifest(Model):
     def assess(self) -> SessionManifest:
         """Return the manifest with ``status`` and ``missing`` as its contents say."""
         missing = [
-            f"{side}: stop {stop} ({self.bracket.stops_s[stop]:g} s)"
+            f"{side}: {'raw file of ' if self.frame(side, stop) else ''}stop {stop} ({self.bracket.stops_s[stop]:g} s)"
             for side in self.bracket.sides
             for stop in self.missing_stops(side)
         ]
