@@ -358,7 +358,7 @@ class Canon5D2:
     def delete(self, frame: FrameRef) -> None:
         """Delete the frame from the card; one held in memory is gone with `finish_frame`."""
         if frame.storage_id:
-            self._remote.patiently(lambda: self._store.delete(frame.handle))
+            self._remote.patiently(lambda: self._store.delete(frame))
 
     def list_frames(self) -> tuple[FrameRef, ...]:
         """Return the pictures on the card, oldest first."""

@@ -50,9 +50,11 @@ class FrameStore:
         found = (self.look_at(handle) for handle in sorted(self._handles()))
         return tuple(frame for frame in found if frame is not None)
 
-    def delete(self, handle: int) -> None:
-        """Delete an object."""
-        self._link.session.delete_object(handle)
+    def delete(self, frame: FrameRef) -> None:
+        """Delete a picture; another one that has its handle now (they may change with a session) is left alone."""
+        found = self.look_at(frame.handle)
+        if found is not None and (found.name, found.size_bytes) == (frame.name, frame.size_bytes):
+            self._link.session.delete_object(frame.handle)
 
 
 class ExpectedFrames:

@@ -312,7 +312,7 @@ class ThetaZ1:
 
     def delete(self, frame: FrameRef) -> None:
         """Delete the frame from the camera's store."""
-        self._store.delete(frame.handle)
+        self._store.delete(frame)
 
     def list_frames(self) -> tuple[FrameRef, ...]:
         """Return the pictures on the camera, oldest first."""

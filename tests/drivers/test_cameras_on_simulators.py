@@ -6,6 +6,7 @@ another exposure shows.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -158,6 +159,9 @@ def test_whole_bracket(make: Make, keep_raw: bool) -> None:
         setup.camera.keep_alive()
     assert len(handles) == 9 * (1 + keep_raw)
     assert handles == {f.handle for f in setup.camera.list_frames()}
+    for frame in setup.camera.list_frames():
+        setup.camera.delete(dataclasses.replace(frame, name="OTHER.JPG"))
+    assert len(setup.camera.list_frames()) == len(handles), "a picture that only has the handle is left alone"
     for frame in setup.camera.list_frames():
         setup.camera.delete(frame)
     assert setup.camera.list_frames() == ()

@@ -184,6 +184,7 @@ def test_one_whole_frame_on_the_card() -> None:
     dialogue.ask(0x1008, 0x91000002, gives=object_info("IMG_0002.JPG", 0x3801, 9000, storage=0x00010001))
     dialogue.ask(0x101B, 0x91000002, 0, 6000, gives=b"a" * 6000, results=(6000,))
     dialogue.ask(0x101B, 0x91000002, 6000, 3000, gives=b"b" * 3000, results=(3000,))
+    dialogue.ask(0x1008, 0x91000002, gives=object_info("IMG_0002.JPG", 0x3801, 9000, storage=0x00010001))
     dialogue.ask(0x100B, 0x91000002, 0)
     dialogue.ask(0x911D).poll().ask(0x9114, 0).ask(0x9115, 0).ask(0x1003)
     camera, transport = dialogue.start()

@@ -174,7 +174,7 @@ def test_one_whole_frame(start: Start, armed: ThetaDialogue) -> None:
     armed.looks_at(0x66)
     armed.ask(0x101B, 0x66, 0, 6000, gives=b"a" * 6000, results=(6000,))
     armed.ask(0x101B, 0x66, 6000, 3000, gives=b"b" * 3000, results=(3000,))
-    armed.ask(0x100B, 0x66, 0)
+    armed.looks_at(0x66).ask(0x100B, 0x66, 0)
     armed.ask(0x1016, 0xD803, sends=number(0xD803, 180)).ask(0x1016, 0xD81B, sends=number(0xD81B, 64800))
     armed.ask(0x1003)
     camera, transport = start(armed)
