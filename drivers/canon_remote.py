@@ -11,7 +11,7 @@ from typing import TypeVar
 
 from drivers.camera_link import CameraLink
 from drivers.clock import Clock, Deadline
-from drivers.errors import DeviceBusyError, DeviceTimeoutError, OperationRefusedError
+from drivers.errors import BatteryLowError, DeviceBusyError, DeviceTimeoutError, OperationRefusedError
 from drivers.ptp.canon import (
     AvailableValues,
     NumberRecord,
@@ -21,7 +21,7 @@ from drivers.ptp.canon import (
     decode_events,
     encode_property,
 )
-from drivers.ptp.canon_codes import CanonEvent, CanonOperation
+from drivers.ptp.canon_codes import CanonEvent, CanonOperation, CanonResponse
 
 MAX_STREAM_BYTES = 256 * 1024
 """The first answer of a 60D is 7.5 kB."""
@@ -98,7 +98,14 @@ class CanonRemote:
 
     def do(self, operation: int, *params: int, timeout_s: float | None = None) -> tuple[int, ...]:
         """Run an operation without data; returns the parameters of its response."""
-        return self._link.session.transact(operation, params, timeout_s=timeout_s).params
+        try:
+            return self._link.session.transact(operation, params, timeout_s=timeout_s).params
+        except OperationRefusedError as error:
+            if error.response_code == CanonResponse.LOW_BATTERY:
+                raise BatteryLowError(
+                    error.message, where=error.where, advice="charge or change the battery"
+                ) from error
+            raise
 
     def poll(self) -> tuple[Record, ...]:
         """Fetch the camera's events once and take them over; returns them (empty: nothing new)."""

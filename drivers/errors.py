@@ -48,9 +48,7 @@ class DaylitError(Exception):
     exit_code: ClassVar[int] = 70
     retryable: ClassVar[bool] = False
 
-    def __init__(
-        self, message: str, *, where: str = "", likely: str = "", advice: str = "", **details: Any
-    ) -> None:
+    def __init__(self, message: str, *, where: str = "", likely: str = "", advice: str = "", **details: Any) -> None:
         super().__init__(message)
         self.message = message
         self.where = where

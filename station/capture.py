@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from uuid import uuid4
 from drivers.errors import DeviceError
 from station.bracket import BracketPlan, Mode, plan_bracket
 from station.camera_worker import CameraWorker
-from station.conductor import Conductor
+from station.conductor import Conductor, Doubts
 from station.crash_report import software_versions
 from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError
 from station.events import CaptureEvent, EventKind
@@ -45,7 +45,11 @@ from station.session import (
     WarningRecord,
 )
 from station.store import SessionStore
-from station.timing import TYPICAL_COST
+from station.timing import typical_cost
+
+MAX_ROOM_CHARACTERS = 200
+SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+"""Keys of a camera's table that the frames of one bracket must share."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,10 @@ class Capture:
         Raises
         ------
         UsageError
-            No camera, stops out of range, or more than two typed readings.
+            No camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed readings.
         """
+        if len(request.room) > MAX_ROOM_CHARACTERS:
+            raise UsageError("the room's name is too long", where="capture", advice="its folder takes 60 characters")
         if not rig.cameras:
             raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
         mode = request.mode or rig.file.bracket.mode
@@ -109,7 +115,7 @@ class Capture:
         Raises
         ------
         SessionError
-            The session was imported, or needs a camera that the rig lacks.
+            The session was imported, or needs a camera that the rig lacks or has set otherwise.
         """
         bracket, where = store.manifest.bracket, str(store.path)
         if bracket.mode == "imported":
@@ -118,9 +124,16 @@ class Capture:
         if lacking := needed - set(rig.cameras):
             names = " or ".join(sorted(lacking))
             raise SessionError(f"the rig has no {names} camera", where=where, advice="use the rig it was made with")
+        for side in sorted(needed):
+            _require_same_table(rig, store, side)
         plan = plan_bracket(bracket.stops_s, bracket.mode, bracket.sides)
         request = CaptureRequest(room=store.manifest.name, into=store.path.parent)
         return cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
+
+    @property
+    def n_stops(self) -> int:
+        """How many stops the bracket has."""
+        return len(self._plan.stops_s)
 
     @property
     def store(self) -> SessionStore:
@@ -191,9 +204,9 @@ class Capture:
                 yield self._warn("damaged", f"{damaged[frame.file]}: taken anew")
 
     def _bytes_needed(self) -> int:
-        tables = self._rig.file.cameras()
-        frames = (TYPICAL_COST[tables[s].kind].frame_bytes for s in self._plan.sides if s in tables)
-        return sum(frames) * len(self._plan.stops_s)
+        tables = (t for s, t in self._rig.file.cameras().items() if s in self._plan.sides)
+        exposure_bytes = sum(typical_cost(t.kind, keep_raw=t.keep_raw).frame_bytes for t in tables)
+        return exposure_bytes * len(self._plan.stops_s)
 
     def _manifest(self, findings: Findings) -> SessionManifest:
         rig = self._rig.file
@@ -269,23 +282,16 @@ class Capture:
                 self._rig.clock,
                 max_start_skew_s=self._rig.file.limits.max_start_skew_s,
                 on_last_exposure=self._start_last_reading,
+                doubts=lambda: _doubts(intakes, self._plan.stops_s),
             )
             if self._stop_asked:
                 self._conductor.ask_stop()
             yield from self._conductor.run()
-            for side, intake in intakes.items():
-                yield from self._check_order(side, intake)
+            for (side, _), why in _doubts(intakes, self._plan.stops_s).items():
+                yield self._warn("brightness_order", f"{side}: {why}")
         finally:
             for intake in intakes.values():
                 intake.close()
-
-    def _check_order(self, side: Side, intake: Intake) -> Iterator[CaptureEvent]:
-        """Warn where a longer exposure is no brighter: the light jumped, or the camera did not do as it said."""
-        for check in (check_order, check_not_too_dark):
-            try:
-                check(intake.facts, self._plan.stops_s)
-            except FrameRejectedError as error:
-                yield self._warn("brightness_order", f"{side}: {error.where}: {error.message}")
 
     def _intake(self, side: Side, notices: queue.SimpleQueue[Notice]) -> Intake:
         table, checker = self._rig.file.cameras()[side], self._checkers[side]
@@ -325,6 +331,35 @@ class Capture:
 
     def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
         return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
+
+
+def _require_same_table(rig: Rig, store: SessionStore, side: Side) -> None:
+    """Refuse to mix frames of two settings in one bracket."""
+    before = store.manifest.rig.get(side.value)
+    if not isinstance(before, dict):
+        return  # nothing is known of it
+    now = rig.file.cameras()[side].model_dump(mode="json")
+    changed = [
+        f"{key} was {before[key]}, is {now[key]}" for key in SAME_ON_RESUME if before.get(key, now[key]) != now[key]
+    ]
+    if changed:
+        raise SessionError(
+            f"the rig has another {side} camera: {'; '.join(changed)}",
+            where=str(store.path),
+            advice="use the rig (and --size) it was made with",
+        )
+
+
+def _doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> Doubts:
+    """Return the frames whose brightness does not fit: the light jumped, or the camera did not do as it said."""
+    found: Doubts = {}
+    for side, intake in intakes.items():
+        for check in (check_order, check_not_too_dark):
+            try:
+                check(intake.facts, stops_s)
+            except FrameRejectedError as error:
+                found |= {(side, stop): f"{error.where}: {error.message}" for stop in error.details["stops"]}
+    return found
 
 
 def _start_quietly(checker: FrameChecker) -> None:

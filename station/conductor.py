@@ -54,6 +54,10 @@ NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePer
 """Errors after which a retake is useless until somebody acts."""
 
 
+Doubts = dict[tuple[Side, int], str]
+"""Frames that do not fit the others of their bracket, and why."""
+
+
 class Conductor:
     """Takes the stops of a plan that are missing; iterate over `run` to make it happen."""
 
@@ -67,6 +71,7 @@ class Conductor:
         *,
         max_start_skew_s: float,
         on_last_exposure: Callable[[], None],
+        doubts: Callable[[], Doubts],
     ) -> None:
         self._plan = plan
         self._workers = workers
@@ -75,6 +80,7 @@ class Conductor:
         self._clock = clock
         self._max_start_skew_s = max_start_skew_s
         self._on_last_exposure = on_last_exposure
+        self._doubts = doubts
         self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
         self._answers: dict[tuple[Side, int], Notice] = {}
         self._set_ahead: dict[Side, int] = {}
@@ -137,8 +143,18 @@ class Conductor:
                 announced = True
             elif self._in_flight:
                 yield from self._pump()
-            else:
+            elif not (yield from self._retake_doubtful()):
                 return
+
+    def _retake_doubtful(self) -> Generator[CaptureEvent, None, bool]:
+        """Put back, once, what only the whole bracket shows to be wrong; the frames stay until better ones are saved."""
+        found = {key: why for key, why in self._doubts().items() if self._retakes[key] < MAX_RETAKES}
+        for (side, stop), why in found.items():
+            self._retakes[side, stop] += 1
+            self._todo.append((stop, (side,)))
+            text = f"{side} {self._label(stop)}: {why}; taken again"
+            yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=why, retaken=True)
+        return bool(found)
 
     def _dismiss(self, error: Exception | None) -> Iterator[CaptureEvent]:
         """Let the workers fetch what is exposed and end, bounded; then raise ``error``, or what goes wrong meanwhile.

@@ -133,7 +133,7 @@ class Intake:
             self._require_jpeg_of(shot, name)
             raw: Literal["cr2", "dng"] = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
             return self._checker.check_raw(part.path, raw, name=name)
-        earlier = list(self.facts.values())
+        earlier = [facts for stop, facts in self.facts.items() if stop != shot.stop]
         facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=earlier, name=name)
         self.facts[shot.stop] = facts
         return facts

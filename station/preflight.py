@@ -175,7 +175,9 @@ def _camera_record(
         clock_offset_s=offset_s,
         lens=table.lens,
         nd_filter=table.nd_filter,
-        settings=tuple(SettingRecord(name=s.name, asked=s.asked, got=s.got, raw=s.raw) for s in settings),
+        settings=tuple(
+            SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in settings
+        ),
     )
 
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from drivers.camera import CameraSettings
 from station.bracket import PAPER_STOPS_S, parse_shutter
 from station.errors import RigError, UsageError
-from station.session import MeterTarget, Side, Site
+from station.session import MeterTarget, SafeText, Side, Site
 
 MAX_RIG_BYTES = 256 * 1024
 SideKind = Literal["theta_z1", "canon_5d2"]
@@ -37,8 +37,8 @@ class CameraTable(_Table):
     """Delete each frame from the camera once it is safe here."""
     release_lag_s: Annotated[float, Field(ge=0, le=2)] | None = None
     """Release to shutter opening; empty: the driver's own figure."""
-    lens: str = ""
-    nd_filter: str = ""
+    lens: SafeText = ""
+    nd_filter: SafeText = ""
     image_circle: tuple[float, float, float] | None = None
     """Of a fisheye: centre column, row and radius as fractions of width, height and width; what is outside is black."""
 

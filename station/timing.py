@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from station.bracket import BracketPlan
 from station.session import Side
@@ -14,7 +14,7 @@ class CameraCost:
     """What one camera takes beside the exposure itself.
 
     ``overhead_s`` is everything between the wish to release and the next one but the exposure (release lag,
-    readout, processing); ``frame_bytes`` an expected JPEG; ``overlaps`` whether transfers run behind exposures.
+    readout, processing); ``frame_bytes`` what one exposure gives; ``overlaps`` whether transfers run behind exposures.
     """
 
     overhead_s: float
@@ -24,7 +24,7 @@ class CameraCost:
 
     @property
     def transfer_s(self) -> float:
-        """Seconds to fetch one frame."""
+        """Seconds to fetch what one exposure gives."""
         return self.frame_bytes / self.rate_bytes_s
 
 
@@ -32,8 +32,16 @@ TYPICAL_COST = {
     "theta_z1": CameraCost(overhead_s=0.45, frame_bytes=8_500_000, rate_bytes_s=25e6),
     "canon_5d2": CameraCost(overhead_s=0.30, frame_bytes=6_500_000, rate_bytes_s=18e6),
 }
-"""For the dry run; assumed until measured on the instruments (no figures are published)."""
+"""With a JPEG only. For the dry run; assumed until measured on the instruments (no figures are published)."""
+RAW_BYTES = {"theta_z1": 45_000_000, "canon_5d2": 26_000_000}
+"""Of one DNG or CR2 (the 5D Mark II's: about 25.8 MB, Canon's manual)."""
 TYPICAL_READING_S = 2.5
+
+
+def typical_cost(kind: str, *, keep_raw: bool = False) -> CameraCost:
+    """Return the typical cost of a camera, with a raw file beside each JPEG where it is kept."""
+    cost = TYPICAL_COST[kind]
+    return replace(cost, frame_bytes=cost.frame_bytes + RAW_BYTES[kind]) if keep_raw else cost
 
 
 @dataclass(frozen=True)

@@ -72,6 +72,7 @@ def capture(**options: Any) -> int:
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
       daylit capture test --simulate room --size quarter
     """
+    _refuse_what_would_do_nothing(options)
     if options["dry_run"]:
         return _dry_run(options)
     rig = _open_rig(options)
@@ -79,6 +80,19 @@ def capture(**options: Any) -> int:
         return _run(rig, options)
     finally:
         rig.close()
+
+
+def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
+    from station.errors import UsageError
+
+    if options["size"] != "full" and not options["simulate"]:
+        raise UsageError("only simulated cameras have other sizes", where="--size", advice="set size_px in the rig")
+    if options["resume_path"] is None:
+        return
+    given = [name for name in ("room", "stops", "bracket", "target", "dry_run") if options[name]]
+    if given:
+        names = ", ".join("ROOM" if name == "room" else f"--{name.replace('_', '-')}" for name in given)
+        raise UsageError(f"--resume takes them from the session: {names}", where="capture", advice="leave them out")
 
 
 def _run(rig: Rig, options: dict[str, Any]) -> int:
@@ -133,7 +147,7 @@ def _follow(job: Capture, rig: Rig, options: dict[str, Any]) -> int:
     from station.session import SessionStatus
 
     on_terminal = sys.stdout.isatty() and not options["as_json"]
-    view = TerminalView(tuple(map(str, rig.cameras)), len(rig.file.bracket.stops)) if on_terminal else JsonView()
+    view = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if on_terminal else JsonView()
 
     def on_signal(number: int, _frame: object) -> None:
         job.ask_stop()
@@ -197,14 +211,14 @@ def _open_rig(options: dict[str, Any]) -> Rig:
 
 def _dry_run(options: dict[str, Any]) -> int:
     from station.bracket import parse_shutter, plan_bracket, shutter_label
-    from station.timing import TYPICAL_COST, TYPICAL_READING_S, estimate_bracket
+    from station.timing import TYPICAL_READING_S, estimate_bracket, typical_cost
 
     file = _rig_file(options)
     tables = file.cameras()
     stops = tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else file.bracket.stops_s()
     mode: Literal["full", "adaptive"] = options["bracket"] or file.bracket.mode
     plan = plan_bracket(stops, mode, tuple(tables))
-    costs = {side: TYPICAL_COST[table.kind] for side, table in tables.items()}
+    costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
     estimate = estimate_bracket(plan, costs, reading_s=(TYPICAL_READING_S,) * 2 if file.meter else ())
     if options["as_json"]:
         rows = [vars(row) | {"sides": list(row.sides)} for row in estimate.rows]

@@ -30,6 +30,7 @@ def conform(rig_path: Path | None, simulate: str | None, only: str | None, *, ma
       daylit conform --rig rig.toml --json > conform.json
     Exit code: 0 all passed · 1 something failed.
     """
+    from station.errors import UsageError
     from station.rig import open_named_rig
 
     rig = open_named_rig(rig_path, simulate, size="small")
@@ -42,6 +43,8 @@ def conform(rig_path: Path | None, simulate: str | None, only: str | None, *, ma
                 click.echo(f"{mark}  {outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
     finally:
         rig.close()
+    if not outcomes:
+        raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="name another instrument")
     passed = all(o.passed for o in outcomes)
     if as_json:
         click.echo(json.dumps({"ok": passed, "simulated": rig.simulated, "outcomes": [o.to_dict() for o in outcomes]}))

@@ -40,7 +40,7 @@ def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
     rig = open_named_rig(None, world, size=size)
     try:
         job = Capture.new(rig, CaptureRequest(room="demo", into=into))
-        view = JsonView() if quiet else TerminalView(tuple(map(str, rig.cameras)), len(rig.file.bracket.stops))
+        view = JsonView() if quiet else TerminalView(tuple(map(str, rig.cameras)), job.n_stops)
         with view:
             for event in job.events():
                 view.show(event)

@@ -76,7 +76,9 @@ def _write_example(path: Path) -> int:
 
 
 def _print(check: Check) -> None:
+    from station.commands.views import printable
+
     mark, colour = _MARKS[str(check.level)]
-    click.echo(f"{click.style(mark, fg=colour)}  {check.name}: {check.text}")
+    click.echo(f"{click.style(mark, fg=colour)}  {check.name}: {printable(check.text)}")
     if check.advice and check.level != "ok":
-        click.echo(f"      do: {check.advice}")
+        click.echo(f"      do: {printable(check.advice)}")

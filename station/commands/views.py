@@ -68,7 +68,7 @@ class TerminalView:
         )
         self._progress = Progress(*columns, transient=True)
         self._n_stops = n_stops
-        self._saved = dict.fromkeys(sides, 0)
+        self._saved: dict[str, set[object]] = {side: set() for side in sides}
         self._tasks = {s: self._progress.add_task(s, total=None, frames=f"0/{n_stops}") for s in sides}
 
     def __enter__(self) -> Self:
@@ -87,13 +87,13 @@ class TerminalView:
             done, total = event.data["done_bytes"], event.data["total_bytes"]
             self._progress.update(self._tasks[side], completed=done, total=total)
         elif event.kind is EventKind.SAVED:
-            self._saved[side] += 1
-            self._progress.update(self._tasks[side], frames=f"{self._saved[side]}/{self._n_stops}")
+            self._saved[side].add(event.data["stop"])
+            self._progress.update(self._tasks[side], frames=f"{len(self._saved[side])}/{self._n_stops}")
         elif event.kind not in _SILENT:
             from rich.markup import escape
 
             style = _check_style(event) or _STYLE.get(event.kind, "")
-            line = escape(_printable(event.text))
+            line = escape(printable(event.text))
             self._progress.console.print(f"[{style}]{line}[/]" if style else line, highlight=False)
 
 
@@ -101,6 +101,6 @@ def _check_style(event: CaptureEvent) -> str:
     return {"warn": "yellow", "fail": "red"}.get(str(event.data.get("level", "")), "")
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
     """Return the text without terminal control characters (it may hold names from a device)."""
     return "".join(c if c.isprintable() else "?" for c in text)

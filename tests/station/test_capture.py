@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from drivers.clock import SystemClock
 from drivers.errors import (
@@ -249,6 +251,33 @@ def test_a_repeated_frame_and_a_lying_exposure_are_caught(tmp_path: Path) -> Non
     manifest, _, _ = run(make_rig(FakeCamera(SystemClock(), spoil=repeat_third)), tmp_path)
     assert manifest.status is SessionStatus.COMPLETE
     assert len(manifest.rejected) == 1
+
+
+def black(data: bytes) -> bytes:
+    """The same JPEG with its EXIF, but black: what a shutter that stays shut gives."""
+    image = Image.open(io.BytesIO(data))
+    buffer = io.BytesIO()
+    Image.new("RGB", image.size).save(buffer, "JPEG", exif=image.info["exif"])
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("shots", [(1,), (2,)], ids=["first", "later"])
+def test_a_black_frame_is_retaken(tmp_path: Path, shots: tuple[int, ...]) -> None:
+    camera = FakeCamera(SystemClock(), spoil=spoil_first(black, shots))
+    manifest, path, _ = run(make_rig(camera), tmp_path)
+    assert manifest.status is SessionStatus.COMPLETE
+    assert len(camera.opened_s) == len(STOPS_S) + 1
+    assert all(f.statistics and f.statistics.mean_frac > 0.02 for f in manifest.frames)
+    assert "brightness_order" not in {w.code for w in manifest.warnings}
+    assert verify_session(path).intact
+
+
+def test_a_frame_that_stays_black_is_named(tmp_path: Path) -> None:
+    shortest = min(STOPS_S)
+    camera = FakeCamera(SystemClock(), spoil=lambda _shot, s, data: black(data) if abs(s - shortest) < 1e-6 else data)
+    manifest, _, _ = run(make_rig(camera), tmp_path)
+    assert len(camera.opened_s) == len(STOPS_S) + 1, "retaken once"
+    assert any("1/250" in w.message for w in manifest.warnings)
 
 
 def test_camera_that_cannot_transfer_while_exposing_still_works(tmp_path: Path) -> None:
