@@ -147,7 +147,7 @@ class Conductor:
                 return
 
     def _retake_doubtful(self) -> Generator[CaptureEvent, None, bool]:
-        """Put back, once, what only the whole bracket shows to be wrong; the frames stay until better ones are saved."""
+        """Put back, once, what only the whole bracket shows to be wrong; frames stay until better ones are saved."""
         found = {key: why for key, why in self._doubts().items() if self._retakes[key] < MAX_RETAKES}
         for (side, stop), why in found.items():
             self._retakes[side, stop] += 1
