@@ -7,7 +7,7 @@ import os
 import platform
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from drivers.errors import DaylitError
@@ -53,7 +53,8 @@ def list_instruments() -> Iterator[Check]:
             Level.WARN, "serial ports", "none", "plug the meter in; on Linux it shows as /dev/ttyACM* or ttyUSB*"
         )
     for port in ports:
-        yield Check(Level.OK, "serial port", f"{port.device} {port.description}".strip())
+        description = "" if port.description == "n/a" else port.description
+        yield Check(Level.OK, "serial port", f"{port.device} {description}".strip())
 
 
 def _check_libraries() -> Iterator[Check]:
@@ -87,7 +88,7 @@ def _check_serial_group() -> Check:
 
     groups = {grp.getgrgid(g).gr_name for g in os.getgroups() if _group_exists(g)}
     if os.geteuid() == 0 or groups & {"dialout", "uucp"}:
-        return Check(Level.OK, "serial access", "yes")
+        return Check(Level.OK, "serial access", "you may open serial ports")
     advice = "sudo usermod -aG dialout $USER, then log in anew (or install the udev rule)"
     return Check(Level.WARN, "serial access", "you are not in the group dialout", advice)
 
@@ -117,8 +118,10 @@ def _check_grabbers() -> Iterator[Check]:
 def _check_disk(folder: Path) -> Check:
     existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     free_gb = shutil.disk_usage(existing).free / 1e9
-    level = Level.OK if free_gb > 2 else Level.WARN
-    return Check(level, "disk", f"{free_gb:.0f} GB free for sessions (one takes about 0.15 GB)")
+    text = f"{free_gb:.1f} GB free for sessions (one takes about 0.15 GB)"
+    if free_gb > 2:
+        return Check(Level.OK, "disk", text)
+    return Check(Level.WARN, "disk", text, "free some space, or choose another disk with --into")
 
 
 def _check_isolation() -> Iterator[Check]:
@@ -130,4 +133,10 @@ def _check_isolation() -> Iterator[Check]:
         except DaylitError as error:
             yield Check(Level.FAIL, "frame checker", error.message, error.advice, error)
             return
-        yield Check(Level.OK, "frame checker", "; ".join(checker.limits) or "runs without limits on this system")
+        yield Check(Level.OK, "frame checker", _limits_text(checker.limits))
+
+
+def _limits_text(limits: Sequence[str]) -> str:
+    if not limits:
+        return "works; runs without limits on this system"
+    return f"works, confined ({'; '.join(limits)})"

@@ -128,10 +128,16 @@ def _strict_error(refused: Sequence[Refusal]) -> FrameRejectedError:
 
 
 def _nothing_error(found: _Sorted) -> IncompleteBracketError:
+    message, advice = "no file is a usable frame", "name the folder that holds the JPEGs of the bracket"
+    if found.refused:
+        first = found.refused[0]
+        others = f" (and {len(found.refused) - 1} more)" if len(found.refused) > 1 else ""
+        message += f": {first.side}/{first.name}: {first.message}{others}"
+        advice = "correct what is named (--shutter has one time a file, in the order of the file names)"
     return IncompleteBracketError(
-        "no file is a usable frame",
+        message,
         where="import",
-        advice="name the folder that holds the JPEGs of the bracket",
+        advice=advice,
         refused=[f"{r.side}/{r.name}: {r.message}" for r in found.refused],
         ignored=list(found.ignored),
     )

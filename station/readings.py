@@ -33,13 +33,13 @@ def record_reading(when: When, reading: MeterReading) -> ReadingRecord:
     )
 
 
-def typed_record(when: When, luminance_cd_m2: float, clock: Clock) -> ReadingRecord:
-    """Return the record of a number that a person read from the display.
+def check_typed(luminance_cd_m2: float) -> None:
+    """Accept a number that a meter of the family can show.
 
     Raises
     ------
     UsageError
-        Outside 0.001 .. 1e7 cd/m2, which no meter of the family shows.
+        Outside 0.001 .. 1e7 cd/m2.
     """
     low, high = TYPED_RANGE_CD_M2
     if not low <= luminance_cd_m2 <= high:
@@ -48,6 +48,17 @@ def typed_record(when: When, luminance_cd_m2: float, clock: Clock) -> ReadingRec
             where="--reading",
             advice=f"type the number on the display, in cd/m2, between {low:g} and {high:g}",
         )
+
+
+def typed_record(when: When, luminance_cd_m2: float, clock: Clock) -> ReadingRecord:
+    """Return the record of a number that a person read from the display.
+
+    Raises
+    ------
+    UsageError
+        Outside 0.001 .. 1e7 cd/m2, which no meter of the family shows.
+    """
+    check_typed(luminance_cd_m2)
     return ReadingRecord(
         when=when,
         status=str(ReadingStatus.TYPED),

@@ -40,7 +40,9 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
     try:
         root = Folder.open(Path(path))
     except OSError as exc:
-        raise SessionNotFoundError(f"cannot be opened: {exc.strerror}", where=str(path)) from exc
+        raise SessionNotFoundError(
+            f"cannot be opened: {exc.strerror}", where=str(path), advice="name a session folder"
+        ) from exc
     report = VerifyReport(str(path), fast)
     try:
         if not any(root.lstat(name) for name in (MANIFEST_NAME, JOURNAL_NAME)):
@@ -69,11 +71,17 @@ def repair_session(path: Path) -> VerifyReport:
     try:
         root = Folder.open(Path(path))
     except OSError as exc:
-        raise SessionNotFoundError(f"cannot be opened: {exc.strerror}", where=str(path)) from exc
+        raise SessionNotFoundError(
+            f"cannot be opened: {exc.strerror}", where=str(path), advice="name a session folder"
+        ) from exc
     lock = None
     try:
         if root.lstat(JOURNAL_NAME) is None:
-            raise JournalError("there is no journal to restore from", where=str(Path(path) / JOURNAL_NAME))
+            raise JournalError(
+                "there is no journal to restore from",
+                where=str(Path(path) / JOURNAL_NAME),
+                advice="restore it from a copy; daylit verify tells whether the session is whole without it",
+            )
         lock = SessionLock(root)
         memory = recovery.remember(root)
         manifest = memory.state.manifest

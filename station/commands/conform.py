@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file with the real instruments.")
+@click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file (default: ./rig.toml).")
 @click.option("--simulate", metavar="WORLD", help="Simulated instruments instead.")
 @click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="One instrument.")
 @click.option("--delete", "may_delete", is_flag=True, help="May delete from the camera the pictures it took.")
@@ -39,8 +39,7 @@ def conform(rig_path: Path | None, simulate: str | None, only: str | None, *, ma
         for outcome in _run(rig, only, may_delete=may_delete or rig.simulated):
             outcomes.append(outcome)
             if not as_json:
-                mark = click.style("ok  ", fg="green") if outcome.passed else click.style("FAIL", fg="red")
-                click.echo(f"{mark}  {outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
+                click.echo(f"{_mark(outcome)}  {outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
     finally:
         rig.close()
     if not outcomes:
@@ -51,12 +50,27 @@ def conform(rig_path: Path | None, simulate: str | None, only: str | None, *, ma
     return 0 if passed else 1
 
 
+def _mark(outcome: Outcome) -> str:
+    if not outcome.passed:
+        return click.style("FAIL", fg="red")
+    return click.style("skip", fg="yellow") if outcome.detail.startswith("skipped") else click.style("ok  ", fg="green")
+
+
+def _while_there(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
+    """End after the first outcome when the instrument is not there at all: the others would say nothing new."""
+    for outcome in outcomes:
+        yield outcome
+        if outcome.detail.startswith("DeviceNotFoundError"):
+            return
+
+
 def _run(rig: Rig, only: str | None, *, may_delete: bool) -> Iterator[Outcome]:
     from station.conform import CameraBench, run_camera, run_meter
 
     for side, camera in rig.cameras.items():
         if only in (None, side.value):
             settings = rig.file.cameras()[side].settings()
-            yield from run_camera(CameraBench(camera, settings, rig.clock, may_delete=may_delete))
+            bench = CameraBench(camera, settings, rig.clock, may_delete=may_delete)
+            yield from _while_there(run_camera(bench))
     if rig.meter is not None and only in (None, "meter"):
-        yield from run_meter(rig.meter, rig.clock)
+        yield from _while_there(run_meter(rig.meter, rig.clock))

@@ -18,7 +18,11 @@ if TYPE_CHECKING:
 @click.option("--world", default="room", show_default=True, help="What the simulated instruments look at.")
 @click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full", show_default=True)
 @click.option(
-    "--into", type=click.Path(path_type=Path), default=Path("demo"), show_default=True, help="Folder of sessions."
+    "--into",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("demo"),
+    show_default=True,
+    help="Folder of sessions.",
 )
 @click.option("--json", "as_json", is_flag=True, help="JSON events, then one summary object.")
 def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
@@ -36,7 +40,7 @@ def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
 
     quiet = as_json or not sys.stdout.isatty()
     if not as_json:
-        click.echo(f"rendering what the cameras will see ({world}, {size} size; kept for next time) ...")
+        click.echo(f"rendering what the cameras will see ({world}, {size} size; kept for next time) ...", err=True)
     rig = open_named_rig(None, world, size=size)
     try:
         job = Capture.new(rig, CaptureRequest(room="demo", into=into))
@@ -54,6 +58,7 @@ def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
 def _tell(manifest: SessionManifest, report: VerifyReport, path: Path, *, as_json: bool) -> int:
     whole = report.intact and report.status == "complete"
     readings = [r.luminance_cd_m2 for r in manifest.readings]
+    shown = ", ".join("none" if r is None else f"{r:.4g}" for r in readings)
     if as_json:
         summary = {"ok": whole, "session": str(path), "frames": len(manifest.frames), "readings_cd_m2": readings}
         click.echo(json.dumps({**summary, "problems": [f"{p.file}: {p.message}" for p in report.problems]}))
@@ -61,6 +66,6 @@ def _tell(manifest: SessionManifest, report: VerifyReport, path: Path, *, as_jso
     for problem in report.problems:
         click.echo(f"{problem.file}: {problem.message}")
     megabytes = sum(f.size_bytes for f in manifest.frames) / 1e6
-    click.echo(f"{len(manifest.frames)} frames ({megabytes:.0f} MB), readings {readings} cd/m2, every digest checked")
+    click.echo(f"{len(manifest.frames)} frames ({megabytes:.0f} MB), readings {shown} cd/m2, every digest checked")
     click.echo(f"look at: {path}/session.json and the frames in {path}/indoor and {path}/outdoor")
     return 0 if whole else 4

@@ -16,10 +16,15 @@ _MARKS = {"ok": ("ok  ", "green"), "warn": ("warn", "yellow"), "fail": ("FAIL", 
 
 @click.command()
 @click.option(
-    "--rig", "rig_path", type=click.Path(path_type=Path), help="Connect and check every instrument of this rig."
+    "--rig",
+    "rig_path",
+    type=click.Path(path_type=Path),
+    help="Connect to, set and check every instrument of this rig file.",
 )
-@click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead.")
-@click.option("--into", type=click.Path(path_type=Path), default=Path("sessions"), help="Folder of sessions.")
+@click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead, e.g. room.")
+@click.option(
+    "--into", type=click.Path(path_type=Path, file_okay=False), default=Path("sessions"), help="Folder of sessions."
+)
 @click.option("--write-rig", type=click.Path(path_type=Path), metavar="FILE", help="Write an example rig file and end.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: Path | None, *, as_json: bool) -> int:
@@ -63,7 +68,7 @@ def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[
 
 
 def _write_example(path: Path) -> int:
-    from station.errors import UsageError
+    from station.errors import ResourceError, UsageError
     from station.rig_file import EXAMPLE
 
     try:
@@ -71,6 +76,10 @@ def _write_example(path: Path) -> int:
             file.write(EXAMPLE)
     except FileExistsError as error:
         raise UsageError("is already there", where=str(path), advice="choose another name") from error
+    except OSError as error:
+        raise ResourceError(
+            f"cannot be written: {error.strerror}", where=str(path), advice="choose a folder you may write to"
+        ) from error
     click.echo(f"wrote {path}: look through it, then daylit doctor --rig {path}")
     return 0
 

@@ -35,7 +35,7 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's, if it tells).")
 @click.option(
     "--into",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, file_okay=False),
     default=Path("sessions"),
     show_default=True,
     help="Folder of sessions.",

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from station.verify_report import VerifyReport
 
 
 @click.command()
@@ -34,8 +39,9 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
     else:
         report = verify_session(session, fast=fast)
     whole = report.intact and report.status == "complete"
+    advice = _advice(report)
     if as_json:
-        click.echo(json.dumps({"ok": whole, **report.to_dict()}))
+        click.echo(json.dumps({"ok": whole, **report.to_dict(), "advice": advice}))
         return 0 if whole else 4
     for problem in report.problems:
         click.echo(f"{problem.file}: {problem.message} ({problem.code})")
@@ -43,8 +49,45 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
         click.echo(f"note: {note}")
     for missing in report.missing:
         click.echo(f"missing: {missing}")
-    verdict = f"{len(report.problems)} problems" if report.problems else "intact"
-    click.echo(f"{verdict}, {report.status}: {report.frames_checked} frames checked in {session}")
-    if report.missing and report.intact:
-        click.echo(f"complete it: daylit capture --resume {session}")
+    count = len(report.problems)
+    if report.intact:
+        verdict = f"intact, {report.status}"
+    else:
+        verdict = f"NOT intact: {count} problem{'s' if count > 1 else ''}"
+    click.echo(f"{verdict}; {report.frames_checked} frames checked in {session}")
+    for line in advice:
+        click.echo(f"  do: {line}")
     return 0 if whole else 4
+
+
+_CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
+_LOST = {"missing", "size"}
+
+
+def _advice(report: VerifyReport) -> list[str]:
+    """Return what to do about the problems of a report, the first thing first."""
+    codes = {problem.code for problem in report.problems}
+    path = shlex.quote(report.path)
+    resume = f"daylit capture --resume {path} (with the --rig or --simulate, --only and --no-meter it was begun with)"
+    lines = []
+    if any("this daylit knows up to" in problem.message for problem in report.problems):
+        lines.append("update daylit; change nothing in the session with this version")
+    elif "manifest" in codes:
+        lines.append(f"daylit verify --repair {path} writes session.json anew from the journal")
+    if codes & _CUT_SHORT:
+        lines.append(
+            "a capture is running, or was cut short; nothing saved is lost. If it is not running, go on: " + resume
+        )
+    if "journal" in codes:
+        lines.append("restore journal.jsonl from a copy; the frames and session.json may still be whole")
+    if codes & _LOST:
+        lines.append("restore the files from a copy, or take them anew: " + resume)
+    if codes & {"digest", "content", "unreadable"}:
+        lines.append(
+            "restore the files from a copy; without one, move them out of the session and take them anew: " + resume
+        )
+    if codes & {"extra", "irregular"}:
+        lines.append("move what is not the session's out of its folder")
+    if report.missing and not codes:
+        lines.append("complete it: " + resume)
+    return lines

@@ -93,12 +93,21 @@ class TerminalView:
             from rich.markup import escape
 
             style = _check_style(event) or _STYLE.get(event.kind, "")
-            line = escape(printable(event.text))
+            line = escape(printable(_line(event)))
             self._progress.console.print(f"[{style}]{line}[/]" if style else line, highlight=False)
 
 
 def _check_style(event: CaptureEvent) -> str:
     return {"warn": "yellow", "fail": "red"}.get(str(event.data.get("level", "")), "")
+
+
+def _line(event: CaptureEvent) -> str:
+    """Return the text of an event as a terminal shows it, where no field beside it tells the kind."""
+    if event.kind is EventKind.STOP:
+        return f"exposing {event.text}"
+    if event.kind is EventKind.WARNING:
+        return f"warning: {event.text}"
+    return event.text
 
 
 def printable(text: str) -> str:
