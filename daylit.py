@@ -107,7 +107,9 @@ def _fail(error: dict[str, object], text: str, exit_code: int, arguments: list[s
     if "--json" in arguments:
         click.echo(json.dumps({"ok": False, "exit_code": exit_code, "error": error}))
     elif text:
-        click.echo(click.style("daylit: ", fg="red", bold=True) + text, err=True)
+        # A message may hold a device's own words: no control character of theirs reaches the terminal.
+        shown = "".join(c if c.isprintable() or c == "\n" else "?" for c in text)
+        click.echo(click.style("daylit: ", fg="red", bold=True) + shown, err=True)
     return exit_code
 
 

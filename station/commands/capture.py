@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from station.capture import Capture
     from station.rig import Rig
     from station.rig_file import RigFile
-    from station.session import MeterTarget
+    from station.session import MeterTarget, SessionManifest
 
 
 @click.command()
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file (default: ./rig.toml).")
 @click.option(
     "--into",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, file_okay=False),
     default=Path("sessions"),
     show_default=True,
     help="Folder of sessions.",
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     "resume_path",
     type=click.Path(path_type=Path),
     metavar="SESSION",
-    help="Complete a partial session.",
+    help="Complete a partial session; repeat its --rig or --simulate, --only, --no-meter.",
 )
 @click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, one a line (always so when not on a terminal).")
@@ -72,7 +72,11 @@ def capture(**options: Any) -> int:
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
       daylit capture test --simulate room --size quarter
     """
+    from station.readings import check_typed
+
     _refuse_what_would_do_nothing(options)
+    for reading in options["readings"]:
+        check_typed(reading)
     if options["dry_run"]:
         return _dry_run(options)
     rig = _open_rig(options)
@@ -104,6 +108,9 @@ def _run(rig: Rig, options: dict[str, Any]) -> int:
     with SessionStore.open(options["resume_path"], writable=True, clock=rig.clock) as store:
         from station.capture import Capture
 
+        if store.manifest.status == "complete" and not store.recovery.damaged:
+            # Nothing to take; session.json may still be behind the journal.
+            return _summarise(store.finish(), store.path, on_terminal=_on_terminal(options))
         return _follow(Capture.resume(rig, store, typed_readings=options["readings"]), rig, options)
 
 
@@ -144,9 +151,8 @@ def parse_target(text: str | None) -> MeterTarget | None:
 def _follow(job: Capture, rig: Rig, options: dict[str, Any]) -> int:
     """Show the events; the first Ctrl-C ends after the running pair, the second at once."""
     from station.commands.views import JsonView, TerminalView
-    from station.session import SessionStatus
 
-    on_terminal = sys.stdout.isatty() and not options["as_json"]
+    on_terminal = _on_terminal(options)
     view = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if on_terminal else JsonView()
 
     def on_signal(number: int, _frame: object) -> None:
@@ -163,7 +169,16 @@ def _follow(job: Capture, rig: Rig, options: dict[str, Any]) -> int:
             signal.signal(number, handler)
     manifest, path = job.store.manifest, job.store.path
     job.store.close()
-    complete = manifest.status is SessionStatus.COMPLETE
+    return _summarise(manifest, path, on_terminal=on_terminal)
+
+
+def _on_terminal(options: dict[str, Any]) -> bool:
+    return sys.stdout.isatty() and not options["as_json"]
+
+
+def _summarise(manifest: SessionManifest, path: Path, *, on_terminal: bool) -> int:
+    """Say what is there and what is missing; returns the exit code."""
+    complete = manifest.status == "complete"
     summary = {
         "ok": complete,
         "session": str(path),
@@ -200,12 +215,27 @@ def _rig_file(options: dict[str, Any]) -> RigFile:
 
     simulated = options["simulate"] and options["rig_path"] is None
     file = PAPER_RIG if simulated else load_rig(find_rig_file(options["rig_path"]))
-    return file.model_copy(update=_changes(options))
+    file = file.model_copy(update=_changes(options))
+    _need_camera(file, options)
+    return file
+
+
+def _need_camera(file: RigFile, options: dict[str, Any]) -> None:
+    from station.errors import RigError
+
+    if not file.cameras():
+        table = f"[{options['only']}]" if options["only"] else "[indoor] or [outdoor]"
+        raise RigError(
+            f"has no table {table}: no camera to capture with",
+            where=str(options["rig_path"] or "rig.toml"),
+            advice="an example: daylit doctor --write-rig FILE",
+        )
 
 
 def _open_rig(options: dict[str, Any]) -> Rig:
     from station.rig import open_named_rig
 
+    _rig_file(options)  # refuses a rig without a camera
     return open_named_rig(options["rig_path"], options["simulate"], size=options["size"], **_changes(options))
 
 

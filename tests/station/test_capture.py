@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from drivers.camera import CameraSettings, ExposureProgress, SettingReadback
 from drivers.clock import SystemClock
 from drivers.errors import (
     BatteryLowError,
@@ -343,6 +344,38 @@ def test_resume_needs_the_cameras_of_the_session(tmp_path: Path) -> None:
     (path,) = tmp_path.iterdir()
     with SessionStore.open(path, writable=True) as store, pytest.raises(SessionError, match="outdoor"):
         Capture.resume(make_rig(FakeCamera(SystemClock())), store)
+
+
+def test_resume_with_other_settings_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(StoreFullError):
+        run(make_rig(FakeCamera(SystemClock(), failures={("release", 2): StoreFullError("full")})), tmp_path)
+    (path,) = tmp_path.iterdir()
+    other = make_rig(FakeCamera(SystemClock()), indoor=TABLE.model_copy(update={"iso": 200}))
+    with SessionStore.open(path, writable=True) as store, pytest.raises(SessionError, match="iso was 100, is 200"):
+        Capture.resume(other, store)
+
+
+def test_long_texts_of_a_device_are_cut_and_a_long_room_is_refused(tmp_path: Path, camera: FakeCamera) -> None:
+    class Talker(FakeCamera):
+        def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
+            super().prepare(settings)
+            return (SettingReadback("iso", "100", "x" * 600, "00" * 600),)
+
+    manifest, _, _ = run(make_rig(Talker(SystemClock())), tmp_path)
+    assert len(manifest.devices[0].settings[0].raw) == 500
+    with pytest.raises(UsageError, match="room"):
+        Capture.new(make_rig(camera), CaptureRequest(room="x" * 600, into=tmp_path))
+
+
+def test_a_frame_announced_larger_than_any_is_not_fetched(tmp_path: Path) -> None:
+    class Boaster(FakeCamera):
+        def poll_exposure(self) -> ExposureProgress:
+            progress = super().poll_exposure()
+            huge = tuple(dataclasses.replace(f, size_bytes=1 << 31) for f in progress.frames if f.handle == 2)
+            return dataclasses.replace(progress, frames=huge or progress.frames)
+
+    manifest, _, _ = run(make_rig(Boaster(SystemClock())), tmp_path)
+    assert manifest.status is SessionStatus.COMPLETE
 
 
 def test_settings_and_devices_are_in_the_manifest(tmp_path: Path, camera: FakeCamera) -> None:

@@ -1,0 +1,52 @@
+"""What the commands refuse, and what they say: without instruments."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import daylit
+from station.commands.views import printable
+from station.rig_file import PAPER_INDOOR, PAPER_OUTDOOR
+from station.timing import typical_cost
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["kitchen", "--resume", "S"],
+        ["--resume", "S", "--stops", "1,2"],
+        ["--resume", "S", "--bracket", "adaptive"],
+        ["--resume", "S", "--target", "0,0"],
+        ["--resume", "S", "--dry-run"],
+        ["kitchen", "--size", "half"],
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert daylit.main(["capture", *arguments, "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["code"] == "USE-001"
+
+
+def test_conform_without_the_instrument_has_not_passed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text("camera_height_m = 1.5\n")
+    assert daylit.main(["conform", "--rig", str(rig), "--only", "meter", "--json"]) == 2
+    assert "no meter" in capsys.readouterr().out
+
+
+def test_raw_files_are_in_the_estimate() -> None:
+    for table in (PAPER_INDOOR, PAPER_OUTDOOR):
+        plain, raw = typical_cost(table.kind), typical_cost(table.kind, keep_raw=True)
+        assert raw.frame_bytes > plain.frame_bytes + 20e6
+        assert raw.transfer_s > plain.transfer_s
+
+
+def test_no_control_character_of_a_device_reaches_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["capture", "--rig", "\x1b[2Jno.toml", "--dry-run"]) == 2
+    assert "\x1b[2J" not in capsys.readouterr().err
+    assert printable("EOS\x1b[2J\n5D") == "EOS?[2J?5D"
