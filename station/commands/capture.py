@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 import signal
 import sys
 from pathlib import Path
@@ -110,7 +111,7 @@ def _run(rig: Rig, options: dict[str, Any]) -> int:
 
         if store.manifest.status == "complete" and not store.recovery.damaged:
             # Nothing to take; session.json may still be behind the journal.
-            return _summarise(store.finish(), store.path, on_terminal=_on_terminal(options))
+            return _summarise(store.finish(), store.path, options)
         return _follow(Capture.resume(rig, store, typed_readings=options["readings"]), rig, options)
 
 
@@ -154,8 +155,11 @@ def _follow(job: Capture, rig: Rig, options: dict[str, Any]) -> int:
 
     on_terminal = _on_terminal(options)
     view = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if on_terminal else JsonView()
+    interrupted = False
 
     def on_signal(number: int, _frame: object) -> None:
+        nonlocal interrupted
+        interrupted = True
         job.ask_stop()
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
@@ -169,14 +173,14 @@ def _follow(job: Capture, rig: Rig, options: dict[str, Any]) -> int:
             signal.signal(number, handler)
     manifest, path = job.store.manifest, job.store.path
     job.store.close()
-    return _summarise(manifest, path, on_terminal=on_terminal)
+    return _summarise(manifest, path, options, interrupted=interrupted)
 
 
 def _on_terminal(options: dict[str, Any]) -> bool:
     return sys.stdout.isatty() and not options["as_json"]
 
 
-def _summarise(manifest: SessionManifest, path: Path, *, on_terminal: bool) -> int:
+def _summarise(manifest: SessionManifest, path: Path, options: dict[str, Any], *, interrupted: bool = False) -> int:
     """Say what is there and what is missing; returns the exit code."""
     complete = manifest.status == "complete"
     summary = {
@@ -189,14 +193,28 @@ def _summarise(manifest: SessionManifest, path: Path, *, on_terminal: bool) -> i
         "warnings": [w.message for w in manifest.warnings],
         "drift_frac": manifest.drift_frac,
     }
-    if on_terminal:
+    if _on_terminal(options):
         click.echo(f"{len(manifest.frames)} frames in {path}")
         if not complete:
-            click.echo("missing: " + "; ".join(manifest.missing))
-            click.echo(f"complete it: daylit capture --resume {path}")
+            for missing in manifest.missing:
+                click.echo(f"missing: {missing}")
+            click.echo(f"complete it: {_resume_command(path, options)}")
     else:
         click.echo(json.dumps(summary))
-    return 0 if complete else 4
+    return 0 if complete else 130 if interrupted else 4
+
+
+def _resume_command(path: Path, options: dict[str, Any]) -> str:
+    """Return the command that completes the session on the same instruments."""
+    words = ["daylit", "capture", "--resume", str(path)]
+    for option, name in (("--rig", "rig_path"), ("--simulate", "simulate"), ("--only", "only")):
+        if options[name]:
+            words += [option, str(options[name])]
+    if options["simulate"]:
+        words += ["--size", options["size"]]
+    if options["no_meter"] or options["readings"]:
+        words.append("--no-meter")
+    return shlex.join(words)
 
 
 def _changes(options: dict[str, Any]) -> dict[str, Any]:
