@@ -352,7 +352,8 @@ class Conductor:
 
     def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
         again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked)
-        text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else "missing")
+        kept = "what was saved of it before stays" if self._store.manifest.frame(side, stop) else "missing"
+        text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else kept)
         yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
         if again:
             self._retakes[side, stop] += 1
