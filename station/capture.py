@@ -11,6 +11,7 @@ Everything that counts is durable before it is told: a capture that ends at any 
 
 from __future__ import annotations
 
+import hashlib
 import math
 import queue
 import threading
@@ -35,6 +36,7 @@ from station.preflight import Findings, Level, check_rig, require
 from station.readings import ReadingTaker, When, drift_frac
 from station.rig import Rig
 from station.session import (
+    MAX_ROOM_CHARACTERS,
     BracketRecord,
     DeviceRecord,
     MeterTarget,
@@ -47,7 +49,6 @@ from station.session import (
 from station.store import SessionStore
 from station.timing import typical_cost
 
-MAX_ROOM_CHARACTERS = 200
 SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
 """Keys of a camera's table that the frames of one bracket must share."""
 
@@ -85,7 +86,6 @@ class Capture:
         self._plan = plan
         self._readings = readings
         self._request = request
-        self._resumed = resumed is not None
         self._store = resumed
         self._conductor: Conductor | None = None
         self._stop_asked = False
@@ -196,12 +196,18 @@ class Capture:
                 self._store.add_warning(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
 
     def _withdraw_damaged(self, store: SessionStore) -> Iterator[CaptureEvent]:
-        """Frames whose file is gone or of another size since they were saved are taken anew."""
-        damaged = {text.partition(" ")[0]: text for text in store.recovery.damaged}
+        """Frames whose file is gone or changed since they were saved are taken anew; the file is kept aside."""
         for frame in store.manifest.frames:
-            if frame.file in damaged:
-                store.withdraw_frame(frame.side, frame.stop, frame.format, damaged[frame.file])
-                yield self._warn("damaged", f"{damaged[frame.file]}: taken anew")
+            path = store.path / frame.file
+            try:
+                with path.open("rb") as file:
+                    changed = hashlib.file_digest(file, "sha256").hexdigest() != frame.sha256
+            except OSError:
+                changed = True
+            if changed:
+                reason = "changed or missing since it was saved"
+                store.withdraw_frame(frame.side, frame.stop, frame.format, reason)
+                yield self._warn("damaged", f"{frame.file}: {reason}; taken anew")
 
     def _bytes_needed(self) -> int:
         tables = (t for s, t in self._rig.file.cameras().items() if s in self._plan.sides)

@@ -25,6 +25,7 @@ from station.frame_rules import printable, rejection
 from station.import_plan import Candidate, Refusal, join_stops, plan_side, refusal, stop_of
 from station.readings import drift_frac
 from station.session import (
+    MAX_ROOM_CHARACTERS,
     BracketRecord,
     DeviceRecord,
     FrameRecord,
@@ -146,6 +147,8 @@ def _nothing_error(found: _Sorted) -> IncompleteBracketError:
 def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
     if not request.folders:
         raise UsageError("nothing to import", where="import", advice="give --indoor FOLDER")
+    if len(request.room) > MAX_ROOM_CHARACTERS:
+        raise UsageError("the room's name is too long", where="import", advice="its folder takes 60 characters")
     frames: dict[Side, Sequence[Candidate]] = {}
     refused: list[Refusal] = []
     ignored: list[str] = []

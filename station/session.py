@@ -17,6 +17,8 @@ SCHEMA_VERSION = 1
 MANIFEST_NAME = "session.json"
 JOURNAL_NAME = "journal.jsonl"
 
+MAX_ROOM_CHARACTERS = 200
+"""Of a room's name; its folder takes 60 of them."""
 SafeText = Annotated[str, StringConstraints(max_length=500)]
 FramePath = Annotated[
     str,

@@ -39,6 +39,12 @@ def test_conform_without_the_instrument_has_not_passed(tmp_path: Path, capsys: p
     assert "no meter" in capsys.readouterr().out
 
 
+def test_a_room_with_a_name_beyond_all_bounds_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["import", "x" * 600, "--indoor", str(tmp_path), "--into", str(tmp_path / "s"), "--json"]
+    assert daylit.main(arguments) == 2
+    assert "too long" in capsys.readouterr().out
+
+
 def test_raw_files_are_in_the_estimate() -> None:
     for table in (PAPER_INDOOR, PAPER_OUTDOOR):
         plain, raw = typical_cost(table.kind), typical_cost(table.kind, keep_raw=True)
