@@ -57,6 +57,8 @@ class KonicaMinoltaMeter:
         self._dialogue: Dialogue | None = None
         self._last_text = ""
         self._equals = 0
+        self._wanted = False
+        """Between `connect` and `close`: only then may a lost line be opened anew, by whichever thread measures."""
 
     def connect(self) -> MeterIdentity:
         """Open the line and go through the dialect's greeting.
@@ -70,6 +72,8 @@ class KonicaMinoltaMeter:
         DeviceError
             The line does not open, or is lost.
         """
+        self.close()
+        self._wanted = True
         return self._connect(Deadline.after(self._clock, CONNECT_LIMIT_S))
 
     def measure(self, *, n_samples: int = 1, timeout_s: float = 15.0) -> MeterReading:
@@ -100,7 +104,11 @@ class KonicaMinoltaMeter:
         return self._judge(samples, answer)
 
     def close(self) -> None:
-        """Say goodbye and give the line back; never raises."""
+        """Say goodbye and give the line back; never raises. A measurement that runs in another thread ends."""
+        self._wanted = False
+        self._drop()
+
+    def _drop(self) -> None:
         dialogue, self._dialogue = self._dialogue, None
         self._equals = 0
         if dialogue is None:
@@ -110,16 +118,16 @@ class KonicaMinoltaMeter:
         dialogue.line.close()
 
     def _connect(self, deadline: Deadline) -> MeterIdentity:
-        self.close()
+        self._drop()
         line = self._open_line()
         self._dialogue = Dialogue(line, self._dialect, self._clock)
         try:
             answer = self._dialogue.greet(deadline)
         except DeviceError:
-            self.close()
+            self._drop()
             raise
         if not answer.ok:
-            self.close()
+            self._drop()
             raise self._refusal(answer, line.name)
         found = dict(answer.groups)
         return MeterIdentity(
@@ -154,7 +162,7 @@ class KonicaMinoltaMeter:
         try:
             answer = self._connected(deadline).sample(deadline)
         except DeviceLostError as lost:
-            self.close()
+            self._drop()
             answer = self._sample_anew(deadline, lost)
         if answer.ok:
             self._equals = self._equals + 1 if answer.value_text == self._last_text else 1
@@ -166,14 +174,19 @@ class KonicaMinoltaMeter:
         try:
             return self._connected(deadline).sample(deadline)
         except DeviceError as error:
-            self.close()
+            self._drop()
             raise lost from error
 
     def _connected(self, deadline: Deadline) -> Dialogue:
+        if not self._wanted:
+            raise DeviceLostError("the meter is closed", where=self._dialect.title, advice="connect it first")
         if self._dialogue is None:
             self._connect(deadline)
-        assert self._dialogue is not None
-        return self._dialogue
+        dialogue = self._dialogue
+        if dialogue is None or not self._wanted:  # closed by another thread meanwhile
+            self._drop()
+            raise DeviceLostError("the meter was closed", where=self._dialect.title)
+        return dialogue
 
     def _is_suspect(self, last: Answer) -> bool:
         return SUSPECT_EQUALS <= self._equals < FROZEN_EQUALS and _resolution_frac(last.value_text) < FROZEN_RESOLUTION

@@ -84,7 +84,7 @@ def open_world(name: str, *, drift: LightDrift | None = None) -> World:
     try:
         if kind == "room":
             return SimpleRoom(seed=int(value or 0), drift=light)
-        if kind == "uniform":
+        if kind == "uniform" and 0 < float(value or 100.0) < 1e9:
             return UniformWorld(float(value or 100.0), drift=light)
     except ValueError as error:
         raise _unknown(name) from error

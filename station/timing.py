@@ -29,13 +29,13 @@ class CameraCost:
 
 
 TYPICAL_COST = {
-    "theta_z1": CameraCost(overhead_s=0.45, frame_bytes=8_500_000, rate_bytes_s=25e6),
-    "canon_5d2": CameraCost(overhead_s=0.30, frame_bytes=6_500_000, rate_bytes_s=18e6),
+    "theta_z1": CameraCost(overhead_s=1.15, frame_bytes=8_500_000, rate_bytes_s=25e6),
+    "canon_5d2": CameraCost(overhead_s=0.80, frame_bytes=6_500_000, rate_bytes_s=18e6),
 }
 """With a JPEG only. For the dry run; assumed until measured on the instruments (no figures are published)."""
 RAW_BYTES = {"theta_z1": 45_000_000, "canon_5d2": 26_000_000}
 """Of one DNG or CR2 (the 5D Mark II's: about 25.8 MB, Canon's manual)."""
-TYPICAL_READING_S = 2.5
+TYPICAL_READING_S = 5.0
 
 
 def typical_cost(kind: str, *, keep_raw: bool = False) -> CameraCost:
