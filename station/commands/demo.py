@@ -34,17 +34,17 @@ def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
       daylit demo --size quarter --world room:7
     """
     from station.capture import Capture, CaptureRequest
-    from station.commands.views import JsonView, TerminalView
+    from station.commands.views import JsonView, PlainView, TerminalView
     from station.rig import open_named_rig
     from station.verify import verify_session
 
-    quiet = as_json or not sys.stdout.isatty()
     if not as_json:
         click.echo(f"rendering what the cameras will see ({world}, {size} size; kept for next time) ...", err=True)
     rig = open_named_rig(None, world, size=size)
     try:
         job = Capture.new(rig, CaptureRequest(room="demo", into=into))
-        view = JsonView() if quiet else TerminalView(tuple(map(str, rig.cameras)), job.n_stops)
+        on_terminal = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if sys.stdout.isatty() else PlainView()
+        view = JsonView() if as_json else on_terminal
         with view:
             for event in job.events():
                 view.show(event)

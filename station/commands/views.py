@@ -42,6 +42,15 @@ class JsonView:
         return None
 
 
+class PlainView(JsonView):
+    """Writes a line for each event that people want to read, without bars: for logs."""
+
+    def show(self, event: CaptureEvent) -> None:
+        """Write the line."""
+        if event.kind not in (EventKind.PROGRESS, *_SILENT):
+            click.echo(printable(_line(event)))
+
+
 _STYLE = {
     EventKind.WARNING: "yellow",
     EventKind.REJECTED: "yellow",
