@@ -232,7 +232,8 @@ class FaultyCapture:
         if not report.intact:
             wrong.append(f"verify: {report.problems}")
         for file, digest in self.outcome.acknowledged.items():
-            if not (path / file).exists() or _digest(path / file) != digest:
+            in_place = (path / file).exists() and _digest(path / file) == digest
+            if not in_place and not _black_and_replaced(file, digest, path, manifest):
                 wrong.append(f"acknowledged frame lost: {file}")
         wrong += [text for frame in manifest.frames if (text := self._wrong_with(frame, path, manifest))]
 
@@ -248,12 +249,26 @@ class FaultyCapture:
         return ""
 
 
+def _black_and_replaced(file: str, digest: str, path: Path, manifest: SessionManifest) -> bool:
+    """Whether a frame was black and made room for a better one of its stop: its bytes are kept, and it is listed."""
+    for record in manifest.rejected:
+        if record.file is None or _digest(path / record.file) != digest:
+            continue
+        better = manifest.frame(record.side, record.stop)
+        return better is not None and file.startswith(record.side) and _is_black(path / record.file)
+    return False
+
+
 def _black_and_named(path: Path, manifest: SessionManifest) -> bool:
     """Whether a black frame, which could be right while nothing brighter was known, is named in the end."""
-    with Image.open(path) as picture:
-        is_black = max(high for _, high in picture.getextrema()) == 0
     side = path.parent.name
-    return is_black and any(w.code == "brightness_order" and w.message.startswith(side) for w in manifest.warnings)
+    named = any(w.code == "brightness_order" and w.message.startswith(side) for w in manifest.warnings)
+    return named and _is_black(path)
+
+
+def _is_black(path: Path) -> bool:
+    with Image.open(path) as picture:
+        return max(high for _, high in picture.getextrema()) == 0
 
 
 def _digest(path: Path) -> str:
