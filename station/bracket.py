@@ -101,10 +101,3 @@ def parse_shutter(text: str) -> float:
     if not 1e-6 < value < 3600:
         raise UsageError(f"{text!r} is not an exposure time", advice="write 4, 0.25 or 1/60 (seconds)")
     return value
-
-
-def shutter_label(shutter_s: float) -> str:
-    """Return the time as photographers write it: ``4 s``, ``1/60 s``."""
-    if shutter_s >= 0.3:
-        return f"{shutter_s:g} s"
-    return f"1/{round(1 / shutter_s)} s"

@@ -14,7 +14,7 @@ from drivers.errors import (
     DevicePermissionError,
     StoreFullError,
 )
-from station.bracket import BracketPlan, shutter_label, useless_because
+from station.bracket import BracketPlan, useless_because
 from station.camera_worker import EXPOSURE_GRACE_S, CameraWorker
 from station.events import CaptureEvent, EventKind
 from station.notices import (
@@ -34,7 +34,7 @@ from station.notices import (
     SetUp,
     StandDown,
 )
-from station.session import FrameStatistics, Side, SkippedStop, WarningRecord
+from station.session import FrameStatistics, Side, SkippedStop, WarningRecord, shutter_label
 from station.store import SessionStore
 
 SET_UP_LIMIT_S = 45.0

@@ -15,8 +15,9 @@ from drivers.camera import Camera, CameraSettings, ExposureProgress, FrameFormat
 from drivers.clock import Clock, Deadline
 from drivers.errors import DeviceBusyError, DeviceError, SettingRefusedError, UnsupportedError
 from drivers.meter import Meter, ReadingStatus
-from station.bracket import PAPER_STOPS_S, shutter_label
+from station.bracket import PAPER_STOPS_S
 from station.camera_worker import EXPOSURE_GRACE_S
+from station.session import shutter_label
 
 PICTURE_STOPS_S = (1 / 4, 1 / 60, 1 / 1000)
 POLL_LIMIT_S = 1.0

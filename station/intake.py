@@ -12,13 +12,12 @@ from collections.abc import Callable
 from typing import Literal
 
 from drivers.camera import FrameFormat
-from station.bracket import shutter_label
 from station.errors import FrameRejectedError
 from station.frame_check import FrameChecker
 from station.frame_facts import ExpectedFrame, FrameFacts
 from station.notices import Fatal, Notice, Rejected, Safe, Saved, Shot
 from station.rig_file import CameraTable
-from station.session import FrameRecord, RejectedFrame, Side
+from station.session import FrameRecord, RejectedFrame, Side, shutter_label
 from station.store import FramePart, SessionStore, StoredFrame
 
 IDLE_LIMIT_S = 120.0

@@ -238,7 +238,8 @@ class SessionManifest(Model):
     def assess(self) -> SessionManifest:
         """Return the manifest with ``status`` and ``missing`` as its contents say."""
         missing = [
-            f"{side}: {'raw file of ' if self.frame(side, stop) else ''}stop {stop} ({self.bracket.stops_s[stop]:g} s)"
+            f"{side}: {'raw file of ' if self.frame(side, stop) else ''}stop {stop} "
+            f"({shutter_label(self.bracket.stops_s[stop])})"
             for side in self.bracket.sides
             for stop in self.missing_stops(side)
         ]
@@ -255,3 +256,10 @@ def folder_name(created_utc: datetime, room: str) -> str:
     kept = "".join(c if c.isascii() and c.isalnum() else "-" for c in room.lower())
     slug = "-".join(part for part in kept.split("-") if part)[:60] or "room"
     return f"{created_utc:%Y-%m-%dT%H%MZ}_{slug}"
+
+
+def shutter_label(shutter_s: float) -> str:
+    """Return the time as photographers write it: ``4 s``, ``1/60 s``."""
+    if shutter_s >= 0.3:
+        return f"{shutter_s:g} s"
+    return f"1/{round(1 / shutter_s)} s"

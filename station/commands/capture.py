@@ -258,7 +258,8 @@ def _open_rig(options: dict[str, Any]) -> Rig:
 
 
 def _dry_run(options: dict[str, Any]) -> int:
-    from station.bracket import parse_shutter, plan_bracket, shutter_label
+    from station.bracket import parse_shutter, plan_bracket
+    from station.session import shutter_label
     from station.timing import TYPICAL_READING_S, estimate_bracket, typical_cost
 
     file = _rig_file(options)

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from station.bracket import PAPER_STOPS_S, parse_shutter, plan_bracket, shutter_label, useless_because
+from station.bracket import PAPER_STOPS_S, parse_shutter, plan_bracket, useless_because
 from station.errors import UsageError
-from station.session import FrameStatistics, Side
+from station.session import FrameStatistics, Side, shutter_label
 from station.timing import CameraCost, estimate_bracket
 
 BOTH = (Side.INDOOR, Side.OUTDOOR)

@@ -211,7 +211,7 @@ def test_an_endlessly_failing_stop_is_named_and_the_rest_goes_on(tmp_path: Path)
     failures = {("release", n): DeviceTimeoutError("silent") for n in (2, 3, 4)}
     manifest, _, events = run(make_rig(FakeCamera(SystemClock(), failures=failures)), tmp_path)
     assert len(manifest.frames) == len(STOPS_S) - 1
-    assert manifest.missing == ("indoor: stop 2 (0.0166667 s)",)
+    assert manifest.missing == ("indoor: stop 2 (1/60 s)",)
     assert EventKind.RECOVERING in kinds(events)
 
 
@@ -238,7 +238,7 @@ def test_a_bad_frame_is_retaken_once(tmp_path: Path, change: Callable[[bytes], b
 def test_a_frame_that_stays_bad_is_named(tmp_path: Path) -> None:
     camera = FakeCamera(SystemClock(), spoil=lambda shot, s, data: data[:100] if abs(s - 1 / 60) < 1e-6 else data)
     manifest, _, _ = run(make_rig(camera), tmp_path)
-    assert manifest.missing == ("indoor: stop 2 (0.0166667 s)",)
+    assert manifest.missing == ("indoor: stop 2 (1/60 s)",)
     assert len(manifest.rejected) == 2
 
 

@@ -253,7 +253,7 @@ def test_a_file_that_changes_under_the_import_does_not_count(tmp_path, room):
         request = ImportRequest(room="A room", into=tmp_path / "sessions", folders={Side.INDOOR: room})
         report = import_session(request, checker=checker)
     assert [r.name for r in report.refused] == ["IMG_4.JPG"]
-    assert report.manifest.missing == ("indoor: stop 2 (0.25 s)",)
+    assert report.manifest.missing == ("indoor: stop 2 (1/4 s)",)
     assert not verify_session(report.session).problems
 
 

@@ -136,7 +136,7 @@ def test_finish_says_what_is_missing(tmp_path: Path) -> None:
         put(store, 0, b"a")
         final = store.finish()
     assert final.status is SessionStatus.PARTIAL
-    assert final.missing == ("indoor: stop 1 (0.25 s)", "indoor: stop 2 (0.0166667 s)")
+    assert final.missing == ("indoor: stop 1 (1/4 s)", "indoor: stop 2 (1/60 s)")
     assert load_manifest(store.path) == final
 
 
