@@ -57,8 +57,9 @@ class KonicaMinoltaMeter:
         self._dialogue: Dialogue | None = None
         self._last_text = ""
         self._equals = 0
-        self._wanted = False
-        """Between `connect` and `close`: only then may a lost line be opened anew, by whichever thread measures."""
+        self._closings = self._closings_before = 0
+        """How often it was closed, now and when the measurement began: a line that was closed meanwhile, by another
+        thread, is not opened anew."""
 
     def connect(self) -> MeterIdentity:
         """Open the line and go through the dialect's greeting.
@@ -72,8 +73,6 @@ class KonicaMinoltaMeter:
         DeviceError
             The line does not open, or is lost.
         """
-        self.close()
-        self._wanted = True
         return self._connect(Deadline.after(self._clock, CONNECT_LIMIT_S))
 
     def measure(self, *, n_samples: int = 1, timeout_s: float = 15.0) -> MeterReading:
@@ -89,6 +88,7 @@ class KonicaMinoltaMeter:
         if n_samples < 1:
             raise ValueError(f"n_samples is {n_samples}, at least 1 is needed")
         deadline = Deadline.after(self._clock, timeout_s)
+        self._closings_before = self._closings
         samples: list[float] = []
         answer = Answer(ReadingStatus.NO_ANSWER)
         while len(samples) < n_samples or self._is_suspect(answer):
@@ -105,7 +105,7 @@ class KonicaMinoltaMeter:
 
     def close(self) -> None:
         """Say goodbye and give the line back; never raises. A measurement that runs in another thread ends."""
-        self._wanted = False
+        self._closings += 1
         self._drop()
 
     def _drop(self) -> None:
@@ -178,14 +178,12 @@ class KonicaMinoltaMeter:
             raise lost from error
 
     def _connected(self, deadline: Deadline) -> Dialogue:
-        if not self._wanted:
-            raise DeviceLostError("the meter is closed", where=self._dialect.title, advice="connect it first")
-        if self._dialogue is None:
+        if self._dialogue is None and self._closings == self._closings_before:
             self._connect(deadline)
         dialogue = self._dialogue
-        if dialogue is None or not self._wanted:  # closed by another thread meanwhile
+        if dialogue is None or self._closings != self._closings_before:
             self._drop()
-            raise DeviceLostError("the meter was closed", where=self._dialect.title)
+            raise DeviceLostError("the meter was closed meanwhile", where=self._dialect.title)
         return dialogue
 
     def _is_suspect(self, last: Answer) -> bool:

@@ -340,3 +340,24 @@ def test_unplugged_pseudo_terminal_is_lost() -> None:
     finally:
         meter.close()
         port.close()
+
+
+def test_a_measurement_whose_meter_is_closed_by_another_thread_opens_nothing() -> None:
+    clock = VirtualClock()
+    opened = []
+
+    def open_line() -> MemoryLine:
+        opened.append(1)
+        return MemoryLine(SimulatedMeter(look, language="ls100"), clock)
+
+    def look(_t_s: float) -> float:
+        if len(opened) == 1:
+            meter.close()  # as the station does when a capture is given up
+        return 34.63
+
+    meter = KonicaMinoltaMeter(open_line, load_dialect("ls100"), clock)
+    meter.connect()
+    with pytest.raises(DeviceLostError, match="closed"):
+        meter.measure(n_samples=3)
+    assert len(opened) == 1
+    assert meter.measure().luminance_cd_m2 is not None, "asked again, it is opened again"
