@@ -1,0 +1,1 @@
+"""Procedural rooms whose geometry, materials and light are known: the measuring stick of everything after it."""
