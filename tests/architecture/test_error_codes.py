@@ -20,6 +20,7 @@ def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
         "drivers.meter_dialect",
         "mocks.light",
         "mocks.picture_cache",
+        "mocks.rooms.engine",
     ):
         importlib.import_module(module)
     found = {base}
