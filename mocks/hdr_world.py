@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocks.light import BrightDisc, Floats, LightDrift, Site, WorldFileError
+from mocks.light import BrightDisc, Floats, LightDrift, OneLight, Site, WorldFileError
 from mocks.textures import MipTexture
 
 MAX_PIXELS = 16384 * 8192
@@ -21,7 +21,7 @@ _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
 @dataclass(frozen=True)
-class HdrWorld:
+class HdrWorld(OneLight):
     """Radiance from two equirectangular HDR pictures (.hdr or .exr), twice as wide as high.
 
     The centre column looks along y (ahead), the first row up. ``scale`` turns the indoor picture's values into
@@ -40,7 +40,7 @@ class HdrWorld:
         digests = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (self.indoor, self.outdoor)]
         return f"HdrWorld {digests} {self.scale!r} {self.outdoor_scale!r}"
 
-    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0) -> Floats:
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
         """Return the picture's radiance, bilinear, averaged over ``pixel_rad`` where that is coarser."""
         texture = self._texture(site)
         height, width = texture.shape
@@ -58,10 +58,6 @@ class HdrWorld:
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 everywhere: there is no disc to hide."""
         return np.ones(directions.shape[:-1], dtype=np.float32)
-
-    def light_factor(self, t_s: float) -> float:
-        """Return the drift."""
-        return self.drift.factor(t_s)
 
     def _texture(self, site: Site) -> MipTexture:
         path, scale = (self.indoor, self.scale) if site is Site.INDOOR else (self.outdoor, self.outdoor_scale)

@@ -39,11 +39,15 @@ class Site(StrEnum):
 
 @dataclass(frozen=True)
 class BrightDisc:
-    """The sun, or anything like it: a uniform disc too small and too bright to be hit by point samples."""
+    """The sun, or anything like it: a uniform disc too small and too bright to be hit by point samples.
+
+    ``component`` is the one of the world's components that it varies with.
+    """
 
     direction: Vector
     radius_rad: float
     radiance_rgb: Vector
+    component: int = 0
 
     @property
     def solid_angle_sr(self) -> float:
@@ -60,17 +64,31 @@ class BrightDisc:
 
 
 class World(Protocol):
-    """What the instruments look at."""
+    """What the instruments look at.
+
+    The light is a sum of components, each with a brightness of its own over time: a cloud dims the sun and not the
+    sky. A world whose light keeps its proportions has one component, and its pictures cost one image.
+    """
 
     @property
     def key(self) -> str:
         """Text that is equal for worlds of equal light and differs otherwise (pictures are cached by it)."""
         ...
 
-    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0) -> Floats:
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Name the parts of the light that vary apart from one another, such as sky, sun and lamps."""
+        ...
+
+    def weights(self, t_s: float) -> tuple[float, ...]:
+        """Return how bright each component is at ``t_s``, relative to time 0."""
+        ...
+
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
         """Return radiance at time 0 from each direction, without the bright discs.
 
-        ``pixel_rad`` is the angle that one sample stands for; textures are averaged over it.
+        ``pixel_rad`` is the angle that one sample stands for; textures are averaged over it. ``component`` asks for
+        one component's share; None for all of it.
         """
         ...
 
@@ -82,9 +100,11 @@ class World(Protocol):
         """Return the transmittance (0..1) of the way from the site to the sky."""
         ...
 
-    def light_factor(self, t_s: float) -> float:
-        """Return how bright everything is at ``t_s`` relative to time 0."""
-        ...
+
+def mean_weights(world: World, start_s: float, duration_s: float) -> tuple[float, ...]:
+    """Return the weights of the world's components averaged over an exposure (five instants of it)."""
+    instants = [world.weights(start_s + duration_s * (i + 0.5) / 5) for i in range(5)]
+    return tuple(math.fsum(parts) / 5 for parts in zip(*instants, strict=True))
 
 
 @dataclass(frozen=True)
@@ -113,6 +133,21 @@ class LightDrift:
         return 1.0 + self.amplitude * sum(parts)
 
 
+class OneLight:
+    """Part of a world whose light keeps its proportions: a single component that drifts."""
+
+    drift: LightDrift
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Return the only component."""
+        return ("light",)
+
+    def weights(self, t_s: float) -> tuple[float, ...]:
+        """Return the drift."""
+        return (self.drift.factor(t_s),)
+
+
 def luminance_cd_m2(radiance: Floats) -> Floats:
     """Return the luminance of RGB radiance (last axis 3)."""
     return np.asarray(radiance @ LUMINANCE_WEIGHTS, dtype=np.float32)
@@ -132,7 +167,7 @@ def direction_of(azimuth_rad: float, elevation_rad: float) -> Vector:
 
 
 @dataclass(frozen=True)
-class UniformWorld:
+class UniformWorld(OneLight):
     """The same light from everywhere, as inside an integrating sphere: the ruler for exposure and response."""
 
     luminance_cd_m2: float = 100.0
@@ -144,7 +179,7 @@ class UniformWorld:
         """Return the parameters as text."""
         return repr(self)
 
-    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0) -> Floats:
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
         """Return the same radiance for every direction; its luminance is as stated, whatever the tint."""
         tint = np.array(self.tint_rgb, dtype=np.float32)
         colour = tint * (self.luminance_cd_m2 / luminance_cd_m2(tint))
@@ -157,7 +192,3 @@ class UniformWorld:
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 everywhere."""
         return np.ones(directions.shape[:-1], dtype=np.float32)
-
-    def light_factor(self, t_s: float) -> float:
-        """Return the drift."""
-        return self.drift.factor(t_s)

@@ -101,27 +101,50 @@ CANON_5D2 = CameraOptics(
 )
 
 
-def image_rows(world: World, optics: CameraOptics, size: Size, rows: range) -> Floats:
-    """Return rows of the image (len(rows), width, 3) at light factor 1, without glare."""
+@dataclass(frozen=True)
+class _Scene:
+    """What is looked at, through what, at what size; and which component of the light."""
+
+    world: World
+    optics: CameraOptics
+    size: Size
+    component: int | None
+
+    def radiance(self, x: Floats, y: Floats, pixel_rad: float) -> Floats:
+        """Return the radiance at picture points, 0 outside the field."""
+        directions, seen = self.optics.lens.directions(x, y, self.size)
+        if seen.all():
+            return self.world.radiance(self.optics.site, directions, pixel_rad, self.component)
+        out = np.zeros(directions.shape, dtype=np.float32)
+        if seen.any():
+            out[seen] = self.world.radiance(self.optics.site, directions[seen], pixel_rad, self.component)
+        return out
+
+
+def image_rows(world: World, optics: CameraOptics, size: Size, rows: range, component: int | None = None) -> Floats:
+    """Return rows of the image (len(rows), width, 3) at time 0, of one component or of all, without glare."""
     x, y = _centres(size, rows)
-    light = scene_rows(world, optics, size, rows)
+    light = scene_rows(world, optics, size, rows, component)
     filtered = optics.filter.apply(light)
     filtered *= optics.lens.falloff(x, y, size)[..., None]
     return filtered
 
 
-def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range) -> Floats:
+def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range, component: int | None = None) -> Floats:
     """Return rows of pure scene radiance as the pixels average it, bright discs with their exact energy."""
+    scene = _Scene(world, optics, size, component)
     above, below = max(rows.start - 1, 0), min(rows.stop + 1, size[1])
-    coarse = _grid_sampled(world, optics, size, range(above, below))
+    coarse = _grid_sampled(scene, range(above, below))
     edges = _edges(coarse)
     first = rows.start - above
     light = np.ascontiguousarray(coarse[first : first + len(rows)])
-    _refine(light, edges[first : first + len(rows)], (world, optics, size), rows.start)
+    _refine(light, edges[first : first + len(rows)], scene, rows.start)
     for disc in world.discs(optics.site):
+        if component not in (None, disc.component):
+            continue
         near = optics.lens.rows_near(disc.direction, _disc_reach_rad(optics, disc, size), size)
         if near.start < rows.stop and rows.start < near.stop:
-            _add_disc(light, rows, disc, (world, optics, size))
+            _add_disc(light, rows, disc, scene)
     return light
 
 
@@ -136,29 +159,16 @@ def _centres(size: Size, rows: range) -> tuple[Floats, Floats]:
     return x, y
 
 
-def _grid_sampled(world: World, optics: CameraOptics, size: Size, rows: range) -> Floats:
-    count = optics.samples_per_side(size)
-    x, y = _centres(size, rows)
-    total = np.zeros((len(rows), size[0], 3), dtype=np.float32)
-    pixel_rad = optics.lens.pixel_rad(size) / count
+def _grid_sampled(scene: _Scene, rows: range) -> Floats:
+    count = scene.optics.samples_per_side(scene.size)
+    x, y = _centres(scene.size, rows)
+    total = np.zeros((len(rows), scene.size[0], 3), dtype=np.float32)
+    pixel_rad = scene.optics.lens.pixel_rad(scene.size) / count
     for row_step in range(count):
         for column_step in range(count):
             dx, dy = (column_step + 0.5) / count - 0.5, (row_step + 0.5) / count - 0.5
-            directions, seen = optics.lens.directions(x + dx, y + dy, size)
-            total += _seen_radiance(world, optics, directions, (seen, pixel_rad))
+            total += scene.radiance(x + dx, y + dy, pixel_rad)
     return total / np.float32(count * count)
-
-
-def _seen_radiance(
-    world: World, optics: CameraOptics, directions: Floats, where: tuple[npt.NDArray[np.bool_], float]
-) -> Floats:
-    seen, pixel_rad = where
-    if seen.all():
-        return world.radiance(optics.site, directions, pixel_rad)
-    out = np.zeros(directions.shape, dtype=np.float32)
-    if seen.any():
-        out[seen] = world.radiance(optics.site, directions[seen], pixel_rad)
-    return out
 
 
 def _edges(light: Floats) -> npt.NDArray[np.bool_]:
@@ -175,32 +185,25 @@ def _edges(light: Floats) -> npt.NDArray[np.bool_]:
     return edges
 
 
-def _refine(
-    light: Floats,
-    edges: npt.NDArray[np.bool_],
-    scene: tuple[World, CameraOptics, Size],
-    first_row: int,
-) -> None:
+def _refine(light: Floats, edges: npt.NDArray[np.bool_], scene: _Scene, first_row: int) -> None:
     """Sample the pixels on edges again, on a fine grid."""
-    world, optics, size = scene
     row, column = np.nonzero(edges)
     if row.size == 0:
         return
     x = column.astype(np.float32) + np.float32(0.5)
     y = (row + first_row).astype(np.float32) + np.float32(0.5)
     total = np.zeros((row.size, 3), dtype=np.float32)
-    pixel_rad = optics.lens.pixel_rad(size) / _EDGE_GRID
+    pixel_rad = scene.optics.lens.pixel_rad(scene.size) / _EDGE_GRID
     for step in range(_EDGE_GRID * _EDGE_GRID):
         dx = (step % _EDGE_GRID + 0.5) / _EDGE_GRID - 0.5
         dy = (step // _EDGE_GRID + 0.5) / _EDGE_GRID - 0.5
-        directions, seen = optics.lens.directions(x + dx, y + dy, size)
-        total += _seen_radiance(world, optics, directions, (seen, pixel_rad))
+        total += scene.radiance(x + dx, y + dy, pixel_rad)
     light[row, column] = total / np.float32(_EDGE_GRID**2)
 
 
-def _add_disc(light: Floats, rows: range, disc: BrightDisc, scene: tuple[World, CameraOptics, Size]) -> None:
+def _add_disc(light: Floats, rows: range, disc: BrightDisc, scene: _Scene) -> None:
     """Add a bright disc: coverage by subsamples, then scaled so that the pixels hold exactly its solid angle."""
-    world, optics, size = scene
+    world, optics, size = scene.world, scene.optics, scene.size
     x, y = _disc_pixels(optics, disc, size)
     if x.size == 0:
         return

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from mocks.lenses import EquirectangularLens, EquisolidFisheye, Size
-from mocks.light import World
+from mocks.light import World, mean_weights
 from mocks.optics import CameraOptics
 from mocks.picture_cache import PictureCache, content_key
 from mocks.picture_files import RawFrame, cr2_file, dng_file, exif_segment, gpano_segment, is_whole_jpeg, splice
@@ -27,7 +27,7 @@ from mocks.sensor import Exposure
 from mocks.shots import ShotRequest
 
 # Raise when rendering changes, so that old pictures are not served.
-_RENDER_VERSION = 4
+_RENDER_VERSION = 5
 # Below this many pixels a worker process costs more than it saves.
 _POOL_FROM_PX = 3_000_000
 _RAW_WIDTH_PX = 702
@@ -39,10 +39,10 @@ _Map: TypeAlias = Callable[..., Iterable[Any]]
 
 @dataclass(frozen=True)
 class _Shot:
-    """One picture that is wanted: its exposure, and the light at its time."""
+    """One picture that is wanted: its exposure, and how bright each component of the light is meanwhile."""
 
     exposure: Exposure
-    light: float
+    weights: tuple[float, ...]
 
 
 class RenderedShots:
@@ -94,7 +94,8 @@ class RenderedShots:
         """Render what is not in the cache yet; return how many pictures were rendered.
 
         ``settings`` are the camera's other settings (its ``shutter_s`` is not used; by default the paper's);
-        ``times_s`` are the world times of the stops, if the light drifts; ``raw`` prepares raw frames too.
+        ``times_s`` are the world times at which the stops begin (0 by default), if the light varies; ``raw``
+        prepares raw frames too.
         """
         usual = settings or self.optics.usual_settings
         if times_s is not None:
@@ -144,7 +145,9 @@ class RenderedShots:
         return self._shot(Exposure(shutter_s, request.iso, request.f_number, request.color_temperature_k))
 
     def _shot(self, exposure: Exposure) -> _Shot:
-        return _Shot(exposure, self.world.light_factor(self._times_s.get(exposure.shutter_s, 0.0)))
+        start_s = self._times_s.get(exposure.shutter_s, 0.0)
+        open_s = self.optics.sensor.true_shutter.seconds(exposure.shutter_s)
+        return _Shot(exposure, mean_weights(self.world, start_s, open_s))
 
     def _image_key(self, size: Size) -> str:
         seen = (self.optics.site, self.optics.lens, self.optics.filter, self.optics.samples_per_side(size))
@@ -181,7 +184,7 @@ class RenderedShots:
 
     def _job(self, shot: _Shot, size: Size, image: Path) -> PictureJob:
         seed = int(self._key(shot, size)[:15], 16)
-        return PictureJob(self.optics, size, image, shot.exposure, shot.light, seed)
+        return PictureJob(self.optics, size, image, shot.exposure, shot.weights, seed)
 
     def _render_image(self, key: str, size: Size, run: _Map) -> None:
         with self.cache.new_file(key, ".image") as path:

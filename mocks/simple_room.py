@@ -9,7 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import BrightDisc, Floats, LightDrift, Site, Vector, luminance_cd_m2, unit
+from mocks.light import BrightDisc, Floats, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
 from mocks.room_light import GLASS_TRANSMITTANCE, LightMaps, bake
 from mocks.room_plan import CAMERA_HEIGHT_M, RoomPlan, plan_room
 from mocks.room_rays import (
@@ -30,7 +30,7 @@ _FRAME_ALBEDO = np.float32(0.8)
 
 
 @dataclass(frozen=True)
-class SimpleRoom:
+class SimpleRoom(OneLight):
     """A furnished room with one window under `SimpleSky`, by analytic ray casting and radiosity.
 
     The window is ahead (y), the door to the left; the sun shines in. ``seed`` varies measures and floor.
@@ -61,9 +61,9 @@ class SimpleRoom:
     def board_luminance_cd_m2(self, t_s: float = 0.0) -> float:
         """Return the luminance of the white board, the same all over it."""
         here = self.radiance(Site.INDOOR, np.array([self.board_direction], dtype=np.float32))
-        return float(luminance_cd_m2(here)[0]) * self.light_factor(t_s)
+        return float(luminance_cd_m2(here)[0]) * self.drift.factor(t_s)
 
-    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0) -> Floats:
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
         """Return radiance at time 0 without the sun's disc; see `mocks.light.World`."""
         if site is Site.OUTDOOR:
             return self.sky.radiance(directions) * np.float32(self.gain)
@@ -90,10 +90,6 @@ class SimpleRoom:
         x, z, _ = through_window(self.plan, hits.point[leaving], flat[leaving])
         out[leaving] = GLASS_TRANSMITTANCE * (pane_distance_m(self.plan, x, z) > 0)
         return out.reshape(directions.shape[:-1])
-
-    def light_factor(self, t_s: float) -> float:
-        """Return the drift."""
-        return self.drift.factor(t_s)
 
     @cached_property
     def _faces(self) -> Faces:

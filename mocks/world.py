@@ -67,11 +67,13 @@ def meter_luminance_cd_m2(
     turn = np.arange(count) * math.pi * (3 - math.sqrt(5))
     offset = (np.cos(turn) * np.sin(radius))[:, None] * side + (np.sin(turn) * np.sin(radius))[:, None] * other
     spot = (np.cos(radius)[:, None] * centre + offset).astype(np.float32)
-    light = world.radiance(site, spot, math.radians(spot_deg) / math.sqrt(count))
+    sample_rad = math.radians(spot_deg) / math.sqrt(count)
+    weights = world.weights(t_s)
+    means = [luminance_cd_m2(world.radiance(site, spot, sample_rad, i)).mean() for i in range(len(weights))]
     for disc in world.discs(site):
-        share = disc.covers(spot) * world.open_sky(site, spot)
-        light = light + share[:, None] * np.array(disc.radiance_rgb, dtype=np.float32)
-    return float(luminance_cd_m2(light).mean()) * world.light_factor(t_s)
+        share = float((disc.covers(spot) * world.open_sky(site, spot)).mean())
+        means[disc.component] += share * luminance_cd_m2(np.array(disc.radiance_rgb, dtype=np.float32))
+    return math.fsum(weight * float(mean) for weight, mean in zip(weights, means, strict=True))
 
 
 def open_world(name: str, *, drift: LightDrift | None = None) -> World:

@@ -24,7 +24,7 @@ STOPS = [4, 1, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000]
 class RampWorld(UniformWorld):
     """Grey, from 0 at azimuth -180 degrees to ``luminance_cd_m2`` at 180."""
 
-    def radiance(self, site, directions, pixel_rad=0.0):
+    def radiance(self, site, directions, pixel_rad=0.0, component=None):
         azimuth = np.arctan2(directions[..., 0], directions[..., 1])
         share = (azimuth / (2 * math.pi) + 0.5) * self.luminance_cd_m2
         return np.repeat(share[..., None], 3, axis=-1).astype(np.float32)
@@ -35,7 +35,7 @@ class DiscWorld(UniformWorld):
 
     disc = BrightDisc(direction_of(0.5, 0.8), math.radians(0.265), (1e9, 1e9, 1e9))
 
-    def radiance(self, site, directions, pixel_rad=0.0):
+    def radiance(self, site, directions, pixel_rad=0.0, component=None):
         return np.zeros(directions.shape, dtype=np.float32)
 
     def discs(self, site):
@@ -54,10 +54,10 @@ def noise_free(optics):
     return replace(optics, sensor=replace(optics.sensor, full_well_e=1e12, read_noise_e=0.0))
 
 
-def picture_of(tmp_path, world, optics, exposure, *, seed=1, light=1.0):
+def picture_of(tmp_path, world, optics, exposure, *, seed=1, weights=(1.0,)):
     """The camera's 8-bit values before JPEG."""
     size = SIZES[optics.name]
-    job = PictureJob(optics, size, write_image(tmp_path, world, optics, size), exposure, light, seed)
+    job = PictureJob(optics, size, write_image(tmp_path, world, optics, size), exposure, weights, seed)
     return np.concatenate([optics.sensor.develop(signal, exposure) for _, signal in signals(job)])
 
 
@@ -247,7 +247,7 @@ def test_edges_are_averaged():
     """A black and white edge through a pixel gives the share of white, not one or the other."""
 
     class Half(UniformWorld):
-        def radiance(self, site, directions, pixel_rad=0.0):
+        def radiance(self, site, directions, pixel_rad=0.0, component=None):
             white = directions[..., 0] > math.sin(0.3 * 2 * math.pi / 64)
             return np.repeat(white[..., None], 3, axis=-1).astype(np.float32) * np.float32(100)
 
@@ -324,13 +324,13 @@ def test_white_balance_turns_the_picture_blue_when_set_too_warm(tmp_path):
     assert blue > red + 10
 
 
-def test_light_factor_scales_the_exposure(tmp_path):
+def test_weight_scales_the_exposure(tmp_path):
     optics = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=())))
     exposure = Exposure(1 / 60, 100, 5.6)
     full = optics.sensor.saturation_cd_m2(exposure)
-    picture = picture_of(tmp_path, UniformWorld(0.2 * full), optics, exposure, light=1.5)
+    picture = picture_of(tmp_path, UniformWorld(0.2 * full), optics, exposure, weights=(1.5,))
     assert picture[40, 80, 1] == pytest.approx(255 * float(optics.sensor.tone[1].encode(0.3)), abs=0.6)
-    assert UniformWorld(1.0, drift=LightDrift(0.1)).light_factor(0.0) == 1.0
+    assert UniformWorld(1.0, drift=LightDrift(0.1)).weights(0.0) == (1.0,)
 
 
 def test_same_seed_same_noise_other_seed_other_noise(tmp_path):
@@ -347,7 +347,7 @@ def test_mosaic_counts_lie_between_black_and_white(tmp_path):
     sensor: Sensor = THETA_Z1.sensor
     full = sensor.saturation_cd_m2(exposure)
     image: Path = write_image(tmp_path, UniformWorld(0.5 * full), THETA_Z1, size)
-    counts = mosaic(PictureJob(THETA_Z1, size, image, exposure, 1.0, 3), 2)
+    counts = mosaic(PictureJob(THETA_Z1, size, image, exposure, (1.0,), 3), 2)
     assert counts.shape == (40, 80)
     green = float(counts[0::2, 1::2].mean())
     red = float(counts[0::2, 0::2].mean())

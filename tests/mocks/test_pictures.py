@@ -169,8 +169,8 @@ def test_drifting_light_shows_in_the_frames_of_its_time(cache):
     shots = RenderedShots(world, THETA_Z1, cache=cache)
     shots.prepare([1 / 60], 160, 80, times_s=[0.0])
     start = decoded(shots.jpeg(request_for(THETA_Z1))).mean()
-    t_s = min(range(0, 240, 10), key=world.light_factor)
-    assert world.light_factor(t_s) < 0.8
+    t_s = min(range(0, 240, 10), key=world.drift.factor)
+    assert world.drift.factor(t_s) < 0.8
     shots.prepare([1 / 60], 160, 80, times_s=[float(t_s)])
     assert decoded(shots.jpeg(request_for(THETA_Z1))).mean() < start - 2
 
