@@ -88,10 +88,14 @@ def make_bench(
     cameras: Sequence[WantedCamera],
     stops_s: Sequence[float],
     options: BenchOptions | None = None,
+    *,
+    times_s: Mapping[str, Sequence[float]] | None = None,
 ) -> SimulatedBench:
     """Return simulated instruments that look at the world of that name (see `mocks.world.open_world`).
 
-    The pictures of ``stops_s`` are rendered here, before anything is captured, and kept for next time.
+    The pictures of ``stops_s`` are rendered here, before anything is captured, and kept for next time. The world's
+    time begins when this returns; ``times_s`` says, by camera kind, when each stop is planned to begin (at once, where
+    it does not say): what the light does until then shows in the frames.
 
     Raises
     ------
@@ -102,7 +106,9 @@ def make_bench(
     world = open_world(world_name)
     devices: dict[str, SimulatedCamera] = {}
     for wanted in cameras:
-        shots = options.shots.get(wanted.kind) or _rendered(world, wanted, stops_s, options.seed)
+        starts_s = (times_s or {}).get(wanted.kind) or [0.0] * len(stops_s)
+        stops = dict(zip(stops_s, starts_s, strict=True))
+        shots = options.shots.get(wanted.kind) or _rendered(world, wanted, stops, options.seed)
         devices[wanted.kind] = _camera(wanted, shots, options)
     direction = getattr(world, "board_direction", (0.0, 1.0, 0.0))
     meter_luminance_cd_m2(world, direction)  # now, so that the first reading need not wait for the world's light
@@ -119,10 +125,12 @@ def make_bench(
     return SimulatedBench(world, options.clock, backend, devices, meter, port.name, direction, port)
 
 
-def _rendered(world: World, wanted: WantedCamera, stops_s: Sequence[float], seed: int) -> RenderedShots:
+def _rendered(world: World, wanted: WantedCamera, stops: Mapping[float, float], seed: int) -> RenderedShots:
+    """Return pictures of stops, given with their times."""
     shots = RenderedShots(world, OPTICS[wanted.kind], seed=seed)
     settings = Exposure(1.0, wanted.iso, wanted.f_number, wanted.color_temperature_k)
-    shots.prepare(tuple(stops_s), *wanted.size_px, settings=settings, raw=wanted.keep_raw)
+    times_s = tuple(stops.values())
+    shots.prepare(tuple(stops), *wanted.size_px, settings=settings, times_s=times_s, raw=wanted.keep_raw)
     return shots
 
 

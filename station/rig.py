@@ -140,7 +140,24 @@ def open_named_rig(path: Path | None, simulate: str | None, *, size: str = "full
     from mocks.bench import make_bench
 
     file = simulated_rig_file(file, size)
-    return open_simulated_rig(file, make_bench(simulate, wanted_cameras(file), file.bracket.stops_s()))
+    bench = make_bench(simulate, wanted_cameras(file), file.bracket.stops_s(), times_s=planned_times_s(file))
+    return open_simulated_rig(file, bench)
+
+
+def planned_times_s(file: RigFile) -> dict[str, tuple[float, ...]]:
+    """Return when each stop of the rig's bracket will begin, by camera kind: seconds after the first reading begins."""
+    from station.bracket import plan_bracket
+    from station.timing import TYPICAL_READING_S, estimate_bracket, typical_cost
+
+    tables = file.cameras()
+    stops_s = file.bracket.stops_s()
+    plan = plan_bracket(stops_s, file.bracket.mode, tuple(tables))
+    costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
+    start_s, starts = TYPICAL_READING_S if file.meter else 0.0, {}
+    for row in estimate_bracket(plan, costs).rows:
+        starts[row.asked_s] = start_s
+        start_s += row.pair_s
+    return {table.kind: tuple(starts[stop] for stop in stops_s) for table in tables.values()}
 
 
 def wanted_cameras(file: RigFile) -> list[WantedCamera]:

@@ -333,6 +333,36 @@ def test_weight_scales_the_exposure(tmp_path):
     assert UniformWorld(1.0, drift=LightDrift(0.1)).weights(0.0) == (1.0,)
 
 
+def test_components_add_up_to_the_whole(tmp_path):
+    """Two planes of weights 1 give the picture that one plane gives: image, veil and disc."""
+
+    class Parts(DiscWorld):
+        components = ("sky", "sun")
+        disc = replace(DiscWorld.disc, component=1)
+
+        def radiance(self, site, directions, pixel_rad=0.0, component=None):
+            share = {None: 1.0, 0: 0.75, 1: 0.25}[component]
+            return np.full(directions.shape, 2000 * share, dtype=np.float32)
+
+    class Whole(Parts):
+        components = ("light",)
+        disc = DiscWorld.disc
+
+        def radiance(self, site, directions, pixel_rad=0.0, component=None):
+            return super().radiance(site, directions, pixel_rad)
+
+    optics, exposure = replace(CANON_5D2, glare=0.05), Exposure(4, 200, 16.0)
+    parts, whole = (
+        picture_of(tmp_path, world, optics, exposure, weights=weights)
+        for world, weights in ((Parts(), (1.0, 1.0)), (Whole(), (1.0,)))
+    )
+    assert np.abs(parts.astype(int) - whole).max() <= 1
+    sunless = picture_of(tmp_path, Parts(), optics, exposure, weights=(4 / 3, 0.0))
+    x, y = optics.lens.pixel_of(DiscWorld.disc.direction, SIZES["canon_5d2"])
+    assert whole[int(y), int(x)].min() > 250
+    assert sunless[int(y), int(x)].max() < 150
+
+
 def test_same_seed_same_noise_other_seed_other_noise(tmp_path):
     exposure = Exposure(1 / 60, 100, 5.6)
     world = UniformWorld(300.0)

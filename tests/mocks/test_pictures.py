@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
+from mocks import bench as bench_module
 from mocks import pictures as pictures_module
-from mocks.light import LightDrift, UniformWorld
+from mocks.bench import WantedCamera, make_bench
+from mocks.light import LightDrift, UniformWorld, mean_weights
 from mocks.optics import CANON_5D2, THETA_Z1
 from mocks.picture_cache import PictureCache, PictureCacheError, content_key, default_folder
 from mocks.picture_files import is_whole_jpeg
@@ -173,6 +175,58 @@ def test_drifting_light_shows_in_the_frames_of_its_time(cache):
     assert world.drift.factor(t_s) < 0.8
     shots.prepare([1 / 60], 160, 80, times_s=[float(t_s)])
     assert decoded(shots.jpeg(request_for(THETA_Z1))).mean() < start - 2
+
+
+class CloudyWorld(UniformWorld):
+    """Constant grey sky above, and a sun's light below that goes from 1 to 0 between 10 and 20 s."""
+
+    @property
+    def components(self):
+        return ("sky", "sun")
+
+    def weights(self, t_s):
+        return (1.0, float(np.clip((20 - t_s) / 10, 0, 1)))
+
+    def radiance(self, site, directions, pixel_rad=0.0, component=None):
+        above = directions[..., 2] > 0
+        seen = {None: np.ones_like(above), 0: above, 1: ~above}[component]
+        return np.repeat(seen[..., None], 3, axis=-1).astype(np.float32) * np.float32(self.luminance_cd_m2)
+
+
+def test_a_cloud_dims_the_sun_and_not_the_sky(cache):
+    """The frame of each stop shows the light of its own time, in proportions that change."""
+    shots = RenderedShots(CloudyWorld(), replace(THETA_Z1, glare=0.0), cache=cache)
+    assert shots.prepare([1 / 60, 1 / 64, 1 / 50], 160, 80, times_s=[0.0, 15.0, 30.0]) == 3
+    before, under, after = (decoded(shots.jpeg(request_for(THETA_Z1, stop))) for stop in (1 / 60, 1 / 64, 1 / 50))
+    assert before[:36].mean() == pytest.approx(before[44:].mean(), abs=1)
+    assert under[:36].mean() == pytest.approx(before[:36].mean(), abs=1)
+    decode = THETA_Z1.sensor.tone[1].decode
+    dimmed = decode(under[44:, :, 1] / 255).mean() / decode(before[44:, :, 1] / 255).mean()
+    assert dimmed == pytest.approx(0.5, abs=0.03)
+    assert after[44:].mean() < 3
+    assert len(list(cache.folder.glob("*.image"))) == 1
+
+
+def test_long_exposures_see_the_mean_of_their_light(cache):
+    """Four seconds from 12 s on: the sun goes from 0.8 to 0.4 meanwhile."""
+    world = CloudyWorld()
+    assert mean_weights(world, 12.0, 4.0) == pytest.approx((1.0, 0.6))
+    assert mean_weights(world, 18.0, 4.0) == pytest.approx((1.0, 0.05), abs=0.005)
+    assert mean_weights(world, 0.0, 1 / 60) == (1.0, 1.0)
+
+
+def test_the_bench_passes_the_planned_times_on(monkeypatch, tmp_path):
+    """At 1/60 s, planned for 16 s, the sun is at 0.4; without a plan it shines."""
+    monkeypatch.setenv("DAYLIT_CACHE", str(tmp_path))
+    monkeypatch.setattr(bench_module, "open_world", lambda name: CloudyWorld())
+    wanted = [WantedCamera("theta_z1", 100, 5.6, 6500, (160, 80))]
+    lower = []
+    for times_s in (None, {"theta_z1": [30.0, 16.0]}):
+        bench = make_bench("clouds", wanted, [1.0, 1 / 60], times_s=times_s)
+        picture = decoded(bench.cameras["theta_z1"].darkroom.jpeg(request_for(THETA_Z1), ()))
+        lower.append(THETA_Z1.sensor.tone[1].decode(picture[44:, :, 1] / 255).mean())
+        bench.close()
+    assert lower[1] / lower[0] == pytest.approx(0.4, abs=0.03)
 
 
 def test_a_cut_off_cached_picture_is_rendered_anew(cache):

@@ -231,6 +231,43 @@ def test_drift_is_seeded_bounded_and_starts_at_one():
     assert meter_luminance_cd_m2(world, (0, 1, 0), 33.0) == pytest.approx(100 * drift.factor(33.0))
 
 
+class SunnyWorld(UniformWorld):
+    """Grey light that stays, and a disc overhead whose own component is 1, 0.25 from 10 s on."""
+
+    @property
+    def components(self):
+        return ("sky", "sun")
+
+    def weights(self, t_s):
+        return (1.0, 1.0 if t_s < 10 else 0.25)
+
+    def radiance(self, site, directions, pixel_rad=0.0, component=None):
+        grey = super().radiance(site, directions)
+        return grey if component in (None, 0) else np.zeros_like(grey)
+
+    def discs(self, site):
+        return (BrightDisc((0.0, 0.0, 1.0), math.radians(1), (1e6, 1e6, 1e6), component=1),)
+
+
+def test_meter_weighs_each_component_by_its_time():
+    world = SunnyWorld(100.0)
+    assert meter_luminance_cd_m2(world, (0, 0, 1)) == pytest.approx(1e6 + 100, rel=1e-6)
+    assert meter_luminance_cd_m2(world, (0, 0, 1), 20.0) == pytest.approx(0.25e6 + 100, rel=1e-6)
+    assert meter_luminance_cd_m2(world, (0, 1, 0), 20.0) == pytest.approx(100, rel=1e-6)
+
+
+def test_meter_spot_is_the_mean_over_its_disc():
+    """Within 0.1 % of a fine integral where the light changes steeply across the spot."""
+
+    class Slope(UniformWorld):
+        def radiance(self, site, directions, pixel_rad=0.0, component=None):
+            x = directions[..., :1].astype(np.float64) / math.sin(math.radians(1 / 6))
+            return np.repeat(100 * (2 + x + x**2), 3, axis=-1)
+
+    # Over a unit disc the mean of x is 0, that of its square 1/4.
+    assert meter_luminance_cd_m2(Slope(), (0, 1, 0)) == pytest.approx(225, rel=1e-3)
+
+
 def gradient(height=32):
     """A panorama whose colour tells where it looks: red by longitude, green by latitude."""
     row, column = np.mgrid[0:height, 0 : 2 * height]
