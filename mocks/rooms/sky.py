@@ -107,7 +107,7 @@ class Sky:
             return grey
         return sky_colour.clear_sky(luminance)
 
-    def environment(self, rows: int) -> Floats:
+    def environment(self, rows: int, component: Component | None = None) -> Floats:
         """Return the radiance as an equirectangular map (rows, 2 rows, 3), each pixel the mean over its area.
 
         Longitude 0 (+y) at the centre, growing to the right (+x); zenith up; pixel centres at half integers.
@@ -120,7 +120,7 @@ class Sky:
             longitude = (np.arange(2 * rows * fine) + 0.5) * (pixel_rad / fine) - math.pi
             directions = _directions(longitude[None, :], latitude[:, None])
             weight = np.cos(latitude)[:, None, None, None]
-            light = self.radiance(directions, pixel_rad / fine).reshape(fine, 2 * rows, fine, 3)
+            light = self.radiance(directions, pixel_rad / fine, component).reshape(fine, 2 * rows, fine, 3)
             out[row] = (light * weight).sum(axis=(0, 2)) / (weight.sum() * fine)
         return out
 
