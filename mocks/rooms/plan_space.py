@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from shapely.geometry import Polygon
 
-from mocks.rooms.model import Door, Plan
+from mocks.rooms.model import Door, Fixture, Plan, Window
 
 TRIM_M = 0.07
 """Width of a door's architrave, on both sides and above."""
@@ -16,6 +16,10 @@ REVEAL_GAP_M = 0.04
 """What is kept free round a window (its sill board reaches beyond the opening)."""
 APPROACH_M = 0.6
 """Depth of floor kept free before a door that opens outwards."""
+HALL_DEPTH_M = 1.2
+"""Depth of the closed hallway behind each door."""
+HALL_SIDE_M = 0.3
+"""How far that hallway reaches beyond the opening on both sides."""
 FLUSH_M = 0.03
 """Fixtures flatter than this (sockets, switches) do not keep furniture from the wall."""
 
@@ -45,32 +49,35 @@ class WallSpan:
         return across and self.bottom_m < other.top_m - 1e-9 and other.bottom_m < self.top_m - 1e-9
 
 
+def openings_of(plan: Plan, wall: int | None = None) -> tuple[Window | Door, ...]:
+    """Return the windows and doors of a plan, or of one of its walls."""
+    every: tuple[Window | Door, ...] = (*plan.windows, *plan.doors)
+    return tuple(o for o in every if wall is None or o.wall == wall)
+
+
+def opening_span(opening: Window | Door) -> WallSpan:
+    """Return what an opening takes of its wall with its sill board or trim."""
+    start, end = opening.start_m, opening.start_m + opening.width_m
+    if isinstance(opening, Door):
+        return WallSpan(start - TRIM_M, end + TRIM_M, 0.0, opening.height_m + TRIM_M)
+    top = opening.sill_m + opening.height_m + REVEAL_GAP_M
+    return WallSpan(start - REVEAL_GAP_M, end + REVEAL_GAP_M, max(0.0, opening.sill_m - REVEAL_GAP_M), top)
+
+
+def fixture_span(fixture: Fixture) -> WallSpan:
+    """Return the rectangle of the wall that a fixture covers."""
+    top_m = fixture.bottom_m + fixture.height_m
+    return WallSpan(fixture.start_m, fixture.start_m + fixture.width_m, fixture.bottom_m, top_m)
+
+
 def taken_spans(plan: Plan, wall: int, flush_too: bool = False) -> list[WallSpan]:
     """Return what windows, doors (with their trim) and fixtures take of a wall.
 
     ``flush_too`` counts sockets and switches as well, which matters for pictures and not for cupboards.
     """
-    windows = [
-        WallSpan(
-            w.start_m - REVEAL_GAP_M,
-            w.start_m + w.width_m + REVEAL_GAP_M,
-            max(0.0, w.sill_m - REVEAL_GAP_M),
-            w.sill_m + w.height_m + REVEAL_GAP_M,
-        )
-        for w in plan.windows
-        if w.wall == wall
-    ]
-    doors = [
-        WallSpan(d.start_m - TRIM_M, d.start_m + d.width_m + TRIM_M, 0.0, d.height_m + TRIM_M)
-        for d in plan.doors
-        if d.wall == wall
-    ]
-    fixtures = [
-        WallSpan(f.start_m, f.start_m + f.width_m, f.bottom_m, f.bottom_m + f.height_m)
-        for f in plan.fixtures
-        if f.wall == wall and (flush_too or f.depth_m >= FLUSH_M)
-    ]
-    return windows + doors + fixtures
+    openings = [opening_span(o) for o in openings_of(plan, wall)]
+    fixtures = [fixture_span(f) for f in plan.fixtures if f.wall == wall and (flush_too or f.depth_m >= FLUSH_M)]
+    return openings + fixtures
 
 
 def free_spans(plan: Plan, wall: int, flush_too: bool = False) -> list[WallSpan]:
@@ -105,6 +112,28 @@ def door_swing(door: Door, plan: Plan) -> Polygon:
         for a in (sweep_rad * i / steps for i in range(steps + 1))
     ]
     return Polygon([plan.on_wall(door.wall, along, away) for along, away in [(hinge_m, 0.0), *arc]])
+
+
+def hall_floor(door: Door, plan: Plan) -> Polygon:
+    """Return the floor of the hallway behind a door, with the opening through the wall."""
+    start, end = door.start_m - HALL_SIDE_M, door.start_m + door.width_m + HALL_SIDE_M
+    near, far = -door.depth_m, -door.depth_m - HALL_DEPTH_M
+    return Polygon([plan.on_wall(door.wall, a, b) for a, b in ((start, far), (end, far), (end, near), (start, near))])
+
+
+def reveal_floor(opening: Window | Door, plan: Plan, depth_m: float | None = None) -> Polygon:
+    """Return what an opening takes of its wall, seen from above: its width by the wall's thickness (or a depth)."""
+    start, end = opening.start_m, opening.start_m + opening.width_m
+    far = -(opening.depth_m if depth_m is None else depth_m)
+    return Polygon(
+        [plan.on_wall(opening.wall, a, b) for a, b in ((start, far), (end, far), (end, -1e-3), (start, -1e-3))]
+    )
+
+
+def fixture_floor(fixture: Fixture, plan: Plan) -> Polygon:
+    """Return what a fixture on a wall takes of the room, seen from above."""
+    start, end, depth = fixture.start_m, fixture.start_m + fixture.width_m, fixture.depth_m
+    return Polygon([plan.on_wall(fixture.wall, a, b) for a, b in ((start, 0), (end, 0), (end, depth), (start, depth))])
 
 
 def _ticks(values: list[float], end: float) -> list[float]:
