@@ -1,16 +1,18 @@
 """The worlds that the simulated instruments can look at, by name, and the meter's spot.
 
-`SimpleRoom` is built in; `HdrWorld` is made of HDR pictures; `UniformWorld` is an integrating sphere.
+`SimpleRoom` is built in; `mocks.rooms` generates others; `ChartRoom` is closed and holds a colour chart; `HdrWorld` is
+made of HDR pictures; `UniformWorld` is an integrating sphere.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+import re
 from pathlib import Path
 
 import numpy as np
 
+from mocks.chart import ChartRoom
 from mocks.hdr_world import HdrWorld, read_equirect
 from mocks.light import (
     LUMINANCE_WEIGHTS,
@@ -26,12 +28,14 @@ from mocks.light import (
     luminance_cd_m2,
     unit,
 )
+from mocks.rooms.model import Use
 from mocks.simple_room import SimpleRoom
 from mocks.sky import SimpleSky
 
 __all__ = [
     "LUMINANCE_WEIGHTS",
     "BrightDisc",
+    "ChartRoom",
     "Floats",
     "HdrWorld",
     "LightDrift",
@@ -49,6 +53,8 @@ __all__ = [
     "read_equirect",
     "unit",
 ]
+
+_GENERATED = re.compile(r"(?P<use>[a-z]+)-(?P<seed>[0-9]{1,9})")
 
 
 def meter_luminance_cd_m2(
@@ -76,27 +82,35 @@ def meter_luminance_cd_m2(
     return math.fsum(weight * float(mean) for weight, mean in zip(weights, means, strict=True))
 
 
-def open_world(name: str, *, drift: LightDrift | None = None) -> World:
-    """Return a world by name: ``room``, ``room:SEED``, ``uniform:CD_M2`` or ``INDOOR.hdr,OUTDOOR.hdr``.
+def open_world(name: str) -> World:
+    """Return a world by name.
 
-    Pictures (.hdr or .exr) are read with the scales of `HdrWorld`. Raises `WorldFileError` for anything else.
+    ``room`` or ``room:SEED`` (the built-in room), ``bedroom-7`` (a generated room: use and seed), ``chart`` or
+    ``chart:SEED`` (the closed room with the colour chart), ``uniform:CD_M2``, or ``INDOOR.hdr,OUTDOOR.hdr`` (pictures,
+    .hdr or .exr, read with the scales of `HdrWorld`). Raises `WorldFileError` for anything else.
     """
-    light = drift or LightDrift()
+    generated = _GENERATED.fullmatch(name)
+    if generated and generated["use"] in tuple(Use):
+        from mocks.rooms.world import room_world
+
+        return room_world(Use(generated["use"]), int(generated["seed"]))
     kind, _, value = name.partition(":")
     try:
         if kind == "room":
-            return SimpleRoom(seed=int(value or 0), drift=light)
+            return SimpleRoom(seed=int(value or 0))
+        if kind == "chart":
+            return ChartRoom(seed=int(value or 0))
         if kind == "uniform" and 0 < float(value or 100.0) < 1e9:
-            return UniformWorld(float(value or 100.0), drift=light)
+            return UniformWorld(float(value or 100.0))
     except ValueError as error:
         raise _unknown(name) from error
     indoor, comma, outdoor = name.partition(",")
     if not comma:
         raise _unknown(name)
-    world = HdrWorld(Path(indoor), Path(outdoor), drift=light)
+    world = HdrWorld(Path(indoor), Path(outdoor))
     for path in (world.indoor, world.outdoor):
         read_equirect(path)
-    return replace(world)
+    return world
 
 
 def _unknown(name: str) -> WorldFileError:
@@ -104,5 +118,6 @@ def _unknown(name: str) -> WorldFileError:
         f"no world is called {name!r}",
         where="world",
         likely="a misspelt name",
-        advice="say room, room:7, uniform:100, or two pictures as indoor.hdr,outdoor.hdr",
+        advice=f"say room:7, {', '.join(f'{use}-7' for use in Use)}, chart, uniform:100, or two pictures as "
+        "indoor.hdr,outdoor.hdr",
     )

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 @click.option(
     "--simulate",
     metavar="WORLD",
-    help="Simulated instruments looking at: room, room:7 (seed), uniform:100, or INDOOR.hdr,OUTDOOR.hdr.",
+    help="Simulated instruments looking at: room, bedroom-7 (living, dining, office, empty; any seed), chart, "
+    "uniform:100, or INDOOR.hdr,OUTDOOR.hdr.",
 )
 @click.option(
     "--size",
@@ -71,7 +72,7 @@ def capture(**options: Any) -> int:
       daylit capture coda-320 --rig rig.toml
       daylit capture attic --bracket adaptive --reading 34.63
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
-      daylit capture test --simulate room --size quarter
+      daylit capture test --simulate bedroom-7 --size quarter
     """
     from station.readings import check_typed
 

@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--world", default="room", show_default=True, help="What the simulated instruments look at.")
+@click.option(
+    "--world",
+    default="room",
+    show_default=True,
+    help="What the simulated instruments look at: room:7, bedroom-7, chart, uniform:100, or INDOOR.hdr,OUTDOOR.hdr.",
+)
 @click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full", show_default=True)
 @click.option(
     "--into",

@@ -2,7 +2,9 @@
 
 import math
 import pickle
+import sys
 from dataclasses import replace
+from types import ModuleType
 
 import cv2
 import numpy as np
@@ -15,6 +17,7 @@ from mocks import room_light
 from mocks.room_light import bake
 from mocks.room_plan import Box, WallRect, plan_room
 from mocks.room_rays import blocked, pane_distance_m, room_faces
+from mocks.rooms.model import Use
 from mocks.textures import PlankFloor
 from mocks.world import (
     BrightDisc,
@@ -367,9 +370,19 @@ def test_worlds_have_names(tmp_path):
     assert open_world("uniform:50").key == UniformWorld(50.0).key
     path = write_hdr(tmp_path / "w.hdr", gradient())
     assert isinstance(open_world(f"{path},{path}"), HdrWorld)
-    for name in ("castle", "room:x", "uniform:much"):
+    for name in ("castle", "room:x", "chart:x", "uniform:much", "attic-7", "bedroom-x", "bedroom--1", "bedroom-7b"):
         with pytest.raises(WorldFileError):
             open_world(name)
+
+
+def test_generated_rooms_have_names(monkeypatch):
+    """Use and seed go to the generator, which is imported only then."""
+    generator = ModuleType("mocks.rooms.world")
+    generator.room_world = lambda use, seed: (use, seed)
+    monkeypatch.setitem(sys.modules, "mocks.rooms.world", generator)
+    names = ("bedroom-7", "living-3", "dining-2", "office-4", "empty-50")
+    expected = [(Use.BEDROOM, 7), (Use.LIVING, 3), (Use.DINING, 2), (Use.OFFICE, 4), (Use.EMPTY, 50)]
+    assert [open_world(name) for name in names] == expected
 
 
 def test_key_of_a_picture_world_follows_the_content(tmp_path):
