@@ -1,0 +1,107 @@
+"""Beds: frame, headboard, mattress, duvet, pillows, now and then a throw."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocks.light import Vector
+from mocks.rooms.furniture.build import Build
+from mocks.rooms.mesh import Mesh, Reals64
+from mocks.rooms.model import Material
+from mocks.rooms.shapes import beam, deformed, moved, rounded_box, turned
+from mocks.rooms.soft_shapes import pad, pillow
+
+SHEET = Material("bed sheet", (0.80, 0.79, 0.76))
+
+
+def bed(b: Build) -> None:
+    """Build a bed, its head at +y; size is the whole bed's, the height the headboard's."""
+    w, d, h = b.size
+    timber, upholstered = b.timber(), b.item.seed % 3 == 0
+    rail_top, board = 0.34, 0.05 if not upholstered else 0.09
+    _frame(b, timber, rail_top, board)
+    if upholstered:
+        b.add(pad((-w / 2, d / 2 - board, 0.02), (w / 2, d / 2, h), 0.03, 0.012), b.finish.second_fabric)
+    elif b.item.seed % 3 == 1:
+        b.block((-w / 2, d / 2 - board, 0.15), (w / 2, d / 2, h), timber, 0.006)
+    else:
+        _slatted_head(b, timber, h)
+    mattress = (w - 0.06, d - board - 0.05, 0.20)
+    low = rail_top - 0.06
+    front = -d / 2 + 0.035
+    b.add(pad((-mattress[0] / 2, front, low), (mattress[0] / 2, front + mattress[1], low + 0.20), 0.04, 0.006), SHEET)
+    top = low + 0.195
+    b.add(_duvet(b, mattress[0], front, mattress[1] * float(b.rng.uniform(0.70, 0.78)), top), b.finish.bedding)
+    _pillows(b, mattress[0], front + mattress[1], top)
+
+
+def _frame(b: Build, timber: Material, rail_top: float, board: float) -> None:
+    w, d, _ = b.size
+    for side in (-1, 1):
+        x = side * (w / 2 - 0.015)
+        b.block((x - 0.015, -d / 2 + 0.01, 0.17), (x + 0.015, d / 2 - board, rail_top), timber)
+        for y in (-d / 2 + 0.04, d / 2 - board - 0.04):
+            b.bar((x * 0.97, y, 0.0), (x * 0.97, y, 0.18), 0.05, 0.05, timber)
+    b.block((-w / 2, -d / 2, 0.17), (w / 2, -d / 2 + 0.03, rail_top), timber)
+
+
+def _slatted_head(b: Build, timber: Material, height: float) -> None:
+    """Add a headboard of posts, two rails and upright slats."""
+    w, d, _ = b.size
+    y = d / 2 - 0.025
+    for side in (-1, 1):
+        b.bar((side * (w / 2 - 0.03), y, 0.0), (side * (w / 2 - 0.03), y, height), 0.05, 0.05, timber)
+    for z in (0.5, height - 0.04):
+        b.bar((-w / 2 + 0.05, y, z), (w / 2 - 0.05, y, z), 0.06, 0.03, timber)
+    for x in np.linspace(-w / 2 + 0.12, w / 2 - 0.12, max(5, int(w / 0.13))):
+        b.add(beam((float(x), y, 0.52), (float(x), y, height - 0.06), 0.03, 0.018), timber)
+
+
+def _duvet(b: Build, mattress_w: float, front: float, length: float, top: float) -> Mesh:
+    """Return the duvet: soft folds on top, hanging over both sides and the foot."""
+    hang, thick = 0.17, 0.05
+    half = mattress_w / 2
+    flat_w, flat_l = half + hang, length + hang
+    slab = rounded_box((-flat_w, -flat_l, 0.0), (flat_w, 0.0, thick), 0.02, 2, (26, 24, 1))
+    waves = [(b.rng.normal(0.0, 4.0, 2), b.rng.uniform(0, 2 * math.pi), b.rng.uniform(0.003, 0.007)) for _ in range(7)]
+
+    def lay(v: Reals64) -> Reals64:
+        x, y, z = v.T
+        folds = sum(a * np.sin(x * k[0] + y * k[1] + p) for k, p, a in waves)
+        z = z + np.where(z > thick / 2, folds + 0.012, 0.0)
+        over_x, over_y = np.maximum(np.abs(x) - half, 0.0), np.maximum(-y - length, 0.0)
+        drop_x, out_x = _over_edge(over_x, z)
+        drop_y, out_y = _over_edge(over_y, z)
+        ripple = 0.006 * np.sin(14.0 * y + waves[0][1]) * np.minimum(over_x / 0.05, 1.0)
+        px = np.where(over_x > 0, np.sign(x) * (half + out_x + ripple), x)
+        py = np.where(over_y > 0, -length - out_y, y)
+        height = np.where((over_x > 0) | (over_y > 0), np.minimum(drop_x, drop_y), z)
+        return np.stack([px, py + front + length, height + top], axis=1)
+
+    return deformed(slab, lay)
+
+
+def _over_edge(over: Reals64, z: Reals64, radius: float = 0.03) -> tuple[Reals64, Reals64]:
+    """Return height and way out of cloth points that lie ``over`` beyond an edge and ``z`` above the bed."""
+    angle = np.minimum(over / radius, math.pi / 2)
+    rest = np.maximum(over - radius * math.pi / 2, 0.0)
+    reach = radius + z
+    return reach * np.cos(angle) - radius - rest, reach * np.sin(angle) - 0.03
+
+
+def _pillows(b: Build, mattress_w: float, head: float, top: float) -> None:
+    """Add pillows at the head: one for each sleeper, on wide beds a second row leaning."""
+    sleepers = 2 if mattress_w > 1.25 else 1
+    wide = min(0.72, mattress_w / sleepers - 0.06)
+    for k in range(sleepers):
+        x = (k - (sleepers - 1) / 2) * (mattress_w / sleepers) + float(b.rng.normal(0, 0.012))
+        soft = pillow((wide, 0.46, 0.16))
+        lying: Vector = (x, head - 0.26, top + 0.065)
+        b.add(moved(turned(soft, (0, 0, 1), float(b.rng.normal(0, 0.05))), lying), SHEET, "pillow")
+        if b.item.seed % 2:
+            leaning = turned(pillow((wide * 0.8, 0.42, 0.15)), (1, 0, 0), 1.0)
+            b.add(
+                moved(leaning, (x + float(b.rng.normal(0, 0.02)), head - 0.28, top + 0.27)), b.finish.bedding, "pillow"
+            )

@@ -1,0 +1,163 @@
+"""Things to sit on: sofas and armchairs, ottomans, chairs of several designs, the swivel chair."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocks.rooms.furniture.build import BLACK_PLASTIC, Build
+from mocks.rooms.model import Material
+from mocks.rooms.shapes import beam, cylinder, moved, rounded_box, tube, turned
+from mocks.rooms.soft_shapes import pad, sheet
+
+SEAT_M = 0.44
+
+
+def sofa(b: Build) -> None:
+    """Build a sofa or armchair: base, arms, and for each seat a cushion and a back cushion."""
+    w, d, h = b.size
+    design = b.item.seed % 3
+    fabric = b.finish.fabric if b.item.kind == "sofa" or b.item.seed % 2 else b.finish.second_fabric
+    arm = (0.16, 0.22, 0.11)[design]
+    arm_top = (0.60, 0.56, 0.64)[design]
+    leg = (0.14, 0.05, 0.17)[design]
+    b.add(rounded_box((-w / 2 + 0.01, -d / 2 + 0.03, leg), (w / 2 - 0.01, d / 2 - 0.02, leg + 0.17), 0.02, 2), fabric)
+    for side in (-1, 1):
+        outer, inner = side * w / 2, side * (w / 2 - arm)
+        low, high = sorted((outer, inner))
+        b.add(pad((low, -d / 2, leg), (high, d / 2 - 0.04, arm_top), (0.05, 0.03, 0.055)[design], 0.008), fabric)
+    b.add(pad((-w / 2 + arm * 0.6, d / 2 - 0.17, leg), (w / 2 - arm * 0.6, d / 2, h - 0.05), 0.06, 0.008), fabric)
+    _cushions(b, fabric, arm, leg + 0.165)
+    _feet(b, leg, design)
+
+
+def _cushions(b: Build, fabric: Material, arm: float, base: float) -> None:
+    w, d, h = b.size
+    inner = w - 2 * arm
+    seats = max(1, round(inner / 0.68))
+    wide = inner / seats
+    for k in range(seats):
+        x = -inner / 2 + k * wide
+        gap = 0.004
+        seat = pad((x + gap, -d / 2 - 0.0, base), (x + wide - gap, d / 2 - 0.17, SEAT_M + 0.03), 0.055, 0.018)
+        b.add(seat, fabric)
+        top, thick = h - base - 0.15, 0.19
+        back = pad((x + gap, -thick / 2, 0.0), (x + wide - gap, thick / 2, top), 0.075, 0.025)
+        lean = float(b.rng.normal(0.20, 0.02))
+        b.add(moved(turned(back, (1, 0, 0), -lean), (0.0, d / 2 - 0.17 - 0.13, base + 0.145)), fabric)
+
+
+def _feet(b: Build, height: float, design: int) -> None:
+    w, d, _ = b.size
+    material = b.pick(b.finish.wood, b.finish.metal) if design != 1 else BLACK_PLASTIC
+    for sx in (-1, 1):
+        for sy in (-1, 1):
+            x, y = sx * (w / 2 - 0.10), sy * (d / 2 - 0.10)
+            b.leg((x + sx * 0.03, y + sy * 0.03, 0.0), (x, y, height + 0.01), 0.014, 0.024, material)
+
+
+def ottoman(b: Build) -> None:
+    """Build an upholstered stool or pouffe."""
+    w, d, h = b.size
+    if b.item.seed % 2:
+        b.add(pad((-w / 2, -d / 2, 0.10), (w / 2, d / 2, h), 0.05, 0.02), b.finish.second_fabric)
+        b.legs(0.07, 0.12, 0.035, b.finish.wood)
+    else:
+        b.add(cylinder((0, 0, 0), w / 2, h, 0.05, 32), b.finish.second_fabric)
+
+
+def chair(b: Build) -> None:
+    """Build a chair; the seed chooses the design: slatted wood, shell on round legs, upholstered."""
+    (_slatted, _shell, _upholstered)[int(b.option("design", b.item.seed % 3)) % 3](b)
+
+
+def _slatted(b: Build) -> None:
+    """Build a wooden chair: rear legs that run on into the back, rails and upright slats."""
+    w, d, h = b.size
+    timber = b.timber()
+    x, front, rear, rake = w / 2 - 0.02, -d / 2 + 0.03, d / 2 - 0.09, 0.065
+    for side in (-1, 1):
+        b.bar((side * x, front, 0), (side * x, front, SEAT_M - 0.01), 0.034, 0.034, timber)
+        b.bar((side * x, rear + 0.03, 0), (side * x, rear, SEAT_M), 0.034, 0.034, timber)
+        b.bar((side * x, rear, SEAT_M - 0.02), (side * x, rear + rake, h - 0.002), 0.034, 0.034, timber)
+        b.bar((side * x, front, SEAT_M - 0.05), (side * x, rear, SEAT_M - 0.05), 0.018, 0.05, timber)
+        b.bar((side * x, front, 0.2), (side * x, rear + 0.015, 0.2), 0.016, 0.026, timber)
+    for y in (front, rear):
+        b.bar((-x, y, SEAT_M - 0.05), (x, y, SEAT_M - 0.05), 0.05, 0.018, timber)
+    b.block((-w / 2, -d / 2, SEAT_M - 0.02), (w / 2, rear - 0.018, SEAT_M + 0.005), timber, 0.008)
+    top = h - 0.06
+    lean = rake / (h - SEAT_M)
+    for z, tall in ((top, 0.09), (SEAT_M + 0.12, 0.04)):
+        y = rear + lean * (z - SEAT_M)
+        b.bar((-x, y, z), (x, y, z), tall, 0.02, timber)
+    for k in range(4 + b.item.seed % 2):
+        sx = x * (2 * (k + 1) / (5 + b.item.seed % 2) - 1)
+        low, high = SEAT_M + 0.12, top
+        a, c = (sx, rear + lean * (low - SEAT_M), low), (sx, rear + lean * (high - SEAT_M), high)
+        b.add(beam(a, c, 0.028, 0.010), timber)
+
+
+def _shell(b: Build) -> None:
+    """Build a moulded shell on four splayed round legs."""
+    w, d, h = b.size
+    shell = b.plain("shell", ((0.72, 0.71, 0.68), (0.06, 0.06, 0.065), (0.30, 0.36, 0.36), (0.55, 0.44, 0.16)), 0.4)
+    seat = pad((-w / 2 + 0.01, -d / 2 + 0.01, SEAT_M - 0.03), (w / 2 - 0.01, d / 2 - 0.07, SEAT_M), 0.014, 0.002)
+    b.add(seat, shell)
+    rows, columns = 9, 11
+    t, s = np.meshgrid(np.linspace(0, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
+    narrow = 1 - 0.22 * t**3 * np.abs(s) ** 0.5
+    x = s * (w / 2 - 0.01) * narrow
+    z = SEAT_M - 0.012 + t * (h - SEAT_M) * (1 - 0.10 * s**4)
+    y = d / 2 - 0.095 + 0.065 * t**1.3 - 0.055 * s**2 * (1 - 0.5 * t)
+    from_below = np.stack([x, y, z], axis=-1)
+    b.add(sheet(from_below.transpose(1, 0, 2), 0.010), shell)
+    leg = b.pick(b.finish.wood, b.finish.metal)
+    for sx in (-1, 1):
+        for sy in (-1, 1):
+            foot, top = (sx * (w / 2 - 0.015), sy * (d / 2 - 0.02), 0.0), (sx * 0.12, sy * 0.13, SEAT_M - 0.03)
+            b.leg(foot, top, 0.010, 0.015, leg)
+    for sy in (-1, 1):
+        b.add(tube([(-0.13, sy * 0.13, SEAT_M - 0.045), (0.13, sy * 0.13, SEAT_M - 0.045)], 0.009, 8), leg)
+
+
+def _upholstered(b: Build) -> None:
+    """Build a padded dining chair on slim tapered legs."""
+    w, d, h = b.size
+    cloth, leg = b.finish.second_fabric, b.pick(b.finish.wood, b.finish.metal)
+    b.add(pad((-w / 2, -d / 2, SEAT_M - 0.07), (w / 2, d / 2 - 0.06, SEAT_M + 0.03), 0.035, 0.012), cloth)
+    tall = h - SEAT_M + 0.04
+    back = pad((-w / 2 + 0.01, -0.03, 0.0), (w / 2 - 0.01, 0.03, tall - 0.01), 0.028, 0.008)
+    b.add(moved(turned(back, (1, 0, 0), -0.13), (0, d / 2 - 0.115, SEAT_M - 0.03)), cloth)
+    for sx in (-1, 1):
+        for sy in (-1, 1):
+            x, y = sx * (w / 2 - 0.05), sy * (d / 2 - 0.06) - 0.02 * (sy > 0)
+            foot = (x + sx * 0.02, y + sy * 0.03, 0.0)
+            b.leg(foot, (x, y, SEAT_M - 0.05), 0.010, 0.018, leg)
+
+
+def swivel_chair(b: Build) -> None:
+    """Build an office chair: five-star base with castors, gas spring, padded seat and back, armrests."""
+    w, d, h = b.size
+    dark = BLACK_PLASTIC
+    cloth = b.pick(b.finish.second_fabric, Material("black mesh", (0.04, 0.04, 0.045)))
+    reach = min(w, d) / 2 - 0.03
+    for k in range(5):
+        a = 2 * math.pi * k / 5 + 0.3
+        x, y = reach * math.cos(a), reach * math.sin(a)
+        b.add(tube([(0, 0, 0.11), (x * 0.95, y * 0.95, 0.075)], (0.024, 0.015), 10), b.pick(dark, b.finish.metal))
+        castor = tube([(-0.022, 0, 0), (0.022, 0, 0)], 0.027, 14)
+        b.add(moved(turned(castor, (0, 0, 1), a), (x * 0.93, y * 0.93, 0.027)), dark)
+    b.add(cylinder((0, 0, 0.07), 0.035, 0.10, 0.006), dark)
+    b.add(cylinder((0, 0, 0.15), 0.024, 0.26), b.finish.metal)
+    sw, sd = w / 2 - 0.08, d / 2 - 0.08
+    b.add(pad((-sw, -sd - 0.02, 0.42), (sw, sd - 0.02, 0.51), 0.04, 0.015), cloth)
+    back = pad((-sw + 0.02, -0.03, 0.0), (sw - 0.02, 0.03, h - 0.58), 0.028, 0.01)
+    b.add(moved(turned(back, (1, 0, 0), -0.10), (0, sd - 0.005, 0.575)), cloth)
+    b.bar((0, 0.05, 0.40), (0, sd + 0.035, 0.42), 0.07, 0.02, dark)
+    b.bar((0, sd + 0.035, 0.41), (0, sd + 0.05, 0.70), 0.07, 0.02, dark)
+    for side in (-1, 1):
+        x = side * (w / 2 - 0.05)
+        b.bar((side * sw * 0.6, 0.03, 0.43), (x, 0.03, 0.43), 0.05, 0.02, dark)
+        b.bar((x, 0.03, 0.42), (x, 0.03, 0.66), 0.05, 0.02, dark)
+        b.add(rounded_box((x - 0.035, -0.12, 0.655), (x + 0.035, 0.13, 0.685), 0.012, 2), dark)
