@@ -1,0 +1,67 @@
+"""Six square pictures around a point: what the renderer draws and the view looks up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from mocks.light import Floats, Vector
+
+BORDER_PX = 4
+
+# Forward, right and up of each face.
+FACES: tuple[tuple[Vector, Vector, Vector], ...] = (
+    ((0, 1, 0), (1, 0, 0), (0, 0, 1)),
+    ((1, 0, 0), (0, -1, 0), (0, 0, 1)),
+    ((0, -1, 0), (-1, 0, 0), (0, 0, 1)),
+    ((-1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    ((0, 0, 1), (1, 0, 0), (0, -1, 0)),
+    ((0, 0, -1), (1, 0, 0), (0, 1, 0)),
+)
+
+
+@dataclass(frozen=True)
+class Cube:
+    """Six faces of ``face_px`` pixels a side over exactly 90 degrees, each with a border that looks further."""
+
+    face_px: int
+
+    @property
+    def side_px(self) -> int:
+        """Pixels a side with the borders."""
+        return self.face_px + 2 * BORDER_PX
+
+    @property
+    def half_width(self) -> float:
+        """Tangent of the angle from a face's middle to its outermost edge."""
+        return self.side_px / self.face_px
+
+    def directions(self) -> Floats:
+        """Return unit directions of the pixel centres (6, side, side, 3)."""
+        step = (np.arange(self.side_px) + 0.5) / self.side_px * 2 - 1
+        right, up = step * self.half_width, -step * self.half_width
+        out = np.empty((6, self.side_px, self.side_px, 3), np.float32)
+        for index, axes in enumerate(FACES):
+            ahead, aside, above = (np.array(axis, dtype=np.float64) for axis in axes)
+            rays = ahead + right[None, :, None] * aside + up[:, None, None] * above
+            out[index] = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+        return out
+
+    def place(self, directions: Floats) -> tuple[npt.NDArray[np.int32], Floats, Floats]:
+        """Return face, column and row of directions (n, 3); a pixel's centre is at whole numbers.
+
+        Always at least ``BORDER_PX - 1`` pixels inside the face's picture.
+        """
+        x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
+        ax, ay, az = np.abs(x), np.abs(y), np.abs(z)
+        level = (az <= ax) | (az <= ay)
+        along_x = ax > ay
+        face = np.where(level, np.where(along_x, np.where(x > 0, 1, 3), np.where(y > 0, 0, 2)), np.where(z > 0, 4, 5))
+        depth = np.where(level, np.where(along_x, ax, ay), az)
+        aside = np.where(face == 1, -y, np.where(face == 2, -x, np.where(face == 3, y, x)))
+        above = np.where(level, z, np.where(face == 4, -y, y))
+        scale = np.float32(self.face_px / 2) / depth
+        middle = np.float32((self.side_px - 1) / 2)
+        return face.astype(np.int32), aside * scale + middle, middle - above * scale

@@ -1,0 +1,199 @@
+"""The light in a room, baked around the camera: irradiance on whatever each direction meets, by component.
+
+Six square pictures hold the irradiance (lx, RGB) of the surface that each pixel sees. Direct sunlight is left out, as
+it has sharp edges and is added ray by ray; lamps' own glow and the view outside are not in it either. Noise is removed
+with Open Image Denoise, guided by clean normals and distances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mocks.light import Floats
+from mocks.rooms.cube import Cube
+from mocks.rooms.geometry import Bools, Geometry, Hits
+from mocks.rooms.room import Room
+from mocks.rooms.sunlight import enters, sun_share
+from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
+
+ENVIRONMENT_ROWS = 512
+_LEAST_ALBEDO = 0.01
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Size and samples of the baked pictures."""
+
+    face_px: int
+    samples: int
+
+
+QUALITIES: Mapping[str, Quality] = {
+    "draft": Quality(96, 16),
+    "standard": Quality(192, 64),
+    "reference": Quality(320, 512),
+}
+
+
+@dataclass(frozen=True)
+class Guide:
+    """What each pixel of the cube meets: the surfaces that the light belongs to (all arrays (6, side, side, ...))."""
+
+    cube: Cube
+    part: npt.NDArray[np.int32]
+    """Part index, -1 where the ray leaves the room."""
+    distance_m: Floats
+    normal: Floats
+    plane_m: Floats
+    """Distance of the surface's plane from the camera, along the normal: tells parallel surfaces apart."""
+
+    @classmethod
+    def of(cls, geometry: Geometry, eye: Floats, cube: Cube) -> Guide:
+        """Cast one ray through the middle of every pixel."""
+        rays = cube.directions()
+        flat = rays.reshape(-1, 3)
+        hits = geometry.cast(eye, flat)
+        normal = facing_normals(geometry, hits, flat)
+        part = np.where(hits.face >= 0, geometry.part_of[hits.face], -1).astype(np.int32)
+        distance = np.where(hits.face >= 0, hits.distance_m, 0)
+        plane = (normal * flat).sum(axis=1) * distance
+        shape = rays.shape[:3]
+        return cls(
+            cube,
+            part.reshape(shape),
+            distance.reshape(shape).astype(np.float32),
+            normal.reshape(*shape, 3),
+            plane.reshape(shape).astype(np.float32),
+        )
+
+
+@dataclass(frozen=True)
+class Baked:
+    """One component: irradiance (lx, RGB) and gloss (cd/m2, RGB: what glossy surfaces add), (6, side, side, 3)."""
+
+    irradiance: Floats
+    gloss: Floats | None
+
+
+def facing_normals(geometry: Geometry, hits: Hits, directions: Floats) -> Floats:
+    """Return shading normals turned towards where the rays come from."""
+    normal = geometry.shading_normals(hits)
+    away = np.einsum("ij,ij->i", normal, directions) > 0
+    normal[away] *= -1
+    return normal
+
+
+def components(room: Room) -> tuple[str, ...]:
+    """Return the names of what gives light in a room: what gives none needs no work."""
+    daylight = ("sky",) if room.panes else ()
+    sunlight = ("sun",) if room.panes and room.sky.disc() is not None else ()
+    return (*daylight, *sunlight, *(("lamps",) if room.lamps_on else ()))
+
+
+def lightings(room: Room) -> dict[str, Lighting]:
+    """Return the light of each component."""
+    glass = np.array(room.glass_transmittance, np.float32)
+    names, disc, found = components(room), room.sky.disc(), {}
+    if "sky" in names:
+        found["sky"] = Lighting(environment_rgb=room.sky.environment(ENVIRONMENT_ROWS, "sky") * glass)
+    if "sun" in names:
+        # What the sun lights outside; and the sun itself, where it shines on a pane.
+        land = room.sky.environment(ENVIRONMENT_ROWS, "sun") * glass
+        red, green, blue = (float(v) for v in room.sky.sun_normal_illuminance_rgb * glass)
+        direct = (disc.direction, (red, green, blue)) if disc is not None and enters(room.panes, disc) else None
+        found["sun"] = Lighting(environment_rgb=land, sun=direct)
+    if "lamps" in names:
+        found["lamps"] = Lighting(lamps=True)
+    return found
+
+
+def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, seed: int = 0) -> Baked:
+    """Return one component's light; glossy surfaces cost a second picture, and only rooms that have any pay it."""
+    cube = Cube(quality.face_px)
+    eye = np.array(room.eye, np.float32)
+    guide = Guide.of(geometry, eye, cube)
+    sampling = Sampling(cube, quality.samples, seed)
+    albedo = _albedo(geometry, guide)
+    matte = render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling)
+    unusable = _unusable(room, geometry, guide, lighting)
+    noisy = matte * np.float32(np.pi) / albedo
+    irradiance = denoised(_filled(noisy, guide, unusable), guide)
+    gloss = None
+    if any(part.material.roughness is not None for part in geometry.parts):
+        shiny = render_cube(load_scene(geometry.parts, lighting, glossy=True), room.eye, sampling)
+        shine = np.where(_glossy(geometry, guide)[..., None], shiny - matte, 0)
+        gloss = np.maximum(denoised(_filled(shine, guide, unusable), guide), 0)
+    return Baked(irradiance, gloss)
+
+
+def denoised(picture: Floats, guide: Guide) -> Floats:
+    """Return a picture (6, side, side, 3) without its noise."""
+    import pyoidn
+
+    out = np.empty_like(picture)
+    near = 1 / (1 + guide.distance_m)
+    for face in range(6):
+        clues = np.repeat(near[face][..., None], 3, axis=2)
+        out[face] = pyoidn.denoise(picture[face], albedo=clues, normal=guide.normal[face], hdr=True)
+    return out
+
+
+def _albedo(geometry: Geometry, guide: Guide) -> Floats:
+    colours = np.array([p.material.colour for p in geometry.parts] + [(1.0, 1.0, 1.0)], np.float32)
+    return np.maximum(colours[guide.part], np.float32(_LEAST_ALBEDO))
+
+
+def _glossy(geometry: Geometry, guide: Guide) -> Bools:
+    glossy = np.array([p.material.roughness is not None for p in geometry.parts] + [False])
+    return np.asarray(glossy[guide.part])
+
+
+def _unusable(room: Room, geometry: Geometry, guide: Guide, lighting: Lighting) -> Bools:
+    """Return the pixels whose light is not irradiance alone: lit by the sun itself, glowing, or looking outside."""
+    glows = np.array([any(p.material.emission_cd_m2) for p in geometry.parts] + [False])
+    bad = guide.part < 0
+    if lighting.lamps:
+        bad |= glows[guide.part]
+    disc = room.sky.disc()
+    if lighting.sun is not None and disc is not None:
+        rays = guide.cube.directions().reshape(-1, 3)
+        points = np.array(room.eye, np.float32) + rays * guide.distance_m.reshape(-1, 1)
+        share = sun_share(geometry, room.panes, disc, points, guide.normal.reshape(-1, 3))
+        bad |= share.reshape(guide.part.shape) > 0
+    kernel = np.ones((3, 3), np.uint8)
+    return np.stack([cv2.dilate(face.astype(np.uint8), kernel) > 0 for face in bad])
+
+
+def _filled(picture: Floats, guide: Guide, unusable: Bools) -> Floats:
+    """Replace unusable pixels by their nearest usable neighbours' mean on the same part."""
+    out = picture.copy()
+    out[unusable] = 0
+    for face in range(6):
+        for part in np.unique(guide.part[face][unusable[face]]):
+            mine = guide.part[face] == part
+            holes = mine & unusable[face]
+            out[face][holes] = _spread(picture[face], mine & ~unusable[face], holes)
+    return out
+
+
+def _spread(picture: Floats, known: Bools, holes: Bools) -> Floats:
+    values = np.zeros((int(holes.sum()), 3), np.float32)
+    todo = np.ones(len(values), bool)
+    weight = known.astype(np.float32)
+    light = picture * weight[..., None]
+    for sigma in (1.5, 3.0, 6.0, 12.0, 24.0, 48.0):
+        if not todo.any():
+            break
+        total = cv2.GaussianBlur(weight, (0, 0), sigma)[holes]
+        mean = cv2.GaussianBlur(light, (0, 0), sigma)[holes]
+        ready = todo & (total > 0.02)
+        values[ready] = mean[ready] / total[ready, None]
+        todo &= ~ready
+    if todo.any() and known.any():
+        values[todo] = picture[known].mean(axis=0)
+    return values

@@ -1,0 +1,138 @@
+"""A procedural room as the instruments see it: its light is baked once, kept on disk, and looked up ray by ray."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from mocks.light import BrightDisc, Floats, Site, Vector, unit
+from mocks.picture_cache import PictureCache, content_key
+from mocks.rooms.clouds import CloudDrift
+from mocks.rooms.geometry import Geometry
+from mocks.rooms.light import QUALITIES, Baked, bake, components, lightings
+from mocks.rooms.model import Use
+from mocks.rooms.room import Room, make_room
+from mocks.rooms.view import RoomView
+
+# Raise when baking or looking up changes.
+LIGHT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class RoomWorld:
+    """A room and its sky (a `mocks.light.World`). ``quality`` names the work that goes into its light."""
+
+    room: Room
+    quality: str = "standard"
+    drift: CloudDrift = field(default_factory=CloudDrift)
+
+    @property
+    def key(self) -> str:
+        """Return what the light depends on."""
+        return f"RoomWorld {LIGHT_VERSION} {self.room.key} {self.quality} {self.drift!r}"
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Return one component for constant light, else what clouds change apart: sky, sun, lamps."""
+        return self._lights if self.drift.amplitude > 0 else ("light",)
+
+    def weights(self, t_s: float) -> tuple[float, ...]:
+        """Return the brightness of each component relative to time 0."""
+        if self.drift.amplitude == 0:
+            return (1.0,)
+        sky, sun = self.drift.weights(t_s)
+        return tuple({"sky": sky, "sun": sun, "lamps": 1.0}[name] for name in self._lights)
+
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
+        """Return radiance at time 0 without the sun's disc; see `mocks.light.World`."""
+        chosen = self._lights if component is None or self.components == ("light",) else (self._lights[component],)
+        flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)
+        if site is Site.OUTDOOR:
+            out = np.zeros(flat.shape, np.float32)
+            for name in chosen:
+                if name != "lamps":
+                    out += self.room.sky.radiance(flat, pixel_rad, name)
+        else:
+            out = self.view.radiance(flat, pixel_rad, chosen)
+        return out.reshape(directions.shape)
+
+    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
+        """Return the sun where it shines."""
+        disc = self.room.sky.disc()
+        if disc is None:
+            return ()
+        return (replace(disc, component=self.components.index("sun") if "sun" in self.components else 0),)
+
+    def open_sky(self, site: Site, directions: Floats) -> Floats:
+        """Return 1 outdoors; indoors the glass where a ray leaves the room, else 0."""
+        if site is Site.OUTDOOR:
+            return np.ones(directions.shape[:-1], np.float32)
+        flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)
+        hits = self.view.geometry.cast(np.array(self.room.eye, np.float32), flat)
+        # The disc's colour is kept: glass takes about the same share of each.
+        through = np.where(hits.face < 0, np.float32(self.room.glass_transmittance[1]), np.float32(0))
+        return through.reshape(directions.shape[:-1])
+
+    @property
+    def board_direction(self) -> Vector:
+        """Return the direction from the camera to the middle of the white meter board."""
+        board = self.room.board()
+        if board is None:
+            return (0.0, 1.0, 0.0)
+        x, y, z = board.position_m
+        return unit((x, y, z + board.options_dict["centre_m"] - self.room.eye[2]))
+
+    @property
+    def view(self) -> RoomView:
+        """Return the view, made once a process for each of the last rooms."""
+        return _view_of(self.room, self.quality)
+
+    @property
+    def _lights(self) -> tuple[str, ...]:
+        return components(self.room)
+
+
+def room_world(use: str, seed: int, quality: str = "standard") -> RoomWorld:
+    """Return a room by name, for `mocks.world.open_world`."""
+    return RoomWorld(make_room(seed, None if use == "any" else Use(use)), quality)
+
+
+@lru_cache(maxsize=3)
+def _view_of(room: Room, quality: str) -> RoomView:
+    geometry = Geometry(room.parts())
+    return RoomView(room, geometry, baked_light(room, geometry, quality), QUALITIES[quality].face_px)
+
+
+def baked_light(room: Room, geometry: Geometry, quality: str, cache: PictureCache | None = None) -> dict[str, Baked]:
+    """Return the room's light by component, from the cache or baked now (some seconds to a minute)."""
+    cache = cache or PictureCache()
+    key = content_key("room light", LIGHT_VERSION, room.key, QUALITIES[quality])
+    data = cache.read(key, ".light")
+    if data is None:
+        with cache.rendering():
+            data = cache.read(key, ".light")
+            if data is None:
+                made = {
+                    name: bake(room, geometry, light, QUALITIES[quality]) for name, light in lightings(room).items()
+                }
+                cache.write(key, ".light", _packed(made))
+                return made
+    return _unpacked(data)
+
+
+def _packed(baked: dict[str, Baked]) -> bytes:
+    arrays = {f"{name}.irradiance": b.irradiance for name, b in baked.items()}
+    arrays |= {f"{name}.gloss": b.gloss for name, b in baked.items() if b.gloss is not None}
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+def _unpacked(data: bytes) -> dict[str, Baked]:
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    names = dict.fromkeys(name.split(".")[0] for name in arrays)
+    return {name: Baked(arrays[f"{name}.irradiance"], arrays.get(f"{name}.gloss")) for name in names}
