@@ -8,6 +8,7 @@ from __future__ import annotations
 from mocks.rooms.mesh import Part
 from mocks.rooms.model import Finish, Plan
 from mocks.rooms.shell_doors import door_parts
+from mocks.rooms.shell_fixtures import fixture_parts
 from mocks.rooms.shell_surfaces import floor_and_ceiling, mouldings, walls
 from mocks.rooms.shell_windows import Pane, window_panes, window_parts
 
@@ -22,4 +23,5 @@ def shell_parts(plan: Plan, finish: Finish) -> list[Part]:
         *mouldings(plan, finish),
         *window_parts(plan, finish),
         *door_parts(plan, finish),
+        *fixture_parts(plan, finish),
     ]

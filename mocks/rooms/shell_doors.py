@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from shapely import box as rectangle
 
-from mocks.rooms.mesh import Mesh, Part, quad
+from mocks.rooms.mesh import Mesh, Part, box, quad
 from mocks.rooms.model import Door, Finish, Plan
 from mocks.rooms.plan_space import HALL_DEPTH_M, HALL_SIDE_M
 from mocks.rooms.shapes import cylinder, rounded_box, tube, turned
@@ -93,9 +93,8 @@ def _slab(width: float, height: float, style: str) -> list[Mesh]:
     area = rectangle(0.0, 0.0, width, height)
     for field in fields:
         area = area.difference(rectangle(*field))
-    core = rounded_box(
-        (x0 + 0.001, back + sunk, z0 + 0.001), (x0 + width - 0.001, front - sunk, z0 + height - 0.001), 0
-    )
+    inner = 0.001
+    core = box((x0 + inner, back + sunk, z0 + inner), (x0 + width - inner, front - sunk, z0 + height - inner))
     found = [
         core,
         flat(area, (x0, front, z0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), back=True),

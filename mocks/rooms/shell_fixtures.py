@@ -1,0 +1,180 @@
+"""Fixtures on the walls: radiators, sockets, switches, thermostats."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from mocks.rooms.mesh import Mesh, Part, box
+from mocks.rooms.model import Finish, Fixture, Material, Plan, Role
+from mocks.rooms.shapes import cylinder, grid_faces, rounded_box, tube, turned
+from mocks.rooms.shell_cloth import curtain, curtain_rod, roller_blind, venetian_blind
+from mocks.rooms.shell_faces import on_wall, part_of
+from mocks.rooms.shell_lamps import lamp
+
+PLASTIC = Material("white plastic", (0.78, 0.78, 0.75), roughness=0.25)
+DARK = Material("dark plastic", (0.03, 0.03, 0.03), roughness=0.4)
+MODULE_M = 0.081
+"""Width of one socket or switch."""
+STANDOFF_M = 0.025
+"""Air between a radiator and its wall."""
+
+
+def fixture_parts(plan: Plan, finish: Finish) -> list[Part]:
+    """Return the parts of all fixtures."""
+    makers: dict[str, Callable[[Fixture, Finish], list[Part]]] = {
+        "panel radiator": _panel_radiator,
+        "column radiator": _column_radiator,
+        "socket": _sockets,
+        "switch": _switch,
+        "thermostat": _thermostat,
+        "curtain": curtain,
+        "curtain rod": curtain_rod,
+        "roller blind": roller_blind,
+        "venetian blind": venetian_blind,
+    }
+    parts: list[Part] = []
+    for fixture in plan.fixtures:
+        if fixture.wall < 0:
+            parts += lamp(fixture, plan.height_m, finish)
+        else:
+            parts += on_wall(plan, fixture.wall, makers[fixture.kind](fixture, finish))
+    return parts
+
+
+def _radiator(meshes: list[Mesh], material: Material) -> Part:
+    return part_of(meshes, material, "radiator", "radiator", Role.FIXTURE)
+
+
+def _panel_radiator(fixture: Fixture, finish: Finish) -> list[Part]:
+    """Return a steel panel with upright grooves, side covers, a grille on top, a valve and its pipes."""
+    x0, x1, z0, z1 = _bounds(fixture)
+    back, front = STANDOFF_M, fixture.depth_m
+    side = 0.004
+    meshes = [
+        _grooved(x0 + side, x1 - side, z0, z1 - 0.012, front),
+        box((x0 + side, back, z0), (x1 - side, back + 0.012, z1 - 0.012)),
+        rounded_box((x0, back, z0 + 0.01), (x0 + side, front, z1), 0.002),
+        rounded_box((x1 - side, back, z0 + 0.01), (x1, front, z1), 0.002),
+        *_grille(x0 + side, x1 - side, back, front, z1),
+        *_brackets(x0, x1, z0, z1),
+    ]
+    return [_radiator(meshes, finish.radiator), *_valve(fixture, finish, x1)]
+
+
+def _grooved(x0: float, x1: float, z0: float, z1: float, front: float) -> Mesh:
+    """Return the front panel: a sheet pressed in upright grooves, flat at its top and bottom edges."""
+    pitch, deep = 0.0333, 0.011
+    count = max(2, round((x1 - x0) / pitch))
+    shape = np.array([(0.0, 0.0), (0.22, 0.0), (0.36, 1.0), (0.64, 1.0), (0.78, 0.0)])
+    across = np.concatenate([np.stack([k + shape[:, 0], shape[:, 1]], axis=1) for k in range(count)] + [[(count, 0.0)]])
+    x = x0 + across[:, 0] * (x1 - x0) / count
+    rows = np.array([z0, z0 + 0.03, z0 + 0.05, z1 - 0.05, z1 - 0.03, z1])
+    fade = np.array([0.0, 0.0, 1.0, 1.0, 0.0, 0.0])
+    y = np.where(fade[None, :] > 0, front - 0.002 - deep * across[:, 1:], front - 0.002 - 0.5 * deep)
+    grid = np.stack([np.broadcast_to(x[:, None], y.shape), y, np.broadcast_to(rows[None, :], y.shape)], axis=-1)
+    slope_x, slope_z = np.gradient(grid, axis=0), np.gradient(grid, axis=1)
+    normal = np.cross(slope_z, slope_x)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    faces = np.ascontiguousarray(grid_faces(*y.shape)[:, ::-1])
+    vertices = grid.reshape(-1, 3)
+    return Mesh(vertices, normal.reshape(-1, 3), np.ascontiguousarray(vertices[:, [0, 2]]), faces)
+
+
+def _grille(x0: float, x1: float, back: float, front: float, top: float) -> list[Mesh]:
+    """Return the rim and the bars of the cover, between which one looks into the dark."""
+    rim, bar = 0.012, 0.0045
+    bars = [
+        rounded_box((x0, back, top - 0.014), (x1, back + rim, top), 0.002),
+        rounded_box((x0, front - rim, top - 0.014), (x1, front, top), 0.002),
+    ]
+    count = max(4, round((x1 - x0) / 0.016))
+    for x in np.linspace(x0 + bar, x1 - bar, count):
+        bars.append(box((x - bar / 2, back + rim, top - 0.01), (x + bar / 2, front - rim, top - 0.002)))
+    return bars
+
+
+def _brackets(x0: float, x1: float, z0: float, z1: float) -> list[Mesh]:
+    inset = 0.18 * (x1 - x0)
+    return [box((x - 0.015, 0.0, z0 + 0.05), (x + 0.015, STANDOFF_M, z1 - 0.05)) for x in (x0 + inset, x1 - inset)]
+
+
+def _valve(fixture: Fixture, finish: Finish, end: float) -> list[Part]:
+    """Return the thermostatic head at the radiator's lower corner and two pipes into the floor."""
+    z, y = fixture.bottom_m + 0.05, (fixture.depth_m + STANDOFF_M) / 2
+    start = (end - 0.005, y, z)
+    head = turned(cylinder(start, 0.019, 0.075, 0.006), (0.0, 1.0, 0.0), math.pi / 2, start)
+    pipes = [tube([(x, y, -0.001), (x, y, z + 0.02)], 0.0075) for x in (end - 0.03, end - 0.08)]
+    return [_radiator([head], PLASTIC), _radiator(pipes, finish.radiator)]
+
+
+def _column_radiator(fixture: Fixture, finish: Finish) -> list[Part]:
+    """Return a sectional radiator: rows of upright tubes between round headers, on feet."""
+    x0, x1, z0, z1 = _bounds(fixture)
+    radius = 0.0125
+    rows = np.linspace(STANDOFF_M + radius, fixture.depth_m - radius, 2 if fixture.depth_m < 0.12 else 3)
+    middle = float(rows.mean())
+    meshes = []
+    for x in np.linspace(x0 + 0.022, x1 - 0.022, max(2, round((x1 - x0) / 0.046))):
+        for y in rows:
+            towards = middle + 0.35 * (y - middle)
+            path = [(x, towards, z0 + 0.018), (x, y, z0 + 0.06), (x, y, z1 - 0.06), (x, towards, z1 - 0.018)]
+            meshes.append(tube(path, radius))
+        for z in (z0 + 0.025, z1 - 0.025):
+            meshes.append(
+                rounded_box((x - 0.021, STANDOFF_M, z - 0.024), (x + 0.021, fixture.depth_m, z + 0.024), 0.012, 2)
+            )
+    feet = [cylinder((x, middle, -0.001), 0.012, z0 + 0.03) for x in (x0 + 0.09, x1 - 0.09)]
+    return [_radiator(meshes + feet, finish.radiator), *_valve(fixture, finish, x1 - 0.01)]
+
+
+def _plate(x0: float, x1: float, z0: float, z1: float, depth: float) -> Mesh:
+    return rounded_box((x0, -0.001, z0), (x1, depth, z1), 0.005, 2)
+
+
+def _sockets(fixture: Fixture, finish: Finish) -> list[Part]:
+    """Return one plate with a round well and two holes per module."""
+    x0, x1, z0, z1 = _bounds(fixture)
+    white = [_plate(x0, x1, z0, z1, fixture.depth_m)]
+    dark: list[Mesh] = []
+    for k in range(max(1, round(fixture.width_m / MODULE_M))):
+        x, z, y = x0 + (k + 0.5) * MODULE_M, (z0 + z1) / 2, fixture.depth_m
+        for radius, high, meshes in ((0.0225, 0.0006, dark), (0.0212, 0.0012, white)):
+            meshes.append(turned(cylinder((x, y, z), radius, high), (1.0, 0.0, 0.0), -math.pi / 2, (x, y, z)))
+        for side in (-0.0095, 0.0095):
+            at = (x + side, y, z)
+            dark.append(turned(cylinder(at, 0.0028, 0.0018, sides=10), (1.0, 0.0, 0.0), -math.pi / 2, at))
+    return [
+        part_of(white, PLASTIC, "socket", role=Role.FIXTURE),
+        part_of(dark, DARK, "socket", role=Role.FIXTURE),
+    ]
+
+
+def _switch(fixture: Fixture, finish: Finish) -> list[Part]:
+    """Return the plate with its rocker, slightly tilted."""
+    x0, x1, z0, z1 = _bounds(fixture)
+    m, y = 0.0125, fixture.depth_m
+    rocker = rounded_box((x0 + m, y - 0.004, z0 + m), (x1 - m, y + 0.003, z1 - m), 0.002)
+    rocker = turned(rocker, (1.0, 0.0, 0.0), math.radians(3.0), ((x0 + x1) / 2, y, (z0 + z1) / 2))
+    rim = rounded_box((x0 + m - 0.001, y - 0.004, z0 + m - 0.001), (x1 - m + 0.001, y + 0.0003, z1 - m + 0.001), 0.0002)
+    return [
+        part_of([_plate(x0, x1, z0, z1, y), rocker], PLASTIC, "switch", role=Role.FIXTURE),
+        part_of(rim, DARK, "switch", role=Role.FIXTURE),
+    ]
+
+
+def _thermostat(fixture: Fixture, finish: Finish) -> list[Part]:
+    """Return a small box with a dial."""
+    x0, x1, z0, z1 = _bounds(fixture)
+    at = ((x0 + x1) / 2, fixture.depth_m - 0.006, (z0 + z1) / 2)
+    dial = turned(cylinder(at, 0.024, 0.012, 0.003), (1.0, 0.0, 0.0), -math.pi / 2, at)
+    case = rounded_box((x0, -0.001, z0), (x1, fixture.depth_m - 0.006, z1), 0.006, 2)
+    return [part_of([case, dial], PLASTIC, "switch", role=Role.FIXTURE)]
+
+
+def _bounds(fixture: Fixture) -> tuple[float, float, float, float]:
+    """Return x0, x1, z0, z1 in the wall's frame."""
+    end, top = fixture.start_m + fixture.width_m, fixture.bottom_m + fixture.height_m
+    return fixture.start_m, end, fixture.bottom_m, top
