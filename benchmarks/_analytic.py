@@ -79,19 +79,27 @@ def perpendicular_form_factor(width_m: float, depth_m: float, common_m: float) -
 def through_opening_lux(
     point: Triple, normal: Triple, opening: tuple[Triple, Triple, Triple], light: SkyLuminance
 ) -> float:
-    """Return the illuminance at a point from what is seen through a rectangle (corner and two sides).
+    """Return the illuminance at a point from what is seen through a rectangle: a corner, a level side, another side.
 
-    Gauss and Legendre's rule with 96 x 96 nodes; ``light`` also gets negative sines: the ground.
+    ``light`` also gets negative sines: the ground. Gauss and Legendre's rule with 96 x 96 nodes on either side of the
+    horizon, where the light may jump.
     """
+    corner, u, v = (np.array(side, dtype=np.float64) for side in opening)
+    horizon = min(max((point[2] - corner[2]) / v[2], 0.0), 1.0) if v[2] else 0.0
+    return _seen_lux(point, normal, (corner, u, v * horizon), light) + _seen_lux(
+        point, normal, (corner + v * horizon, u, v * (1 - horizon)), light
+    )
+
+
+def _seen_lux(point: Triple, normal: Triple, opening: tuple[Array, Array, Array], light: SkyLuminance) -> float:
     nodes, weights = np.polynomial.legendre.leggauss(96)
     t, weight = (nodes + 1) / 2, weights / 2
-    corner, u, v = (np.array(side, dtype=np.float64) for side in opening)
+    corner, u, v = opening
     to = corner + t[:, None, None] * u + t[None, :, None] * v - np.array(point)
     far2 = (to**2).sum(axis=-1)
     far = np.sqrt(far2)
-    across = np.cross(u, v)
     here = np.maximum(to @ np.array(normal), 0) / far
-    there = np.abs(to @ across) / far
+    there = np.abs(to @ np.cross(u, v)) / far
     return float((light(to[..., 2] / far) * here * there / far2 * weight[:, None] * weight[None, :]).sum())
 
 

@@ -96,7 +96,7 @@ def daylight(spp: int, seed: int) -> Errors:
     to_facade: list[tuple[Triple, Triple]] = [
         ((2.0, 1.0, 0.0), UP),
         ((2.0, 3.0, 0.0), UP),
-        ((2.0, 4.0, 1.0), (0.0, -1.0, 0.0)),
+        ((2.0, 4.0, 1.5), (0.0, -1.0, 0.0)),
     ]
     cases = [(name, _roof(*hole), to_roof) for name, hole in roofs.items()]
     cases += [(name, _facade(*hole), to_facade) for name, hole in facades.items()]

@@ -24,9 +24,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks._memory import MemoryWatch
+
 FULL_RUNS, QUICK_RUNS = 5, 1
 FULL_SAMPLES, QUICK_SAMPLES = 3, 1
 HELP_RUNS = 7
+UNITS = {"limit_ratio": "wall / limit", "limit_ratio_max": "wall / limit"}
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
@@ -64,7 +67,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         }
     }
     notes = [f"skew: 99th percentile of {len(skews_ms)} pairs, from the simulated shutters themselves"]
-    return {"metrics": metrics, "rivals": rivals, "notes": notes}
+    return {"metrics": metrics, "rivals": rivals, "notes": notes, "units": UNITS}
 
 
 def _in_own_process(how: str, seed: int, samples: int) -> dict[str, Any]:
@@ -91,39 +94,6 @@ def _help_s() -> float:
     return statistics.median(times[1:])
 
 
-class _MemoryWatch:
-    """Samples the memory of this process and its children."""
-
-    def __init__(self) -> None:
-        import psutil
-
-        self._process = psutil.Process()
-        self._over = threading.Event()
-        self.peak_mb = self.own_peak_mb = 0.0
-        self._thread = threading.Thread(target=self._watch, daemon=True)
-
-    def __enter__(self) -> _MemoryWatch:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        self._thread.join()
-
-    def _watch(self) -> None:
-        import psutil
-
-        while not self._over.wait(0.05):
-            own = self._process.memory_full_info().pss / 1e6
-            total = own
-            for child in self._process.children(recursive=True):
-                try:
-                    total += child.memory_full_info().pss / 1e6
-                except psutil.Error:
-                    continue
-            self.own_peak_mb, self.peak_mb = max(own, self.own_peak_mb), max(total, self.peak_mb)
-
-
 def _capture_once(how: str, seed: int, samples: int) -> dict[str, Any]:
     from mocks.bench import BenchOptions, make_bench
     from station.rig import open_simulated_rig, wanted_cameras
@@ -132,7 +102,7 @@ def _capture_once(how: str, seed: int, samples: int) -> dict[str, Any]:
     file = PAPER_RIG.model_copy(update={"meter": MeterTable(samples=samples)})
     bench = make_bench("room", wanted_cameras(file), file.bracket.stops_s(), BenchOptions(seed=seed))
     rig = open_simulated_rig(file, bench)
-    with tempfile.TemporaryDirectory() as folder, _MemoryWatch() as memory:
+    with tempfile.TemporaryDirectory() as folder, MemoryWatch() as memory:
         start_s = time.perf_counter()
         frames = _together(rig, Path(folder)) if how == "together" else _as_two_scripts(rig)
         wall_s = time.perf_counter() - start_s

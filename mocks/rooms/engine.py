@@ -169,7 +169,7 @@ def mesh_shape(mesh: Mesh, bsdf: Any, emitter: dict[str, Any] | None = None, sen
 def irradiance_over(scene: Any, mesh: Mesh, spp: int, seed: int = 0) -> npt.NDArray[np.float64]:
     """Return the mean illuminance (lx, as RGB, shape (3,)) over a mesh that need not be in the scene.
 
-    The mesh is not put into the scene, so that the meter neither shades nor reflects. ``spp`` rays start from it.
+    The mesh is not put into the scene, so that the meter neither shades nor reflects. About ``spp`` rays start from it.
     """
     mi = mitsuba()
     meter = mi.load_dict(
@@ -186,7 +186,8 @@ def irradiance_over(scene: Any, mesh: Mesh, spp: int, seed: int = 0) -> npt.NDAr
         }
     )
     shape = mesh_shape(mesh, {"type": "diffuse"}, sensor=meter)
-    each = max(1, round(spp / _METER_PIXELS**2))
+    # The sampler spreads square numbers of rays best.
+    each = max(1, round(math.sqrt(spp) / _METER_PIXELS)) ** 2
     picture = mi.render(scene, sensor=shape.sensor(), integrator=mi.load_dict(PATH), spp=each, seed=seed)
     mean: npt.NDArray[np.float64] = np.array(picture, dtype=np.float64).reshape(-1, 3).mean(axis=0)
     return mean

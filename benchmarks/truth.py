@@ -1,0 +1,56 @@
+"""Physics of the simulated truth against calculation: what every later figure stands on.
+
+Errors are the largest of all cases, in per cent: white furnaces, integrating cube and sphere, form factors, daylight
+through unglazed openings, outdoor illuminance against pvlib's clear sky, the meter's spot against dense quadrature.
+``rooms_ok`` counts the rooms of ``rooms`` test seeds that are made without failure and are valid.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any
+
+from benchmarks import _physics
+from benchmarks._sky_anchor import outdoor_errors
+from benchmarks._spot import spot_errors
+from benchmarks.seeds import seeds
+from mocks.rooms.engine import variant
+
+FULL_SPP = {"furnace": 2**20, "sphere": 2**18, "form_factor": 2**20, "daylight": 2**20}
+QUICK_SPP = {"furnace": 2**17, "sphere": 2**16, "form_factor": 2**19, "daylight": 2**17}
+FULL_ROOMS, QUICK_ROOMS = 200, 40
+
+SCENES: dict[str, Callable[[int, int], _physics.Errors]] = {
+    "furnace": _physics.furnace,
+    "sphere": _physics.integrating,
+    "form_factor": _physics.form_factors,
+    "daylight": _physics.daylight,
+}
+
+
+def run(*, quick: bool, seed: int) -> dict[str, Any]:
+    """Return metrics; see the module's docstring."""
+    spp = QUICK_SPP if quick else FULL_SPP
+    errors = {name: scene(spp[name], seed + 1) for name, scene in SCENES.items()}
+    errors["outdoor_lux"], errors["outdoor_low_sun"] = outdoor_errors()
+    errors["spot"] = spot_errors(seed)
+    asked = seeds("test", QUICK_ROOMS if quick else FULL_ROOMS, seed)
+    faults = {number: found for number in asked if (found := room_faults(number))}
+    worst = {name: max(cases, key=lambda case: abs(cases[case])) for name, cases in errors.items()}
+    metrics: dict[str, Any] = {f"{name}_err_pct": round(abs(errors[name][case]), 4) for name, case in worst.items()}
+    metrics |= {"rooms_ok": len(asked) - len(faults), "rooms": len(asked), "variant": variant()}
+    notes = [
+        f"{name}: worst of {len(errors[name])} at {case} ({errors[name][case]:+.3f} %)" for name, case in worst.items()
+    ]
+    notes += [f"room {number}: {'; '.join(found)}" for number, found in faults.items()]
+    return {"metrics": metrics, "units": {"rooms_ok": f"of {len(asked)}"}, "notes": notes}
+
+
+def room_faults(seed: int) -> list[str]:
+    """Return what is wrong with the room of a seed: a failure to make it, or what its own checks find."""
+    rooms = importlib.import_module("mocks.rooms.room")
+    try:
+        return list(rooms.check_room(rooms.make_room(seed)))
+    except Exception as error:  # noqa: BLE001 (any failure is what is counted here)
+        return [f"{type(error).__name__}: {error}"]
