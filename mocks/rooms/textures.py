@@ -1,7 +1,7 @@
 """Patterns of floors, walls, cloth and wood: the tile of each `Texture`, always the same for the same parameters.
 
 Row 0 of a tile is v = 0, rows run along v and columns along u. Tiles repeat without a seam. The first colour of a
-texture is its mean where the kind is one tone with variation (`KEEPS_MEAN`); the modules say what the others are.
+texture is its mean where the kind is one tone with variation; the modules say what the other colours are.
 The option ``turned`` (1) swaps u and v: boards lie along v, turned ones along u.
 """
 
@@ -14,24 +14,63 @@ import cv2
 import numpy as np
 
 from mocks.light import Vector
-from mocks.rooms import textures_wood
+from mocks.rooms import (
+    textures_cloth,
+    textures_parquet,
+    textures_pictures,
+    textures_rugs,
+    textures_tiles,
+    textures_walls,
+    textures_wood,
+)
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, with_mean
 from mocks.textures import MipTexture
 
-_MAKERS: dict[str, Callable[[Texture], Tile]] = {
+_ONE_TONE: dict[str, Callable[[Texture], Tile]] = {
     "planks": textures_wood.planks,
+    "veneer": textures_wood.veneer,
+    "laminate": textures_parquet.laminate,
+    "herringbone": textures_parquet.herringbone,
+    "blocks": textures_parquet.blocks,
+    "concrete": textures_tiles.concrete,
+    "paint": textures_walls.paint,
+    "plaster": textures_walls.plaster,
+    "carpet loop": textures_cloth.carpet_loop,
+    "carpet pile": textures_cloth.carpet_pile,
+    "woven": textures_cloth.woven,
+    "boucle": textures_cloth.boucle,
+    "knit": textures_cloth.knit,
+    "leather": textures_cloth.leather,
+    "rattan": textures_cloth.rattan,
 }
-KEEPS_MEAN = frozenset({"planks"})
-"""Kinds whose tile has the first colour as its mean."""
+_PATTERNED: dict[str, Callable[[Texture], Tile]] = {
+    "tiles": textures_tiles.tiles,
+    "hexagons": textures_tiles.hexagons,
+    "terrazzo": textures_tiles.terrazzo,
+    "striped": textures_cloth.striped,
+    "wallpaper stripes": textures_walls.wallpaper_stripes,
+    "wallpaper motifs": textures_walls.wallpaper_motifs,
+    "wallpaper damask": textures_walls.wallpaper_damask,
+    "rug medallions": textures_rugs.medallions,
+    "rug lozenges": textures_rugs.lozenges,
+    "rug bands": textures_rugs.bands,
+    "picture fields": textures_pictures.fields,
+    "picture hills": textures_pictures.hills,
+    "picture shapes": textures_pictures.shapes,
+    "picture leaves": textures_pictures.leaves,
+}
+KINDS = (*_ONE_TONE, *_PATTERNED)
+"""All kinds of pattern. The mean of those up to rattan is their first colour; the others have several colours."""
 
 
 def tile(texture: Texture) -> Tile:
     """Return one repeat of a texture; albedo lies between 0.02 and 0.92."""
-    made = _MAKERS[texture.kind](texture)
-    if texture.kind in KEEPS_MEAN:
+    if texture.kind in _ONE_TONE:
+        made = _ONE_TONE[texture.kind](texture)
         albedo = with_mean(made.albedo, texture.colours[0])
     else:
+        made = _PATTERNED[texture.kind](texture)
         albedo = np.clip(made.albedo, LOWEST_ALBEDO, HIGHEST_ALBEDO)
     if texture.option("turned", 0.0):
         return Tile(np.ascontiguousarray(albedo.transpose(1, 0, 2)), made.size_m[::-1])
@@ -47,7 +86,7 @@ def mip(texture: Texture) -> MipTexture:
 @lru_cache(maxsize=1024)
 def mean_albedo(texture: Texture) -> Vector:
     """Return the mean of a texture's tile."""
-    if texture.kind in KEEPS_MEAN:
+    if texture.kind in _ONE_TONE:
         return texture.colours[0]
     red, green, blue = cv2.mean(tile(texture).albedo)[:3]
     return (float(red), float(green), float(blue))

@@ -56,6 +56,17 @@ def blurred(picture: Floats, sigma_px: float) -> Floats:
     return np.asarray(soft[border:-border, border:-border], dtype=np.float32)
 
 
+def repeated(cell: Floats, repeats: int, pixels: int, wobble: Floats | None = None) -> Floats:
+    """Return a square tile of ``repeats`` cells a side; ``wobble`` (pixels, pixels) moves it sideways, in cells."""
+    side = len(cell)
+    wide = np.pad(cell, ((1, 1), (1, 1), (0, 0)), mode="wrap")
+    place = centres(pixels, repeats)
+    u = np.broadcast_to(place[None, :], (pixels, pixels)) if wobble is None else place[None, :] + wobble
+    v = np.broadcast_to(place[:, None], (pixels, pixels))
+    right, down = (np.asarray(p % 1 * np.float32(side) + np.float32(0.5), dtype=np.float32) for p in (u, v))
+    return np.asarray(cv2.remap(wide, right, down, cv2.INTER_LINEAR), dtype=np.float32)
+
+
 def centres(pixels: int, length: float = 1.0) -> Floats:
     """Return the pixel centres of a side that is ``length`` long."""
     return (np.arange(pixels, dtype=np.float32) + np.float32(0.5)) * np.float32(length / pixels)
@@ -95,7 +106,9 @@ def mixed(under: Floats | Vector, over: Floats | Vector, cover: Floats) -> Float
 def with_mean(albedo: Floats, mean: Vector) -> Floats:
     """Return the pattern scaled so that its mean is ``mean``, within the limits of albedo."""
     wanted = np.array(mean, dtype=np.float32)
-    for _ in range(3):
-        found = np.array(cv2.mean(albedo)[:3], dtype=np.float32)
-        albedo = np.clip(albedo * (wanted / found), LOWEST_ALBEDO, HIGHEST_ALBEDO)
+    for _ in range(6):
+        ratio = wanted / np.array(cv2.mean(albedo)[:3], dtype=np.float32)
+        if np.all(np.abs(ratio - 1) < 1e-4):
+            break
+        albedo = np.clip(albedo * ratio, LOWEST_ALBEDO, HIGHEST_ALBEDO)
     return albedo

@@ -1,4 +1,4 @@
-"""Wood: boards cut from a log, laid as planks, laminate, herringbone and blocks, and the straight grain of furniture.
+"""Boards cut from a log, random planks, and the straight grain of furniture.
 
 A board shows where it was cut: the growth rings are cylinders about the pith, so a board that passes near the pith
 shows nested arches along its middle and one far from it shows straight lines. Colours: wood, gap.
@@ -16,9 +16,19 @@ from mocks.light import Floats
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import Tile, centres, generator, line_cover, mixed, noise, to_nearest, toned
 
-_TABLE = 4096
-_PER_RING = 16
-_WARMTH = 0.3
+WARMTH = 0.3
+"""How much redder the dark grain is than the light."""
+_RINGS, _PER_RING = 256, 16
+_PLANK_PIXELS, _PLANK_TILE_M = 2048, 4.8
+
+
+def ring_tones(rng: np.random.Generator, rings: int) -> Floats:
+    """Return darkness across ``rings`` growth rings, 16 samples each, that wraps; each darkens, then ends sharply."""
+    dark = rng.gamma(2.0, 0.5, rings).astype(np.float32)
+    rise = (np.arange(_PER_RING, dtype=np.float32) / _PER_RING) ** 2
+    tones = np.pad((dark[:, None] * rise[None, :]).ravel(), 2, mode="wrap")
+    soft = np.convolve(tones, np.full(5, 0.2, dtype=np.float32), mode="valid")
+    return np.asarray((soft - soft.mean()) / soft.std(), dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -30,43 +40,42 @@ class Timber:
     pixel_m: float
     ring_m: float
     figure: float
-    knots: float
+    knots_per_m: float
 
     @classmethod
     def of(cls, rng: np.random.Generator, texture: Texture, pixel_m: float) -> Timber:
-        """Return the timber of a texture."""
-        dark = rng.gamma(2.0, 0.5, _TABLE // _PER_RING).astype(np.float32)
-        rise = (np.arange(_PER_RING, dtype=np.float32) / _PER_RING) ** 2
-        rings = (dark[:, None] * rise[None, :]).ravel()
-        rings = np.convolve(np.pad(rings, 2, mode="wrap"), np.ones(5) / 5, mode="valid").astype(np.float32)
-        fibres = 0.6 * noise(rng, (1024, 1024), (16, 1024)) + 0.5 * noise(rng, (1024, 1024), (64, 512))
+        """Return the timber of a texture. Options: ring_m, figure, knots (per metre of board)."""
         return cls(
-            rings=(rings - rings.mean()) / rings.std(),
-            fibres=fibres,
+            rings=ring_tones(rng, _RINGS),
+            fibres=0.6 * noise(rng, (512, 512), (8, 512)) + 0.5 * noise(rng, (512, 512), (32, 256)),
             pixel_m=pixel_m,
             ring_m=texture.option("ring_m", max(0.006, 2.2 * pixel_m)),
             figure=texture.option("figure", 0.10),
-            knots=texture.option("knots", 0.08),
+            knots_per_m=texture.option("knots", 0.06),
         )
 
     def board(self, rng: np.random.Generator, rows: int, columns: int) -> Floats:
         """Return the tone (about 1) of a new board, its grain along the rows."""
         across = (np.arange(columns, dtype=np.float32) - np.float32(columns / 2)) * np.float32(self.pixel_m)
         along = np.arange(rows, dtype=np.float32) * np.float32(self.pixel_m)
-        sway = _wander(rng, rows, self.pixel_m)
-        x = across[None, :] - np.float32(rng.normal(0, 0.05)) + np.float32(0.008) * sway[:, None]
-        slope = rng.choice([-1, 1]) * rng.uniform(0.01, 0.05)
+        sway = np.float32(0.008) * _wander(rng, rows, self.pixel_m) - np.float32(rng.normal(0, 0.05))
+        slope = float(rng.choice([-1, 1]) * rng.uniform(0.01, 0.05))
         height = rng.uniform(0.01, 0.09) + slope * along + 0.006 * _wander(rng, rows, self.pixel_m)
-        radius = np.sqrt(x * x + (height * height)[:, None].astype(np.float32))
-        tone = np.zeros((rows, columns), dtype=np.float32)
-        if rng.random() < self.knots * rows * self.pixel_m:
+        x = across[None, :] + sway[:, None]
+        radius = np.sqrt(x * x + (height * height).astype(np.float32)[:, None])
+        tone = self._some_fibres(rng, rows, columns)
+        if rng.random() < self.knots_per_m * rows * self.pixel_m:
             self._add_knot(rng, radius, tone)
-        ring = (radius * np.float32(_PER_RING / self.ring_m)).astype(np.int32) + rng.integers(_TABLE)
-        tone -= np.float32(self.figure) * self.rings[ring & (_TABLE - 1)]
-        r0, c0 = rng.integers(1024, size=2)
-        at = np.ix_((np.arange(rows) + r0) % 1024, (np.arange(columns) + c0) % 1024)
-        tone += np.float32(0.5 * self.figure) * self.fibres[at]
-        return np.clip(1 + tone, 0.35, 1.5, out=tone)
+        ring = (radius * np.float32(_PER_RING / self.ring_m)).astype(np.int32) + rng.integers(1 << 12, dtype=np.int32)
+        tone -= np.float32(self.figure) * np.take(self.rings, ring, mode="wrap")
+        return np.clip(tone, 0.35, 1.5, out=tone)
+
+    def _some_fibres(self, rng: np.random.Generator, rows: int, columns: int) -> Floats:
+        side = len(self.fibres)
+        turned = np.roll(self.fibres, rng.integers(side, size=2), (0, 1))
+        repeats = (-(-rows // side), -(-columns // side))
+        fibres = turned if repeats == (1, 1) else np.tile(turned, repeats)
+        return np.asarray(1 + np.float32(0.5 * self.figure) * fibres[:rows, :columns], dtype=np.float32)
 
     def _add_knot(self, rng: np.random.Generator, radius: Floats, tone: Floats) -> None:
         rows, columns = radius.shape
@@ -80,50 +89,60 @@ class Timber:
 
 
 def _wander(rng: np.random.Generator, length: int, pixel_m: float) -> Floats:
-    """Return a smooth random walk along a board, a turn every 0.3 m or so."""
+    """Return a smooth random curve along a board, a turn every 0.3 m or so."""
     knots = rng.standard_normal(max(4, int(length * pixel_m / 0.3) + 4), dtype=np.float32)
     return np.asarray(cv2.resize(knots[None, :], (length, 1), interpolation=cv2.INTER_CUBIC)[0])
 
 
+def board_tint(rng: np.random.Generator, texture: Texture, usual: float = 0.09) -> np.float32:
+    """Return the tone of one board among others. Option: variation."""
+    return np.float32(np.clip(rng.normal(1.0, texture.option("variation", usual)), 0.6, 1.4))
+
+
+def gapped(texture: Texture, tone: Floats, gaps: Floats, size_m: tuple[float, float]) -> Tile:
+    """Return wood of a tone, with gaps where ``gaps`` is 1."""
+    return Tile(mixed(toned(tone, texture.colours[0], WARMTH), texture.colours[1], gaps), size_m)
+
+
 def planks(texture: Texture) -> Tile:
-    """Return boards along v with random joints. Options: board_m, length_m, gap_m, variation, figure, knots."""
-    rng, pixels, height_m = generator(texture.seed), 2048, 4.8
-    board_m = texture.option("board_m", 0.14)
-    boards = max(8, round(4.8 / board_m))
-    pixel_m = height_m / pixels
-    width_m = boards * board_m
+    """Return boards along v with random joints. Options: board_m, length_m, gap_m, variation, and the timber's."""
+    rng = generator(texture.seed)
+    board_m, gap_m = texture.option("board_m", 0.14), texture.option("gap_m", 0.003)
+    boards = max(8, round(_PLANK_TILE_M / board_m))
+    width_m, pixel_m = boards * board_m, _PLANK_TILE_M / _PLANK_PIXELS
     timber = Timber.of(rng, texture, pixel_m)
-    tone, ends = np.ones((pixels, pixels), dtype=np.float32), np.zeros((pixels, pixels), dtype=np.float32)
-    gap_m = texture.option("gap_m", 0.003)
-    edges = np.round(np.arange(boards + 1) * (pixels / boards)).astype(int)
-    for left, right in itertools.pairwise(edges):
-        column, joints_m = _run(rng, timber, texture, right - left)
-        tone[:, left:right] = column
+    tone = np.empty((_PLANK_PIXELS, _PLANK_PIXELS), dtype=np.float32)
+    ends = np.zeros((_PLANK_PIXELS, boards), dtype=np.float32)
+    edges = np.round(np.arange(boards + 1) * (_PLANK_PIXELS / boards)).astype(int)
+    for board, (left, right) in enumerate(itertools.pairwise(edges)):
+        tone[:, left:right], joints_m = _run(rng, timber, texture, right - left)
         for joint_m in joints_m:
-            distance = to_nearest(centres(pixels, height_m) - np.float32(joint_m), height_m)
-            ends[:, left:right] += line_cover(distance, gap_m, pixel_m)[:, None]
-    sides = line_cover(to_nearest(centres(pixels, width_m), board_m), gap_m, width_m / pixels)
-    return _gapped(texture, tone, np.maximum(ends, sides[None, :]), (width_m, height_m))
+            distance = to_nearest(centres(_PLANK_PIXELS, _PLANK_TILE_M) - np.float32(joint_m), _PLANK_TILE_M)
+            ends[:, board] += line_cover(distance, gap_m, pixel_m)
+    sides = line_cover(to_nearest(centres(_PLANK_PIXELS, width_m), board_m), gap_m, width_m / _PLANK_PIXELS)
+    gaps = np.maximum(np.repeat(ends, np.diff(edges), axis=1), sides[None, :])
+    return gapped(texture, tone, gaps, (width_m, _PLANK_TILE_M))
 
 
 def _run(rng: np.random.Generator, timber: Timber, texture: Texture, columns: int) -> tuple[Floats, list[float]]:
     """Return one row of boards end to end that wraps, and where its joints are in metres."""
-    pixels = 2048
-    length_m = texture.option("length_m", 1.4)
-    count = max(2, round(pixels * timber.pixel_m / length_m))
+    count = max(2, round(_PLANK_TILE_M / texture.option("length_m", 1.4)))
     shares = rng.uniform(0.6, 1.4, count)
-    starts = np.round(np.cumsum(shares) / shares.sum() * pixels).astype(int)
-    run = np.empty((pixels, columns), dtype=np.float32)
-    for low, high in zip([0, *starts[:-1]], starts, strict=True):
-        run[low:high] = timber.board(rng, high - low, columns) * _tint(rng, texture)
-    turn = int(rng.integers(pixels))
-    return np.roll(run, turn, axis=0), [float((s + turn) % pixels) * timber.pixel_m for s in starts]
+    stops = [0, *(int(s) for s in np.round(np.cumsum(shares) / shares.sum() * _PLANK_PIXELS))]
+    run = np.empty((_PLANK_PIXELS, columns), dtype=np.float32)
+    for low, high in itertools.pairwise(stops):
+        run[low:high] = timber.board(rng, high - low, columns) * board_tint(rng, texture)
+    turn = int(rng.integers(_PLANK_PIXELS))
+    return np.roll(run, turn, axis=0), [(stop + turn) % _PLANK_PIXELS * timber.pixel_m for stop in stops[1:]]
 
 
-def _tint(rng: np.random.Generator, texture: Texture) -> np.float32:
-    return np.float32(np.clip(rng.normal(1.0, texture.option("variation", 0.09)), 0.6, 1.4))
-
-
-def _gapped(texture: Texture, tone: Floats, gaps: Floats, size_m: tuple[float, float]) -> Tile:
-    wood = toned(tone, texture.colours[0], _WARMTH)
-    return Tile(mixed(wood, texture.colours[1], np.minimum(gaps, 1)), size_m)
+def veneer(texture: Texture) -> Tile:
+    """Return the calm grain of furniture along v, a metre and a bit of it. Options: figure, arches."""
+    rng, pixels, rings = generator(texture.seed), (1024, 1024), 140
+    figure = texture.option("figure", 0.10)
+    phase = np.float32(rings) * centres(1024)[None, :] + np.float32(0.15) * noise(rng, pixels, (8, 32))
+    phase += np.float32(texture.option("arches", 2.4)) * noise(rng, pixels, (2, 8))
+    ring = (phase * np.float32(_PER_RING)).astype(np.int32)
+    tone = 1 - np.float32(figure) * np.take(ring_tones(rng, rings), ring, mode="wrap")
+    tone += np.float32(0.35 * figure) * noise(rng, pixels, (16, 1024)) + np.float32(0.03) * noise(rng, pixels, (2, 8))
+    return Tile(toned(np.clip(tone, 0.4, 1.5), texture.colours[0], WARMTH), (1.2, 1.2))
