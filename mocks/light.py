@@ -166,6 +166,18 @@ def direction_of(azimuth_rad: float, elevation_rad: float) -> Vector:
     return (flat * math.sin(azimuth_rad), flat * math.cos(azimuth_rad), math.sin(elevation_rad))
 
 
+def spread_over_disc(direction: Vector, radius_rad: float, count: int) -> Floats:
+    """Return directions (count, 3) spread evenly over a small round disc, each for the same solid angle."""
+    centre = np.array(unit(direction))
+    side = np.cross(centre, (0.0, 0.0, 1.0) if abs(centre[2]) < 0.9 else (1.0, 0.0, 0.0))
+    side /= np.linalg.norm(side)
+    other = np.cross(centre, side)
+    radius = radius_rad * np.sqrt((np.arange(count) + 0.5) / count)
+    turn = np.arange(count) * math.pi * (3 - math.sqrt(5))
+    offset = (np.cos(turn) * np.sin(radius))[:, None] * side + (np.sin(turn) * np.sin(radius))[:, None] * other
+    return np.asarray(np.cos(radius)[:, None] * centre + offset, dtype=np.float32)
+
+
 @dataclass(frozen=True)
 class UniformWorld(OneLight):
     """The same light from everywhere, as inside an integrating sphere: the ruler for exposure and response."""

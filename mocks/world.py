@@ -26,6 +26,7 @@ from mocks.light import (
     WorldFileError,
     direction_of,
     luminance_cd_m2,
+    spread_over_disc,
     unit,
 )
 from mocks.rooms.model import Use
@@ -64,15 +65,8 @@ def meter_luminance_cd_m2(
 
     About 500 samples at equal solid angles; ``spot_deg`` is the spot's diameter (1/3 degree on an LS-160).
     """
-    centre = np.array(unit(direction))
-    side = np.cross(centre, (0.0, 0.0, 1.0) if abs(centre[2]) < 0.9 else (1.0, 0.0, 0.0))
-    side /= np.linalg.norm(side)
-    other = np.cross(centre, side)
     count = 512
-    radius = math.radians(spot_deg / 2) * np.sqrt((np.arange(count) + 0.5) / count)
-    turn = np.arange(count) * math.pi * (3 - math.sqrt(5))
-    offset = (np.cos(turn) * np.sin(radius))[:, None] * side + (np.sin(turn) * np.sin(radius))[:, None] * other
-    spot = (np.cos(radius)[:, None] * centre + offset).astype(np.float32)
+    spot = spread_over_disc(direction, math.radians(spot_deg / 2), count)
     sample_rad = math.radians(spot_deg) / math.sqrt(count)
     weights = world.weights(t_s)
     means = [luminance_cd_m2(world.radiance(site, spot, sample_rad, i)).mean() for i in range(len(weights))]

@@ -162,8 +162,8 @@ def test_nine_stops_hold_a_room_and_nine_stops_with_filter_hold_the_sun():
 
 
 def test_response_is_recovered_from_a_ramp(tmp_path):
-    """With vignetting and noise off, the picture of a ramp of light is the tone curve itself."""
-    optics = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=())))
+    """With vignetting, glare and noise off, the picture of a ramp of light is the tone curve itself."""
+    optics = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=()), glare=0.0))
     exposure = Exposure(1 / 60, 100, 5.6)
     full = optics.sensor.saturation_cd_m2(exposure)
     picture = picture_of(tmp_path, RampWorld(full), optics, exposure)
@@ -187,35 +187,6 @@ def test_tone_curves_are_monotone_and_invertible(gamma, toe, contrast):
     np.testing.assert_allclose(curve.decode(y), x, atol=2e-5)
     assert curve.table()[0] == 0
     assert curve.table()[-1] == 255
-
-
-@pytest.mark.parametrize("size", [(5616, 3744), (1404, 936), (351, 234)])
-def test_the_sun_keeps_its_energy_through_the_fisheye(size):
-    check_disc_energy(CANON_5D2, size)
-
-
-@pytest.mark.parametrize("elevation", [0.1, 1.2, math.pi / 2 - 0.003])
-def test_a_disc_keeps_its_energy_in_the_panorama(elevation):
-    world = DiscWorld()
-    world = replace_disc(world, direction_of(math.pi, elevation))
-    check_disc_energy(THETA_Z1, (640, 320), world)
-
-
-def replace_disc(world, direction):
-    object.__setattr__(world, "disc", replace(world.disc, direction=direction))
-    return world
-
-
-def check_disc_energy(optics, size, world=None):
-    world = world or DiscWorld()
-    near = optics.lens.rows_near(world.disc.direction, math.radians(2), size)
-    total = 0.0
-    for first in range(near.start, near.stop, 7):
-        rows = range(first, min(first + 7, near.stop))
-        light = scene_rows(world, optics, size, rows)[..., 1].astype(float)
-        x, y = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(rows.start, rows.stop) + 0.5)
-        total += float((light * optics.lens.solid_angle_sr(x, y, size)).sum())
-    assert total == pytest.approx(1e9 * world.disc.solid_angle_sr, rel=5e-3)
 
 
 def test_filter_dims_a_thousandfold_and_tints():
@@ -259,7 +230,7 @@ def test_edges_are_averaged():
 
 
 def test_glare_spreads_the_mean_over_the_picture(tmp_path):
-    base = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=())))
+    base = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=()), glare=0.0))
     exposure = Exposure(1 / 60, 100, 5.6)
     full = base.sensor.saturation_cd_m2(exposure)
     clear = picture_of(tmp_path, RampWorld(full), base, exposure)
@@ -325,7 +296,7 @@ def test_white_balance_turns_the_picture_blue_when_set_too_warm(tmp_path):
 
 
 def test_weight_scales_the_exposure(tmp_path):
-    optics = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=())))
+    optics = noise_free(replace(THETA_Z1, lens=EquirectangularLens(vignetting=()), glare=0.0))
     exposure = Exposure(1 / 60, 100, 5.6)
     full = optics.sensor.saturation_cd_m2(exposure)
     picture = picture_of(tmp_path, UniformWorld(0.2 * full), optics, exposure, weights=(1.5,))
