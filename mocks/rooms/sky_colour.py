@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mocks.light import LUMINANCE_WEIGHTS, Floats, Vector, luminance_cd_m2
+from mocks.light import LUMINANCE_WEIGHTS, Floats, Reals, Vector, luminance_cd_m2
 from mocks.rooms.sky_light import OZONE_DEPTH, aerosol_depth, air_mass
 
 XYZ_TO_RGB = np.array(
@@ -24,7 +24,7 @@ def at_luminance_1(rgb: Vector | Floats) -> Floats:
     return np.asarray(colour / luminance_cd_m2(colour)[..., None], dtype=np.float32)
 
 
-def daylight(temperature_k: Floats | float) -> Floats:
+def daylight(temperature_k: Reals | float) -> Floats:
     """Return the colour of the CIE daylight locus (CIE 15) at 4000..25000 K, luminance 1."""
     t = np.clip(np.asarray(temperature_k, dtype=np.float64), 4000, 25000)
     k = 1e3 / t
@@ -56,7 +56,12 @@ def sun(sun_elevation_rad: float, turbidity: float) -> Floats:
     return at_luminance_1(above * passed)
 
 
-def _from_xy(x: np.ndarray, y: np.ndarray) -> Floats:  # type: ignore[type-arg]
+def _from_xy(x: Reals, y: Reals) -> Floats:
     xyz = np.stack([x / y, np.ones_like(x), (1 - x - y) / y], axis=-1)
     rgb = np.maximum(xyz @ XYZ_TO_RGB.T, 0.0)
     return np.asarray(rgb / (rgb @ LUMINANCE_WEIGHTS.astype(np.float64))[..., None], dtype=np.float32)
+
+
+def low_sun(sun_elevation_rad: float) -> float:
+    """Return how much a low sun colours the air near the horizon: 0 for a high sun, about 1 at sunset."""
+    return math.exp(-max(sun_elevation_rad, 0.0) / math.radians(9))

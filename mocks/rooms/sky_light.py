@@ -66,7 +66,7 @@ def relative_luminance(cie_type: int, sin_elevation: Floats, cos_to_sun: Floats,
 def air_mass(sun_elevation_rad: float) -> float:
     """Return the relative optical air mass (Kasten and Young 1989, Applied Optics 28)."""
     elevation_deg = max(math.degrees(sun_elevation_rad), -3.0)
-    return 1 / (math.sin(math.radians(elevation_deg)) + 0.50572 * (elevation_deg + 6.07995) ** -1.6364)
+    return 1 / (math.sin(math.radians(elevation_deg)) + 0.50572 * math.pow(elevation_deg + 6.07995, -1.6364))
 
 
 def normal_illuminance_lx(sun_elevation_rad: float, turbidity: float, sun_distance_au: float = 1.0) -> float:
@@ -97,11 +97,11 @@ def clear_diffuse_lx(
     sine = math.sin(sun_elevation_rad)
     rayleigh, ozone = math.exp(-RAYLEIGH_DEPTH * mass), math.exp(-OZONE_DEPTH * mass)
     aerosol = math.exp(-aerosol_depth(turbidity) * mass)
-    absorbing = 1 - 0.1 * (1 - mass + mass**1.06) * (1 - aerosol)
+    absorbing = 1 - 0.1 * (1 - mass + math.pow(mass, 1.06)) * (1 - aerosol)
     scattering = aerosol / absorbing
     scattered = 0.5 * (1 - rayleigh) + 0.84 * (1 - scattering)
     top = LUMINOUS_SOLAR_CONSTANT_LX / sun_distance_au**2 * sine
-    down = top * ozone * absorbing * scattered / (1 - mass + mass**1.02)
+    down = 0.79 * top * ozone * absorbing * scattered / (1 - mass + math.pow(mass, 1.02))
     direct = normal_illuminance_lx(sun_elevation_rad, turbidity, sun_distance_au) * sine
     sky_albedo = 0.0685 + (1 - 0.84) * (1 - scattering)
     return (direct + down) / (1 - ground_albedo * sky_albedo) - direct

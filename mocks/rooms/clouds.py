@@ -1,0 +1,102 @@
+"""Clouds: as the eye sees them over a room, and as they change the light while it is photographed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocks.light import Floats, Vector
+from mocks.rooms.noise import fractal, smoothstep
+
+EARTH_IN_CLOUD_HEIGHTS = 3200.0
+CLEARING_RAD = math.radians(3.0)
+"""Around the sun the clouds are as thick as the sun's share of light says."""
+
+
+@dataclass(frozen=True)
+class CloudLayer:
+    """A layer of broken clouds: how much of the sky it covers, and how much of the sun it lets through."""
+
+    seed: int
+    cover: float
+    sun_direction: Vector
+    sun_share: float
+
+    def look(self, directions: Floats, pixel_rad: float) -> tuple[Floats, Floats]:
+        """Return opacity (0..1) and how sunlit the cloud is (0..1) for directions above the horizon."""
+        x, y, footprint = _on_layer(directions, pixel_rad)
+        shape = self._height(x, y, footprint)
+        edge = 0.42 - 0.85 * self.cover
+        opacity = smoothstep(edge, edge + 0.32, shape)
+        towards_sun = np.array(self.sun_direction[:2]) / max(self.sun_direction[2], 0.25) * 0.22
+        shade = self._height(x + np.float32(towards_sun[0]), y + np.float32(towards_sun[1]), footprint)
+        lit = np.clip(0.62 + 0.9 * (shape - shade) - 0.5 * np.maximum(shape - edge - 0.35, 0), 0, 1)
+        chord = directions - np.array(self.sun_direction, dtype=np.float32)
+        near = np.exp(-np.square((chord * chord).sum(axis=-1) / CLEARING_RAD**2))
+        return (
+            np.asarray(opacity + near * ((1 - self.sun_share) - opacity), dtype=np.float32),
+            np.asarray(lit, dtype=np.float32),
+        )
+
+    def _height(self, x: Floats, y: Floats, footprint: Floats) -> Floats:
+        drift_x = fractal(self.seed + 1, x * np.float32(0.5), y * np.float32(0.5), footprint, 3)
+        size = np.float32(0.75)
+        return fractal(self.seed, x * size + drift_x * np.float32(0.35), y * size, footprint * size, 7)
+
+
+def overcast_relief(seed: int, directions: Floats, pixel_rad: float) -> Floats:
+    """Return the undulation of a closed cloud deck, around 0, about -1..1."""
+    x, y, footprint = _on_layer(directions, pixel_rad)
+    bend = fractal(seed + 1, x * np.float32(0.4), y * np.float32(0.4), footprint, 2)
+    return fractal(seed, x * np.float32(0.5) + bend, y * np.float32(0.9), footprint, 5)
+
+
+def _on_layer(directions: Floats, pixel_rad: float) -> tuple[Floats, Floats, Floats]:
+    """Return where directions meet the layer, and how large a pixel is there, in heights of the layer."""
+    z = np.maximum(directions[..., 2], np.float32(0))
+    radius = np.float32(EARTH_IN_CLOUD_HEIGHTS)
+    way = np.sqrt(np.square(radius * z) + 2 * radius + 1) - radius * z
+    footprint = way * way * np.float32(pixel_rad)
+    return directions[..., 0] * way, directions[..., 1] * way, np.asarray(footprint, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class CloudDrift:
+    """Passing clouds: how the light changes during a session, relative to time 0.
+
+    ``amplitude`` is the share of the sun's light that the thickest cloud takes; 0 keeps the light constant. Clouds
+    come on average every ``interval_s`` and take 20 to 120 s to pass, with soft edges.
+    """
+
+    amplitude: float = 0.0
+    interval_s: float = 240.0
+    seed: int = 0
+
+    def weights(self, t_s: float) -> tuple[float, float]:
+        """Return the factors of the light from the sky and of the sun's at ``t_s``; both are 1 at time 0."""
+        if self.amplitude == 0.0:
+            return 1.0, 1.0
+        now, start = self._shade(t_s), self._shade(0.0)
+        # A cloud before the sun brightens the rest of the sky a little: it scatters what it takes.
+        sky = (1 + 0.12 * now) / (1 + 0.12 * start)
+        return sky, (1 - now) / (1 - start)
+
+    def _shade(self, t_s: float) -> float:
+        """Return the share of the sun's light that clouds take, below 0.97 so that ratios stay finite."""
+        first = math.floor(t_s / self.interval_s)
+        passed = 1.0
+        for slot in range(first - 1, first + 2):
+            passed *= 1 - self._cloud(slot, t_s)
+        return min(1 - passed, 0.97)
+
+    def _cloud(self, slot: int, t_s: float) -> float:
+        """Return the shade of the one cloud of a slot of time."""
+        rng = np.random.default_rng([self.seed, 7302, slot + 2**31])
+        middle_s = (slot + float(rng.uniform(0, 1))) * self.interval_s
+        length_s, edge_s = float(rng.uniform(20, 120)), float(rng.uniform(5, 15))
+        depth = self.amplitude * float(rng.uniform(0.3, 1.0))
+        inside_s = length_s / 2 - abs(t_s - middle_s)
+        rise = min(max(inside_s / edge_s, 0.0), 1.0)
+        return depth * rise * rise * (3 - 2 * rise)
