@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-
 import numpy as np
 
 from mocks.light import Vector
@@ -76,21 +74,6 @@ def sheet(surface: Reals64, thickness_m: float) -> Mesh:
     u = np.concatenate([np.zeros((1, surface.shape[1])), np.cumsum(way[0], axis=0)])
     v = np.concatenate([np.zeros((surface.shape[0], 1)), np.cumsum(way[1], axis=1)], axis=1)
     return _two_sided(surface, surface - thickness_m * normal, np.stack([u, v], axis=-1))
-
-
-def draped(path: Sequence[tuple[float, float]], x0: float, x1: float, thickness_m: float, folds: Reals64) -> Mesh:
-    """Return a band of cloth between x0 and x1 that follows a path of (y, z), its upper side to the path's left.
-
-    ``folds`` (m,) moves the columns along the cloth's normal: soft waves across the band.
-    """
-    line = np.array(path, dtype=np.float64)
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    out = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    shifted = line[:, None, :] + out[:, None, :] * folds[None, :, None]
-    x = np.broadcast_to(np.linspace(x1, x0, len(folds)), shifted.shape[:2])
-    surface = np.concatenate([x[..., None], shifted], axis=-1)
-    return sheet(surface, thickness_m)
 
 
 def leaf(length_m: float, width_m: float, bend_rad: float, fold: float = 0.25, cells: int = 5) -> Mesh:

@@ -29,14 +29,14 @@ def picture(b: Build) -> None:
     for side in (-1, 1):
         low, high = sorted((side * x, side * (x - bar)))
         b.block((low, -d / 2, 0.0), (high, back, h), frame, 0.002)
-        low, high = (0.0, bar) if side < 0 else (h - bar, h)
-        b.block((-x + bar, -d / 2, low), (x - bar, back, high), frame, 0.002)
+        bottom = 0.0 if side < 0 else h - bar
+        b.block((-x + bar, -d / 2, bottom), (x - bar, back, bottom + bar), frame, 0.002)
     border = 0.0 if b.item.seed % 3 == 0 else 0.16 * min(w, h)
     paints = [Material("paint", c) for c in PAINTS[int(b.rng.integers(len(PAINTS)))]]
     b.add(box((-x + bar, 0.0, bar), (x - bar, back, h - bar)), MOUNT if border else paints[0])
-    low, high = (-x + bar + border, bar + border), (x - bar - border, h - bar - border)
-    b.add(box((low[0], -0.001, low[1]), (high[0], 0.0, high[1])), paints[0])
-    (_hills, _discs, _blocks)[int(b.rng.integers(3))](b, low, high, paints)
+    left_low, right_high = (-x + bar + border, bar + border), (x - bar - border, h - bar - border)
+    b.add(box((left_low[0], -0.001, left_low[1]), (right_high[0], 0.0, right_high[1])), paints[0])
+    (_hills, _discs, _blocks)[int(b.rng.integers(3))](b, left_low, right_high, paints)
 
 
 def _hills(b: Build, low: tuple[float, float], high: tuple[float, float], paints: list[Material]) -> None:

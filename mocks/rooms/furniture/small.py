@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,23 +12,17 @@ from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Material
 from mocks.rooms.shapes import ball, cylinder, lathe, moved, rounded_box, tube, turned
 
-GLOW_CD_M2: Vector = (4200.0, 3300.0, 2100.0)
-"""Of a lit shade: a 60 W equivalent bulb behind cloth, at about 2900 K."""
-SCREEN_CD_M2: Vector = (95.0, 110.0, 135.0)
-
 
 def _shade(b: Build, low: float, high: float, radius: float) -> None:
-    """Add a lampshade, a truncated cone of cloth open above and below; lit by the option ``lit``."""
-    lit = b.option("lit", 0.0) > 0
-    cloth = replace(SHADE, emission_cd_m2=GLOW_CD_M2) if lit else SHADE
+    """Add a lampshade, a truncated cone of cloth open above and below, and its bulb.
+
+    Lamps that go with the furniture are never lit: the emptied room is to be seen under the same light.
+    """
     top = radius * (0.62, 0.85, 1.0)[b.item.seed % 3]
     wall = 0.003
     outline = [(radius - wall, low), (radius, low), (top, high), (top - wall, high), (radius - wall, low)]
-    b.add(lathe(outline, 32), cloth)
-    bulb = ball((0, 0, (low + high) / 2), 0.03, 14)
-    b.add(
-        bulb, replace(WHITE_PLASTIC, name="bulb", emission_cd_m2=(60000.0, 47000.0, 30000.0)) if lit else WHITE_PLASTIC
-    )
+    b.add(lathe(outline, 32), SHADE)
+    b.add(ball((0, 0, (low + high) / 2), 0.03, 14), WHITE_PLASTIC)
     b.add(tube([(0, 0, low - 0.03), (0, 0, (low + high) / 2 - 0.02)], 0.008, 10), b.finish.metal)
     for k in range(3):
         a = 2 * math.pi * k / 3
@@ -87,7 +80,7 @@ def television(b: Build) -> None:
 
 
 def monitor(b: Build) -> None:
-    """Build a screen on a foot; the option ``lit`` lights it."""
+    """Build a screen on a foot."""
     w, d, h = b.size
     low, tilt = 0.12, -0.06
     case = turned(rounded_box((-w / 2, -0.012, low), (w / 2, 0.02, h - 0.002), 0.004), (1, 0, 0), tilt, (0, 0, low))
@@ -98,7 +91,7 @@ def monitor(b: Build) -> None:
         (0, 0, low),
     )
     b.add(case, BLACK_PLASTIC)
-    b.add(pane, replace(SCREEN, emission_cd_m2=SCREEN_CD_M2) if b.option("lit", 0.0) else SCREEN)
+    b.add(pane, SCREEN)
     metal = b.pick(b.finish.metal, BLACK_PLASTIC)
     b.block((-0.12, -d / 2, 0.0), (0.12, d / 2, 0.012), metal, 0.004)
     b.bar((0, 0.05, 0.008), (0, 0.032, h * 0.62), 0.05, 0.018, metal)
