@@ -21,6 +21,12 @@ class RigError(UsageError):
     code = "USE-002"
 
 
+class ConditionsError(UsageError):
+    """A list of conditions that does not say what is needed; names file, line and column."""
+
+    code = "USE-003"
+
+
 class SessionError(DaylitError):
     """A session folder that is not what it should be."""
 

@@ -21,6 +21,7 @@ def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
         "mocks.light",
         "mocks.picture_cache",
         "mocks.rooms.engine",
+        "mocks.rooms.truth_files",
     ):
         importlib.import_module(module)
     found = {base}
