@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from mocks.light import Floats, Vector
 
-BORDER_PX = 4
+_BORDER_FRAC = 1 / 16
 
 # Forward, right and up of each face.
 FACES: tuple[tuple[Vector, Vector, Vector], ...] = (
@@ -29,9 +29,14 @@ class Cube:
     face_px: int
 
     @property
+    def border_px(self) -> int:
+        """Pixels of the border on each side."""
+        return max(4, round(self.face_px * _BORDER_FRAC))
+
+    @property
     def side_px(self) -> int:
         """Pixels a side with the borders."""
-        return self.face_px + 2 * BORDER_PX
+        return self.face_px + 2 * self.border_px
 
     @property
     def half_width(self) -> float:
@@ -52,7 +57,7 @@ class Cube:
     def place(self, directions: Floats) -> tuple[npt.NDArray[np.int32], Floats, Floats]:
         """Return face, column and row of directions (n, 3); a pixel's centre is at whole numbers.
 
-        Always at least ``BORDER_PX - 1`` pixels inside the face's picture.
+        Always well inside the face's picture, by the width of its border.
         """
         x, y, z = directions[:, 0], directions[:, 1], directions[:, 2]
         ax, ay, az = np.abs(x), np.abs(y), np.abs(z)
@@ -65,3 +70,21 @@ class Cube:
         scale = np.float32(self.face_px / 2) / depth
         middle = np.float32((self.side_px - 1) / 2)
         return face.astype(np.int32), aside * scale + middle, middle - above * scale
+
+    def place_in(self, face: int, directions: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return column, row and weight of directions (n, 3) on one face, its border included.
+
+        The weights of all faces that see a direction fade into one another across their shared borders; 0 where the
+        face does not see it.
+        """
+        ahead, aside, above = (np.array(axis, dtype=np.float32) for axis in FACES[face])
+        depth = directions @ ahead
+        seen = depth > 1e-3
+        scale = np.where(seen, 1 / np.where(seen, depth, 1), 0)
+        right, up = (directions @ aside) * scale, (directions @ above) * scale
+        extent = np.maximum(np.abs(right), np.abs(up))
+        margin = np.float32(self.half_width - 1)
+        weight = np.where(seen, np.clip((1 + margin - extent) / (2 * margin), 0, 1), 0)
+        middle = np.float32((self.side_px - 1) / 2)
+        column, row = right * np.float32(self.face_px / 2) + middle, middle - up * np.float32(self.face_px / 2)
+        return column.astype(np.float32), row.astype(np.float32), weight.astype(np.float32)

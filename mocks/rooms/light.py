@@ -21,7 +21,7 @@ from mocks.rooms.room import Room
 from mocks.rooms.sunlight import enters, sun_share
 from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
 
-ENVIRONMENT_ROWS = 512
+ENVIRONMENT_ROWS = 128
 _LEAST_ALBEDO = 0.01
 
 
@@ -34,6 +34,7 @@ class Quality:
 
 
 QUALITIES: Mapping[str, Quality] = {
+    "sketch": Quality(48, 8),
     "draft": Quality(96, 16),
     "standard": Quality(192, 64),
     "reference": Quality(320, 512),
@@ -140,7 +141,27 @@ def denoised(picture: Floats, guide: Guide) -> Floats:
     for face in range(6):
         clues = np.repeat(near[face][..., None], 3, axis=2)
         out[face] = pyoidn.denoise(picture[face], albedo=clues, normal=guide.normal[face], hdr=True)
-    return out
+    return _seamless(out, guide)
+
+
+def _seamless(picture: Floats, guide: Guide) -> Floats:
+    """Fade the faces into one another where their borders overlap, so that none ends in a step."""
+    cube = guide.cube
+    rays = cube.directions().reshape(-1, 3)
+    part = guide.part.reshape(-1)
+    total, weights = np.zeros(rays.shape, np.float32), np.zeros(len(rays), np.float32)
+    for face in range(6):
+        column, row, weight = cube.place_in(face, rays)
+        seen = np.flatnonzero(weight > 0)
+        down = np.clip(np.rint(row[seen]), 0, cube.side_px - 1).astype(int)
+        right = np.clip(np.rint(column[seen]), 0, cube.side_px - 1).astype(int)
+        same = guide.part[face][down, right] == part[seen]
+        share = weight[seen] * same
+        total[seen] += picture[face][down, right] * share[:, None]
+        weights[seen] += share
+    kept = weights < 1e-3
+    total[kept], weights[kept] = picture.reshape(-1, 3)[kept], 1
+    return np.asarray((total / weights[:, None]).reshape(picture.shape), dtype=np.float32)
 
 
 def _albedo(geometry: Geometry, guide: Guide) -> Floats:

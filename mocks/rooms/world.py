@@ -11,6 +11,7 @@ import numpy as np
 from mocks.light import BrightDisc, Floats, Site, Vector, unit
 from mocks.picture_cache import PictureCache, content_key
 from mocks.rooms.clouds import CloudDrift
+from mocks.rooms.furniture.equipment import BOARD_SIDE_M
 from mocks.rooms.geometry import Geometry
 from mocks.rooms.light import QUALITIES, Baked, bake, components, lightings
 from mocks.rooms.model import Use
@@ -83,7 +84,7 @@ class RoomWorld:
         if board is None:
             return (0.0, 1.0, 0.0)
         x, y, z = board.position_m
-        return unit((x, y, z + board.options_dict["centre_m"] - self.room.eye[2]))
+        return unit((x, y, z + board.size_m[2] - BOARD_SIDE_M / 2 - self.room.eye[2]))
 
     @property
     def view(self) -> RoomView:
@@ -112,7 +113,7 @@ def baked_light(room: Room, geometry: Geometry, quality: str, cache: PictureCach
     key = content_key("room light", LIGHT_VERSION, room.key, QUALITIES[quality])
     data = cache.read(key, ".light")
     if data is None:
-        with cache.rendering():
+        with cache.rendering("light"):
             data = cache.read(key, ".light")
             if data is None:
                 made = {

@@ -1,0 +1,222 @@
+"""The procedural room as the instruments see it: is the light right, whole, and the same everywhere?"""
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mocks.light import LUMINANCE_WEIGHTS, Site
+from mocks.picture_cache import PictureCache
+from mocks.rooms import world as world_module
+from mocks.rooms.clouds import CloudDrift
+from mocks.rooms.engine import irradiance_at
+from mocks.rooms.geometry import Geometry
+from mocks.rooms.light import components, lightings
+from mocks.rooms.model import Role, Use
+from mocks.rooms.room import check_room, make_room
+from mocks.rooms.sunlight import enters, sun_share
+from mocks.rooms.transport import load_scene
+from mocks.rooms.truth import description, equirectangular, point_lights, truth_pictures
+from mocks.rooms.world import RoomWorld, baked_light, room_world
+from mocks.world import meter_luminance_cd_m2, open_world
+
+ROWS = 96
+
+
+def sunny(use=Use.LIVING, first=0):
+    """Return a room with the sun in it."""
+    for seed in range(first, first + 40):
+        room = make_room(seed, use, sky="clear", lamps_on=False)
+        if enters(room.panes, room.sky.disc()):
+            return room
+    raise AssertionError("no room with sun among 40")
+
+
+@pytest.fixture(scope="module")
+def world():
+    return RoomWorld(sunny(), "sketch")
+
+
+@pytest.fixture(scope="module")
+def pictures(world):
+    return truth_pictures(world, ROWS)
+
+
+def luminance(rgb):
+    return rgb @ LUMINANCE_WEIGHTS
+
+
+def test_the_room_is_valid_and_named(world):
+    assert check_room(world.room) == []
+    assert world.room == make_room(world.room.seed, "living", sky="clear", lamps_on=False)
+    assert world.room.name == f"living-{world.room.seed}"
+
+
+def test_luminances_are_those_of_a_daylit_room(pictures):
+    seen = luminance(pictures.luminance_rgb)
+    assert np.isfinite(seen).all()
+    assert seen.min() >= 0
+    assert 3 < np.median(seen) < 3000
+    assert seen.max() > 10 * np.median(seen)
+
+
+def test_baked_irradiance_agrees_with_the_renderer_point_by_point(world):
+    """The lookup against Mitsuba's own irradiance meter on the very surfaces, sun patches aside."""
+    view, room = world.view, world.room
+    rays = equirectangular(24).reshape(-1, 3)
+    surface = view.surfaces(rays)
+    share = view.sunlit(surface)
+    flat = np.array([p.surface in ("wall", "floor", "ceiling") for p in view.geometry.parts])
+    good = np.flatnonzero(flat[surface.part] & (share == 0))
+    chosen = np.random.default_rng(5).choice(good, 12, replace=False)
+    scenes = {name: load_scene(view.geometry.parts, light, glossy=False) for name, light in lightings(room).items()}
+    ours = sum(view.irradiance(surface, name) for name in scenes)[chosen] @ LUMINANCE_WEIGHTS
+    theirs = np.zeros(len(chosen))
+    for i, k in enumerate(chosen):
+        place = tuple(float(v) for v in surface.point[k] + surface.normal[k] * 1e-3)
+        normal = tuple(float(v) for v in surface.normal[k])
+        rgb = sum(irradiance_at(scene, place, normal, 4096, seed=i) for scene in scenes.values())
+        theirs[i] = rgb @ LUMINANCE_WEIGHTS
+    error = np.abs(ours / theirs - 1)
+    assert np.median(error) < 0.12, error
+    assert abs(math.log(ours.sum() / theirs.sum())) < 0.08
+
+
+def test_components_add_up_to_the_whole(world):
+    moving = replace(world, drift=CloudDrift(amplitude=0.8, seed=3))
+    rays = equirectangular(16)
+    assert moving.components == ("sky", "sun")
+    for site in Site:
+        parts = sum(moving.radiance(site, rays, 0.01, i) for i in range(2))
+        np.testing.assert_allclose(parts, world.radiance(site, rays, 0.01), rtol=2e-4, atol=1e-3)
+    assert moving.weights(0.0) == (1.0, 1.0)
+    assert moving.discs(Site.OUTDOOR)[0].component == 1
+    levels = np.array([moving.weights(t) for t in range(0, 3600, 20)])
+    assert levels[:, 1].min() < 0.6
+    assert levels.min() >= 0
+
+
+def test_the_sun_is_seen_through_glass_only(world):
+    (sun,) = world.discs(Site.INDOOR)
+    rays = equirectangular(64)
+    clear = world.open_sky(Site.INDOOR, rays)
+    assert set(np.unique(clear)) == {np.float32(0), np.float32(world.room.glass_transmittance[1])}
+    assert 0.001 < (clear > 0).mean() < 0.3
+    assert world.open_sky(Site.OUTDOOR, rays).min() == 1
+    assert luminance(np.array(sun.radiance_rgb)) > 1e8
+
+
+def test_sunlight_falls_where_the_window_lets_it(world):
+    """A point sees the sun if and only if the straight way there meets nothing."""
+    view, disc = world.view, world.room.sky.disc()
+    surface = view.surfaces(equirectangular(64).reshape(-1, 3))
+    share = sun_share(view.geometry, world.room.panes, disc, surface.point, surface.normal)
+    towards = np.broadcast_to(np.array(disc.direction, np.float32), surface.point.shape)
+    facing = surface.normal @ np.array(disc.direction, np.float32) > 1e-3
+    free = ~view.geometry.blocked(surface.point + surface.normal * np.float32(1e-3), towards)
+    sharp = (share == 0) | (share == 1)
+    assert 0 < (share > 0.5).sum() < len(share) / 3
+    assert ((share == 1) == (free & facing))[sharp].all()
+
+
+def test_emptying_changes_only_what_furniture_and_its_light_reach(world, pictures):
+    """4: the same room furnished and emptied differ where furniture is, and little far from it."""
+    seen, empty = luminance(pictures.luminance_rgb), luminance(pictures.empty_rgb)
+    things = pictures.instance > 0
+    edge = np.zeros_like(things)
+    edge[1:-1, 1:-1] = sum(np.roll(np.roll(things, i, 0), j, 1) for i in (-1, 0, 1) for j in (-1, 0, 1))[1:-1, 1:-1] > 0
+    outside = (pictures.ade == 8) & ~edge
+    np.testing.assert_allclose(seen[outside], empty[outside], rtol=0.05)
+    bare = ~edge & (pictures.surface >= 0)
+    np.testing.assert_array_equal(pictures.albedo[bare & (pictures.depth_m < 1e6)].shape, pictures.empty_albedo[bare].shape)
+    np.testing.assert_allclose(pictures.albedo[bare], pictures.empty_albedo[bare], atol=0.02)
+    ceiling = bare & (pictures.normal[..., 2] < -0.99) & (pictures.sunlit == 0)
+    ratio = seen[ceiling] / empty[ceiling]
+    assert 0.5 < np.median(ratio) < 1.15
+    assert np.abs(np.log(seen[things] / empty[things])).mean() > 2 * np.abs(np.log(ratio)).mean()
+
+
+def test_truths_agree_with_one_another(world, pictures):
+    rays = equirectangular(ROWS)
+    inside = np.isfinite(pictures.depth_m)
+    points = np.array(world.room.eye) + rays * np.where(inside, pictures.depth_m, 0)[..., None]
+    floor = pictures.surface == pictures.surface_names.index("floor")
+    ceiling = pictures.surface == pictures.surface_names.index("ceiling")
+    assert np.abs(points[floor][:, 2]).max() < 1e-3
+    assert np.abs(points[ceiling][:, 2] - world.room.plan.height_m).max() < 1e-3
+    facing = (pictures.normal * rays).sum(axis=-1)
+    assert facing[inside].max() <= 1e-3
+    np.testing.assert_allclose(np.linalg.norm(pictures.normal[inside], axis=-1), 1, atol=1e-3)
+    assert (pictures.instance[pictures.furniture] > 0).all()
+    known = {item.instance: item for item in world.room.items}
+    assert set(np.unique(pictures.instance)) <= {0, *known}
+    assert pictures.tripod.any()
+    assert not (pictures.tripod & pictures.furniture).any()
+    assert (pictures.ade[pictures.tripod] == -1).all()
+    assert 0.02 <= pictures.albedo[inside].max() <= 0.95
+
+
+def test_luminance_is_albedo_times_irradiance_on_matte_unlit_surfaces(world, pictures):
+    matte = np.array([p.material.roughness is None for p in world.view.geometry.parts])
+    rays = equirectangular(ROWS).reshape(-1, 3)
+    surface = world.view.surfaces(rays)
+    light = sum(world.view.irradiance(surface, name) for name in components(world.room))
+    share = world.view.sunlit(surface)
+    good = matte[surface.part] & (share == 0)
+    expected = luminance(light * surface.albedo / np.float32(math.pi))[good]
+    seen = luminance(world.radiance(Site.INDOOR, rays))[surface.ray[good]]
+    np.testing.assert_allclose(seen, expected, rtol=1e-3, atol=1e-3)
+
+
+def test_the_meter_reads_the_board(world):
+    board = world.room.board()
+    reading = meter_luminance_cd_m2(world, world.board_direction)
+    surface = world.view.surfaces(np.array([world.board_direction], np.float32))
+    assert world.view.geometry.parts[surface.part[0]].instance == board.instance
+    np.testing.assert_allclose(surface.albedo[0], 0.9, atol=0.01)
+    light = sum(world.view.irradiance(surface, name, np.zeros(1, np.float32)) for name in ("sky", "sun"))
+    assert reading >= 0.8 * float(luminance(light * surface.albedo / math.pi)[0])
+
+
+def test_points_of_known_light_lie_in_the_open_and_brighten_towards_the_window(world):
+    lights = point_lights(world.room, samples=256, grid_m=1.5)
+    names = [light.name for light in lights]
+    assert names[-1] == "outdoors, horizontal"
+    assert lights[-1].illuminance_lx > 5000
+    assert all(0 < light.illuminance_lx <= 1.1 * lights[-1].illuminance_lx for light in lights)
+    assert sum(name.startswith("camera") for name in names) == 4
+
+
+def test_description_is_plain_json(world):
+    import json
+
+    told = json.loads(json.dumps(description(world.room)))
+    assert len(told["furniture"]) == len(world.room.items)
+    assert told["plan"]["height_m"] == world.room.plan.height_m
+
+
+def test_light_is_kept_and_found_again(world, tmp_path, monkeypatch):
+    cache = PictureCache(tmp_path)
+    room = make_room(1, Use.EMPTY, sky="overcast", lamps_on=False)
+    geometry = Geometry(room.parts())
+    first = baked_light(room, geometry, "sketch", cache)
+    monkeypatch.setattr(world_module, "bake", None)
+    again = baked_light(room, geometry, "sketch", cache)
+    np.testing.assert_array_equal(first["sky"].irradiance, again["sky"].irradiance)
+
+
+def test_worlds_are_small_to_send_and_open_by_name(world):
+    assert len(pickle.dumps(world)) < 200_000
+    assert pickle.loads(pickle.dumps(world)).key == world.key
+    assert room_world("bedroom", 7).room == open_world("bedroom-7").room
+    assert replace(world, quality="draft").key != world.key
+    assert RoomWorld(world.room.emptied()).key != world.key
+
+
+def test_an_overcast_room_has_no_sun_component():
+    room = make_room(2, Use.EMPTY, sky="overcast", lamps_on=False)
+    assert components(room) == ("sky",)
+    assert all(item.role is Role.EQUIPMENT for item in room.items)
+    assert components(replace(room, lamps_on=True)) == ("sky", "lamps")
