@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 
@@ -34,30 +36,38 @@ class MemoryWatch:
             self._sample()
 
     def _sample(self) -> None:
-        import psutil
-
-        own = _pss_mb(self._process)
-        total = own
-        for child in self._process.children(recursive=True):
-            try:
-                total += _pss_mb(child)
-            except psutil.Error:
-                continue
+        own, total = _tree_mb(self._process)
         self.own_peak_mb, self.peak_mb = max(own, self.own_peak_mb), max(total, self.peak_mb)
 
 
-def peak_mb(work: Callable[..., Any], *args: Any) -> float:
-    """Return the peak memory of a fresh process that does ``work`` (a module's function) and nothing else."""
-    import multiprocessing
+def peak_mb(work: Callable[..., Any], *args: Any, every_s: float = 0.01) -> float:
+    """Return the peak memory of a fresh process that does ``work`` (a module's function) and nothing else.
 
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_watched, (work, args))
+    It is watched from outside, since a long call in C lets no other thread of its process look.
+    """
+    import psutil
+
+    child = multiprocessing.get_context("spawn").Process(target=work, args=args)
+    child.start()
+    process, peak = psutil.Process(child.pid), 0.0
+    while child.is_alive():
+        with suppress(psutil.Error):
+            peak = max(peak, _tree_mb(process)[1])
+        child.join(every_s)
+    if child.exitcode != 0:
+        raise RuntimeError(f"the work to be watched ended with {child.exitcode}")
+    return peak
 
 
-def _watched(work: Callable[..., Any], args: tuple[Any, ...]) -> float:
-    with MemoryWatch(0.01) as memory:
-        work(*args)
-    return memory.peak_mb
+def _tree_mb(process: Any) -> tuple[float, float]:
+    """Return the memory of a process, and of it with all its children."""
+    import psutil
+
+    own = total = _pss_mb(process)
+    for child in process.children(recursive=True):
+        with suppress(psutil.Error):
+            total += _pss_mb(child)
+    return own, total
 
 
 def _pss_mb(process: Any) -> float:

@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from benchmarks._outdoor import linke_turbidity, pvlib_clear_sky_lx
+from benchmarks._outdoor import linke_of, pvlib_clear_sky_lx
 from mocks.light import LUMINANCE_WEIGHTS
 from mocks.rooms.engine import environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter
 from mocks.rooms.mesh import quad
@@ -38,7 +38,7 @@ def outdoor_errors() -> tuple[dict[str, float], dict[str, float]]:
                 if elevation < LOWEST_SUN_RAD:
                     continue
                 for turbidity in TURBIDITIES:
-                    wanted = sum(pvlib_clear_sky_lx(moment, linke_turbidity(turbidity)))
+                    wanted = pvlib_clear_sky_lx(moment, linke_of(turbidity))
                     case = f"{name} {month}/{day} +{later_h} h, turbidity {turbidity}"
                     errors = high if elevation >= LOW_SUN_RAD else low
                     errors[case] = 100 * (rendered_lx(moment, turbidity) / wanted - 1)
