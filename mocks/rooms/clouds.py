@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -93,10 +94,19 @@ class CloudDrift:
 
     def _cloud(self, slot: int, t_s: float) -> float:
         """Return the shade of the one cloud of a slot of time."""
-        rng = np.random.default_rng([self.seed, 7302, slot + 2**31])
-        middle_s = (slot + float(rng.uniform(0, 1))) * self.interval_s
-        length_s, edge_s = float(rng.uniform(20, 120)), float(rng.uniform(5, 15))
-        depth = self.amplitude * float(rng.uniform(0.3, 1.0))
-        inside_s = length_s / 2 - abs(t_s - middle_s)
+        start, length_s, edge_s, depth = _passing(self.seed, slot)
+        inside_s = length_s / 2 - abs(t_s - (slot + start) * self.interval_s)
         rise = min(max(inside_s / edge_s, 0.0), 1.0)
-        return depth * rise * rise * (3 - 2 * rise)
+        return self.amplitude * depth * rise * rise * (3 - 2 * rise)
+
+
+@lru_cache(maxsize=256)
+def _passing(seed: int, slot: int) -> tuple[float, float, float, float]:
+    """Return a slot's cloud: when its middle passes (0..1 of the slot), how long (s), its soft edge (s), its depth."""
+    rng = np.random.default_rng([seed, 7302, slot + 2**31])
+    return (
+        float(rng.uniform(0, 1)),
+        float(rng.uniform(20, 120)),
+        float(rng.uniform(5, 15)),
+        float(rng.uniform(0.3, 1.0)),
+    )

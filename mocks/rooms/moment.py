@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import lru_cache
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class Moment:
             raise ValueError("a moment needs a time with its zone")
 
 
+@lru_cache(maxsize=256)
 def sun_of(moment: Moment) -> tuple[float, float]:
     """Return the sun's azimuth (from +y towards +x, in -pi..pi) and apparent elevation in radians.
 
@@ -59,7 +61,7 @@ def sun_of(moment: Moment) -> tuple[float, float]:
 
 
 def sun_distance_au(moment: Moment) -> float:
-    """Return the distance to the sun in astronomical units (Spencer 1971; right to 0.01 %)."""
+    """Return the distance to the sun in astronomical units (Spencer 1971; right to 0.05 %)."""
     day_angle = 2 * math.pi * (moment.utc.astimezone(UTC).timetuple().tm_yday - 1) / 365.25
     closeness = 1.000110 + 0.034221 * math.cos(day_angle) + 0.001280 * math.sin(day_angle)
     closeness += 0.000719 * math.cos(2 * day_angle) + 0.000077 * math.sin(2 * day_angle)
