@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 from drivers.clock import Clock, SystemClock
 from mocks.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
 from mocks.exposures import CameraTiming
 from mocks.faults import FaultSchedule
 from mocks.ls160 import MeterFault, SimulatedMeter
-from mocks.optics import CANON_5D2, THETA_Z1
+from mocks.optics import CANON_5D2, THETA_Z1, CameraOptics, Filter
 from mocks.pictures import RenderedShots
 from mocks.sensor import Exposure
 from mocks.serial_port import SerialPort
@@ -22,13 +23,18 @@ from mocks.world import Vector, World, meter_luminance_cd_m2, open_world
 
 SimulatedCamera = SimulatedThetaZ1 | SimulatedCanon5D2
 OPTICS = {"theta_z1": THETA_Z1, "canon_5d2": CANON_5D2}
+Progress: TypeAlias = Callable[[str, int, int], None]
+"""Told what is being made (light, indoor, outdoor), the steps done and the steps in all."""
 MEASURING_S = 1.5
 """Of the simulated meter; a real one in AUTO takes 0.7 to 4.3 s."""
 
 
 @dataclass(frozen=True)
 class WantedCamera:
-    """A camera that is wanted on the bench, and the settings its pictures are rendered for."""
+    """A camera that is wanted on the bench, and the settings its pictures are rendered for.
+
+    Without ``nd_filter`` nothing is before its lens.
+    """
 
     kind: str
     iso: int
@@ -36,6 +42,13 @@ class WantedCamera:
     color_temperature_k: int
     size_px: tuple[int, int]
     keep_raw: bool = False
+    nd_filter: bool = True
+
+    @property
+    def optics(self) -> CameraOptics:
+        """Return the lens, filter and sensor."""
+        usual = OPTICS[self.kind]
+        return usual if self.nd_filter else replace(usual, filter=Filter())
 
 
 @dataclass(frozen=True)
@@ -56,6 +69,7 @@ class BenchOptions:
     shots: Mapping[str, ShotSource] = field(default_factory=dict)
     theta: ThetaOptions | None = None
     canon: CanonOptions | None = None
+    on_progress: Progress | None = None
 
 
 @dataclass
@@ -84,14 +98,14 @@ class SimulatedBench:
 
 
 def make_bench(
-    world_name: str,
+    world: World | str,
     cameras: Sequence[WantedCamera],
     stops_s: Sequence[float],
     options: BenchOptions | None = None,
     *,
     times_s: Mapping[str, Sequence[float]] | None = None,
 ) -> SimulatedBench:
-    """Return simulated instruments that look at the world of that name (see `mocks.world.open_world`).
+    """Return simulated instruments that look at a world, or at the one of that name (see `mocks.world.open_world`).
 
     The pictures of ``stops_s`` are rendered here, before anything is captured, and kept for next time. The world's
     time begins when this returns; ``times_s`` says, by camera kind, when each stop is planned to begin (at once, where
@@ -103,15 +117,10 @@ def make_bench(
         No such world.
     """
     options = options or BenchOptions()
-    world = open_world(world_name)
-    devices: dict[str, SimulatedCamera] = {}
-    for wanted in cameras:
-        starts_s = (times_s or {}).get(wanted.kind) or [0.0] * len(stops_s)
-        stops = dict(zip(stops_s, starts_s, strict=True))
-        shots = options.shots.get(wanted.kind) or _rendered(world, wanted, stops, options.seed)
-        devices[wanted.kind] = _camera(wanted, shots, options)
-    direction = getattr(world, "board_direction", (0.0, 1.0, 0.0))
-    meter_luminance_cd_m2(world, direction)  # now, so that the first reading need not wait for the world's light
+    world = open_world(world) if isinstance(world, str) else world
+    shots = render_shots(world, cameras, stops_s, options, times_s=times_s)
+    devices = {wanted.kind: _camera(wanted, shots[wanted.kind], options) for wanted in cameras}
+    direction = _meter_direction(world)
     meter = SimulatedMeter(
         lambda t_s: meter_luminance_cd_m2(world, direction, t_s),
         language=options.meter_language,
@@ -125,9 +134,40 @@ def make_bench(
     return SimulatedBench(world, options.clock, backend, devices, meter, port.name, direction, port)
 
 
-def _rendered(world: World, wanted: WantedCamera, stops: Mapping[float, float], seed: int) -> RenderedShots:
+def render_shots(
+    world: World,
+    cameras: Sequence[WantedCamera],
+    stops_s: Sequence[float],
+    options: BenchOptions,
+    *,
+    times_s: Mapping[str, Sequence[float]] | None = None,
+) -> dict[str, ShotSource]:
+    """Return the pictures of each camera, rendered unless they are kept from before.
+
+    The world's light is made first, so that neither pictures nor the meter's first reading need wait for it.
+    """
+    tell = options.on_progress or (lambda _what, _done, _total: None)
+    tell("light", 0, 1)
+    meter_luminance_cd_m2(world, _meter_direction(world))
+    tell("light", 1, 1)
+    found: dict[str, ShotSource] = {}
+    for wanted in cameras:
+        starts_s = (times_s or {}).get(wanted.kind) or [0.0] * len(stops_s)
+        given = options.shots.get(wanted.kind)
+        found[wanted.kind] = given or _rendered(world, wanted, dict(zip(stops_s, starts_s, strict=True)), options)
+    return found
+
+
+def _meter_direction(world: World) -> Vector:
+    direction: Vector = getattr(world, "board_direction", (0.0, 1.0, 0.0))
+    return direction
+
+
+def _rendered(world: World, wanted: WantedCamera, stops: Mapping[float, float], options: BenchOptions) -> RenderedShots:
     """Return pictures of stops, given with their times."""
-    shots = RenderedShots(world, OPTICS[wanted.kind], seed=seed)
+    tell, site = options.on_progress, wanted.optics.site
+    listener = (lambda done, total: tell(str(site), done, total)) if tell else None
+    shots = RenderedShots(world, wanted.optics, seed=options.seed, on_progress=listener)
     settings = Exposure(1.0, wanted.iso, wanted.f_number, wanted.color_temperature_k)
     times_s = tuple(stops.values())
     shots.prepare(tuple(stops), *wanted.size_px, settings=settings, times_s=times_s, raw=wanted.keep_raw)

@@ -89,16 +89,17 @@ class PictureCache:
         self.evict()
 
     @contextmanager
-    def rendering(self) -> Iterator[None]:
-        """Let one process render at a time, so that none renders what another has just made.
+    def rendering(self, what: str = "render") -> Iterator[None]:
+        """Let one process at a time render pictures (or make ``what``): none makes what another has just made.
 
-        After five minutes of waiting it goes ahead all the same: the worst is work done twice.
+        Pictures may need other things made first: those have locks of their own. After five minutes of waiting it
+        goes ahead all the same: the worst is work done twice.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise self._unwritable(error) from error
-        lock = FileLock(self.folder / "render.lock", timeout=_LOCK_LIMIT_S)
+        lock = FileLock(self.folder / f"{what}.lock", timeout=_LOCK_LIMIT_S)
         try:
             lock.acquire()
         except Timeout:

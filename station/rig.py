@@ -116,15 +116,24 @@ def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
     return KonicaMinoltaMeter(open_line, dialect, clock)
 
 
+_SIMULATED_PREFLIGHT_S = 1.0
 SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
 """Picture sizes of simulated cameras, as divisors of the full size."""
 
 
-def open_named_rig(path: Path | None, simulate: str | None, *, size: str = "full", **changes: object) -> Rig:
+def open_named_rig(
+    path: Path | None,
+    simulate: str | None,
+    *,
+    size: str = "full",
+    on_progress: Callable[[str, int, int], None] | None = None,
+    **changes: object,
+) -> Rig:
     """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
 
     Without a file, simulated instruments are those of the paper. ``size`` is a key of `SIZE_STEPS` (simulated only);
-    ``changes`` replace tables of the rig file (``outdoor=None``).
+    ``on_progress`` hears what is being rendered, steps done and steps in all; ``changes`` replace tables of the rig
+    file (``outdoor=None``).
 
     Raises
     ------
@@ -137,15 +146,20 @@ def open_named_rig(path: Path | None, simulate: str | None, *, size: str = "full
     file = file.model_copy(update=changes)
     if not simulate:
         return open_rig(file)
-    from mocks.bench import make_bench
+    from mocks.bench import BenchOptions, make_bench
 
     file = simulated_rig_file(file, size)
-    bench = make_bench(simulate, wanted_cameras(file), file.bracket.stops_s(), times_s=planned_times_s(file))
+    cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
+    options = BenchOptions(on_progress=on_progress)
+    bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
     return open_simulated_rig(file, bench)
 
 
 def planned_times_s(file: RigFile) -> dict[str, tuple[float, ...]]:
-    """Return when each stop of the rig's bracket will begin, by camera kind: seconds after the first reading begins."""
+    """Return when each stop of the rig's bracket will begin on simulated instruments, by camera kind.
+
+    Seconds from their making; right to about a second, in which daylight changes little.
+    """
     from station.bracket import plan_bracket
     from station.timing import TYPICAL_READING_S, estimate_bracket, typical_cost
 
@@ -153,7 +167,8 @@ def planned_times_s(file: RigFile) -> dict[str, tuple[float, ...]]:
     stops_s = file.bracket.stops_s()
     plan = plan_bracket(stops_s, file.bracket.mode, tuple(tables))
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
-    start_s, starts = TYPICAL_READING_S if file.meter else 0.0, {}
+    start_s = _SIMULATED_PREFLIGHT_S + (TYPICAL_READING_S if file.meter else 0.0)
+    starts = {}
     for row in estimate_bracket(plan, costs).rows:
         starts[row.asked_s] = start_s
         start_s += row.pair_s
@@ -165,7 +180,10 @@ def wanted_cameras(file: RigFile) -> list[WantedCamera]:
     from mocks.bench import WantedCamera
 
     names = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
-    return [WantedCamera(**{n: getattr(table, n) for n in names}) for table in file.cameras().values()]
+    return [
+        WantedCamera(**{n: getattr(table, n) for n in names}, nd_filter=bool(table.nd_filter))
+        for table in file.cameras().values()
+    ]
 
 
 def simulated_rig_file(file: RigFile, size: str) -> RigFile:
