@@ -130,7 +130,9 @@ def test_emptying_changes_only_what_furniture_and_its_light_reach(world, picture
     outside = (pictures.ade == 8) & ~edge
     np.testing.assert_allclose(seen[outside], empty[outside], rtol=0.05)
     bare = ~edge & (pictures.surface >= 0)
-    np.testing.assert_array_equal(pictures.albedo[bare & (pictures.depth_m < 1e6)].shape, pictures.empty_albedo[bare].shape)
+    np.testing.assert_array_equal(
+        pictures.albedo[bare & (pictures.depth_m < 1e6)].shape, pictures.empty_albedo[bare].shape
+    )
     np.testing.assert_allclose(pictures.albedo[bare], pictures.empty_albedo[bare], atol=0.02)
     ceiling = bare & (pictures.normal[..., 2] < -0.99) & (pictures.sunlit == 0)
     ratio = seen[ceiling] / empty[ceiling]
