@@ -63,9 +63,10 @@ def meter_luminance_cd_m2(
 ) -> float:
     """Return what a luminance meter at the camera reads: the mean over a round spot, bright discs included.
 
-    About 500 samples at equal solid angles; ``spot_deg`` is the spot's diameter (1/3 degree on an LS-160).
+    Samples at equal solid angles, so many that an edge across the spot is right to 0.1 %; ``spot_deg`` is the spot's
+    diameter (1/3 degree on an LS-160).
     """
-    count = 512
+    count = 32_768
     spot = spread_over_disc(direction, math.radians(spot_deg / 2), count)
     sample_rad = math.radians(spot_deg) / math.sqrt(count)
     weights = world.weights(t_s)
