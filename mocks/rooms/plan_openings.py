@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from shapely.geometry import Polygon
 
 from mocks.rooms.model import Door, Plan, Window
 from mocks.rooms.plan_check import opening_problems
@@ -27,6 +28,8 @@ SILLS_M = {
     "high": (1.0, 1.1),
 }
 MOST_WINDOWS = 4
+LEAST_GLAZING = 0.09
+"""Window area per floor area; building codes ask for about a tenth to an eighth."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,21 @@ class WindowStyle:
 
 
 def draw_windows(rng: np.random.Generator, plan: Plan, bay: tuple[int, ...]) -> Plan:
-    """Return the plan with one to four windows: in the facets of its bay, else in one or two outer walls."""
+    """Return the plan with one to four windows: in the facets of its bay, else in one or two outer walls.
+
+    Of several draws the first is taken that gives the floor enough window, else the one that gives most.
+    """
+    needed = LEAST_GLAZING * Polygon(plan.polygon).area
+    drawn: list[tuple[float, Plan]] = []
+    for _ in range(8):
+        candidate = _windows(rng, plan, bay)
+        drawn.append((sum(w.width_m * w.height_m for w in candidate.windows), candidate))
+        if drawn[-1][0] >= needed:
+            break
+    return max(drawn, key=lambda entry: entry[0])[1]
+
+
+def _windows(rng: np.random.Generator, plan: Plan, bay: tuple[int, ...]) -> Plan:
     style = _draw_style(rng, plan.height_m)
     if bay:
         return replace(plan, windows=tuple(_in_facet(plan, wall, style) for wall in bay))

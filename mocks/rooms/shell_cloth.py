@@ -9,7 +9,7 @@ import numpy as np
 from mocks.rooms.mesh import Mesh, Part, Reals64, box
 from mocks.rooms.model import Finish, Fixture, Role
 from mocks.rooms.shapes import ball, cylinder, rounded_box, tube, turned
-from mocks.rooms.shell_faces import part_of
+from mocks.rooms.shell_faces import part_of, repeated
 from mocks.rooms.soft_shapes import sheet
 
 ROD_AWAY_M = 0.075
@@ -93,14 +93,13 @@ def venetian_blind(fixture: Fixture, finish: Finish) -> list[Part]:
         rounded_box((x0, y - 0.014, top - 0.03), (x1, y + 0.014, top), 0.002),
         rounded_box((x0, y - 0.012, bottom), (x1, y + 0.012, bottom + 0.012), 0.004),
     ]
-    slats = [
-        _slat(x0 + 0.004, x1 - 0.004, y, float(z), 0.0 if stacked else tilt)
-        for z in np.arange(bottom + 0.012 + pitch, top - 0.03 - SLAT_M / 3, pitch)
-    ]
+    places = np.arange(bottom + 0.012 + pitch, top - 0.03 - SLAT_M / 3, pitch)
+    moves = np.stack([np.zeros_like(places), np.zeros_like(places), places], axis=1)
+    slats = [repeated(_slat(x0 + 0.004, x1 - 0.004, y, 0.0 if stacked else tilt), moves)] if len(places) else []
     cords = [tube([(x, y, bottom), (x, y, top - 0.02)], 0.001, 6) for x in (x0 + 0.12, x1 - 0.12)]
     return [part_of([*rails, *slats, *cords], finish.window_frame, "blind", "blind", Role.FIXTURE)]
 
 
-def _slat(x0: float, x1: float, y: float, z: float, tilt_rad: float) -> Mesh:
-    slat = box((x0, y - SLAT_M / 2, z - 0.0004), (x1, y + SLAT_M / 2, z + 0.0004))
-    return turned(slat, (1.0, 0.0, 0.0), tilt_rad, (x0, y, z))
+def _slat(x0: float, x1: float, y: float, tilt_rad: float) -> Mesh:
+    slat = box((x0, y - SLAT_M / 2, -0.0004), (x1, y + SLAT_M / 2, 0.0004))
+    return turned(slat, (1.0, 0.0, 0.0), tilt_rad, (x0, y, 0.0))

@@ -81,6 +81,14 @@ def swept(profile: Sequence[tuple[float, float]], start_m: float, end_m: float, 
     return merge(faces)
 
 
+def repeated(mesh: Mesh, moves: Reals64) -> Mesh:
+    """Return one mesh of copies of a mesh, each moved by a row of ``moves`` (n, 3)."""
+    count, size = len(moves), len(mesh.vertices)
+    vertices = (mesh.vertices[None] + np.asarray(moves)[:, None]).reshape(-1, 3)
+    faces = (mesh.faces[None] + size * np.arange(count)[:, None, None]).reshape(-1, 3)
+    return Mesh(vertices, np.tile(mesh.normals, (count, 1)), np.tile(mesh.uv, (count, 1)), faces.astype(np.int32))
+
+
 def mirrored(mesh: Mesh, axis: int) -> Mesh:
     """Return the mesh mirrored at the plane through the origin across an axis (0 is x)."""
     sign = np.ones(3)

@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh, Part, box
+from mocks.rooms.mesh import Mesh, Part, Reals64, box, merge
 from mocks.rooms.model import Finish, Fixture, Material, Plan, Role
 from mocks.rooms.shapes import cylinder, grid_faces, rounded_box, tube, turned
 from mocks.rooms.shell_cloth import curtain, curtain_rod, roller_blind, venetian_blind
-from mocks.rooms.shell_faces import on_wall, part_of
+from mocks.rooms.shell_faces import on_wall, part_of, repeated
 from mocks.rooms.shell_lamps import lamp
 
 PLASTIC = Material("white plastic", (0.78, 0.78, 0.75), roughness=0.25)
@@ -90,10 +90,14 @@ def _grille(x0: float, x1: float, back: float, front: float, top: float) -> list
         rounded_box((x0, back, top - 0.014), (x1, back + rim, top), 0.002),
         rounded_box((x0, front - rim, top - 0.014), (x1, front, top), 0.002),
     ]
-    count = max(4, round((x1 - x0) / 0.016))
-    for x in np.linspace(x0 + bar, x1 - bar, count):
-        bars.append(box((x - bar / 2, back + rim, top - 0.01), (x + bar / 2, front - rim, top - 0.002)))
-    return bars
+    one = box((-bar / 2, back + rim, top - 0.01), (bar / 2, front - rim, top - 0.002))
+    places = np.linspace(x0 + bar, x1 - bar, max(4, round((x1 - x0) / 0.016)))
+    return [*bars, repeated(one, _along(places))]
+
+
+def _along(places: Reals64) -> Reals64:
+    """Return moves along the wall."""
+    return np.stack([places, np.zeros_like(places), np.zeros_like(places)], axis=1)
 
 
 def _brackets(x0: float, x1: float, z0: float, z1: float) -> list[Mesh]:
@@ -117,17 +121,16 @@ def _column_radiator(fixture: Fixture, finish: Finish) -> list[Part]:
     rows = np.linspace(STANDOFF_M + radius, fixture.depth_m - radius, 2 if fixture.depth_m < 0.12 else 3)
     middle = float(rows.mean())
     meshes = []
-    for x in np.linspace(x0 + 0.022, x1 - 0.022, max(2, round((x1 - x0) / 0.046))):
-        for y in rows:
-            towards = middle + 0.35 * (y - middle)
-            path = [(x, towards, z0 + 0.018), (x, y, z0 + 0.06), (x, y, z1 - 0.06), (x, towards, z1 - 0.018)]
-            meshes.append(tube(path, radius))
-        for z in (z0 + 0.025, z1 - 0.025):
-            meshes.append(
-                rounded_box((x - 0.021, STANDOFF_M, z - 0.024), (x + 0.021, fixture.depth_m, z + 0.024), 0.012, 2)
-            )
+    for y in rows:
+        towards = middle + 0.35 * (y - middle)
+        path = [(0.0, towards, z0 + 0.018), (0.0, y, z0 + 0.06), (0.0, y, z1 - 0.06), (0.0, towards, z1 - 0.018)]
+        meshes.append(tube(path, radius))
+    for z in (z0 + 0.025, z1 - 0.025):
+        meshes.append(rounded_box((-0.021, STANDOFF_M, z - 0.024), (0.021, fixture.depth_m, z + 0.024), 0.012, 2))
+    places = np.linspace(x0 + 0.022, x1 - 0.022, max(2, round((x1 - x0) / 0.046)))
+    sections = repeated(merge(meshes), _along(places))
     feet = [cylinder((x, middle, -0.001), 0.012, z0 + 0.03) for x in (x0 + 0.09, x1 - 0.09)]
-    return [_radiator(meshes + feet, finish.radiator), *_valve(fixture, finish, x1 - 0.01)]
+    return [_radiator([sections, *feet], finish.radiator), *_valve(fixture, finish, x1 - 0.01)]
 
 
 def _plate(x0: float, x1: float, z0: float, z1: float, depth: float) -> Mesh:

@@ -87,7 +87,7 @@ def mouldings(plan: Plan, finish: Finish) -> list[Part]:
             found += on_wall(plan, wall, [part_of(skirts, finish.trim, "skirting", role=Role.FIXTURE)])
         if with_cornice:
             run = swept(crown, 0.0, plan.wall_length_m(wall), _mitres(plan, wall))
-            found += on_wall(plan, wall, [part_of(run, finish.ceiling, "ceiling", "ceiling")])
+            found += on_wall(plan, wall, [part_of(run, finish.ceiling, "cornice", "ceiling")])
     return found
 
 
