@@ -10,6 +10,7 @@ import numpy as np
 
 from mocks.light import Floats, Vector
 from mocks.rooms.noise import fractal, smoothstep
+from mocks.rooms.outdoors import cosine_grid
 
 EARTH_IN_CLOUD_HEIGHTS = 3200.0
 CLEARING_RAD = math.radians(3.0)
@@ -28,11 +29,11 @@ class CloudLayer:
     def look(self, directions: Floats, pixel_rad: float) -> tuple[Floats, Floats]:
         """Return opacity (0..1) and how sunlit the cloud is (0..1) for directions above the horizon."""
         x, y, footprint = _on_layer(directions, pixel_rad)
-        shape = self._height(x, y, footprint)
-        edge = 0.42 - 0.85 * self.cover
+        shape = cloud_height(self.seed, x, y, footprint)
+        edge = _edge(self.seed, self.cover)
         opacity = smoothstep(edge, edge + 0.32, shape)
         towards_sun = np.array(self.sun_direction[:2]) / max(self.sun_direction[2], 0.25) * 0.22
-        shade = self._height(x + np.float32(towards_sun[0]), y + np.float32(towards_sun[1]), footprint)
+        shade = cloud_height(self.seed, x + np.float32(towards_sun[0]), y + np.float32(towards_sun[1]), footprint, 4)
         lit = np.clip(0.62 + 0.9 * (shape - shade) - 0.5 * np.maximum(shape - edge - 0.35, 0), 0, 1)
         chord = directions - np.array(self.sun_direction, dtype=np.float32)
         near = np.exp(-np.square((chord * chord).sum(axis=-1) / CLEARING_RAD**2))
@@ -41,10 +42,19 @@ class CloudLayer:
             np.asarray(lit, dtype=np.float32),
         )
 
-    def _height(self, x: Floats, y: Floats, footprint: Floats) -> Floats:
-        drift_x = fractal(self.seed + 1, x * np.float32(0.5), y * np.float32(0.5), footprint, 3)
-        size = np.float32(0.75)
-        return fractal(self.seed, x * size + drift_x * np.float32(0.35), y * size, footprint * size, 7)
+
+def cloud_height(seed: int, x: Floats, y: Floats, footprint: Floats, octaves: int = 7) -> Floats:
+    """Return how far clouds tower at points of the layer (in heights of the layer), about -1..1."""
+    bend = fractal(seed + 1, x * np.float32(0.5), y * np.float32(0.5), footprint, 3)
+    size = np.float32(0.75)
+    return fractal(seed, x * size + bend * np.float32(0.35), y * size, footprint * size, octaves)
+
+
+@lru_cache(maxsize=64)
+def _edge(seed: int, cover: float) -> float:
+    """Return the height over which it is cloud, for a mean opacity (by horizontal illuminance) of about ``cover``."""
+    x, y, footprint = _on_layer(cosine_grid(48), math.pi / 96)
+    return float(np.quantile(cloud_height(seed, x, y, footprint), 1 - cover)) - 0.16
 
 
 def overcast_relief(seed: int, directions: Floats, pixel_rad: float) -> Floats:

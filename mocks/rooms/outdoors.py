@@ -92,7 +92,8 @@ def ambient(
     pixel_rad = math.pi / 2 / rows
     light = dome(upper, pixel_rad)
     level = dome(cosine_grid(rows), pixel_rad).mean(axis=(0, 1), dtype=np.float64) * math.pi
-    air = light[: rows // 8].mean(axis=(0, 1))
+    # The geometric mean, so that the glow around a low sun does not stand for the air all around.
+    air = np.exp(np.log(np.maximum(light[: rows // 8], 1e-3)).mean(axis=(0, 1)))
     mean = light.mean(axis=(0, 1), dtype=np.float64) / 2
     moment = np.einsum("ija,ijb->ab", upper.astype(np.float64), light) / (2 * rows * rows * 2)
     from_sun = np.asarray(beam, dtype=np.float64) * max(sun_direction[2], 0.0)
@@ -169,7 +170,8 @@ def _lawn_and_street(x: Floats, y: Floats, footprint: Floats, surroundings: Surr
     seed = surroundings.seed
     blades = fractal(seed + 41, x / np.float32(0.25), y / np.float32(0.25), footprint / np.float32(0.25), 5)
     patches = fractal(seed + 42, x / np.float32(2.5), y / np.float32(2.5), footprint / np.float32(2.5), 4)
-    grass = plain * (1 + 0.30 * blades + 0.25 * patches)[:, None]
+    tufts = fractal(seed + 43, x / np.float32(0.07), y / np.float32(0.07), footprint / np.float32(0.07), 3)
+    grass = plain * (1 + 0.28 * blades + 0.24 * tufts + 0.22 * patches)[:, None]
     grass = grass * (1 + patches[:, None] * np.array((0.10, 0.0, -0.06), np.float32))
     place = street.draw_street(seed)
     s, c = math.sin(place.across_rad), math.cos(place.across_rad)

@@ -143,7 +143,7 @@ class Sky:
 
         Longitude 0 (+y) at the centre, growing to the right (+x); zenith up; pixel centres at half integers.
         """
-        fine, pixel_rad = 4, math.pi / rows
+        fine, pixel_rad = min(max(1024 // rows, 2), 8), math.pi / rows
         out = np.empty((rows, 2 * rows, 3), dtype=np.float32)
         longitude = (np.arange(2 * rows * fine) + 0.5) * (pixel_rad / fine) - math.pi
         for row in range(rows):
@@ -193,7 +193,7 @@ def draw_sky(rng: np.random.Generator, moment: Moment, kind: Kind | None = None)
     chosen = kind or drawn
     azimuth_rad, elevation_rad = sun_of(moment)
     veil = float(rng.uniform(0.1, 0.7)) if rng.random() < 0.4 else 1.0
-    cover = {"clear": (0.0, 0.18), "intermediate": (0.35, 0.75), "overcast": (0.4, 1.0)}[chosen]
+    cover = {"clear": (0.0, 0.12), "intermediate": (0.3, 0.75), "overcast": (0.4, 1.0)}[chosen]
     upstairs = bool(rng.random() < 0.35)
     return Sky(
         kind=chosen,
