@@ -77,7 +77,7 @@ def tile(texture: Texture) -> Tile:
     return Tile(albedo, made.size_m)
 
 
-@lru_cache(maxsize=24)
+@lru_cache(maxsize=16)
 def mip(texture: Texture) -> MipTexture:
     """Return a texture's tile with its coarser levels."""
     return MipTexture.tiled(tile(texture).albedo)

@@ -87,7 +87,7 @@ def bands(texture: Texture) -> Tile:
     starts = np.concatenate([[0.0], stops[:-1]])
     number = rng.integers(0, len(texture.colours), count)
     colours = np.array(texture.colours, dtype=np.float32)
-    place = centres(_PIXELS)[:, None] + np.float32(0.0012) * noise(rng, _GRID, (32, 64))
+    place = centres(_PIXELS)[:, None] + np.float32(stops[0] / 2) + np.float32(0.0012) * noise(rng, _GRID, (32, 64))
     line = (place * fine).astype(np.int32) % fine
     band = np.minimum(np.searchsorted(stops, centres(fine)), count - 1)
     middle, half = ((starts + stops) / 2)[band], ((stops - starts) / 2)[band]
