@@ -67,7 +67,7 @@ class Cube:
         depth = np.where(level, np.where(along_x, ax, ay), az)
         aside = np.where(face == 1, -y, np.where(face == 2, -x, np.where(face == 3, y, x)))
         above = np.where(level, z, np.where(face == 4, -y, y))
-        scale = np.float32(self.face_px / 2) / depth
+        scale = np.asarray(np.float32(self.face_px / 2) / depth, dtype=np.float32)
         middle = np.float32((self.side_px - 1) / 2)
         return face.astype(np.int32), aside * scale + middle, middle - above * scale
 

@@ -35,7 +35,7 @@ class CubeLookup:
 
     def __init__(self, guide: Guide) -> None:
         self._guide = guide
-        self._side = guide.cube.side_px
+        self.side_px = guide.cube.side_px
         self._part = guide.part.reshape(-1)
         self._normal = guide.normal.reshape(-1, 3)
         self._plane = guide.plane_m.reshape(-1)
@@ -47,7 +47,7 @@ class CubeLookup:
         same = np.ones_like(g.part, dtype=bool)
         for down, right in ((0, 1), (1, 0), (1, 1)):
             other = (slice(None), slice(down, None), slice(right, None))
-            mine = (slice(None), slice(None, self._side - down), slice(None, self._side - right))
+            mine = (slice(None), slice(None, self.side_px - down), slice(None, self.side_px - right))
             close = np.abs(g.plane_m[other] - g.plane_m[mine]) < _PLANE_TOLERANCE
             alike = (g.normal[other] * g.normal[mine]).sum(axis=-1) > 0.98
             ok = (g.part[other] == g.part[mine]) & close & alike
@@ -60,8 +60,8 @@ class CubeLookup:
         """Return each picture (6, side, side, 3) at directions (n, 3), taken from pixels of the same surface."""
         face, column, row = self._guide.cube.place(directions)
         left, top = np.floor(column).astype(np.int32), np.floor(row).astype(np.int32)
-        corner = (face * self._side + top) * self._side + left
-        out = [_bilinear(p, column, row + np.float32(self._side) * face) for p in pictures]
+        corner = (face * self.side_px + top) * self.side_px + left
+        out = [_bilinear(p, column, row + np.float32(self.side_px) * face) for p in pictures]
         hard = np.flatnonzero(self._uniform[corner] != seen.part)
         if hard.size:
             weights, index = self._weights(
@@ -79,7 +79,7 @@ class CubeLookup:
         weights = np.empty((len(corner), 16), np.float32)
         for k in range(16):
             down, right = k // 4 - 1, k % 4 - 1
-            pixel = corner + down * self._side + right
+            pixel = corner + down * self.side_px + right
             index[:, k] = pixel
             near = np.exp(-1.5 * ((x - right) ** 2 + (y - down) ** 2))
             alike = np.einsum("ij,ij->i", self._normal[pixel], seen.normal)

@@ -17,7 +17,7 @@ from mocks.rooms.model import Finish, Item, Plan, Role, Use
 from mocks.rooms.moment import Moment, draw_moment
 from mocks.rooms.plan import check_plan, draw_plan
 from mocks.rooms.shell import Pane, shell_parts, window_panes
-from mocks.rooms.sky import Sky, draw_sky
+from mocks.rooms.sky import Kind, Sky, draw_sky
 
 # Raise when the same seed gives another room, or meshes change: light is kept on disk by it.
 ROOMS_VERSION = 1
@@ -76,7 +76,7 @@ def make_room(
     seed: int,
     use: Use | str | None = None,
     *,
-    sky: str | None = None,
+    sky: Kind | None = None,
     lamps_on: bool | None = None,
     moment: Moment | None = None,
 ) -> Room:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from mocks.light import BrightDisc, Floats
 from mocks.rooms.geometry import Bools, Geometry
+from mocks.rooms.mesh import Reals64
 from mocks.rooms.shell import Pane
 
 _RIM, _FILL = 6, 32
@@ -51,22 +52,42 @@ def outward(pane: Pane) -> npt.NDArray[np.float64]:
 
 
 def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Bools:
-    """Return which points' rays to the sun pass near a pane: cheap, and true for all that see the sun."""
+    """Return which points' rays to the sun pass near a window: cheap, and true for all that see the sun."""
     direction = np.array(sun.direction)
     out = np.zeros(len(points), bool)
-    for pane in panes:
-        u, v = np.array(pane.u), np.array(pane.v)
+    for corner, u, v in _windows(panes):
         width, height = np.linalg.norm(u), np.linalg.norm(v)
         normal = np.cross(u, v) / (width * height)
         steep = float(direction @ normal)
         if abs(steep) < 1e-6:
             continue
-        to_pane = ((np.array(pane.corner) - points) @ normal) / steep
-        place = points + to_pane[:, None] * direction - np.array(pane.corner)
-        margin = 2.0 * sun.radius_rad * np.abs(to_pane) / abs(steep) + 0.01
-        along, up = place @ (u / width), place @ (v / height)
-        out |= (to_pane > 0) & (along > -margin) & (along < width + margin) & (up > -margin) & (up < height + margin)
+        to_pane = (points @ (-normal / steep).astype(np.float32)) + np.float32(corner @ normal / steep)
+        # Along u and v, where the ray from a point meets the window's plane: linear in the point.
+        ahead = to_pane > 0
+        margin = np.float32(2.0 * sun.radius_rad / abs(steep)) * to_pane + np.float32(0.01)
+        for side, length in ((u / width, width), (v / height, height)):
+            place = (
+                points @ side.astype(np.float32) + to_pane * np.float32(direction @ side) - np.float32(corner @ side)
+            )
+            ahead &= (place > -margin) & (place < np.float32(length) + margin)
+        out |= ahead
     return out
+
+
+def _windows(panes: Sequence[Pane]) -> Iterator[tuple[Reals64, Reals64, Reals64]]:
+    """Yield corner and sides of the rectangle around each window's panes."""
+    groups: dict[int, list[Pane]] = {}
+    for pane in panes:
+        groups.setdefault(pane.window, []).append(pane)
+    for group in groups.values():
+        first = np.array(group[0].corner, np.float64)
+        u, v = (np.array(side, np.float64) for side in (group[0].u, group[0].v))
+        u, v = u / np.linalg.norm(u), v / np.linalg.norm(v)
+        corners = np.array(
+            [np.array(p.corner) + a * np.array(p.u) + b * np.array(p.v) for p in group for a in (0, 1) for b in (0, 1)]
+        )
+        along, up = (corners - first) @ u, (corners - first) @ v
+        yield first + along.min() * u + up.min() * v, np.ptp(along) * u, np.ptp(up) * v
 
 
 def _visible(geometry: Geometry, points: Floats, rays: Floats) -> Floats:

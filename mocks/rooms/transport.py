@@ -116,9 +116,8 @@ def _group_of(material: Material, lighting: Lighting, glossy: bool) -> _Group:
 
 
 def _bsdf(group: _Group) -> dict[str, Any]:
-    if group.roughness is None:
-        inner = {"type": "diffuse", "reflectance": _rgb(group.colour)}
-    else:
+    inner: dict[str, Any] = {"type": "diffuse", "reflectance": _rgb(group.colour)}
+    if group.roughness is not None:
         inner = {"type": "principled", "base_color": _rgb(group.colour), "roughness": group.roughness, "specular": 0.5}
     return {"type": "twosided", "bsdf": inner}
 

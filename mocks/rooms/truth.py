@@ -119,9 +119,9 @@ def point_lights(room: Room, *, samples: int = 4096, grid_m: float = 1.0) -> lis
     """
     geometry = Geometry(room.parts())
     scenes = [load_scene(geometry.parts, light, glossy=False) for light in lightings(room).values()]
-    out = []
+    out: list[PointLight] = []
     for name, point, normal in _places(room, geometry, grid_m):
-        rgb = sum(irradiance_at(scene, point, normal, samples, seed=len(out)) for scene in scenes)
+        rgb = np.sum([irradiance_at(scene, point, normal, samples, seed=len(out)) for scene in scenes], axis=0)
         out.append(PointLight(name, point, normal, float(rgb @ LUMINANCE_WEIGHTS)))
     sky_lx, sun_lx = room.sky.horizontal_illuminance_lx()
     out.append(PointLight("outdoors, horizontal", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), sky_lx + sun_lx))
@@ -162,10 +162,8 @@ def _places(room: Room, geometry: Geometry, grid_m: float) -> list[tuple[str, Ve
             point = (float(x), float(y), 0.75)
             if floor.contains(Point(x, y)) and _free(geometry, point):
                 found.append((f"table height {x:+.1f} {y:+.1f}", point, (0.0, 0.0, 1.0)))
-    eye = room.eye
-    for name, normal in (("ahead", (0, 1, 0)), ("right", (1, 0, 0)), ("behind", (0, -1, 0)), ("left", (-1, 0, 0))):
-        found.append((f"camera, vertical, {name}", eye, tuple(float(v) for v in normal)))  # type: ignore[arg-type]
-    return found
+    sides: dict[str, Vector] = {"ahead": (0, 1, 0), "right": (1, 0, 0), "behind": (0, -1, 0), "left": (-1, 0, 0)}
+    return found + [(f"camera, vertical, {name}", room.eye, normal) for name, normal in sides.items()]
 
 
 def _free(geometry: Geometry, point: Vector) -> bool:

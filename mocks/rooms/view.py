@@ -16,6 +16,7 @@ from mocks.rooms.light import Baked, Guide, facing_normals
 from mocks.rooms.lookup import CubeLookup, Seen
 from mocks.rooms.model import Material, Texture
 from mocks.rooms.room import Room
+from mocks.rooms.sky import Sky
 from mocks.rooms.sunlight import sun_share
 from mocks.rooms.textures import mip, tile
 from mocks.textures import MipTexture
@@ -45,6 +46,7 @@ class RoomView:
         self.baked = baked
         self._eye = np.array(room.eye, np.float32)
         self._disc = room.sky.disc()
+        self._sums: dict[tuple[str, ...], list[Floats]] = {}
         self._lookup = CubeLookup(Guide.of(geometry, self._eye, Cube(face_px)))
         self._materials = list(dict.fromkeys(part.material for part in geometry.parts))
         self._material_of = np.array([self._materials.index(part.material) for part in geometry.parts])
@@ -66,23 +68,19 @@ class RoomView:
             return np.zeros(len(surface.ray), np.float32)
         return sun_share(self.geometry, self.room.panes, self._disc, surface.point, surface.normal)
 
-    def irradiance(self, surface: Surface, component: str, share: Floats | None = None) -> Floats:
-        """Return irradiance (lx, RGB) by one component, direct sun included if its ``share`` is given."""
-        return self._lit(surface, component, share)[0]
+    def irradiance(self, surface: Surface, components: tuple[str, ...], share: Floats | None = None) -> Floats:
+        """Return irradiance (lx, RGB) by some components, direct sun included if its ``share`` is given."""
+        return self._lit(surface, components, share)[0]
 
     def radiance(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
         """Return radiance (n, 3) by some components of the light; the sun's disc itself is left out."""
         surface = self.surfaces(directions, pixel_rad)
-        out = np.zeros((len(directions), 3), np.float32)
         share = self.sunlit(surface) if "sun" in components else None
-        inside = np.zeros((len(surface.ray), 3), np.float32)
-        for component in components:
-            light, gloss = self._lit(surface, component, share)
-            inside += surface.albedo * light * np.float32(1 / np.pi)
-            if gloss is not None:
-                inside += gloss
-            if component == "lamps":
-                inside += self._glow[surface.part]
+        light, gloss = self._lit(surface, components, share)
+        inside = surface.albedo * light * np.float32(1 / np.pi) + gloss
+        if "lamps" in components:
+            inside += self._glow[surface.part]
+        out = np.zeros((len(directions), 3), np.float32)
         out[surface.ray] = inside
         left = np.ones(len(directions), bool)
         left[surface.ray] = False
@@ -96,26 +94,32 @@ class RoomView:
 
     def _outdoors(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
         glass = np.array(self.room.glass_transmittance, np.float32)
-        seen = [self.room.sky.radiance(directions, pixel_rad, c) for c in components if c in ("sky", "sun")]
-        return np.asarray(sum(seen, np.zeros(directions.shape, np.float32)) * glass, dtype=np.float32)
+        return outdoors(self.room.sky, directions, pixel_rad, components) * glass
 
-    def _lit(self, surface: Surface, component: str, share: Floats | None) -> tuple[Floats, Floats | None]:
-        """Return irradiance and gloss of a component."""
-        baked = self.baked.get(component)
-        if baked is None:
-            return np.zeros((len(surface.ray), 3), np.float32), None
+    def _lit(self, surface: Surface, components: tuple[str, ...], share: Floats | None) -> tuple[Floats, Floats]:
+        """Return irradiance and gloss by some components."""
         plane = np.einsum("ij,ij->i", surface.normal, surface.point - self._eye).astype(np.float32)
-        pictures = [baked.irradiance] if baked.gloss is None else [baked.irradiance, baked.gloss]
-        found = self._lookup.at(surface.directions, Seen(surface.part, surface.normal, plane), pictures)
-        light, gloss = found[0], found[1] if len(found) == 2 else None
-        if component == "sun" and share is not None and self._disc is not None:
+        seen = Seen(surface.part, surface.normal, plane)
+        light, gloss = self._lookup.at(surface.directions, seen, self._pictures(components))
+        if share is not None and self._disc is not None:
             lit = np.flatnonzero(share > 0)
             strength = self._sun_light(share[lit])
             cosine = np.maximum(surface.normal[lit] @ np.array(self._disc.direction, np.float32), 0)
             light[lit] += strength * cosine[:, None]
-            if gloss is not None:
-                gloss[lit] += strength * self._highlight(surface, lit, self._disc)[:, None]
+            gloss[lit] += strength * self._highlight(surface, lit, self._disc)[:, None]
         return light, gloss
+
+    def _pictures(self, components: tuple[str, ...]) -> list[Floats]:
+        """Return the sum of the components' irradiance, and of their gloss."""
+        if components not in self._sums:
+            side = self._lookup.side_px
+            light, gloss = np.zeros((2, 6, side, side, 3), np.float32)
+            for baked in (self.baked[name] for name in components if name in self.baked):
+                light += baked.irradiance
+                if baked.gloss is not None:
+                    gloss += baked.gloss
+            self._sums[components] = [light, gloss]
+        return self._sums[components]
 
     def _sun_light(self, share: Floats) -> Floats:
         """Return illuminance (lx, RGB) on planes facing the sun, behind the glass."""
@@ -151,6 +155,17 @@ class RoomView:
                 few = Hits(hits.face[mine], hits.distance_m[mine], hits.weights[mine])
                 out[mine] = _sampled(material, self.geometry.texture_uv(few), footprint_m[mine])
         return out
+
+
+def outdoors(sky: Sky, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
+    """Return the radiance of sky and land (n, 3) by some components of the light."""
+    if "sky" in components and "sun" in components:
+        return sky.radiance(directions, pixel_rad)
+    if "sky" in components:
+        return sky.radiance(directions, pixel_rad, "sky")
+    if "sun" in components:
+        return sky.radiance(directions, pixel_rad, "sun")
+    return np.zeros(directions.shape, np.float32)
 
 
 def _sampled(material: Material, uv_m: Floats, footprint_m: Floats) -> Floats:

@@ -16,7 +16,7 @@ from mocks.rooms.geometry import Geometry
 from mocks.rooms.light import QUALITIES, Baked, bake, components, lightings
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.view import RoomView
+from mocks.rooms.view import RoomView, outdoors
 
 # Raise when baking or looking up changes.
 LIGHT_VERSION = 1
@@ -52,10 +52,7 @@ class RoomWorld:
         chosen = self._lights if component is None or self.components == ("light",) else (self._lights[component],)
         flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)
         if site is Site.OUTDOOR:
-            out = np.zeros(flat.shape, np.float32)
-            for name in chosen:
-                if name != "lamps":
-                    out += self.room.sky.radiance(flat, pixel_rad, name)
+            out = outdoors(self.room.sky, flat, pixel_rad, chosen)
         else:
             out = self.view.radiance(flat, pixel_rad, chosen)
         return out.reshape(directions.shape)
@@ -128,7 +125,7 @@ def _packed(baked: dict[str, Baked]) -> bytes:
     arrays = {f"{name}.irradiance": b.irradiance for name, b in baked.items()}
     arrays |= {f"{name}.gloss": b.gloss for name, b in baked.items() if b.gloss is not None}
     out = io.BytesIO()
-    np.savez(out, **arrays)
+    np.savez(out, allow_pickle=False, **arrays)
     return out.getvalue()
 
 
