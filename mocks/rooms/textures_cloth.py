@@ -40,8 +40,8 @@ def carpet_loop(texture: Texture) -> Tile:
 def carpet_pile(texture: Texture) -> Tile:
     """Return cut pile: fine tufts, and soft shading where feet and the vacuum cleaner have brushed it."""
     rng = generator(texture.seed)
-    tone = np.float32(texture.option("contrast", 0.12)) * _grains(rng, 1.2)
-    tone += np.float32(texture.option("brushed", 0.015)) * np.tanh(clouds(rng, _GRID, 8, 3))
+    tone = np.float32(texture.option("contrast", 0.16)) * _grains(rng, 1.6)
+    tone += np.float32(texture.option("brushed", 0.025)) * np.tanh(clouds(rng, _GRID, 8, 3))
     share = np.clip(_grains(rng, 1.0) - np.float32(0.6), 0, 1)
     return Tile(_two_toned(texture, np.clip(1 + tone, 0.5, 1.5), share), (2.0, 2.0))
 

@@ -81,11 +81,10 @@ class Timber:
         rows, columns = radius.shape
         row, column = rng.uniform(0.15, 0.85) * rows, rng.uniform(0.2, 0.8) * columns
         size_px = rng.uniform(0.006, 0.014) / self.pixel_m
-        down = ((np.arange(rows, dtype=np.float32) - np.float32(row)) / np.float32(1.4 * size_px))[:, None]
-        right = ((np.arange(columns, dtype=np.float32) - np.float32(column)) / np.float32(size_px))[None, :]
-        square = down * down + right * right
-        radius += np.float32(0.03) * np.exp(-square / 8)
-        tone -= np.float32(0.45) * np.exp(-square * square)
+        down = ((np.arange(rows, dtype=np.float32) - np.float32(row)) / np.float32(1.4 * size_px)) ** 2
+        right = ((np.arange(columns, dtype=np.float32) - np.float32(column)) / np.float32(size_px)) ** 2
+        radius += np.float32(0.03) * np.outer(np.exp(-down / 8), np.exp(-right / 8))
+        tone -= np.float32(0.5) * np.outer(np.exp(-1.3 * down), np.exp(-1.3 * right))
 
 
 def _wander(rng: np.random.Generator, length: int, pixel_m: float) -> Floats:
