@@ -16,7 +16,7 @@ from mocks.world import HdrWorld, SimpleRoom, meter_luminance_cd_m2
 
 SPOT_RAD = math.radians(1 / 3)
 RINGS, SECTORS = 256, 512
-DIRECTIONS = 12
+EDGES, DIRECTIONS = 12, 5
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def spot_errors(seed: int) -> dict[str, float]:
         "gradient": _error(PaintedWorld(100.0, pattern=gradient), ahead),
     }
     rng = np.random.default_rng([seed, 17])
-    for number in range(DIRECTIONS):
+    for number in range(EDGES):
         turn_rad, offset = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(-0.7, 0.4))
         world = PaintedWorld(100.0, pattern=edge(turn_rad, offset * SPOT_RAD / 2))
         beyond = (math.acos(offset) - offset * math.sqrt(1 - offset**2)) / math.pi

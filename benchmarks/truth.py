@@ -8,10 +8,14 @@ through unglazed openings, outdoor illuminance against pvlib's clear sky, the me
 from __future__ import annotations
 
 import importlib
+import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from benchmarks import _physics
+from benchmarks._paired import cost_of
+from benchmarks._plots import Point, time_against_error
 from benchmarks._sky_anchor import outdoor_errors
 from benchmarks._spot import spot_errors
 from benchmarks.seeds import seeds
@@ -19,6 +23,7 @@ from mocks.rooms.engine import variant
 
 FULL_SPP = {"furnace": 2**20, "sphere": 2**18, "form_factor": 2**20, "daylight": 2**20}
 QUICK_SPP = {"furnace": 2**17, "sphere": 2**16, "form_factor": 2**18, "daylight": 2**16}
+PLOT, PLOT_SPP = Path("truth-convergence.png"), (2**12, 2**14, 2**16, 2**18)
 FULL_ROOMS, QUICK_ROOMS = 200, 40
 
 SCENES: dict[str, Callable[[int, int], _physics.Errors]] = {
@@ -45,7 +50,28 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         f"{name}: worst of {len(errors[name])} at {case} ({errors[name][case]:+.3f} %)" for name, case in worst.items()
     ]
     notes += [f"room {number}: {'; '.join(found)}" for number, found in faults.items()]
+    if not quick:
+        time_against_error(
+            convergence(seed),
+            PLOT,
+            title="Scenes of known light: run time against error",
+            error_label="root mean square error, %",
+            seconds_label=f"CPU seconds for all points ({variant()})",
+        )
     return {"metrics": metrics, "units": {"rooms_ok": f"of {len(asked)}"}, "notes": notes}
+
+
+def convergence(seed: int) -> list[Point]:
+    """Return what error how much time buys; a bias would show as a line that stops falling."""
+    points = []
+    for name, scene in SCENES.items():
+        scene(2**8, seed)
+        for spp in PLOT_SPP:
+            errors: list[float] = []
+            cost = cost_of(lambda spp=spp, scene=scene, errors=errors: errors.extend(scene(spp, seed + 7).values()))
+            rms = math.sqrt(sum(error**2 for error in errors) / len(errors))
+            points.append(Point(name.replace("_", " "), cost.cpu_s, rms, f"{spp:,}"))
+    return points
 
 
 def room_faults(seed: int) -> list[str]:
