@@ -16,7 +16,7 @@ __all__ = ["check_items", "furnish"]
 
 ATTEMPTS = 6
 BOARD_TRIES = 60
-TRIPOD_M = (0.82, 0.82, 1.52)
+TRIPOD_M = (0.82, 0.82, 1.475)
 """Feet on a circle of 0.4 m; its head ends below the camera."""
 
 Step = Callable[[Arrangement, Finish], object]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from mocks.rooms.furnish_clutter import on_the_floor, picture_over, plants, rug_under, things_on, wall_things
 from mocks.rooms.furnish_space import Arrangement, beside, towards
@@ -80,7 +81,7 @@ def _nightstands(a: Arrangement, bed: Item) -> None:
     size = (a.draw(0.38, 0.5), a.draw(0.34, 0.42), a.draw(0.44, 0.56))
     lamp = (a.draw(0.2, 0.28), a.draw(0.36, 0.5))
     for side in (-1, 1):
-        stand = a.add(_beside_bed(a, bed, side, size))
+        stand = a.add(replace(_beside_bed(a, bed, side, size), seed=bed.seed))
         if stand is None:
             continue
         if a.chance(0.85):
@@ -93,8 +94,8 @@ def _nightstands(a: Arrangement, bed: Item) -> None:
 
 def _rug(a: Arrangement, bed: Item, finish: Finish) -> None:
     if a.chance(0.55):
-        x, y = beside(bed, 0.0, -0.45)
-        rug_under(a, x, y, (bed.size_m[0] + a.draw(0.9, 1.3), a.draw(1.6, 2.1)), bed.turn_rad, finish.floor.name)
+        x, y = beside(bed, 0.0, -0.55)
+        rug_under(a, x, y, (bed.size_m[0] + a.draw(0.7, 1.2), a.draw(1.5, 2.1)), bed.turn_rad, finish.floor.name)
 
 
 def _at_the_foot(a: Arrangement, bed: Item) -> None:

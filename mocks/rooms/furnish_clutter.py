@@ -18,7 +18,7 @@ def rug_fits(floor_name: str) -> bool:
 
 def picture_over(a: Arrangement, below: Item) -> None:
     """Hang a picture, or two side by side, over a piece of furniture."""
-    h = a.draw(0.35, 0.7)
+    h = a.draw(0.4, 0.8)
     w = min(h * a.draw(0.75, 1.7), below.size_m[0] * 0.8)
     top_of = below.position_m[2] + below.size_m[2]
     low = round(max(top_of + 0.18, EYE_M - h / 2), 3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from shapely.geometry import Polygon
 
@@ -76,7 +77,8 @@ def _chairs(a: Arrangement, table: Item) -> None:
             off = size[1] / 2 - 0.2 + pulled
             x, y = beside(table, along + math.sin(turn) * -off, back + math.cos(turn) * off)
             loose = float(a.rng.normal(0, 0.03 + 0.3 * max(pulled - 0.1, 0.0)))
-            if a.add(a.item("chair", size, (x, y, 0.0), table.turn_rad + turn + loose, design)):
+            chair = a.item("chair", size, (x, y, 0.0), table.turn_rad + turn + loose, design)
+            if a.add(replace(chair, seed=table.seed)):
                 break
 
 

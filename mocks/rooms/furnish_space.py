@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
 
 from mocks.light import Vector
@@ -18,6 +19,8 @@ from mocks.rooms.plan_space import free_spans
 WALL_GAP_M = 0.03
 """Between a wall and what stands against it: the skirting board."""
 HANGING_GAP_M = 0.004
+TALL_M, TALL_AWAY_M = 1.4, 0.95
+"""A photographer does not set up right beside a wardrobe."""
 
 Score = Callable[[Item], float]
 Options = tuple[tuple[str, float], ...]
@@ -62,6 +65,8 @@ class Arrangement:
         if any(hides_board(other, item) for other in self.items if other.kind == "meter board"):
             return False
         floor = footprint(item)
+        if item.size_m[2] > TALL_M and item.role is Role.FURNITURE and floor.distance(Spot(0.0, 0.0)) < TALL_AWAY_M:
+            return False
         on_floor = item.position_m[2] < 0.3 and item.kind != "rug"
         return not (on_floor and any(zone.intersects(floor) for zone in self.kept_free))
 

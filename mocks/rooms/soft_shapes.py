@@ -10,7 +10,7 @@ from mocks.rooms.mesh import Mesh, Reals64, merge
 from mocks.rooms.shapes import deformed, grid_faces, rounded_box, smooth
 
 
-def pad(low: Vector, high: Vector, radius_m: float, crown_m: float, cells: int = 6) -> Mesh:
+def pad(low: Vector, high: Vector, radius_m: float, crown_m: float, cells: int = 5) -> Mesh:
     """Return a seat cushion: a rounded block whose broad sides swell by ``crown_m`` within the given bounds."""
     lo, hi = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
     half, middle = (hi - lo) / 2, (hi + lo) / 2
@@ -33,7 +33,7 @@ def pad(low: Vector, high: Vector, radius_m: float, crown_m: float, cells: int =
     return deformed(block, swell)
 
 
-def pillow(size_m: Vector, cells: int = 10) -> Mesh:
+def pillow(size_m: Vector, cells: int = 8) -> Mesh:
     """Return a pillow lying around the origin: thin at the seams, with drawn-out corners; size is x, y, z."""
     w, d, h = (s / 2 for s in size_m)
     line = np.sin(np.linspace(-math.pi / 2, math.pi / 2, cells + 1))

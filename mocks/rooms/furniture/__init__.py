@@ -8,7 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocks.rooms.ade import ADE20K, NO_CLASS
-from mocks.rooms.furniture import beds, books, equipment, pictures, plants, seating, small, storage, tables, textiles
+from mocks.rooms.furniture import (
+    beds,
+    books,
+    devices,
+    equipment,
+    pictures,
+    plants,
+    seating,
+    small,
+    storage,
+    tables,
+    textiles,
+)
 from mocks.rooms.furniture.build import Build
 from mocks.rooms.mesh import Mesh, Part, merge
 from mocks.rooms.model import Finish, Item, Material
@@ -41,12 +53,12 @@ MODELS: dict[str, Model] = {
     "dining table": Model(tables.dining_table, "table"),
     "coffee table": Model(tables.coffee_table, "coffee table"),
     "desk": Model(tables.desk, "desk"),
-    "floor lamp": Model(small.floor_lamp, "lamp"),
-    "table lamp": Model(small.table_lamp, "lamp"),
-    "television": Model(small.television, "television"),
-    "monitor": Model(small.monitor, "monitor"),
-    "laptop": Model(small.laptop, "computer"),
-    "keyboard": Model(small.keyboard, "computer"),
+    "floor lamp": Model(devices.floor_lamp, "lamp"),
+    "table lamp": Model(devices.table_lamp, "lamp"),
+    "television": Model(devices.television, "television"),
+    "monitor": Model(devices.monitor, "monitor"),
+    "laptop": Model(devices.laptop, "computer"),
+    "keyboard": Model(devices.keyboard, "computer"),
     "vase": Model(small.vase, "vase"),
     "bottle": Model(small.bottle, "bottle"),
     "bowl": Model(small.bowl, "plate"),

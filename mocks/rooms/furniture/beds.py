@@ -28,9 +28,9 @@ def bed(b: Build) -> None:
         b.block((-w / 2, d / 2 - board, 0.15), (w / 2, d / 2, h), timber, 0.006)
     else:
         _slatted_head(b, timber, h)
-    mattress = (w - 0.06, d - board - 0.05, 0.20)
+    mattress = (w - 0.15, d - board - 0.12, 0.20)
     low = rail_top - 0.06
-    front = -d / 2 + 0.035
+    front = -d / 2 + 0.10
     b.add(pad((-mattress[0] / 2, front, low), (mattress[0] / 2, front + mattress[1], low + 0.20), 0.04, 0.006), SHEET)
     top = low + 0.195
     b.add(_duvet(b, mattress[0], front, mattress[1] * float(b.rng.uniform(0.70, 0.78)), top), b.finish.bedding)
@@ -54,41 +54,43 @@ def _slatted_head(b: Build, timber: Material, height: float) -> None:
     for side in (-1, 1):
         b.bar((side * (w / 2 - 0.03), y, 0.0), (side * (w / 2 - 0.03), y, height), 0.05, 0.05, timber)
     for z in (0.5, height - 0.04):
-        b.bar((-w / 2 + 0.05, y, z), (w / 2 - 0.05, y, z), 0.06, 0.03, timber)
+        b.bar((-w / 2 + 0.05, y, z), (w / 2 - 0.05, y, z), 0.03, 0.06, timber)
     for x in np.linspace(-w / 2 + 0.12, w / 2 - 0.12, max(5, int(w / 0.13))):
         b.add(beam((float(x), y, 0.52), (float(x), y, height - 0.06), 0.03, 0.018), timber)
 
 
 def _duvet(b: Build, mattress_w: float, front: float, length: float, top: float) -> Mesh:
-    """Return the duvet: soft folds on top, hanging over both sides and the foot."""
-    hang, thick = 0.17, 0.05
-    half = mattress_w / 2
-    flat_w, flat_l = half + hang, length + hang
-    slab = rounded_box((-flat_w, -flat_l, 0.0), (flat_w, 0.0, thick), 0.02, 2, (26, 24, 1))
-    waves = [(b.rng.normal(0.0, 4.0, 2), b.rng.uniform(0, 2 * math.pi), b.rng.uniform(0.003, 0.007)) for _ in range(7)]
+    """Return the duvet: soft folds on top, hanging over both sides and the foot, round at the corners."""
+    hang, thick, edge = 0.19, 0.05, 0.03
+    half, flat = mattress_w / 2 - edge, length - edge
+    slab = rounded_box((-half - hang, -flat - hang, 0.0), (half + hang, 0.0, thick), 0.02, 2, (18, 16, 1))
+    waves = [
+        (b.rng.normal(0.0, 4.0, 2), float(b.rng.uniform(0, 6.3)), float(b.rng.uniform(0.003, 0.006))) for _ in range(6)
+    ]
 
     def lay(v: Reals64) -> Reals64:
         x, y, z = v.T
-        folds = sum(a * np.sin(x * k[0] + y * k[1] + p) for k, p, a in waves)
-        z = z + np.where(z > thick / 2, folds + 0.012, 0.0)
-        over_x, over_y = np.maximum(np.abs(x) - half, 0.0), np.maximum(-y - length, 0.0)
-        drop_x, out_x = _over_edge(over_x, z)
-        drop_y, out_y = _over_edge(over_y, z)
-        ripple = 0.006 * np.sin(14.0 * y + waves[0][1]) * np.minimum(over_x / 0.05, 1.0)
-        px = np.where(over_x > 0, np.sign(x) * (half + out_x + ripple), x)
-        py = np.where(over_y > 0, -length - out_y, y)
-        height = np.where((over_x > 0) | (over_y > 0), np.minimum(drop_x, drop_y), z)
-        return np.stack([px, py + front + length, height + top], axis=1)
+        folds = sum((a * np.sin(x * k[0] + y * k[1] + p) for k, p, a in waves), np.zeros(len(v)))
+        over_x, over_y = np.maximum(np.abs(x) - half, 0.0), np.maximum(-y - flat, 0.0)
+        over, reach = (over_x**6 + over_y**6) ** (1 / 6), np.maximum(np.hypot(over_x, over_y), 1e-9)
+        folds = 0.015 * np.tanh(folds / 0.015)
+        z = z + np.where(z > thick / 2, (folds + 0.012) * (1 - 0.6 * np.minimum(over / 0.06, 1.0)), 0.0)
+        drop, out = _over_edge(over, z, edge)
+        ripple = 0.010 * np.sin(15.0 * (y - x) + waves[0][1]) * np.clip(np.abs(over_x - over_y) / 0.15, 0.0, 1.0) ** 2
+        out = out + ripple
+        px = np.sign(x) * (np.minimum(np.abs(x), half) + out * over_x / reach)
+        py = np.maximum(y, -flat) - out * over_y / reach
+        return np.stack([px, py + front + length, drop + top], axis=1)
 
     return deformed(slab, lay)
 
 
-def _over_edge(over: Reals64, z: Reals64, radius: float = 0.03) -> tuple[Reals64, Reals64]:
-    """Return height and way out of cloth points that lie ``over`` beyond an edge and ``z`` above the bed."""
+def _over_edge(over: Reals64, z: Reals64, radius: float) -> tuple[Reals64, Reals64]:
+    """Return height and way out of cloth points that lie ``over`` beyond a round edge and ``z`` above the bed."""
     angle = np.minimum(over / radius, math.pi / 2)
     rest = np.maximum(over - radius * math.pi / 2, 0.0)
     reach = radius + z
-    return reach * np.cos(angle) - radius - rest, reach * np.sin(angle) - 0.03
+    return reach * np.cos(angle) - radius - rest, reach * np.sin(angle)
 
 
 def _pillows(b: Build, mattress_w: float, head: float, top: float) -> None:

@@ -48,7 +48,12 @@ class Build:
         return dict(self.item.options).get(name, default)
 
     def add(self, mesh: Mesh, material: Material, ade: str = "") -> None:
-        """Add a piece; textures start at a place of its own, as boards cut from a log do."""
+        """Add a piece; textures start at a place of its own, as boards cut from a log do.
+
+        What would reach below z = 0 (the foot of a slanting leg) is cut off there, to stand flat.
+        """
+        if mesh.vertices[:, 2].min() < 0.0:
+            mesh = replace(mesh, vertices=np.maximum(mesh.vertices, [-np.inf, -np.inf, 0.0]))
         if material.texture is not None:
             mesh = replace(mesh, uv=mesh.uv + self.rng.uniform(0.0, 2.0, 2))
         self.pieces.append((mesh, material, ade))
@@ -62,11 +67,8 @@ class Build:
         self.add(beam(start, end, width_m, thickness_m), material)
 
     def leg(self, foot: Vector, top: Vector, foot_m: float, top_m: float, material: Material) -> None:
-        """Add a round tapered leg between two places, given its radii; its foot stands flat on z = 0."""
-        round_bar = tube([foot, top], (foot_m, top_m), 12)
-        vertices = round_bar.vertices.copy()
-        vertices[:, 2] = np.maximum(vertices[:, 2], 0.0)
-        self.add(replace(round_bar, vertices=vertices), material)
+        """Add a round tapered leg between two places, given its radii."""
+        self.add(tube([foot, top], (foot_m, top_m), 12), material)
 
     def plain(self, name: str, colours: Sequence[Vector], roughness: float | None = None) -> Material:
         """Return a plain material of one of the colours, a little lighter or darker."""

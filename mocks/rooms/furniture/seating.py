@@ -81,16 +81,16 @@ def _slatted(b: Build) -> None:
         b.bar((side * x, front, 0), (side * x, front, SEAT_M - 0.01), 0.034, 0.034, timber)
         b.bar((side * x, rear + 0.03, 0), (side * x, rear, SEAT_M), 0.034, 0.034, timber)
         b.bar((side * x, rear, SEAT_M - 0.02), (side * x, rear + rake, h - 0.002), 0.034, 0.034, timber)
-        b.bar((side * x, front, SEAT_M - 0.05), (side * x, rear, SEAT_M - 0.05), 0.018, 0.05, timber)
+        b.bar((side * x, front, SEAT_M - 0.045), (side * x, rear, SEAT_M - 0.045), 0.018, 0.05, timber)
         b.bar((side * x, front, 0.2), (side * x, rear + 0.015, 0.2), 0.016, 0.026, timber)
     for y in (front, rear):
-        b.bar((-x, y, SEAT_M - 0.05), (x, y, SEAT_M - 0.05), 0.05, 0.018, timber)
+        b.bar((-x, y, SEAT_M - 0.045), (x, y, SEAT_M - 0.045), 0.018, 0.05, timber)
     b.block((-w / 2, -d / 2, SEAT_M - 0.02), (w / 2, rear - 0.018, SEAT_M + 0.005), timber, 0.008)
     top = h - 0.06
     lean = rake / (h - SEAT_M)
     for z, tall in ((top, 0.09), (SEAT_M + 0.12, 0.04)):
         y = rear + lean * (z - SEAT_M)
-        b.bar((-x, y, z), (x, y, z), tall, 0.02, timber)
+        b.bar((-x, y, z), (x, y, z), 0.02, tall, timber)
     for k in range(4 + b.item.seed % 2):
         sx = x * (2 * (k + 1) / (5 + b.item.seed % 2) - 1)
         low, high = SEAT_M + 0.12, top
