@@ -225,6 +225,8 @@ def _add_disc(light: Floats, rows: range, disc: BrightDisc, scene: _Scene) -> No
         covered[hit] += 1
         visible[hit] += world.open_sky(optics.site, directions[hit])
     solid_angle = optics.lens.solid_angle_sr(x, y, size)
+    # Pixels on the edge of the field whose middle sees nothing are as large as their neighbours.
+    solid_angle[solid_angle == 0] = solid_angle.max()
     held = float((covered * solid_angle).sum())
     if held == 0:
         return
@@ -248,8 +250,10 @@ def _disc_pixels(optics: CameraOptics, disc: BrightDisc, size: Size) -> tuple[Fl
     if len(rows) == 0:
         return np.zeros(0, np.float32), np.zeros(0, np.float32)
     x, y = np.broadcast_arrays(*_centres(size, rows))
-    directions, _ = optics.lens.directions(x, y, size)
-    near = directions @ np.array(disc.direction, dtype=np.float32) > np.cos(reach)
+    near = np.zeros(x.shape, dtype=bool)
+    for dx, dy in ((0.0, 0.0), (-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
+        directions, seen = optics.lens.directions(x + dx, y + dy, size)
+        near |= seen & (directions @ np.array(disc.direction, dtype=np.float32) > np.cos(reach))
     return np.ascontiguousarray(x[near]), np.ascontiguousarray(y[near])
 
 

@@ -27,7 +27,7 @@ from mocks.sensor import Exposure
 from mocks.shots import ShotRequest
 
 # Raise when rendering changes, so that old pictures are not served.
-_RENDER_VERSION = 5
+_RENDER_VERSION = 6
 # Below this many pixels a worker process costs more than it saves.
 _POOL_FROM_PX = 3_000_000
 _RAW_WIDTH_PX = 702
