@@ -29,17 +29,23 @@ RECIPES: dict[Use, tuple[Step, Step]] = {
 
 
 def furnish(plan: Plan, finish: Finish, rng: np.random.Generator) -> tuple[Item, ...]:
-    """Return the items of a room, `check_items` finding nothing: always tripod and meter board, in empty rooms only."""
-    for _ in range(ATTEMPTS if plan.use in RECIPES else 0):
-        items = _furnished(plan, finish, rng)
+    """Return the items of a room, `check_items` finding nothing: always tripod and meter board (alone in empty rooms).
+
+    A room too small for what it is meant for is furnished as a study.
+    """
+    uses = [plan.use] * ATTEMPTS + [Use.OFFICE] * 2 if plan.use in RECIPES else []
+    for use in uses:
+        items = _furnished(plan, RECIPES[use], finish, rng)
         if items is not None:
             return items
     return _bare(plan, rng)
 
 
-def _furnished(plan: Plan, finish: Finish, rng: np.random.Generator) -> tuple[Item, ...] | None:
+def _furnished(
+    plan: Plan, recipe: tuple[Step, Step], finish: Finish, rng: np.random.Generator
+) -> tuple[Item, ...] | None:
     """Return the items, or None if what the room is for or the meter board found no place."""
-    essentials, extras = RECIPES[plan.use]
+    essentials, extras = recipe
     room = Arrangement(plan, rng, messy=float(rng.beta(1.2, 1.8)))
     _stand_tripod(room)
     if not essentials(room, finish) or _stand_board(room) is None:

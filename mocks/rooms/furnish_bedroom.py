@@ -11,6 +11,8 @@ from mocks.rooms.model import Finish, Item, Role
 
 DOUBLE_M = (1.88, 1.68, 1.48)
 SINGLE_M = (1.28, 0.98)
+BED_TOP_M = 0.562
+"""Where things lie on a duvet."""
 
 
 def essentials(a: Arrangement, finish: Finish) -> bool:
@@ -59,6 +61,18 @@ def _bed(a: Arrangement) -> Item | None:
         if bed:
             a.keep_free(bed, 0.35)
             return bed
+    return _along_a_wall(a)
+
+
+def _along_a_wall(a: Arrangement) -> Item | None:
+    """Place a single bed with its long side to a wall, as in small rooms."""
+    size = (0.94, 2.06, 0.9)
+    model = a.item("bed", size, (0.0, 0.0, 0.0))
+    for (x, y), turn in a.wall_places((size[1], size[0], size[2]), tries=24):
+        quarter = math.pi / 2 if a.chance(0.5) else -math.pi / 2
+        bed = a.add(replace(model, position_m=(x, y, 0.0), turn_rad=turn + quarter))
+        if bed:
+            return bed
     return None
 
 
@@ -93,9 +107,18 @@ def _nightstands(a: Arrangement, bed: Item) -> None:
 
 
 def _rug(a: Arrangement, bed: Item, finish: Finish) -> None:
-    if a.chance(0.55):
+    if not a.chance(0.65):
+        return
+    if a.chance(0.7):
         x, y = beside(bed, 0.0, -0.55)
-        rug_under(a, x, y, (bed.size_m[0] + a.draw(0.7, 1.2), a.draw(1.5, 2.1)), bed.turn_rad, finish.floor.name)
+        size = (bed.size_m[0] + a.draw(0.7, 1.2), a.draw(1.5, 2.1))
+        if rug_under(a, x, y, size, bed.turn_rad, finish.floor.name):
+            return
+    for side in (-1, 1):
+        size = (a.draw(0.6, 0.8), a.draw(1.2, 1.6))
+        x, y = beside(bed, side * (bed.size_m[0] / 2 + 0.08 + size[0] / 2), a.draw(-0.3, 0.0))
+        if rug_under(a, x, y, size, bed.turn_rad, finish.floor.name):
+            return
 
 
 def _at_the_foot(a: Arrangement, bed: Item) -> None:
@@ -103,10 +126,10 @@ def _at_the_foot(a: Arrangement, bed: Item) -> None:
     if a.chance(0.45):
         x, y = beside(bed, a.draw(-0.2, 0.2), -bed.size_m[1] / 2 + 0.45)
         size = (round(min(0.7, bed.size_m[0] * 0.5), 3), 0.42, 0.075)
-        a.add(a.item("blanket", size, (x, y, 0.556), bed.turn_rad + a.draw(-0.2, 0.2), (), Role.CLUTTER))
+        a.add(a.item("blanket", size, (x, y, BED_TOP_M), bed.turn_rad + a.draw(-0.2, 0.2), (), Role.CLUTTER))
     if a.chance(0.2 + 0.4 * a.messy):
         x, y = beside(bed, a.draw(-0.3, 0.3), a.draw(-0.3, 0.1))
-        a.add(a.item("books", (0.16, 0.23, 0.025), (x, y, 0.556), a.draw(0, 6), (), Role.CLUTTER))
+        a.add(a.item("books", (0.16, 0.23, 0.025), (x, y, BED_TOP_M), a.draw(0, 6), (), Role.CLUTTER))
 
 
 def _on_chest(a: Arrangement, chest: Item) -> None:

@@ -90,10 +90,10 @@ def cushions_on(a: Arrangement, seat: Item, count: int) -> None:
     for place in places:
         side = a.draw(0.38, 0.48)
         along = place * max(seat.size_m[0] / 2 - 0.24 - side / 2, 0.0)
-        x, y = beside(seat, along, seat.size_m[1] / 2 - 0.43 - 0.15)
+        x, y = beside(seat, along, seat.size_m[1] / 2 - 0.46 - 0.14)
         lean = (("lean", a.draw(0.25, 0.5)),)
         turn = seat.turn_rad + float(a.rng.normal(0, 0.1))
-        a.add(a.item("cushion", (side, 0.28, side), (x, y, 0.468), turn, lean, Role.CLUTTER))
+        a.add(a.item("cushion", (side, 0.28, side), (x, y, 0.470), turn, lean, Role.CLUTTER))
 
 
 def on_the_floor(a: Arrangement, toys: bool) -> None:

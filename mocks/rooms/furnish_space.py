@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from shapely.geometry import Point as Spot
@@ -14,7 +15,7 @@ from mocks.light import Vector
 from mocks.rooms.furnish_check import hides_board, item_problems, overlap
 from mocks.rooms.furnish_volumes import footprint
 from mocks.rooms.model import Item, Plan, Point, Role
-from mocks.rooms.plan_space import free_spans
+from mocks.rooms.plan_space import WallSpan, free_spans
 
 WALL_GAP_M = 0.03
 """Between a wall and what stands against it: the skirting board."""
@@ -92,7 +93,7 @@ class Arrangement:
         spans = [
             (wall, span)
             for wall in range(len(self.plan.polygon))
-            for span in free_spans(self.plan, wall, flush_too=hanging)
+            for span in _spans(self.plan, wall, flush_too=hanging)
             if span.width_m >= size_m[0] + 0.06 and span.bottom_m <= low_m and span.top_m >= low_m + size_m[2]
         ]
         if not spans:
@@ -146,19 +147,25 @@ class Arrangement:
         back = below.size_m[1] / 2 + WALL_GAP_M - HANGING_GAP_M - size_m[1] / 2
         x, y = beside(below, 0.0, back)
         item = self.item(kind, size_m, (x, y, low_m), below.turn_rad, (), Role.CLUTTER)
-        wanted = [(p, t) for p, t in self._flush_places(size_m, low_m) if math.hypot(p[0] - x, p[1] - y) < 0.02]
-        return self.add(item) if wanted else None
+        return self.add(item) if self._wall_is_free(item) else None
 
-    def _flush_places(self, size_m: Vector, low_m: float) -> Iterator[tuple[Point, float]]:
-        """Yield the places along all walls, every centimetre, where something may hang."""
+    def _wall_is_free(self, item: Item) -> bool:
+        """Return whether the wall behind a hanging thing is free of openings and fixtures."""
+        x, y, low = item.position_m
         for wall in range(len(self.plan.polygon)):
-            _, inward = self.plan.wall_axes(wall)
-            for span in free_spans(self.plan, wall, flush_too=True):
-                if span.bottom_m > low_m or span.top_m < low_m + size_m[2]:
-                    continue
-                for along in np.arange(span.start_m + size_m[0] / 2, span.end_m - size_m[0] / 2, 0.01):
-                    place = self.plan.on_wall(wall, float(along), HANGING_GAP_M + size_m[1] / 2)
-                    yield place, math.atan2(inward[0], -inward[1])
+            (x0, y0), _ = self.plan.wall_ends(wall)
+            along, inward = self.plan.wall_axes(wall)
+            at = (x - x0) * along[0] + (y - y0) * along[1]
+            away = (x - x0) * inward[0] + (y - y0) * inward[1]
+            if abs(away - HANGING_GAP_M - item.size_m[1] / 2) > 0.005:
+                continue
+            start, end = at - item.size_m[0] / 2, at + item.size_m[0] / 2
+            if any(
+                s.start_m <= start and end <= s.end_m and s.bottom_m <= low and low + item.size_m[2] <= s.top_m
+                for s in _spans(self.plan, wall, flush_too=True)
+            ):
+                return True
+        return False
 
     def put_on(
         self,
@@ -207,6 +214,11 @@ class Arrangement:
                 if placed:
                     return placed
         return None
+
+
+@lru_cache(maxsize=256)
+def _spans(plan: Plan, wall: int, flush_too: bool) -> tuple[WallSpan, ...]:
+    return tuple(free_spans(plan, wall, flush_too))
 
 
 def beside(item: Item, along_m: float, back_m: float) -> Point:

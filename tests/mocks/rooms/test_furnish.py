@@ -125,7 +125,7 @@ def test_check_accepts_a_room_as_it_should_be(equipment: tuple[Item, ...]) -> No
         ((box(-1.5, -1.5), box(-1.3, -1.5)), "overlap"),
         ((box(1.8, -2.0),), "door"),
         ((box(2.75, -0.2, size=(0.4, 0.4, 1.2)),), "window"),
-        ((box(0.6, 0.0),), "camera"),
+        ((box(0.8, 0.0),), "camera"),
         ((box(-1.5, -1.5, size=(0.4, 0.4, 2.6)),), "ceiling"),
         ((box(0.0, 0.95, size=(0.3, 0.1, 1.5)),), "hidden"),
     ],
