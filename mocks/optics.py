@@ -249,12 +249,13 @@ def _disc_pixels(optics: CameraOptics, disc: BrightDisc, size: Size) -> tuple[Fl
     rows = optics.lens.rows_near(disc.direction, reach, size)
     if len(rows) == 0:
         return np.zeros(0, np.float32), np.zeros(0, np.float32)
-    x, y = np.broadcast_arrays(*_centres(size, rows))
-    near = np.zeros(x.shape, dtype=bool)
+    x, y = _centres(size, rows)
+    near = np.zeros((len(rows), size[0]), dtype=bool)
     for dx, dy in ((0.0, 0.0), (-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5), (0.5, 0.5)):
         directions, seen = optics.lens.directions(x + dx, y + dy, size)
         near |= seen & (directions @ np.array(disc.direction, dtype=np.float32) > np.cos(reach))
-    return np.ascontiguousarray(x[near]), np.ascontiguousarray(y[near])
+    row, column = np.nonzero(near)
+    return x[column], y[row, 0]
 
 
 def _disc_reach_rad(optics: CameraOptics, disc: BrightDisc, size: Size) -> float:
