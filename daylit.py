@@ -29,6 +29,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     },
     "Try it": {
         "demo": Entry("station.commands.demo", "demo", "Capture on simulated instruments and verify."),
+        "simulate": Entry("station.commands.simulate", "simulate", "Make a data set of simulated rooms, with truth."),
     },
 }
 

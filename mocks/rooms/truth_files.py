@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -63,27 +61,19 @@ def make_truth(world: RoomWorld, folder: Path, rows: int = 512) -> None:
 
 
 def save_truth(folder: Path, room: Room, pictures: TruthPictures, lights: list[PointLight]) -> None:
-    """Write the truth as a folder, whole or not at all; one that was there is replaced.
+    """Write the truth into a new folder.
 
     Raises
     ------
     TruthFileError
-        The disk is full, or the folder may not be written.
+        The folder is there already or may not be written, or the disk is full.
     """
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=".part-"))
-        try:
-            part.chmod(0o755)
-            _write(part, room, pictures, lights)
-            shutil.rmtree(folder, ignore_errors=True)
-            part.replace(folder)
-        finally:
-            shutil.rmtree(part, ignore_errors=True)
-    except OSError as error:
-        raise TruthFileError(
-            f"cannot be written ({error.strerror or error})", where=str(folder), advice="make room, then go on"
-        ) from error
+        folder.mkdir(parents=True)
+        _write(folder, room, pictures, lights)
+    except (OSError, RuntimeError) as error:
+        text = f"cannot be written ({getattr(error, 'strerror', None) or error})"
+        raise TruthFileError(text, where=str(folder), advice="make room, or choose another folder") from error
 
 
 def load_truth(folder: Path) -> Truth:
@@ -140,8 +130,6 @@ def _write_exr(path: Path, picture: Floats) -> None:
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channel = "Y" if picture.ndim == 2 else "RGB"
     OpenEXR.File(header, {channel: np.ascontiguousarray(picture, dtype=np.float32)}).write(os.fspath(path))
-    if not path.stat().st_size:
-        raise OSError("the picture is empty")
 
 
 def _read_exr(path: Path) -> Floats:

@@ -26,7 +26,7 @@ ONLY_IN = {
     "click": ("station/commands/", "daylit.py"),
     "rich": ("station/commands/",),
 }
-MOCKS_FROM_STATION = ("station/rig.py",)
+MOCKS_FROM_STATION = ("station/rig.py", "station/simulate/")
 
 
 def python_files(*folders: str) -> Iterator[Path]:
@@ -68,10 +68,23 @@ def test_imports_go_one_way(package: str) -> None:
         for module, node, typing_only in imports(path):
             if module.split(".")[0] not in OURS or within(module, ALLOWED[package]):
                 continue
-            if where in MOCKS_FROM_STATION and module.startswith("mocks") and (typing_only or node.col_offset > 0):
+            lazily = typing_only or node.col_offset > 0
+            if where.startswith(MOCKS_FROM_STATION) and module.startswith("mocks") and lazily:
                 continue
             wrong.append(f"{where}:{node.lineno} imports {module}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_on_site_nothing_imports_what_makes_data_sets() -> None:
+    wrong = [
+        f"{path.name}: {module}"
+        for path in python_files("drivers", "station")
+        for module, _, _ in imports(path)
+        if module.startswith("station.simulate")
+        and path.parent.name != "simulate"
+        and path != ROOT / "station" / "commands" / "simulate.py"
+    ]
+    assert not wrong, wrong
 
 
 def test_mocks_share_only_code_tables_with_the_drivers() -> None:

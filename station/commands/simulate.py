@@ -1,0 +1,168 @@
+"""``daylit simulate``: whole data sets of simulated sessions, with the truth beside them."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Protocol, Self
+
+import click
+
+if TYPE_CHECKING:
+    from station.simulate.run import DatasetEvent, Summary
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--conditions",
+    type=click.Path(path_type=Path),
+    metavar="CSV",
+    help="Scenes, times, headings and lux, a row a session, local time in Pittsburgh (default: rooms by seed).",
+)
+@click.option(
+    "--sessions",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="How many (default: as many as the conditions, else 137).",
+)
+@click.option(
+    "--use",
+    type=click.Choice(["bedroom", "living", "dining", "office", "empty"]),
+    help="What all rooms are for (default: by the scene's name, else drawn).",
+)
+@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full", show_default=True)
+@click.option(
+    "--quality",
+    type=click.Choice(["draft", "standard", "reference"]),
+    default="standard",
+    show_default=True,
+    help="Work that goes into the rooms' light.",
+)
+@click.option("--seed", type=click.IntRange(min=0, max=999_999), default=0, show_default=True, help="Other rooms.")
+@click.option("--truth/--no-truth", default=True, show_default=True, help="Save what is true of each room.")
+@click.option(
+    "--truth-rows",
+    type=click.IntRange(min=16, max=4096),
+    default=512,
+    show_default=True,
+    help="Height of its pictures; they are twice as wide.",
+)
+@click.option("--clouds", is_flag=True, help="Clouds pass while the brackets are taken.")
+@click.option("--json", "as_json", is_flag=True, help="One summary object.")
+def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:
+    """Capture a data set of simulated rooms into FOLDER: a session each, its truth in FOLDER/truth, and dataset.csv.
+
+    Sessions that are complete are kept: the same command goes on where it was interrupted.
+
+    \b
+    Examples:
+      daylit simulate rooms --sessions 20 --size quarter
+      daylit simulate paper --conditions cali_hdr_summary.csv --size half
+    """
+    from station.simulate.plan import DatasetRequest
+    from station.simulate.run import simulate as make
+
+    with _view(as_json) as view:
+        summary = make(DatasetRequest(folder, **options), view.show)
+    return _tell(summary, as_json=as_json)
+
+
+def _tell(summary: Summary, *, as_json: bool) -> int:
+    from station.commands.views import printable
+
+    exit_code = 4 if summary.failed else 0
+    if as_json:
+        click.echo(json.dumps(summary.to_dict()))
+        return exit_code
+    for name, error in summary.failed.items():
+        click.echo(printable(f"failed: {name}: {error['message']}"))
+    parts = [f"{len(summary.made)} made", f"{len(summary.kept)} kept", f"{len(summary.failed)} failed"]
+    click.echo(f"{summary.planned} sessions in {summary.into}: {', '.join(parts)}, in {summary.seconds:.0f} s")
+    return exit_code
+
+
+class _View(Protocol):
+    def show(self, event: DatasetEvent) -> None: ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+def _view(as_json: bool) -> _View:
+    if as_json:
+        return _Silent()
+    return _Bars() if sys.stdout.isatty() else _Lines()
+
+
+class _Silent:
+    """Shows nothing: the summary says it all."""
+
+    def show(self, event: DatasetEvent) -> None:
+        """Do nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+
+class _Lines(_Silent):
+    """Writes a line for what has become of each session: for logs."""
+
+    def show(self, event: DatasetEvent) -> None:
+        """Write the line."""
+        if event.kind not in _PASSING:
+            click.echo(_line(event))
+
+
+class _Bars(_Silent):
+    """A bar for the session at work, and a line for each that is done."""
+
+    def __init__(self) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[doing]}"))
+        self._progress = Progress(*columns, TimeElapsedColumn(), transient=True)
+        self._task = self._progress.add_task("", total=None, doing="")
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def show(self, event: DatasetEvent) -> None:
+        """Move the bar or print a line."""
+        from rich.markup import escape
+
+        if event.kind == "begun":
+            self._progress.reset(self._task, description=escape(event.session), total=None, doing="")
+        elif event.kind in _PASSING:
+            doing = f"{event.kind} {event.text}".rstrip()
+            total = event.total if event.total > 1 else None
+            self._progress.update(self._task, completed=event.done, total=total, doing=doing)
+        else:
+            style = "red" if event.kind == "failed" else ""
+            line = escape(_line(event))
+            self._progress.console.print(f"[{style}]{line}[/]" if style else line, highlight=False)
+
+
+_PASSING = ("begun", "rendering", "capturing")
+
+
+def _line(event: DatasetEvent) -> str:
+    from station.commands.views import printable
+
+    return printable(f"{event.kind:>6}  {event.session}" + (f"  ({event.text})" if event.text else ""))

@@ -1,0 +1,217 @@
+"""Make a data set: each session captured by the station itself, on simulated instruments in a generated room.
+
+A session is taken in a folder aside and moved to its name when it is complete, so that an interrupted run is simply
+begun again.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.errors import DaylitError
+from station.errors import ResourceError, SessionError, SessionExistsError
+from station.session import SessionManifest, SessionStatus
+from station.simulate.ledger import Ledger
+from station.simulate.plan import DatasetRequest, Draft, Planned, ledger_row, plan_sessions, rig_file, room_world
+
+if TYPE_CHECKING:
+    from station.rig import Rig
+
+TRUTH_FOLDER = "truth"
+_UNFINISHED = ".unfinished"
+
+
+@dataclass(frozen=True)
+class DatasetEvent:
+    """What happens to a session: begun, rendering, capturing, kept, made, truth, failed."""
+
+    kind: str
+    session: str
+    text: str = ""
+    done: int = 0
+    total: int = 0
+
+
+Tell = Callable[[DatasetEvent], None]
+
+
+@dataclass
+class Summary:
+    """What became of the sessions, by folder name."""
+
+    into: Path
+    planned: int
+    made: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+    failed: dict[str, dict[str, object]] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the summary as plain values."""
+        failed = [{"session": name, **error} for name, error in self.failed.items()]
+        return {"ok": not self.failed, **vars(self), "into": str(self.into), "failed": failed}
+
+
+def simulate(request: DatasetRequest, tell: Tell = lambda _event: None) -> Summary:
+    """Make the sessions of a data set that are not there yet, and their truths.
+
+    A session that fails is told and left out; the next run tries it again.
+
+    Raises
+    ------
+    ConditionsError
+        Conditions that cannot be right.
+    SessionExistsError
+        The folder holds a data set made with other options.
+    ResourceError
+        The disk is full, or refuses.
+    """
+    begun_s = time.monotonic()
+    drafts = plan_sessions(request)
+    request.into.mkdir(parents=True, exist_ok=True)
+    summary = Summary(request.into, len(drafts))
+    with _only_one(request.into):
+        ledger = Ledger(request.into)
+        ledger.require_same(request.made_with)
+        for draft in drafts:
+            _attempt(draft, request, ledger, summary, tell)
+    summary.seconds = round(time.monotonic() - begun_s, 1)
+    return summary
+
+
+def _attempt(draft: Draft, request: DatasetRequest, ledger: Ledger, summary: Summary, tell: Tell) -> None:
+    """Make a session, or note why not: one must not end a night's work. A disk that refuses does."""
+    unfinished, name = request.into / _UNFINISHED, draft.name
+    shutil.rmtree(unfinished, ignore_errors=True)
+    try:
+        plan = draft.build()
+        name = plan.folder
+        new = _make(plan, request, ledger, tell)
+        (summary.made if new else summary.kept).append(name)
+    except ResourceError:
+        raise
+    except Exception as error:  # noqa: BLE001 (told, with a report)
+        summary.failed[name] = _told(error)
+        tell(DatasetEvent("failed", name, str(summary.failed[name]["message"])))
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, tell: Tell) -> bool:
+    """Make what is missing of a session; returns whether the session itself is new."""
+    path = request.into / plan.folder
+    tell(DatasetEvent("begun", plan.folder))
+    manifest = _kept(plan, path, request, ledger)
+    new = manifest is None
+    if manifest is None:
+        manifest = _capture(plan, request, tell)
+    ledger.put(ledger_row(plan, manifest, request))
+    tell(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete since an earlier run"))
+    truth = request.into / TRUTH_FOLDER / plan.folder
+    if request.truth and not truth.is_dir():
+        from mocks.rooms.truth_files import make_truth
+
+        tell(DatasetEvent("rendering", plan.folder, "truth"))
+        unfinished = request.into / _UNFINISHED / TRUTH_FOLDER
+        make_truth(room_world(plan, request), unfinished, request.truth_rows)
+        truth.parent.mkdir(exist_ok=True)
+        unfinished.rename(truth)
+        tell(DatasetEvent("truth", plan.folder))
+    return new
+
+
+def _kept(plan: Planned, path: Path, request: DatasetRequest, ledger: Ledger) -> SessionManifest | None:
+    """Return the manifest of a session that an earlier run completed, None where there is none."""
+    from station.manifest import load_manifest
+    from station.rig import simulated_rig_file
+
+    if not path.exists():
+        return None
+    manifest = load_manifest(path)
+    before = ledger.rows.get(plan.folder)
+    sizes = simulated_rig_file(rig_file(plan), request.size).model_dump(mode="json")["indoor"]["size_px"]
+    other = (
+        manifest.status is not SessionStatus.COMPLETE
+        or manifest.name != plan.name
+        or manifest.rig.get("indoor", {}).get("size_px") != sizes
+        or (before is not None and before != ledger_row(plan, manifest, request))
+    )
+    if other:
+        advice = "move it away, or use another folder"
+        raise SessionExistsError("a session of that name is there and is another", where=str(path), advice=advice)
+    return manifest
+
+
+def _capture(plan: Planned, request: DatasetRequest, tell: Tell) -> SessionManifest:
+    """Capture a session aside, then give it its name."""
+    from station.capture import Capture, CaptureRequest
+    from station.events import EventKind
+
+    rig = _rig(plan, request, tell)
+    try:
+        job = Capture.new(rig, CaptureRequest(room=plan.name, into=request.into / _UNFINISHED))
+        total, done = job.n_stops * len(rig.cameras), 0
+        for event in job.events():
+            if event.kind is EventKind.SAVED:
+                done += 1
+                tell(DatasetEvent("capturing", plan.folder, "", done, total))
+        manifest, path = job.store.manifest, job.store.path
+        job.store.close()
+    finally:
+        rig.close()
+    if manifest.status is not SessionStatus.COMPLETE:
+        raise SessionError(f"missing: {', '.join(manifest.missing)}", where=plan.folder, advice="run it again")
+    path.rename(request.into / plan.folder)
+    return manifest
+
+
+def _rig(plan: Planned, request: DatasetRequest, tell: Tell) -> Rig:
+    """Return simulated instruments in the room; their time begins when all pictures are there."""
+    from mocks.bench import BenchOptions, make_bench, render_shots
+    from mocks.clock import ScaledClock
+    from station.rig import open_simulated_rig, planned_times_s, simulated_rig_file, wanted_cameras
+
+    def on_progress(what: str, done: int, total: int) -> None:
+        tell(DatasetEvent("rendering", plan.folder, what, done, total))
+
+    file = simulated_rig_file(rig_file(plan), request.size)
+    cameras, stops_s, times_s = wanted_cameras(file), file.bracket.stops_s(), planned_times_s(file)
+    world, seed = room_world(plan, request), plan.room.seed + plan.index
+    shots = render_shots(world, cameras, stops_s, BenchOptions(seed=seed, on_progress=on_progress), times_s=times_s)
+    clock = ScaledClock(request.clock_rate, plan.room.moment.utc)
+    return open_simulated_rig(file, make_bench(world, cameras, stops_s, BenchOptions(seed, clock, shots=shots)))
+
+
+@contextmanager
+def _only_one(folder: Path) -> Iterator[None]:
+    """Let one process work on a data set."""
+    from station.folder import Folder
+    from station.lock import SessionLock
+
+    opened = Folder.open(folder)
+    try:
+        lock = SessionLock(opened)
+        try:
+            yield
+        finally:
+            lock.release()
+    finally:
+        opened.close()
+
+
+def _told(error: Exception) -> dict[str, object]:
+    """Return an error for the summary; one that is not ours leaves a report."""
+    if isinstance(error, DaylitError):
+        return {"code": error.code, "message": str(error)}
+    from station.crash_report import write_crash_report
+
+    report = ""
+    with suppress(OSError):
+        report = str(write_crash_report(error, ["simulate"]))
+    return {"code": "internal", "message": repr(error), "report": report}
