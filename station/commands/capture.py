@@ -255,7 +255,13 @@ def _open_rig(options: dict[str, Any]) -> Rig:
     from station.rig import open_named_rig
 
     _rig_file(options)  # refuses a rig without a camera
-    return open_named_rig(options["rig_path"], options["simulate"], size=options["size"], **_changes(options))
+    path, world, changes = options["rig_path"], options["simulate"], _changes(options)
+    if world is None:
+        return open_named_rig(path, None, **changes)
+    from station.commands.views import Rendering
+
+    with Rendering() as rendering:
+        return open_named_rig(path, world, size=options["size"], on_progress=rendering, **changes)
 
 
 def _dry_run(options: dict[str, Any]) -> int:

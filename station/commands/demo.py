@@ -39,13 +39,12 @@ def demo(world: str, size: str, into: Path, *, as_json: bool) -> int:
       daylit demo --size quarter --world room:7
     """
     from station.capture import Capture, CaptureRequest
-    from station.commands.views import JsonView, PlainView, TerminalView
+    from station.commands.views import JsonView, PlainView, Rendering, TerminalView
     from station.rig import open_named_rig
     from station.verify import verify_session
 
-    if not as_json:
-        click.echo(f"rendering what the cameras will see ({world}, {size} size; kept for next time) ...", err=True)
-    rig = open_named_rig(None, world, size=size)
+    with Rendering() as rendering:
+        rig = open_named_rig(None, world, size=size, on_progress=rendering)
     try:
         job = Capture.new(rig, CaptureRequest(room="demo", into=into))
         on_terminal = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if sys.stdout.isatty() else PlainView()

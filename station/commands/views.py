@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from types import TracebackType
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 import click
 
 from station.events import CaptureEvent, EventKind
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 class View(Protocol):
@@ -51,6 +54,48 @@ class PlainView(JsonView):
             click.echo(printable(_line(event)))
 
 
+class Rendering:
+    """Shows on standard error what is rendered for simulated instruments: a bar on a terminal, else a line each.
+
+    What is there already (done at once) is not mentioned. Use as a context; call it with what, steps done, steps in
+    all.
+    """
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        console = Console(stderr=True)
+        columns = (TextColumn("rendering {task.description}"), BarColumn(), TimeElapsedColumn())
+        self._bars = Progress(*columns, console=console, transient=True) if console.is_terminal else None
+        self._tasks: dict[str, TaskID] = {}
+        self._told: set[str] = set()
+
+    def __enter__(self) -> Self:
+        if self._bars:
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bars:
+            self._bars.stop()
+
+    def __call__(self, what: str, done: int, total: int) -> None:
+        """Show a step."""
+        words = _RENDERED.get(what, what)
+        if self._bars is None:
+            if what not in self._told:
+                click.echo(f"rendering {words} (kept for next time) ...", err=True)
+            self._told.add(what)
+            return
+        if what not in self._tasks:
+            self._tasks[what] = self._bars.add_task(words)
+        self._bars.update(self._tasks[what], completed=done, total=total if total > 1 or done else None)
+
+
+_RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
 _STYLE = {
     EventKind.WARNING: "yellow",
     EventKind.REJECTED: "yellow",
