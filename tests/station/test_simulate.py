@@ -217,17 +217,19 @@ def test_a_session_at_night_is_refused_before_anything_is_made(tmp_path: Path) -
 
 def test_a_generated_room_with_its_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The meter reads, and the truth says, the same luminance."""
-    monkeypatch.setitem(light.QUALITIES, "draft", light.Quality(32, 16))
-    asked = request(tmp_path, ROWS[2], truth=True, truth_rows=128, use="empty")
+    monkeypatch.setitem(light.QUALITIES, "draft", light.Quality(48, 16))
+    monkeypatch.setattr(light, "ENVIRONMENT_ROWS", 64)
+    name, row = "2023-06-22T1058Z_coda-334", "90,20230622,coda_334,6:58,4.47,,2116,167°S,,YES"
+    asked = request(tmp_path, row, truth=True, truth_rows=128, use="empty")
     summary = simulate(asked)
-    assert summary.made == [NAMES[2]]
-    manifest = load_manifest(tmp_path / "set" / NAMES[2])
-    truth = load_truth(tmp_path / "set" / "truth" / NAMES[2])
+    assert summary.made == [name]
+    manifest = load_manifest(tmp_path / "set" / name)
+    truth = load_truth(tmp_path / "set" / "truth" / name)
     assert truth.facts["name"] == ledger(tmp_path)[0]["room"]
-    assert truth.facts["lamps_on"]
-    assert truth.facts["moment"]["utc"] == "2023-06-30T13:20:00+00:00"
+    assert truth.facts["sky"]["kind"] == "overcast"
+    assert truth.facts["moment"]["utc"] == "2023-06-22T10:58:00+00:00"
     azimuth_rad = truth.facts["sky"]["sun_azimuth_rad"] + truth.facts["moment"]["heading_rad"]
-    assert math.degrees(azimuth_rad) % 360 == pytest.approx(90, abs=10), "in the east on a June morning"
+    assert math.degrees(azimuth_rad) % 360 == pytest.approx(68, abs=5), "on a June morning"
     assert truth.pictures.luminance_rgb.shape == (128, 256, 3)
     assert not truth.pictures.furniture.any()
     assert manifest.target is not None
@@ -236,4 +238,4 @@ def test_a_generated_room_with_its_truth(tmp_path: Path, monkeypatch: pytest.Mon
     seen = truth.pictures.luminance_rgb[row, column] @ np.array([0.2127, 0.7151, 0.0722])
     readings = [r.luminance_cd_m2 for r in manifest.readings if r.luminance_cd_m2 is not None]
     assert readings == pytest.approx([seen, seen], rel=0.15)
-    assert simulate(asked).kept == [NAMES[2]], "and the truth is not made twice"
+    assert simulate(asked).kept == [name], "and the truth is not made twice"
