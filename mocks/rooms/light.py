@@ -8,7 +8,7 @@ with Open Image Denoise, guided by clean normals and distances.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,7 +18,8 @@ from mocks.light import Floats
 from mocks.rooms.cube import Cube
 from mocks.rooms.geometry import Bools, Geometry, Hits
 from mocks.rooms.room import Room
-from mocks.rooms.sunlight import enters, sun_share
+from mocks.rooms.sunbeam import sun_patches
+from mocks.rooms.sunlight import enters, outward, sun_share
 from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
 
 ENVIRONMENT_ROWS = 128
@@ -36,8 +37,8 @@ class Quality:
 QUALITIES: Mapping[str, Quality] = {
     "sketch": Quality(48, 8),
     "draft": Quality(96, 16),
-    "standard": Quality(192, 64),
-    "reference": Quality(320, 512),
+    "standard": Quality(128, 48),
+    "reference": Quality(192, 256),
 }
 
 
@@ -101,10 +102,10 @@ def lightings(room: Room) -> dict[str, Lighting]:
     glass = np.array(room.glass_transmittance, np.float32)
     names, disc, found = components(room), room.sky.disc(), {}
     if "sky" in names:
-        found["sky"] = Lighting(environment_rgb=room.sky.environment(ENVIRONMENT_ROWS, "sky") * glass)
+        found["sky"] = Lighting(environment_rgb=_entering(room, room.sky.environment(ENVIRONMENT_ROWS, "sky")) * glass)
     if "sun" in names:
         # What the sun lights outside; and the sun itself, where it shines on a pane.
-        land = room.sky.environment(ENVIRONMENT_ROWS, "sun") * glass
+        land = _entering(room, room.sky.environment(ENVIRONMENT_ROWS, "sun")) * glass
         red, green, blue = (float(v) for v in room.sky.sun_normal_illuminance_rgb * glass)
         direct = (disc.direction, (red, green, blue)) if disc is not None and enters(room.panes, disc) else None
         found["sun"] = Lighting(environment_rgb=land, sun=direct)
@@ -113,23 +114,39 @@ def lightings(room: Room) -> dict[str, Lighting]:
     return found
 
 
+def _entering(room: Room, environment_rgb: Floats) -> Floats:
+    """Return the map without what lies behind every window's wall: no sample is spent on light that cannot enter."""
+    rows = environment_rgb.shape[0]
+    longitude = (np.arange(2 * rows) + 0.5) * (np.pi / rows) - np.pi
+    latitude = np.pi / 2 - (np.arange(rows) + 0.5)[:, None] * (np.pi / rows)
+    flat = np.cos(latitude)
+    rays = np.stack(np.broadcast_arrays(flat * np.sin(longitude), flat * np.cos(longitude), np.sin(latitude)), axis=-1)
+    # Two pixels beyond the wall's plane, as the renderer interpolates.
+    seen = np.max([rays @ outward(pane) for pane in room.panes], axis=0) > -2 * np.pi / rows
+    return np.asarray(environment_rgb * seen[..., None], dtype=np.float32)
+
+
 def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, seed: int = 0) -> Baked:
-    """Return one component's light; glossy surfaces cost a second picture, and only rooms that have any pay it."""
+    """Return one component's light; glossy surfaces cost a second picture of the faces that show any."""
     cube = Cube(quality.face_px)
     eye = np.array(room.eye, np.float32)
     guide = Guide.of(geometry, eye, cube)
+    if lighting.sun is not None:
+        lighting = replace(lighting, patches=sun_patches(geometry, room.panes, *lighting.sun))
     sampling = Sampling(cube, quality.samples, seed)
     albedo = _albedo(geometry, guide)
     matte = render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling)
     unusable = _unusable(room, geometry, guide, lighting)
     noisy = matte * np.float32(np.pi) / albedo
     irradiance = denoised(_filled(noisy, guide, unusable), guide)
-    gloss = None
-    if any(part.material.roughness is not None for part in geometry.parts):
-        shiny = render_cube(load_scene(geometry.parts, lighting, glossy=True), room.eye, sampling)
-        shine = np.where(_glossy(geometry, guide)[..., None], shiny - matte, 0)
-        gloss = np.maximum(denoised(_filled(shine, guide, unusable), guide), 0)
-    return Baked(irradiance, gloss)
+    glossy = _glossy(geometry, guide)
+    faces = [face for face in range(6) if glossy[face].any()]
+    if not faces:
+        return Baked(irradiance, None)
+    few = replace(sampling, samples=max(4, sampling.samples // 2), seed=seed + 1)
+    shiny = render_cube(load_scene(geometry.parts, lighting, glossy=True), room.eye, few, faces)
+    shine = np.where(glossy[..., None], shiny - matte, 0)
+    return Baked(irradiance, np.maximum(denoised(_filled(shine, guide, unusable), guide), 0))
 
 
 def denoised(picture: Floats, guide: Guide) -> Floats:
@@ -186,7 +203,7 @@ def _unusable(room: Room, geometry: Geometry, guide: Guide, lighting: Lighting) 
         points = np.array(room.eye, np.float32) + rays * guide.distance_m.reshape(-1, 1)
         share = sun_share(geometry, room.panes, disc, points, guide.normal.reshape(-1, 3))
         bad |= share.reshape(guide.part.shape) > 0
-    kernel = np.ones((3, 3), np.uint8)
+    kernel = np.ones((5, 5), np.uint8)
     return np.stack([cv2.dilate(face.astype(np.uint8), kernel) > 0 for face in bad])
 
 

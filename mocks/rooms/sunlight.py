@@ -55,7 +55,7 @@ def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Bools:
     """Return which points' rays to the sun pass near a window: cheap, and true for all that see the sun."""
     direction = np.array(sun.direction)
     out = np.zeros(len(points), bool)
-    for corner, u, v in _windows(panes):
+    for corner, u, v in windows_of(panes):
         width, height = np.linalg.norm(u), np.linalg.norm(v)
         normal = np.cross(u, v) / (width * height)
         steep = float(direction @ normal)
@@ -74,8 +74,8 @@ def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Bools:
     return out
 
 
-def _windows(panes: Sequence[Pane]) -> Iterator[tuple[Reals64, Reals64, Reals64]]:
-    """Yield corner and sides of the rectangle around each window's panes."""
+def windows_of(panes: Sequence[Pane]) -> Iterator[tuple[Reals64, Reals64, Reals64]]:
+    """Yield corner and sides of the rectangle around each window's panes; u x v looks outside."""
     groups: dict[int, list[Pane]] = {}
     for pane in panes:
         groups.setdefault(pane.window, []).append(pane)

@@ -16,6 +16,7 @@ from mocks.light import Floats, Vector
 from mocks.rooms.cube import FACES, Cube
 from mocks.rooms.engine import PATH, environment_emitter, mesh_shape, mitsuba, sun_emitter
 from mocks.rooms.mesh import Part, merge
+from mocks.rooms.sunbeam import SunPatch
 
 _RUSSIAN_ROULETTE_DEPTH = 5
 """Paths of any length, ended by chance from here on: no light is lost, and half the work is saved."""
@@ -27,11 +28,13 @@ class Lighting:
     """One component of light: what comes in from outside, and whether the lamps are lit.
 
     ``environment_rgb`` is an equirectangular map (rows, 2 rows, 3) in cd/m2 as seen through the glass; ``sun`` the
-    direction to the sun and its illuminance (lx, RGB) on a plane facing it, behind the glass.
+    direction to the sun and its illuminance (lx, RGB) on a plane facing it, behind the glass; or, instead of it,
+    ``patches`` are what the sun lights, and only the light they give off is rendered.
     """
 
     environment_rgb: Floats | None = None
     sun: tuple[Vector, Vector] | None = None
+    patches: tuple[SunPatch, ...] = ()
     lamps: bool = False
 
 
@@ -64,8 +67,12 @@ def load_scene(parts: Sequence[Part], lighting: Lighting, *, glossy: bool) -> An
         scene[f"lamp{index}"] = mesh_shape(part.mesh, bsdf, emitter)
     if lighting.environment_rgb is not None:
         scene["environment"] = environment_emitter(lighting.environment_rgb)
-    if lighting.sun is not None:
+    if lighting.sun is not None and not lighting.patches:
         scene["sun"] = sun_emitter(*lighting.sun)
+    whole = sum(patch.power for patch in lighting.patches)
+    for index, patch in enumerate(lighting.patches):
+        glow = {"type": "area", "radiance": _rgb(patch.radiance_rgb), "sampling_weight": patch.power / whole}
+        scene[f"patch{index}"] = mesh_shape(patch.mesh, {"type": "diffuse", "reflectance": _rgb(patch.albedo)}, glow)
     return mitsuba().load_dict(scene)
 
 
@@ -86,12 +93,13 @@ def _shape(parts: Sequence[Part], *, shiny: bool) -> Any:
     return shape
 
 
-def render_cube(scene: Any, eye: Vector, sampling: Sampling) -> Floats:
-    """Return radiance on the six faces (6, side, side, 3) around ``eye``."""
+def render_cube(scene: Any, eye: Vector, sampling: Sampling, faces: Sequence[int] = range(6)) -> Floats:
+    """Return radiance on the six faces (6, side, side, 3) around ``eye``; zero on faces that are not asked for."""
     mi = mitsuba()
     side = sampling.cube.side_px
-    out = np.empty((6, side, side, 3), np.float32)
-    for index, (ahead, _, above) in enumerate(FACES):
+    out = np.zeros((6, side, side, 3), np.float32)
+    for index in faces:
+        ahead, _, above = FACES[index]
         sensor = mi.load_dict(_camera(eye, ahead, above, sampling))
         picture = mi.render(scene, sensor=sensor, spp=sampling.samples, seed=sampling.seed * 6 + index)
         out[index] = np.array(picture)[..., :3]

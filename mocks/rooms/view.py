@@ -94,7 +94,7 @@ class RoomView:
 
     def _outdoors(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
         glass = np.array(self.room.glass_transmittance, np.float32)
-        return outdoors(self.room.sky, directions, pixel_rad, components) * glass
+        return np.asarray(outdoors(self.room.sky, directions, pixel_rad, components) * glass, dtype=np.float32)
 
     def _lit(self, surface: Surface, components: tuple[str, ...], share: Floats | None) -> tuple[Floats, Floats]:
         """Return irradiance and gloss by some components."""
@@ -144,7 +144,8 @@ class RoomView:
     def _albedo(self, hits: Hits, rays: Floats, part: npt.NDArray[np.int32], pixel_rad: float) -> Floats:
         """Return each ray's albedo: the part's colour, or its texture at the coarseness that a pixel has there."""
         materials = self._materials
-        out = np.array([m.colour for m in materials], np.float32)[self._material_of[part]]
+        colours = np.array([m.colour for m in materials], np.float32)
+        out: Floats = colours[self._material_of[part]]
         cosine = np.abs(np.einsum("ij,ij->i", rays, self.geometry.face_normals[hits.face]))
         footprint_m = hits.distance_m * np.float32(pixel_rad) / np.sqrt(np.maximum(cosine, 0.02))
         for number, material in enumerate(materials):

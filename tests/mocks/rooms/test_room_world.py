@@ -80,8 +80,9 @@ def test_baked_irradiance_agrees_with_the_renderer_point_by_point(world):
         rgb = sum(irradiance_at(scene, place, normal, 4096, seed=i) for scene in scenes.values())
         theirs[i] = rgb @ LUMINANCE_WEIGHTS
     error = np.abs(ours / theirs - 1)
-    assert np.median(error) < 0.12, error
-    assert abs(math.log(ours.sum() / theirs.sum())) < 0.08
+    # A sketch of 8 samples; `benchmarks truth` measures the better qualities.
+    assert np.median(error) < 0.2, error
+    assert abs(math.log(ours.sum() / theirs.sum())) < 0.12
 
 
 def test_components_add_up_to_the_whole(world):
