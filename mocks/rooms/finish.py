@@ -28,7 +28,8 @@ _CREAM: Vector = (0.70, 0.62, 0.47)
 def draw_finish(rng: np.random.Generator, use: Use) -> Finish:
     """Return the materials of a room for ``use``; a quarter of all rooms have one wall that is different.
 
-    ``accent_walls`` then names one of the first four walls. Woods have their grain along u.
+    ``accent_walls`` then names one of the first four walls; `mocks.rooms.room` puts it where plan and furniture want
+    it. Woods have their grain along u.
     """
     style = draw_style(rng, use)
     wall_colour = of_luminance(pick(rng, style.walls), rng.uniform(*style.wall_reflectance))

@@ -9,6 +9,7 @@ import numpy as np
 
 from mocks.rooms import furnish_bedroom, furnish_dining, furnish_living, furnish_office
 from mocks.rooms.furnish_check import check_items, hides_board, sees_window
+from mocks.rooms.furnish_fill import fill
 from mocks.rooms.furnish_space import Arrangement
 from mocks.rooms.model import Finish, Item, Plan, Role, Use
 
@@ -51,6 +52,7 @@ def _furnished(
     if not essentials(room, finish) or _stand_board(room) is None:
         return None
     extras(room, finish)
+    fill(room, finish)
     items = tuple(room.items)
     return None if check_items(plan, items) else items
 

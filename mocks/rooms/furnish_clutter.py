@@ -29,7 +29,7 @@ def picture_over(a: Arrangement, below: Item) -> None:
 def wall_things(a: Arrangement, pictures: int) -> None:
     """Hang pictures, and now and then a clock or a shelf, on what walls are left."""
     for _ in range(pictures):
-        h = a.draw(0.3, 0.75)
+        h = a.draw(0.3, 0.75) if a.chance(0.6) else a.draw(0.7, 1.05)
         a.hang("picture", (round(h * a.draw(0.7, 1.4), 3), 0.025, h), round(EYE_M - h / 2, 3))
     if a.chance(0.2):
         d = a.draw(0.24, 0.34)

@@ -14,6 +14,9 @@ from mocks.rooms.model import Finish, Item
 
 TABLES_M = ((2.0, 0.95), (1.7, 0.9), (1.4, 0.85), (1.2, 0.8), (0.9, 0.75))
 
+PLACES = 6
+"""How many places for the table are compared."""
+
 
 def essentials(a: Arrangement, finish: Finish) -> bool:
     """Place the table and its chairs."""
@@ -50,35 +53,51 @@ def extras(a: Arrangement, finish: Finish) -> None:
 
 
 def _table(a: Arrangement) -> Item | None:
-    """Place the largest table that leaves room for chairs, square to the room."""
+    """Place the largest table that leaves room for chairs, square to the room: where most of them find a place."""
     floor = Polygon(a.plan.polygon)
     x0, y0, x1, y1 = floor.bounds
     for wide, deep in TABLES_M[int(a.rng.integers(3)) :]:
         round_top = wide < 1.5 and a.chance(0.5)
         size: Vector = (wide, wide, 0.75) if round_top else (wide, deep, a.draw(0.73, 0.76))
-        room = floor.buffer(-0.75)
+        room, found = floor.buffer(-0.75), []
         for _ in range(30):
             x, y = a.draw(x0, x1), a.draw(y0, y1)
             item = a.item("dining table", size, (x, y, 0.0), quarter(a), (("round", 1.0),) if round_top else ())
             if room.covers(Polygon(item.corners()).buffer(-0.15)):
-                placed = a.add(item)
-                if placed:
-                    return placed
+                found += [item] if a.fits(item) else []
+            if len(found) == PLACES:
+                break
+        if found:
+            return a.add(max(found, key=lambda table: _served(a, table)))
     return None
+
+
+def _served(a: Arrangement, table: Item) -> float:
+    """Return the share of a table's seats where a chair would fit."""
+    seats = _seats(table)
+    chairs = [_chair_at(a, table, seat, (0.46, 0.52, 0.85), 0.08) for seat in seats]
+    return sum(a.fits(chair) for chair in chairs) / len(seats)
+
+
+def _chair_at(
+    a: Arrangement, table: Item, seat: tuple[float, float, float], size: Vector, pulled_m: float, loose_rad: float = 0.0
+) -> Item:
+    along, back, turn = seat
+    off = size[1] / 2 - 0.2 + pulled_m
+    x, y = beside(table, along + math.sin(turn) * -off, back + math.cos(turn) * off)
+    return a.item("chair", size, (x, y, 0.0), table.turn_rad + turn + loose_rad)
 
 
 def _chairs(a: Arrangement, table: Item) -> None:
     """Place chairs round the table: all of one design, some pulled out and turned as people leave them."""
     size = (a.draw(0.43, 0.47), a.draw(0.5, 0.54), a.draw(0.8, 0.92))
     design = (("design", float(a.rng.integers(3))),)
-    for along, back, turn in _seats(table):
-        for _ in range(4):
+    for seat in _seats(table):
+        for _ in range(5):
             pulled = a.draw(0.04, 0.12) if a.chance(0.65 - 0.3 * a.messy) else a.draw(0.12, 0.45)
-            off = size[1] / 2 - 0.2 + pulled
-            x, y = beside(table, along + math.sin(turn) * -off, back + math.cos(turn) * off)
             loose = float(a.rng.normal(0, 0.03 + 0.3 * max(pulled - 0.1, 0.0)))
-            chair = a.item("chair", size, (x, y, 0.0), table.turn_rad + turn + loose, design)
-            if a.add(replace(chair, seed=table.seed)):
+            chair = _chair_at(a, table, seat, size, pulled, loose)
+            if a.add(replace(chair, seed=table.seed, options=design)):
                 break
 
 

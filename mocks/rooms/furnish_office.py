@@ -16,7 +16,7 @@ from mocks.rooms.model import Finish, Item
 
 def essentials(a: Arrangement, finish: Finish) -> bool:
     """Place the desk with its chair and screens, and the first shelf."""
-    if not _workplace(a, finish):
+    if not workplace(a, finish):
         return False
     a.against_wall("bookcase", (a.draw(0.7, 1.2), a.draw(0.28, 0.36), a.draw(1.6, 2.1)), front_m=0.4)
     return True
@@ -25,7 +25,7 @@ def essentials(a: Arrangement, finish: Finish) -> bool:
 def extras(a: Arrangement, finish: Finish) -> None:
     """Place a second desk, cabinets, an easy chair and what gathers there."""
     if a.chance(0.25):
-        _workplace(a, finish)
+        workplace(a, finish)
     for _ in range(int(a.rng.integers(0, 3))):
         a.against_wall("bookcase", (a.draw(0.4, 1.0), a.draw(0.28, 0.36), a.draw(0.8, 2.1)), front_m=0.3)
     if a.chance(0.5):
@@ -41,7 +41,7 @@ def extras(a: Arrangement, finish: Finish) -> None:
     on_the_floor(a, toys=False)
 
 
-def _workplace(a: Arrangement, finish: Finish) -> bool:
+def workplace(a: Arrangement, finish: Finish) -> bool:
     """Place a desk at a wall or window with what stands on and before it."""
     size = (a.draw(1.2, 1.7), a.draw(0.65, 0.8), a.draw(0.72, 0.75))
     desk = a.against_wall("desk", size) or a.against_wall("desk", (1.0, 0.6, 0.73))

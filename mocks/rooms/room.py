@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,9 +21,11 @@ from mocks.rooms.shell import Pane, shell_parts, window_panes
 from mocks.rooms.sky import Kind, Sky, draw_sky
 
 # Raise when the same seed gives another room, or meshes change: light is kept on disk by it.
-ROOMS_VERSION = 1
+ROOMS_VERSION = 2
 _DOMAIN = 4200
 _LAMPS_ON = 0.3
+_PLANS = 12
+MAIN_PIECE = {Use.BEDROOM: "bed", Use.LIVING: "sofa", Use.DINING: "dining table", Use.OFFICE: "desk"}
 
 
 @dataclass(frozen=True)
@@ -96,20 +99,62 @@ def make_room(
     glass = float(rng.uniform(0.68, 0.82))
     kind = Use(use) if use is not None else Use(drawn)
     lit = lit if lamps_on is None else lamps_on
-    plan = draw_plan(np.random.default_rng([seed, _DOMAIN, 1]), kind, lamps_on=lit)
     finish = draw_finish(np.random.default_rng([seed, _DOMAIN, 2]), kind)
-    items = furnish(plan, finish, np.random.default_rng([seed, _DOMAIN, 3]))
+    plan, items = _furnished_plan(seed, kind, lit, finish)
     moment = moment or draw_moment(np.random.default_rng([seed, _DOMAIN, 4]))
     return Room(
         seed=seed,
         plan=plan,
-        finish=finish,
+        finish=replace(finish, accent_walls=(accent_wall(plan, items),) if finish.accent_walls else ()),
         items=items,
         moment=moment,
         sky=draw_sky(np.random.default_rng([seed, _DOMAIN, 5]), moment, sky),
         lamps_on=lit,
         glass_transmittance=(0.96 * glass, glass, 0.97 * glass),
     )
+
+
+def _furnished_plan(seed: int, use: Use, lit: bool, finish: Finish) -> tuple[Plan, tuple[Item, ...]]:
+    """Return the seed's first plan in which tripod, meter board and what the room is for find a place.
+
+    That is nearly always its first of all; after some tries, a room that lacks what it is for has to do.
+    """
+    makeshift = None
+    for again in range(_PLANS):
+        tail = [again] if again else []
+        plan = draw_plan(np.random.default_rng([seed, _DOMAIN, 1, *tail]), use, lamps_on=lit)
+        items = furnish(plan, finish, np.random.default_rng([seed, _DOMAIN, 3, *tail]))
+        if check_items(plan, items):
+            continue
+        if use is Use.EMPTY or any(item.kind == MAIN_PIECE[use] for item in items):
+            return plan, items
+        makeshift = makeshift or (plan, items)
+    if makeshift is None:
+        raise RuntimeError(f"no place for the tripod or the meter board in {_PLANS} plans of seed {seed}")
+    return makeshift
+
+
+def accent_wall(plan: Plan, items: tuple[Item, ...]) -> int:
+    """Return the wall that people would paint: behind bed or sofa, else the longest; without windows if there is one.
+
+    A plan without any wall free of windows gives its longest.
+    """
+    whole = [wall for wall in range(len(plan.polygon)) if all(w.wall != wall for w in plan.windows)]
+    walls = whole or list(range(len(plan.polygon)))
+    for item in (item for item in items if item.kind in ("bed", "sofa")):
+        behind = [wall for wall in walls if _stands_at(plan, item, wall)]
+        if behind:
+            return behind[0]
+    return max(walls, key=plan.wall_length_m)
+
+
+def _stands_at(plan: Plan, item: Item, wall: int) -> bool:
+    """Return whether an item has its back to a wall."""
+    (x0, y0), _ = plan.wall_ends(wall)
+    _, inward = plan.wall_axes(wall)
+    away_m = (item.position_m[0] - x0) * inward[0] + (item.position_m[1] - y0) * inward[1]
+    facing = math.sin(item.turn_rad) * inward[0] - math.cos(item.turn_rad) * inward[1]
+    return facing > math.cos(math.radians(5)) and away_m < item.size_m[1] / 2 + 0.2
 
 
 def check_room(room: Room) -> list[str]:
