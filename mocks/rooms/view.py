@@ -48,6 +48,7 @@ class RoomView:
         self._disc = room.sky.disc()
         self._sums: dict[tuple[str, ...], list[Floats]] = {}
         self._lookup = CubeLookup(Guide.of(geometry, self._eye, Cube(face_px)))
+        self._glossy = np.array([part.material.roughness is not None for part in geometry.parts])
         self._materials = list(dict.fromkeys(part.material for part in geometry.parts))
         self._material_of = np.array([self._materials.index(part.material) for part in geometry.parts])
 
@@ -101,6 +102,7 @@ class RoomView:
         plane = np.einsum("ij,ij->i", surface.normal, surface.point - self._eye).astype(np.float32)
         seen = Seen(surface.part, surface.normal, plane)
         light, gloss = self._lookup.at(surface.directions, seen, self._pictures(components))
+        gloss *= self._glossy[surface.part, None]
         if share is not None and self._disc is not None:
             lit = np.flatnonzero(share > 0)
             strength = self._sun_light(share[lit])
