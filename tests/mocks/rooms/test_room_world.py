@@ -122,18 +122,23 @@ def test_sunlight_falls_where_the_window_lets_it(world):
     assert ((share == 1) == (free & facing))[sharp].all()
 
 
+def _grown(mask):
+    """Return a mask with all neighbours of its pixels."""
+    return sum(np.roll(mask, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1)) > 0
+
+
 def test_emptying_changes_only_what_furniture_and_its_light_reach(world, pictures):
     """4: the same room furnished and emptied differ where furniture is, and little far from it."""
     seen, empty = luminance(pictures.luminance_rgb), luminance(pictures.empty_rgb)
     things = pictures.instance > 0
-    edge = np.zeros_like(things)
-    edge[1:-1, 1:-1] = sum(np.roll(np.roll(things, i, 0), j, 1) for i in (-1, 0, 1) for j in (-1, 0, 1))[1:-1, 1:-1] > 0
-    outside = (pictures.ade == 8) & ~edge
-    np.testing.assert_allclose(seen[outside], empty[outside], rtol=0.05)
+    edge = _grown(things)
+    outdoors = ~_grown(np.isfinite(pictures.depth_m))
+    assert outdoors.sum() > 20
+    # What is thinner than a pixel may reach into one.
+    change = np.abs(seen[outdoors] / empty[outdoors] - 1)
+    assert np.quantile(change, 0.9) < 1e-3
+    assert change.max() < 0.1
     bare = ~edge & (pictures.surface >= 0)
-    np.testing.assert_array_equal(
-        pictures.albedo[bare & (pictures.depth_m < 1e6)].shape, pictures.empty_albedo[bare].shape
-    )
     np.testing.assert_allclose(pictures.albedo[bare], pictures.empty_albedo[bare], atol=0.02)
     ceiling = bare & (pictures.normal[..., 2] < -0.99) & (pictures.sunlit == 0)
     ratio = seen[ceiling] / empty[ceiling]
