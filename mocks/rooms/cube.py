@@ -43,11 +43,12 @@ class Cube:
         """Tangent of the angle from a face's middle to its outermost edge."""
         return self.side_px / self.face_px
 
-    def directions(self) -> Floats:
-        """Return unit directions of the pixel centres (6, side, side, 3)."""
-        step = (np.arange(self.side_px) + 0.5) / self.side_px * 2 - 1
+    def directions(self, fine: int = 1) -> Floats:
+        """Return unit directions of the pixel centres (6, side, side, 3), or of ``fine`` places a side in each."""
+        side = self.side_px * fine
+        step = (np.arange(side) + 0.5) / side * 2 - 1
         right, up = step * self.half_width, -step * self.half_width
-        out = np.empty((6, self.side_px, self.side_px, 3), np.float32)
+        out = np.empty((6, side, side, 3), np.float32)
         for index, axes in enumerate(FACES):
             ahead, aside, above = (np.array(axis, dtype=np.float64) for axis in axes)
             rays = ahead + right[None, :, None] * aside + up[:, None, None] * above

@@ -24,6 +24,7 @@ from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
 
 ENVIRONMENT_ROWS = 128
 _LEAST_ALBEDO = 0.01
+_FINE = 4
 
 
 @dataclass(frozen=True)
@@ -134,11 +135,11 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     if lighting.sun is not None:
         lighting = replace(lighting, patches=sun_patches(geometry, room.panes, *lighting.sun))
     sampling = Sampling(cube, quality.samples, seed)
-    albedo = _albedo(geometry, guide)
+    albedo = _mean_albedo(geometry, eye, cube)
     matte = render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling)
-    unusable = _unusable(room, geometry, guide, lighting)
-    noisy = matte * np.float32(np.pi) / albedo
-    irradiance = denoised(_filled(noisy, guide, unusable), guide)
+    unusable = _unusable(room, geometry, guide, lighting) | (albedo.min(axis=-1) < _LEAST_ALBEDO)
+    noisy: Floats = matte / np.maximum(albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
+    irradiance = _beyond(denoised(_filled(noisy, guide, unusable), guide), guide)
     glossy = _glossy(geometry, guide)
     faces = [face for face in range(6) if glossy[face].any()]
     if not faces:
@@ -181,9 +182,17 @@ def _seamless(picture: Floats, guide: Guide) -> Floats:
     return np.asarray((total / weights[:, None]).reshape(picture.shape), dtype=np.float32)
 
 
-def _albedo(geometry: Geometry, guide: Guide) -> Floats:
-    colours = np.array([p.material.colour for p in geometry.parts] + [(1.0, 1.0, 1.0)], np.float32)
-    return np.maximum(colours[guide.part], np.float32(_LEAST_ALBEDO))
+def _mean_albedo(geometry: Geometry, eye: Floats, cube: Cube) -> Floats:
+    """Return the albedo averaged over each pixel, what looks outside counting as black.
+
+    Radiance divided by it is irradiance even where a pixel sees a white skirting and a dark floor.
+    """
+    colours = np.array([p.material.colour for p in geometry.parts] + [(0.0, 0.0, 0.0)], np.float32)
+    rays = cube.directions(_FINE)
+    hits = geometry.cast(eye, rays.reshape(-1, 3))
+    part = np.where(hits.face >= 0, geometry.part_of[hits.face], -1)
+    fine = colours[part].reshape(6, cube.side_px, _FINE, cube.side_px, _FINE, 3)
+    return np.asarray(fine.mean(axis=(2, 4)), dtype=np.float32)
 
 
 def _glossy(geometry: Geometry, guide: Guide) -> Bools:
@@ -192,9 +201,9 @@ def _glossy(geometry: Geometry, guide: Guide) -> Bools:
 
 
 def _unusable(room: Room, geometry: Geometry, guide: Guide, lighting: Lighting) -> Bools:
-    """Return the pixels whose light is not irradiance alone: lit by the sun itself, glowing, or looking outside."""
+    """Return the pixels near what the renderer's camera does not see: the sun's patches, and what glows."""
     glows = np.array([any(p.material.emission_cd_m2) for p in geometry.parts] + [False])
-    bad = guide.part < 0
+    bad = np.zeros(guide.part.shape, bool)
     if lighting.lamps:
         bad |= glows[guide.part]
     disc = room.sky.disc()
@@ -204,7 +213,7 @@ def _unusable(room: Room, geometry: Geometry, guide: Guide, lighting: Lighting) 
         share = sun_share(geometry, room.panes, disc, points, guide.normal.reshape(-1, 3))
         bad |= share.reshape(guide.part.shape) > 0
     kernel = np.ones((5, 5), np.uint8)
-    return np.stack([cv2.dilate(face.astype(np.uint8), kernel) > 0 for face in bad])
+    return np.stack([cv2.dilate(face.astype(np.uint8), kernel) > 0 for face in bad]) | (guide.part < 0)
 
 
 def _filled(picture: Floats, guide: Guide, unusable: Bools) -> Floats:
@@ -212,11 +221,22 @@ def _filled(picture: Floats, guide: Guide, unusable: Bools) -> Floats:
     out = picture.copy()
     out[unusable] = 0
     for face in range(6):
-        for part in np.unique(guide.part[face][unusable[face]]):
+        inside = guide.part[face] >= 0
+        for part in np.unique(guide.part[face][unusable[face] & inside]):
             mine = guide.part[face] == part
-            holes = mine & unusable[face]
+            if not (mine & ~unusable[face]).any():
+                mine = inside
+            holes = (guide.part[face] == part) & unusable[face]
             out[face][holes] = _spread(picture[face], mine & ~unusable[face], holes)
     return out
+
+
+def _beyond(picture: Floats, guide: Guide) -> Floats:
+    """Spread the light over pixels that look outside: a bar too thin for any pixel's middle finds its light there."""
+    for face in range(6):
+        inside = guide.part[face] >= 0
+        picture[face][~inside] = _spread(picture[face], inside, ~inside)
+    return picture
 
 
 def _spread(picture: Floats, known: Bools, holes: Bools) -> Floats:

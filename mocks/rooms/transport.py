@@ -53,7 +53,9 @@ def load_scene(parts: Sequence[Part], lighting: Lighting, *, glossy: bool) -> An
     All matte triangles are one shape with the albedo at its corners, all glossy ones another: the renderer is several
     times as fast as with a shape for each part.
     """
-    scene: dict[str, Any] = {"type": "scene", "integrator": {**PATH, "rr_depth": _RUSSIAN_ROULETTE_DEPTH}}
+    # The camera sees surfaces only: neither the outdoors nor lamps nor the sun's patches.
+    path = {**PATH, "rr_depth": _RUSSIAN_ROULETTE_DEPTH, "hide_emitters": True}
+    scene: dict[str, Any] = {"type": "scene", "integrator": path}
     groups: dict[str, list[Part]] = {"matte": [], "shiny": [], "lamp": []}
     for part in parts:
         lit = lighting.lamps and part.material.emission_cd_m2 != _DARK

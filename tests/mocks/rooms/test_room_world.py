@@ -132,14 +132,13 @@ def test_emptying_changes_only_what_furniture_and_its_light_reach(world, picture
     seen, empty = luminance(pictures.luminance_rgb), luminance(pictures.empty_rgb)
     things = pictures.instance > 0
     edge = _grown(things)
-    outdoors = ~_grown(np.isfinite(pictures.depth_m))
+    outdoors = (pictures.albedo.max(axis=-1) == 0) & (pictures.empty_albedo.max(axis=-1) == 0)
     assert outdoors.sum() > 20
-    # What is thinner than a pixel may reach into one.
-    change = np.abs(seen[outdoors] / empty[outdoors] - 1)
-    assert np.quantile(change, 0.9) < 1e-3
-    assert change.max() < 0.1
+    np.testing.assert_allclose(seen[outdoors], empty[outdoors], rtol=1e-5)
     bare = ~edge & (pictures.surface >= 0)
-    np.testing.assert_allclose(pictures.albedo[bare], pictures.empty_albedo[bare], atol=0.02)
+    # What is thinner than a pixel may lie between the places where pixels are looked at.
+    change = np.abs(pictures.albedo[bare] - pictures.empty_albedo[bare]).max(axis=-1)
+    assert np.quantile(change, 0.99) < 1e-3
     ceiling = bare & (pictures.normal[..., 2] < -0.99) & (pictures.sunlit == 0)
     ratio = seen[ceiling] / empty[ceiling]
     assert 0.5 < np.median(ratio) < 1.15
