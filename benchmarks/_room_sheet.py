@@ -28,10 +28,11 @@ SHEET_SEED = 3
 USES = (Use.LIVING, Use.BEDROOM, Use.DINING, Use.OFFICE, Use.LIVING, Use.BEDROOM, Use.EMPTY)
 LAMPS_EVERY = 5
 JPEG_QUALITY = 88
-BALANCE = 0.8
+BALANCE = 0.7
 """Share of the light's colour that the white balance takes away."""
-MIDDLE, WHITE, SHOULDER = 0.34, 12.0, 0.45
-"""The logarithmic mean is shown as MIDDLE of white; the shoulder keeps what is brighter, up to about WHITE."""
+MIDDLE, WHITE, CONTRAST = 0.5, 16.0, 1.25
+"""What the logarithmic mean and white are before the highlights are compressed (Reinhard et al. 2002, equation 4),
+and the power that gives back the contrast this takes."""
 
 Bytes = npt.NDArray[np.uint8]
 
@@ -48,7 +49,7 @@ def panorama(world: RoomWorld, rows: int) -> Bytes:
     """Return a room as an 8-bit sRGB panorama (rows, 2 rows, 3), the mean of four rays a pixel."""
     rays = equirectangular(2 * rows)
     shown = tone_mapped(world.radiance(Site.INDOOR, rays, np.pi / (2 * rows)))
-    return cv2.resize(shown, (2 * rows, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(shown, (2 * rows, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def tone_mapped(radiance: Floats) -> Bytes:
@@ -61,7 +62,8 @@ def tone_mapped(radiance: Floats) -> Bytes:
     share = np.cos((np.arange(rows) + 0.5) / rows * np.pi - np.pi / 2)
     middle = np.exp(np.average(np.log(np.maximum(light, 1e-3)).mean(axis=1), weights=share))
     exposed, light = balanced * (MIDDLE / middle), light[..., None] * (MIDDLE / middle)
-    soft = exposed * (1 + light / WHITE**2) / (1 + SHOULDER * light)
+    soft = exposed * (1 + light / WHITE**2) / (1 + light)
+    soft = np.maximum(soft, 0) ** CONTRAST
     curve = np.where(soft <= 0.0031308, 12.92 * soft, 1.055 * np.maximum(soft, 1e-9) ** (1 / 2.4) - 0.055)
     return np.asarray(np.clip(curve * 255 + 0.5, 0, 255), dtype=np.uint8)
 
@@ -76,7 +78,8 @@ def contact_sheet(pictures: list[Bytes], columns: int = COLUMNS) -> Bytes:
 
 def save(picture: Bytes, path: Path) -> None:
     """Write a JPEG or PNG."""
-    if not cv2.imwrite(str(path), picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]):
+    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if path.suffix in (".jpg", ".jpeg") else []
+    if not cv2.imwrite(str(path), picture[..., ::-1], options):
         raise OSError(f"{path} could not be written")
 
 

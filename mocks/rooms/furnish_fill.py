@@ -13,7 +13,7 @@ PLAIN_M2 = 11.0
 """Rooms up to this size have enough without."""
 PIECE_M2 = 5.0
 """About one more piece for each of these."""
-PICTURE_M = 8.0
+PICTURE_M = 6.0
 """Of the room's perimeter for one picture more."""
 
 PIECES: dict[Use, tuple[str, ...]] = {
@@ -38,6 +38,8 @@ def fill(a: Arrangement, finish: Finish) -> None:
 def _second_place(a: Arrangement, finish: Finish, area_m2: float) -> None:
     """Place a table to eat at in a large living room, a desk in others."""
     if a.plan.use is Use.LIVING and area_m2 > 19.0 and a.chance(0.65):
+        # Not where people look from the sofa.
+        a.keep_free(next(item for item in a.items if item.kind == "sofa"), 1.7, 0.3)
         if furnish_dining.essentials(a, finish):
             things_on(a, next(item for item in a.items if item.kind == "dining table"), 4)
     elif a.plan.use is Use.BEDROOM and area_m2 > 13.0 and a.chance(0.45):

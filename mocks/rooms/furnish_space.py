@@ -88,7 +88,10 @@ class Arrangement:
     def wall_places(
         self, size_m: Vector, low_m: float = 0.0, tries: int = 14, away_m: float = WALL_GAP_M
     ) -> Iterator[tuple[Point, float]]:
-        """Yield places (and turns) with the back to a wall, where the wall is free over the height, in random order."""
+        """Yield places (and turns) with the back to a wall, where the wall is free over the height, in random order.
+
+        Wide stretches come more often; for what hangs, those that fill more of the camera's view.
+        """
         hanging = low_m > 0.0
         spans = [
             (wall, span)
@@ -98,7 +101,7 @@ class Arrangement:
         ]
         if not spans:
             return
-        weights = np.array([span.width_m for _, span in spans])
+        weights = np.array([_seen_rad(self.plan, *one) if hanging else one[1].width_m for one in spans])
         for _ in range(tries):
             wall, span = spans[int(self.rng.choice(len(spans), p=weights / weights.sum()))]
             slack = span.width_m - size_m[0] - 0.06
@@ -219,6 +222,12 @@ class Arrangement:
 @lru_cache(maxsize=256)
 def _spans(plan: Plan, wall: int, flush_too: bool) -> tuple[WallSpan, ...]:
     return tuple(free_spans(plan, wall, flush_too))
+
+
+def _seen_rad(plan: Plan, wall: int, span: WallSpan) -> float:
+    """Return the angle that a stretch of wall fills as seen from the camera."""
+    (x0, y0), (x1, y1) = plan.on_wall(wall, span.start_m), plan.on_wall(wall, span.end_m)
+    return abs(math.atan2(x0 * y1 - x1 * y0, x0 * x1 + y0 * y1))
 
 
 def beside(item: Item, along_m: float, back_m: float) -> Point:

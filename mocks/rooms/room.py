@@ -151,10 +151,12 @@ def accent_wall(plan: Plan, items: tuple[Item, ...]) -> int:
 def _stands_at(plan: Plan, item: Item, wall: int) -> bool:
     """Return whether an item has its back to a wall."""
     (x0, y0), _ = plan.wall_ends(wall)
-    _, inward = plan.wall_axes(wall)
-    away_m = (item.position_m[0] - x0) * inward[0] + (item.position_m[1] - y0) * inward[1]
+    along, inward = plan.wall_axes(wall)
+    x, y = item.position_m[0] - x0, item.position_m[1] - y0
+    gap_m = x * inward[0] + y * inward[1] - item.size_m[1] / 2
     facing = math.sin(item.turn_rad) * inward[0] - math.cos(item.turn_rad) * inward[1]
-    return facing > math.cos(math.radians(5)) and away_m < item.size_m[1] / 2 + 0.2
+    before = 0.0 < x * along[0] + y * along[1] < plan.wall_length_m(wall)
+    return before and abs(gap_m) < 0.2 and facing > math.cos(math.radians(5))
 
 
 def check_room(room: Room) -> list[str]:
