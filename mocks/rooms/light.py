@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.light import Floats
 from mocks.rooms.cube import Cube
-from mocks.rooms.geometry import Bools, Geometry, Hits
+from mocks.rooms.geometry import Bools, Geometry
+from mocks.rooms.guide import Guide
 from mocks.rooms.room import Room
 from mocks.rooms.sunbeam import sun_patches
 from mocks.rooms.sunlight import enters, outward, sun_share
@@ -24,7 +24,6 @@ from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
 
 ENVIRONMENT_ROWS = 128
 _LEAST_ALBEDO = 0.01
-_FINE = 4
 
 
 @dataclass(frozen=True)
@@ -44,51 +43,11 @@ QUALITIES: Mapping[str, Quality] = {
 
 
 @dataclass(frozen=True)
-class Guide:
-    """What each pixel of the cube meets: the surfaces that the light belongs to (all arrays (6, side, side, ...))."""
-
-    cube: Cube
-    part: npt.NDArray[np.int32]
-    """Part index, -1 where the ray leaves the room."""
-    distance_m: Floats
-    normal: Floats
-    plane_m: Floats
-    """Distance of the surface's plane from the camera, along the normal: tells parallel surfaces apart."""
-
-    @classmethod
-    def of(cls, geometry: Geometry, eye: Floats, cube: Cube) -> Guide:
-        """Cast one ray through the middle of every pixel."""
-        rays = cube.directions()
-        flat = rays.reshape(-1, 3)
-        hits = geometry.cast(eye, flat)
-        normal = facing_normals(geometry, hits, flat)
-        part = np.where(hits.face >= 0, geometry.part_of[hits.face], -1).astype(np.int32)
-        distance = np.where(hits.face >= 0, hits.distance_m, 0)
-        plane = (normal * flat).sum(axis=1) * distance
-        shape = rays.shape[:3]
-        return cls(
-            cube,
-            part.reshape(shape),
-            distance.reshape(shape).astype(np.float32),
-            normal.reshape(*shape, 3),
-            plane.reshape(shape).astype(np.float32),
-        )
-
-
-@dataclass(frozen=True)
 class Baked:
     """One component: irradiance (lx, RGB) and gloss (cd/m2, RGB: what glossy surfaces add), (6, side, side, 3)."""
 
     irradiance: Floats
     gloss: Floats | None
-
-
-def facing_normals(geometry: Geometry, hits: Hits, directions: Floats) -> Floats:
-    """Return shading normals turned towards where the rays come from."""
-    normal = geometry.shading_normals(hits)
-    away = np.einsum("ij,ij->i", normal, directions) > 0
-    normal[away] *= -1
-    return normal
 
 
 def components(room: Room) -> tuple[str, ...]:
@@ -135,10 +94,10 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     if lighting.sun is not None:
         lighting = replace(lighting, patches=sun_patches(geometry, room.panes, *lighting.sun))
     sampling = Sampling(cube, quality.samples, seed)
-    albedo = _mean_albedo(geometry, eye, cube)
     matte = render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling)
-    unusable = _unusable(room, geometry, guide, lighting) | (albedo.min(axis=-1) < _LEAST_ALBEDO)
-    noisy: Floats = matte / np.maximum(albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
+    unusable = _unusable(room, geometry, guide, lighting) | _mixed(guide)
+    # By the pixel's mean albedo: right even where a pixel sees a white skirting and a dark floor.
+    noisy: Floats = matte / np.maximum(guide.albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
     irradiance = _beyond(denoised(_filled(noisy, guide, unusable), guide), guide)
     glossy = _glossy(geometry, guide)
     faces = [face for face in range(6) if glossy[face].any()]
@@ -182,19 +141,6 @@ def _seamless(picture: Floats, guide: Guide) -> Floats:
     return np.asarray((total / weights[:, None]).reshape(picture.shape), dtype=np.float32)
 
 
-def _mean_albedo(geometry: Geometry, eye: Floats, cube: Cube) -> Floats:
-    """Return the albedo averaged over each pixel, what looks outside counting as black.
-
-    Radiance divided by it is irradiance even where a pixel sees a white skirting and a dark floor.
-    """
-    colours = np.array([p.material.colour for p in geometry.parts] + [(0.0, 0.0, 0.0)], np.float32)
-    rays = cube.directions(_FINE)
-    hits = geometry.cast(eye, rays.reshape(-1, 3))
-    part = np.where(hits.face >= 0, geometry.part_of[hits.face], -1)
-    fine = colours[part].reshape(6, cube.side_px, _FINE, cube.side_px, _FINE, 3)
-    return np.asarray(fine.mean(axis=(2, 4)), dtype=np.float32)
-
-
 def _glossy(geometry: Geometry, guide: Guide) -> Bools:
     glossy = np.array([p.material.roughness is not None for p in geometry.parts] + [False])
     return np.asarray(glossy[guide.part])
@@ -214,6 +160,15 @@ def _unusable(room: Room, geometry: Geometry, guide: Guide, lighting: Lighting) 
         bad |= share.reshape(guide.part.shape) > 0
     kernel = np.ones((5, 5), np.uint8)
     return np.stack([cv2.dilate(face.astype(np.uint8), kernel) > 0 for face in bad]) | (guide.part < 0)
+
+
+def _mixed(guide: Guide) -> Bools:
+    """Return the pixels that see several surfaces, of parts that fill other pixels wholly; and the nearly black."""
+    out: Bools = guide.albedo.min(axis=-1) < _LEAST_ALBEDO
+    for face in range(6):
+        whole = np.unique(guide.part[face][guide.pure[face]])
+        out[face] |= ~guide.pure[face] & np.isin(guide.part[face], whole)
+    return out
 
 
 def _filled(picture: Floats, guide: Guide, unusable: Bools) -> Floats:

@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.light import Floats
-from mocks.rooms.light import Guide
+from mocks.rooms.guide import PLANE_TOLERANCE_M, Guide
 
 _REMAP_WIDTH = 8192
-_PLANE_TOLERANCE = 0.02
 _SAME_NORMAL = 0.85
 
 
@@ -39,18 +38,19 @@ class CubeLookup:
         self._part = guide.part.reshape(-1)
         self._normal = guide.normal.reshape(-1, 3)
         self._plane = guide.plane_m.reshape(-1)
+        self._purity = guide.purity.reshape(-1)
 
     @cached_property
     def _uniform(self) -> npt.NDArray[np.int32]:
         """Part of each 2 x 2 block (by its upper left pixel) that lies on one smooth surface, else -2."""
         g = self._guide
-        same = np.ones_like(g.part, dtype=bool)
+        same = g.pure.copy()
         for down, right in ((0, 1), (1, 0), (1, 1)):
             other = (slice(None), slice(down, None), slice(right, None))
             mine = (slice(None), slice(None, self.side_px - down), slice(None, self.side_px - right))
-            close = np.abs(g.plane_m[other] - g.plane_m[mine]) < _PLANE_TOLERANCE
+            close = np.abs(g.plane_m[other] - g.plane_m[mine]) < PLANE_TOLERANCE_M
             alike = (g.normal[other] * g.normal[mine]).sum(axis=-1) > 0.98
-            ok = (g.part[other] == g.part[mine]) & close & alike
+            ok = (g.part[other] == g.part[mine]) & close & alike & g.pure[other]
             padded = np.zeros_like(same)
             padded[mine] = ok
             same &= padded
@@ -85,7 +85,7 @@ class CubeLookup:
             alike = np.einsum("ij,ij->i", self._normal[pixel], seen.normal)
             apart = np.abs(self._plane[pixel] - seen.plane_m)
             match = (self._part[pixel] == seen.part) * np.clip((alike - _SAME_NORMAL) / (1 - _SAME_NORMAL), 0, 1) ** 2
-            match = match * (_PLANE_TOLERANCE / (apart + _PLANE_TOLERANCE)) ** 2
+            match = match * self._purity[pixel] ** 8 * (PLANE_TOLERANCE_M / (apart + PLANE_TOLERANCE_M)) ** 2
             # The last terms decide only where no neighbour matches: same part, else alike normals, else anything seen.
             spare = (
                 1e-3 * (self._part[pixel] == seen.part) + 1e-4 * np.maximum(alike, 0) + 1e-7 * (self._part[pixel] >= 0)

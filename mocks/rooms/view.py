@@ -12,7 +12,8 @@ import numpy.typing as npt
 from mocks.light import BrightDisc, Floats
 from mocks.rooms.cube import Cube
 from mocks.rooms.geometry import Geometry, Hits
-from mocks.rooms.light import Baked, Guide, facing_normals
+from mocks.rooms.guide import Guide, facing_normals
+from mocks.rooms.light import Baked
 from mocks.rooms.lookup import CubeLookup, Seen
 from mocks.rooms.model import Material, Texture
 from mocks.rooms.room import Room
