@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal, TypeAlias
 
@@ -90,7 +90,9 @@ class Sky:
         clear = sky_light.clear_diffuse_lx(elevation_rad, self.turbidity, self.sun_distance_au)
         if self.kind == "clear":
             return clear, direct
-        return clear + self.cloud_cover * (sky_light.partly_cloudy_diffuse_lx(elevation_rad) - clear), direct
+        cloudy = clear + self.cloud_cover * (sky_light.partly_cloudy_diffuse_lx(elevation_rad) - clear)
+        whole_clear = sum(replace(self, kind="clear", sun_share=1.0).horizontal_illuminance_lx())
+        return min(cloudy, sky_light.CLOUD_ENHANCEMENT * whole_clear - direct), direct
 
     def radiance(self, directions: Floats, pixel_rad: float = 0.0, component: Component | None = None) -> Floats:
         """Return the radiance without the sun's disc, from unit directions (..., 3), in room axes.

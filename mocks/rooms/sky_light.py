@@ -44,6 +44,10 @@ RAYLEIGH_DEPTH = 0.1
 OZONE_DEPTH = 0.027
 """Of 300 DU in the Chappuis band, weighed the same way."""
 
+CLOUD_ENHANCEMENT = 1.15
+"""The most that clouds beside the sun add to a clear sky's global illuminance: rarely more in minutes' means
+(Gueymard 2017, Cloud and albedo enhancement impacts on solar irradiance, Solar Energy 153)."""
+
 
 def relative_luminance(cie_type: int, sin_elevation: Floats, cos_to_sun: Floats, sun_elevation_rad: float) -> Floats:
     """Return luminance relative to the zenith's for directions above the horizon.

@@ -119,6 +119,17 @@ class TestSun:
         assert OVERCAST.disc() is None
         assert replace(PAINTED, sun_share=0.0).disc() is None
 
+    @pytest.mark.parametrize("elevation_deg", [8, 20, 30, 44, 75])
+    def test_clouds_beside_a_free_sun_add_little(self, elevation_deg: float) -> None:
+        """An intermediate sky's diffuse light and an undimmed sun are no two whole skies."""
+        sky = replace(PAINTED, turbidity=1.8, sun_elevation_rad=math.radians(elevation_deg))
+        clear = sum(replace(sky, kind="clear").horizontal_illuminance_lx())
+        for cover in (0.3, 0.5, 0.75):
+            found = sum(replace(sky, cloud_cover=cover).horizontal_illuminance_lx())
+            assert 0.95 * clear < found <= 1.1501 * clear
+            veiled = sum(replace(sky, cloud_cover=cover, sun_share=0.3).horizontal_illuminance_lx())
+            assert veiled < found
+
     def test_reference_spectrum(self) -> None:
         """ASTM G173's direct beam (air mass 1.5, aerosol 0.084 at 500 nm) integrates to 97.13 klx."""
         aerosol = 0.084 * (550 / 500) ** -1.3
