@@ -32,11 +32,12 @@ def linke_of(luminous_turbidity: float) -> float:
     return 3.91 * math.exp(0.689) * aerosol + 0.376 * math.log(WATER_CM) + 2.0 + 0.54 - 0.5 + 0.16
 
 
-def pvlib_clear_sky_lx(moment: Moment, linke_turbidity: float) -> float:
+def pvlib_clear_sky_lx(moment: Moment, linke_turbidity: float, *, enhanced: bool = True) -> float:
     """Return the horizontal illuminance under a clear sky, sun and sky together, at sea level.
 
     Ineichen and Perez's irradiance from pvlib times Perez's efficacy. The enhancement term of the published model is
-    on: without it, below 20 degrees of sun, the model falls 10 to 25 % under pvlib's own Bird and Solis models.
+    on, which is not pvlib's default: without it, below 20 degrees of sun, the model falls 10 to 25 % under pvlib's own
+    Bird and Solis models.
     """
     import pandas as pd
     import pvlib
@@ -46,7 +47,7 @@ def pvlib_clear_sky_lx(moment: Moment, linke_turbidity: float) -> float:
     zenith_deg = float(sun["apparent_zenith"].iloc[0])
     mass = float(pvlib.atmosphere.get_relative_airmass(zenith_deg))
     top = float(pvlib.irradiance.get_extra_radiation(moment.utc.timetuple().tm_yday))
-    found = pvlib.clearsky.ineichen(zenith_deg, mass, linke_turbidity, 0, top, perez_enhancement=True)
+    found = pvlib.clearsky.ineichen(zenith_deg, mass, linke_turbidity, 0, top, perez_enhancement=enhanced)
     ghi, dni, dhi = (float(found[name]) for name in ("ghi", "dni", "dhi"))
     zenith = math.radians(zenith_deg)
     twist = 1.041 * zenith**3

@@ -2,13 +2,15 @@
 
 The measure is the renderer's own meter on the very points: walls, floor and ceiling that the camera sees out of the
 direct sun, under the whole sky with the sun's disc, without anything that baking does to be quick (a sky cut to what
-can enter, sun patches as lamps, components apart, masks, noise removal).
+can enter, sun patches as lamps, components apart, masks, noise removal). It is kept on disk: it is not what is timed.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ import numpy as np
 from benchmarks._paired import Cost, cost_of
 from benchmarks.seeds import seeds
 from mocks.light import LUMINANCE_WEIGHTS, Floats, Vector
+from mocks.picture_cache import PictureCache, content_key
 from mocks.rooms.cube import Cube
 from mocks.rooms.engine import irradiance_at
 from mocks.rooms.geometry import Geometry
@@ -26,9 +29,11 @@ from mocks.rooms.room import Room, make_room
 from mocks.rooms.sunlight import enters
 from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
 from mocks.rooms.view import RoomView, Surface
+from mocks.rooms.world import LIGHT_VERSION
 
 POINTS, RAYS, CANDIDATES = 40, 4000, 200
-BATCHES = 4
+SAMPLES, BATCHES = 2**15, 4
+OURS = ("sketch", "draft")
 WARM = Quality(16, 1)
 _LIFT_M = 1e-3
 
@@ -68,12 +73,50 @@ class Summary:
     p95_err_pct: float
     bias_pct: float
 
+    def figures(self) -> dict[str, float]:
+        """Return the figures by key."""
+        return {
+            "cpu_s": round(self.cpu_s, 2),
+            "wall_s": round(self.wall_s, 2),
+            "median_err_pct": round(self.median_err_pct, 2),
+            "p95_err_pct": round(self.p95_err_pct, 2),
+            "bias_pct": round(self.bias_pct, 2),
+        }
+
     def __str__(self) -> str:
         """Return the figures for a note."""
         return (
             f"{self.method} {self.label}: {self.cpu_s:.1f} CPU s, {self.wall_s:.1f} s, error median "
             f"{self.median_err_pct:.1f} %, 95th percentile {self.p95_err_pct:.1f} %, bias {self.bias_pct:+.1f} %"
         )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a benchmark reports of the rooms' light."""
+
+    metrics: dict[str, float]
+    rival: dict[str, float]
+    notes: list[str]
+    summaries: list[Summary]
+
+
+def room_light(rooms: int, seed: int, qualities: Sequence[str] = OURS, samples: Sequence[int] = (16,)) -> Outcome:
+    """Measure the baked light at some qualities and plain paths at some samples a pixel, the first the rival."""
+    scenes = [measured_scene(room, seed) for room in sunny_rooms(rooms, seed)]
+    warm_up(scenes[0])
+    ours = {name: summary([baked_run(scene, name) for scene in scenes]) for name in qualities}
+    plain = [summary([plain_run(scene, count) for scene in scenes]) for count in samples]
+    metrics: dict[str, float] = {"room_light_rooms": len(scenes)}
+    for name in OURS:
+        metrics |= {f"room_{name}_{key}": value for key, value in ours[name].figures().items()}
+    noise_pct = 100 * float(np.median(np.concatenate([scene.truth_error for scene in scenes])))
+    metrics["room_light_truth_noise_pct"] = round(noise_pct, 2)
+    rival = plain[0].figures() | {"ratio_draft_over_it": round(cost_ratio(ours["draft"], plain[0]), 5)}
+    names = ", ".join(scene.room.name for scene in scenes)
+    notes = [f"room light in {names}; the measure's own standard error is {noise_pct:.1f} %"]
+    summaries = [*ours.values(), *plain]
+    return Outcome(metrics, rival, notes + [str(one) for one in summaries], summaries)
 
 
 def sunny_rooms(count: int, seed: int) -> list[Room]:
@@ -88,7 +131,7 @@ def sunny_rooms(count: int, seed: int) -> list[Room]:
     return found
 
 
-def measured_scene(room: Room, samples: int, seed: int) -> Scene:
+def measured_scene(room: Room, seed: int, samples: int = SAMPLES) -> Scene:
     """Return a room with points drawn evenly over what the camera sees, and their light from ``samples`` rays each."""
     geometry = Geometry(room.parts())
     view = RoomView(room, geometry, {}, WARM.face_px)
@@ -99,17 +142,17 @@ def measured_scene(room: Room, samples: int, seed: int) -> Scene:
     plain = np.array([part.surface in ("wall", "floor", "ceiling") for part in geometry.parts])
     fit = np.flatnonzero(plain[seen.part] & (view.sunlit(seen) == 0))
     places = view.surfaces(rays[seen.ray[rng.choice(fit, POINTS, replace=False)]])
-    scene = load_scene(geometry.parts, _whole(room), glossy=False)
-    found = np.array([[_meter(scene, places, k, samples // BATCHES, b) for b in range(BATCHES)] for k in range(POINTS)])
+    found = _metered(room, geometry, places, samples)
     mean = found.mean(axis=1)
     return Scene(room, geometry, places, mean, found.std(axis=1, ddof=1) / BATCHES**0.5 / mean)
 
 
 def baked_run(scene: Scene, name: str) -> Run:
     """Bake all components at a quality."""
-    quality, lights = QUALITIES[name], lightings(scene.room)
+    quality = QUALITIES[name]
 
     def work() -> dict[str, Baked]:
+        lights = lightings(scene.room)
         return {key: bake(scene.room, scene.geometry, light, quality) for key, light in lights.items()}
 
     return _run(scene, ("baked", name), quality.face_px, work)
@@ -133,12 +176,8 @@ def plain_run(scene: Scene, samples: int) -> Run:
 
 
 def warm_up(scene: Scene) -> None:
-    """Bake and render once with next to no work, so that no figure counts what is compiled and loaded."""
-    for light in lightings(scene.room).values():
-        bake(scene.room, scene.geometry, light, WARM)
-    render_cube(
-        load_scene(scene.geometry.parts, _whole(scene.room), glossy=False), scene.room.eye, Sampling(Cube(16), 1)
-    )
+    """Bake once with next to no work, so that no figure counts what is loaded and compiled."""
+    bake(scene.room, scene.geometry, Lighting(environment_rgb=np.ones((16, 32, 3), np.float32)), WARM)
 
 
 def summary(runs: Sequence[Run]) -> Summary:
@@ -176,6 +215,21 @@ def _whole(room: Room) -> Lighting:
         environment_rgb=room.sky.environment(ENVIRONMENT_ROWS) * glass,
         sun=(room.sky.sun_direction, (red, green, blue)),
     )
+
+
+def _metered(room: Room, geometry: Geometry, places: Surface, samples: int) -> Reals64:
+    """Return illuminances (points, batches), from the cache or measured now (a minute or so)."""
+    cache = PictureCache()
+    key = content_key(
+        "room light measured", LIGHT_VERSION, room.key, places.point.tolist(), samples, version("mitsuba")
+    )
+    if (data := cache.read(key, ".json")) is not None:
+        return np.array(json.loads(data))
+    scene = load_scene(geometry.parts, _whole(room), glossy=False)
+    each = samples // BATCHES
+    found = [[_meter(scene, places, k, each, b) for b in range(BATCHES)] for k in range(POINTS)]
+    cache.write(key, ".json", json.dumps(found).encode())
+    return np.array(found)
 
 
 def _meter(scene: Any, places: Surface, number: int, samples: int, batch: int) -> float:
