@@ -20,7 +20,7 @@ GRABBERS = ("gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2", "gvfs-mtp-volume-mon
 
 
 def check_computer(folder: Path) -> Iterator[Check]:
-    """Yield checks of Python, libraries, the USB library, permissions, grabbers, and the disk."""
+    """Yield checks of Python, libraries, the USB library, permissions, grabbers, the disk, and the renderer."""
     yield Check(Level.OK, "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
     yield from _check_libraries()
     yield _check_usb_library()
@@ -30,6 +30,7 @@ def check_computer(folder: Path) -> Iterator[Check]:
         yield from _check_grabbers()
     yield _check_disk(folder)
     yield from _check_isolation()
+    yield _check_renderer()
 
 
 def list_instruments() -> Iterator[Check]:
@@ -134,6 +135,15 @@ def _check_isolation() -> Iterator[Check]:
             yield Check(Level.FAIL, "frame checker", error.message, error.advice, error)
             return
         yield Check(Level.OK, "frame checker", _limits_text(checker.limits))
+
+
+def _check_renderer() -> Check:
+    from station.rig import simulated_renderer
+
+    try:
+        return Check(Level.OK, "renderer", simulated_renderer())
+    except DaylitError as error:
+        return Check(Level.WARN, "renderer", error.message, error.advice, error)
 
 
 def _limits_text(limits: Sequence[str]) -> str:

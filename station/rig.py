@@ -155,6 +155,25 @@ def open_named_rig(
     return open_simulated_rig(file, bench)
 
 
+def simulated_renderer() -> str:
+    """Return what renders generated rooms here, in words; takes seconds once on a computer, then none.
+
+    Raises
+    ------
+    DaylitError
+        None can: a library is missing, or the renderer asked for is.
+    """
+    from mocks.rooms.engine import EngineError, engine, missing_libraries
+
+    if missing := missing_libraries():
+        raise EngineError(
+            f"{', '.join(missing)} not installed: rooms cannot be generated",
+            likely="a system without such packages (Linux on ARM), or an installation that is not whole",
+            advice="capture works without; for generated rooms install daylit anew (make demo) or on x86-64",
+        )
+    return str(engine())
+
+
 def planned_times_s(file: RigFile) -> dict[str, tuple[float, ...]]:
     """Return when each stop of the rig's bracket will begin on simulated instruments, by camera kind.
 

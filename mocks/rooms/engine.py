@@ -14,6 +14,8 @@ import math
 import os
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ import numpy.typing as npt
 
 from drivers.errors import DaylitError
 from mocks.light import Floats, Vector, unit
-from mocks.rooms.llvm import usable_library
+from mocks.rooms.llvm import usable_library, version_in_name
 from mocks.rooms.mesh import Mesh, Reals64, quad
 
 PATH: dict[str, Any] = {"type": "path", "max_depth": -1, "rr_depth": 12}
@@ -34,6 +36,9 @@ _SUN_DISTANCE_M = 1e5
 _METER_PIXELS, _METER_SIDE_M = 4, 1e-3
 
 SCALAR, LLVM = "scalar_rgb", "llvm_ad_rgb"
+ASKED = "DAYLIT_MITSUBA_VARIANT"
+LIBRARIES = ("mitsuba", "embreex", "pyoidn", "pvlib", "shapely")
+"""What generated rooms need; packages of embreex and pyoidn do not exist for every system."""
 
 
 class EngineError(DaylitError):
@@ -52,15 +57,24 @@ class Engine:
     llvm: Path | None
     """The LLVM library of the former."""
 
+    def __str__(self) -> str:
+        """Return the renderer in words, and what would make it faster."""
+        name = f"Mitsuba {version('mitsuba')} {self.variant}"
+        if self.llvm:
+            return f"{name} (LLVM {version_in_name(self.llvm.resolve()) or 'of unknown version'} at {self.llvm})"
+        if os.environ.get(ASKED) == SCALAR:
+            return f"{name} (as {ASKED} says)"
+        return f"{name} (install LLVM 16 or newer, e.g. `apt install libllvm19`, for about twice the speed)"
+
 
 @cache
 def engine() -> Engine:
     """Return the renderer for this process, chosen once."""
-    asked = os.environ.get("DAYLIT_MITSUBA_VARIANT")
+    asked = os.environ.get(ASKED)
     if asked not in (None, "", SCALAR, LLVM):
         raise EngineError(
             f"no renderer is called {asked!r}",
-            where="DAYLIT_MITSUBA_VARIANT",
+            where=ASKED,
             likely="a misspelt name",
             advice=f"say {SCALAR} or {LLVM}, or leave it unset",
         )
@@ -68,11 +82,16 @@ def engine() -> Engine:
     if asked == LLVM and library is None:
         raise EngineError(
             "no LLVM library works here",
-            where="DAYLIT_MITSUBA_VARIANT",
+            where=ASKED,
             likely="LLVM 16 or newer is not installed, or not where it is looked for",
             advice=f"install libllvm19, or name the library in DRJIT_LIBLLVM_PATH, or say {SCALAR}",
         )
     return Engine(LLVM, library) if library else Engine(SCALAR, None)
+
+
+def missing_libraries() -> list[str]:
+    """Return what generated rooms need and is not installed."""
+    return [name for name in LIBRARIES if find_spec(name) is None]
 
 
 def variant() -> str:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.light import Floats
+from mocks.rooms.engine import EngineError
 from mocks.rooms.mesh import Part
 
 Ints = npt.NDArray[np.int32]
@@ -50,9 +51,16 @@ class Geometry:
 
     @cached_property
     def _scene(self) -> Any:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
+        try:
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
+        except ImportError as error:
+            raise EngineError(
+                f"rays cannot be cast: {error}",
+                where="embreex",
+                likely="a system that Embree has no package for, such as Linux on ARM",
+                advice="generate rooms on another computer; --simulate room works everywhere",
+            ) from error
         scene = EmbreeScene(robust=True)
         TriangleMesh(scene, np.ascontiguousarray(self.corners))
         return scene

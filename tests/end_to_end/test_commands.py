@@ -150,7 +150,7 @@ def test_doctor_passes_on_simulated_instruments(cache: Path, tmp_path: Path) -> 
     (answer,) = daylit(cache, "doctor", "--simulate", "room", "--json", cwd=tmp_path)
     assert answer["ok"], answer
     assert any("ASSUMED" in c["text"] for c in answer["checks"])
-    assert {"indoor", "outdoor", "meter", "disk", "libusb"} <= {c["name"] for c in answer["checks"]}
+    assert {"indoor", "outdoor", "meter", "disk", "libusb", "renderer"} <= {c["name"] for c in answer["checks"]}
 
 
 def test_conform_reports_each_check(cache: Path, tmp_path: Path) -> None:
