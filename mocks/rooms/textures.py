@@ -77,10 +77,12 @@ def tile(texture: Texture) -> Tile:
     return Tile(albedo, made.size_m)
 
 
-@lru_cache(maxsize=16)
-def mip(texture: Texture) -> MipTexture:
-    """Return a texture's tile with its coarser levels."""
-    return MipTexture.tiled(tile(texture).albedo)
+# About those of two rooms, some 20 MB each.
+@lru_cache(maxsize=24)
+def pattern(texture: Texture) -> tuple[MipTexture, tuple[float, float]]:
+    """Return a texture's tile with its coarser levels, and its size in metres along u and v."""
+    made = tile(texture)
+    return MipTexture.tiled(made.albedo), made.size_m
 
 
 @lru_cache(maxsize=1024)

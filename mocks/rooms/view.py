@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +14,11 @@ from mocks.rooms.geometry import Geometry, Hits
 from mocks.rooms.guide import Guide, facing_normals
 from mocks.rooms.light import Baked
 from mocks.rooms.lookup import CubeLookup, Seen
-from mocks.rooms.model import Material, Texture
+from mocks.rooms.model import Material
 from mocks.rooms.room import Room
 from mocks.rooms.sky import Sky
 from mocks.rooms.sunlight import sun_share
-from mocks.rooms.textures import mip, tile
-from mocks.textures import MipTexture
+from mocks.rooms.textures import pattern
 
 _FRESNEL_0 = 0.04
 
@@ -52,6 +50,8 @@ class RoomView:
         self._glossy = np.array([part.material.roughness is not None for part in geometry.parts])
         self._materials = list(dict.fromkeys(part.material for part in geometry.parts))
         self._material_of = np.array([self._materials.index(part.material) for part in geometry.parts])
+        self._rough = np.array([part.material.roughness or 0.0 for part in geometry.parts], np.float32)
+        self._glow = np.array([part.material.emission_cd_m2 for part in geometry.parts], np.float32)
 
     def surfaces(self, directions: Floats, pixel_rad: float = 0.0) -> Surface:
         """Return what directions (n, 3) meet, with albedo averaged over ``pixel_rad``."""
@@ -90,10 +90,6 @@ class RoomView:
             out[left] = self._outdoors(directions[left], pixel_rad, components)
         return out
 
-    @property
-    def _glow(self) -> Floats:
-        return np.array([p.material.emission_cd_m2 for p in self.geometry.parts], np.float32)
-
     def _outdoors(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
         glass = np.array(self.room.glass_transmittance, np.float32)
         return np.asarray(outdoors(self.room.sky, directions, pixel_rad, components) * glass, dtype=np.float32)
@@ -131,7 +127,7 @@ class RoomView:
 
     def _highlight(self, surface: Surface, lit: npt.NDArray[np.intp], disc: BrightDisc) -> Floats:
         """Return the gloss of glossy surfaces times the cosine, per illuminance: GGX with Schlick's Fresnel term."""
-        rough = np.array([p.material.roughness or 0.0 for p in self.geometry.parts], np.float32)[surface.part[lit]]
+        rough = self._rough[surface.part[lit]]
         normal, view = surface.normal[lit], -surface.directions[lit]
         light = np.array(disc.direction, np.float32)
         half = view + light
@@ -175,7 +171,7 @@ def outdoors(sky: Sky, directions: Floats, pixel_rad: float, components: tuple[s
 def _sampled(material: Material, uv_m: Floats, footprint_m: Floats) -> Floats:
     """Return the texture at places in metres, each at the halving that fits its footprint."""
     assert material.texture is not None
-    texture, size_m = _pattern(material.texture)
+    texture, size_m = pattern(material.texture)
     rows, columns = texture.shape
     column = (uv_m[:, 0] / size_m[0] % 1.0) * columns - 0.5
     row = (uv_m[:, 1] / size_m[1] % 1.0) * rows - 0.5
@@ -186,8 +182,3 @@ def _sampled(material: Material, uv_m: Floats, footprint_m: Floats) -> Floats:
         mine = np.flatnonzero(level == one)
         out[mine] = texture.sample(column[mine], row[mine], int(one))
     return out
-
-
-@lru_cache(maxsize=64)
-def _pattern(texture: Texture) -> tuple[MipTexture, tuple[float, float]]:
-    return mip(texture), tile(texture).size_m

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocks.rooms.model import Texture
-from mocks.rooms.textures import KINDS, Tile, mean_albedo, mip, tile
+from mocks.rooms.textures import KINDS, Tile, mean_albedo, pattern, tile
 
 OAK = (0.38, 0.245, 0.135)
 COLOURS = {
@@ -87,9 +87,9 @@ def test_the_mean_is_that_of_the_tile(texture, made):
 
 def test_coarser_levels_keep_the_mean():
     texture = sample("tiles")
-    coarsest = mip(texture).levels[-1][1:-1, 1:-1]
+    coarsest = pattern(texture)[0].levels[-1][1:-1, 1:-1]
     assert coarsest.mean(axis=(0, 1)) == pytest.approx(mean_albedo(texture), abs=1e-3)
-    assert mip(texture) is mip(texture)
+    assert pattern(texture) is pattern(texture)
 
 
 def test_a_turned_tile_has_u_and_v_swapped():
