@@ -95,7 +95,7 @@ def load_truth(folder: Path) -> Truth:
             found[name] = stored if name in _COUNTED_FROM_0 else stored - np.int16(1)
         found |= {name: _read_png(folder / file) > 0 for name, file in MASKS.items()}
         return Truth(facts, lights, TruthPictures(surface_names=tuple(facts["surface_names"]), **found))
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError) as error:
         raise TruthFileError(f"cannot be read ({error!r})", where=str(folder), advice="make it anew") from error
 
 
@@ -153,7 +153,9 @@ def _write_png(path: Path, picture: Picture) -> None:
 def _read_png(path: Path) -> Picture:
     import cv2
 
-    picture = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    data = np.fromfile(path, np.uint8)
+    # OpenCV's own error for no bytes at all is nobody's to expect.
+    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
     if picture is None or picture.ndim != 2:
         raise ValueError(f"{path.name} is no grey PNG")
     return np.asarray(picture)

@@ -91,11 +91,18 @@ def test_classes_are_stored_as_ade20k_has_them(saved: Path) -> None:
 @pytest.mark.parametrize("file", [TRUTH_NAME, LIGHT["depth_m"], NUMBERS["ade"], MASKS["tripod"]])
 def test_damage_and_loss_are_told(saved: Path, file: str) -> None:
     data = (saved / file).read_bytes()
-    (saved / file).write_bytes(data[: len(data) // 3])
-    with pytest.raises(TruthFileError, match="cannot be read"):
-        load_truth(saved)
+    for kept in (len(data) // 3, 0):
+        (saved / file).write_bytes(data[:kept])
+        with pytest.raises(TruthFileError, match="cannot be read"):
+            load_truth(saved)
     (saved / file).unlink()
     with pytest.raises(TruthFileError):
+        load_truth(saved)
+
+
+def test_facts_that_are_no_object_are_told(saved: Path) -> None:
+    (saved / TRUTH_NAME).write_text("3")
+    with pytest.raises(TruthFileError, match="cannot be read"):
         load_truth(saved)
 
 
