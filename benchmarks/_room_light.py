@@ -33,7 +33,7 @@ from mocks.rooms.world import LIGHT_VERSION
 
 POINTS, RAYS, CANDIDATES = 40, 4000, 200
 SAMPLES, BATCHES = 2**15, 4
-OURS = ("sketch", "draft")
+OURS = ("draft",)
 WARM = Quality(16, 1)
 _LIFT_M = 1e-3
 
