@@ -89,22 +89,24 @@ class CloudDrift:
         """Return the factors of the light from the sky and of the sun's at ``t_s``; both are 1 at time 0."""
         if self.amplitude == 0.0:
             return 1.0, 1.0
-        now, start = self._shade(t_s), self._shade(0.0)
+        shade = self._shade(t_s)
         # A cloud before the sun brightens the rest of the sky a little: it scatters what it takes.
-        sky = (1 + 0.12 * now) / (1 + 0.12 * start)
-        return sky, (1 - now) / (1 - start)
+        return 1 + 0.12 * shade, 1 - shade
 
     def _shade(self, t_s: float) -> float:
-        """Return the share of the sun's light that clouds take, below 0.97 so that ratios stay finite."""
+        """Return the share of the sun's light that clouds take; none at time 0."""
         first = math.floor(t_s / self.interval_s)
         passed = 1.0
         for slot in range(first - 1, first + 2):
             passed *= 1 - self._cloud(slot, t_s)
-        return min(1 - passed, 0.97)
+        return 1 - passed
 
     def _cloud(self, slot: int, t_s: float) -> float:
         """Return the shade of the one cloud of a slot of time."""
         start, length_s, edge_s, depth = _passing(self.seed, slot)
+        if abs((slot + start) * self.interval_s) < length_s / 2:
+            # The sky is drawn with the sun free at time 0: a cloud before it would make it brighter than free later.
+            return 0.0
         inside_s = length_s / 2 - abs(t_s - (slot + start) * self.interval_s)
         rise = min(max(inside_s / edge_s, 0.0), 1.0)
         return self.amplitude * depth * rise * rise * (3 - 2 * rise)

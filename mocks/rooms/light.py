@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -18,6 +20,7 @@ from mocks.rooms.cube import Cube
 from mocks.rooms.geometry import Bools, Geometry
 from mocks.rooms.guide import Guide
 from mocks.rooms.room import Room
+from mocks.rooms.sky import Sky
 from mocks.rooms.sunbeam import sun_patches
 from mocks.rooms.sunlight import enters, outward, sun_share
 from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
@@ -62,16 +65,21 @@ def lightings(room: Room) -> dict[str, Lighting]:
     glass = np.array(room.glass_transmittance, np.float32)
     names, disc, found = components(room), room.sky.disc(), {}
     if "sky" in names:
-        found["sky"] = Lighting(environment_rgb=_entering(room, room.sky.environment(ENVIRONMENT_ROWS, "sky")) * glass)
+        found["sky"] = Lighting(environment_rgb=_entering(room, _outside(room.sky, "sky")) * glass)
     if "sun" in names:
         # What the sun lights outside; and the sun itself, where it shines on a pane.
-        land = _entering(room, room.sky.environment(ENVIRONMENT_ROWS, "sun")) * glass
+        land = _entering(room, _outside(room.sky, "sun")) * glass
         red, green, blue = (float(v) for v in room.sky.sun_normal_illuminance_rgb * glass)
         direct = (disc.direction, (red, green, blue)) if disc is not None and enters(room.panes, disc) else None
         found["sun"] = Lighting(environment_rgb=land, sun=direct)
     if "lamps" in names:
         found["lamps"] = Lighting(lamps=True)
     return found
+
+
+@lru_cache(maxsize=4)
+def _outside(sky: Sky, component: Literal["sky", "sun"]) -> Floats:
+    return sky.environment(ENVIRONMENT_ROWS, component)
 
 
 def _entering(room: Room, environment_rgb: Floats) -> Floats:
@@ -91,11 +99,12 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     cube = Cube(quality.face_px)
     eye = np.array(room.eye, np.float32)
     guide = Guide.of(geometry, eye, cube)
+    sunny = lighting.sun is not None
     if lighting.sun is not None:
-        lighting = replace(lighting, patches=sun_patches(geometry, room.panes, *lighting.sun))
+        lighting = replace(lighting, sun=None, patches=sun_patches(geometry, room.panes, *lighting.sun))
     sampling = Sampling(cube, quality.samples, seed)
     matte = render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling)
-    unusable = _unusable(room, geometry, guide, lighting) | _mixed(guide)
+    unusable = _unusable(room, geometry, guide, beam=sunny, lamps=lighting.lamps) | _mixed(guide)
     # By the pixel's mean albedo: right even where a pixel sees a white skirting and a dark floor.
     noisy: Floats = matte / np.maximum(guide.albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
     irradiance = _beyond(denoised(_filled(noisy, guide, unusable), guide), guide)
@@ -105,8 +114,9 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
         return Baked(irradiance, None)
     few = replace(sampling, samples=max(4, sampling.samples // 2), seed=seed + 1)
     shiny = render_cube(load_scene(geometry.parts, lighting, glossy=True), room.eye, few, faces)
-    shine = np.where(glossy[..., None], shiny - matte, 0)
-    return Baked(irradiance, np.maximum(denoised(_filled(shine, guide, unusable), guide), 0))
+    # Each is denoised by itself: the denoiser takes no negative light, and would brighten a noisy difference.
+    clean = denoised(_filled(shiny, guide, unusable), guide) - denoised(_filled(matte, guide, unusable), guide)
+    return Baked(irradiance, np.maximum(np.where(glossy[..., None], clean, 0), 0))
 
 
 def denoised(picture: Floats, guide: Guide) -> Floats:
@@ -146,14 +156,14 @@ def _glossy(geometry: Geometry, guide: Guide) -> Bools:
     return np.asarray(glossy[guide.part])
 
 
-def _unusable(room: Room, geometry: Geometry, guide: Guide, lighting: Lighting) -> Bools:
+def _unusable(room: Room, geometry: Geometry, guide: Guide, *, beam: bool, lamps: bool) -> Bools:
     """Return the pixels near what the renderer's camera does not see: the sun's patches, and what glows."""
     glows = np.array([any(p.material.emission_cd_m2) for p in geometry.parts] + [False])
     bad = np.zeros(guide.part.shape, bool)
-    if lighting.lamps:
+    if lamps:
         bad |= glows[guide.part]
     disc = room.sky.disc()
-    if lighting.sun is not None and disc is not None:
+    if beam and disc is not None:
         rays = guide.cube.directions().reshape(-1, 3)
         points = np.array(room.eye, np.float32) + rays * guide.distance_m.reshape(-1, 1)
         share = sun_share(geometry, room.panes, disc, points, guide.normal.reshape(-1, 3))

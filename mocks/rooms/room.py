@@ -20,7 +20,7 @@ from mocks.rooms.plan import check_plan, draw_plan
 from mocks.rooms.shell import Pane, shell_parts, window_panes
 from mocks.rooms.sky import Kind, Sky, draw_sky
 
-# Raise when the same seed gives another room, or meshes change: light is kept on disk by it.
+# Raise when the same seed gives another room, or meshes, sky, street or textures change: light is kept on disk by it.
 ROOMS_VERSION = 2
 _DOMAIN = 4200
 _LAMPS_ON = 0.3

@@ -65,7 +65,9 @@ def scene_room(
 
 
 def nearest_kind(skies: dict[Kind, Sky], illuminance_lux: float) -> Kind:
-    """Return the kind of sky whose open horizontal illuminance is nearest, as a ratio."""
+    """Return the kind of sky whose open horizontal illuminance is nearest, as a ratio; ValueError unless above 0."""
+    if not illuminance_lux > 0:
+        raise ValueError(f"an illuminance of {illuminance_lux} lx tells nothing of the sky")
     return min(skies, key=lambda kind: abs(math.log(sum(skies[kind].horizontal_illuminance_lx()) / illuminance_lux)))
 
 

@@ -190,10 +190,15 @@ def ambient_of(sky: Sky) -> Ambient:
 
 
 def draw_sky(rng: np.random.Generator, moment: Moment, kind: Kind | None = None) -> Sky:
-    """Return a sky of the moment; of any kind (45 % clear, 30 % intermediate, 25 % overcast) unless told."""
+    """Return a sky of the moment; of any kind (45 % clear, 30 % intermediate, 25 % overcast) unless told.
+
+    Raises ValueError when the sun is below the horizon: there is no model of the night.
+    """
     drawn = tuple(SHARES)[int(rng.choice(len(SHARES), p=tuple(SHARES.values())))]
     chosen = kind or drawn
     azimuth_rad, elevation_rad = sun_of(moment)
+    if elevation_rad <= 0:
+        raise ValueError(f"the sun is below the horizon at {moment.utc:%Y-%m-%d %H:%M} UTC: skies are of the day only")
     veil = float(rng.uniform(0.1, 0.7)) if rng.random() < 0.4 else 1.0
     cover = {"clear": (0.0, 0.12), "intermediate": (0.3, 0.75), "overcast": (0.4, 1.0)}[chosen]
     upstairs = bool(rng.random() < 0.35)

@@ -28,8 +28,8 @@ class Lighting:
     """One component of light: what comes in from outside, and whether the lamps are lit.
 
     ``environment_rgb`` is an equirectangular map (rows, 2 rows, 3) in cd/m2 as seen through the glass; ``sun`` the
-    direction to the sun and its illuminance (lx, RGB) on a plane facing it, behind the glass; or, instead of it,
-    ``patches`` are what the sun lights, and only the light they give off is rendered.
+    direction to the sun and its illuminance (lx, RGB) on a plane facing it, behind the glass;
+    ``patches``, instead of it, are what the sun lights: only the light that they give off is rendered.
     """
 
     environment_rgb: Floats | None = None
@@ -69,7 +69,7 @@ def load_scene(parts: Sequence[Part], lighting: Lighting, *, glossy: bool) -> An
         scene[f"lamp{index}"] = mesh_shape(part.mesh, bsdf, emitter)
     if lighting.environment_rgb is not None:
         scene["environment"] = environment_emitter(lighting.environment_rgb)
-    if lighting.sun is not None and not lighting.patches:
+    if lighting.sun is not None:
         scene["sun"] = sun_emitter(*lighting.sun)
     whole = sum(patch.power for patch in lighting.patches)
     for index, patch in enumerate(lighting.patches):

@@ -19,7 +19,7 @@ from mocks.rooms.room import Room, make_room
 from mocks.rooms.view import RoomView, outdoors
 
 # Raise when baking or looking up changes.
-LIGHT_VERSION = 4
+LIGHT_VERSION = 5
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class RoomWorld:
     @property
     def key(self) -> str:
         """Return what the light depends on."""
-        return f"RoomWorld {LIGHT_VERSION} {self.room.key} {self.quality} {self.drift!r}"
+        return f"RoomWorld {LIGHT_VERSION} {self.room.key} {QUALITIES[self.quality]!r} {self.drift!r}"
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -62,7 +62,12 @@ class RoomWorld:
         disc = self.room.sky.disc()
         if disc is None:
             return ()
-        return (replace(disc, component=self.components.index("sun") if "sun" in self.components else 0),)
+        # Indoors `open_sky` dims by the glass's green share; the rest of its tint is the disc's.
+        glass = self.room.glass_transmittance
+        tint = [t / glass[1] if site is Site.INDOOR else 1.0 for t in glass]
+        red, green, blue = (v * t for v, t in zip(disc.radiance_rgb, tint, strict=True))
+        component = self.components.index("sun") if "sun" in self.components else 0
+        return (replace(disc, radiance_rgb=(red, green, blue), component=component),)
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
         """Return 1 outdoors; indoors the glass where a ray leaves the room, else 0."""
@@ -70,7 +75,6 @@ class RoomWorld:
             return np.ones(directions.shape[:-1], np.float32)
         flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)
         hits = self.view.geometry.cast(np.array(self.room.eye, np.float32), flat)
-        # The disc's colour is kept: glass takes about the same share of each.
         through = np.where(hits.face < 0, np.float32(self.room.glass_transmittance[1]), np.float32(0))
         return through.reshape(directions.shape[:-1])
 

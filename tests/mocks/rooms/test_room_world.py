@@ -184,7 +184,10 @@ def test_the_meter_reads_the_board(world):
     assert world.view.geometry.parts[surface.part[0]].instance == board.instance
     np.testing.assert_allclose(surface.albedo[0], 0.9, atol=0.01)
     light = world.view.irradiance(surface, ("sky", "sun"))
-    assert reading >= 0.8 * float(luminance(light * surface.albedo / math.pi)[0])
+    expected = float(luminance(light * surface.albedo / math.pi)[0])
+    assert reading >= 0.8 * expected
+    if world.view.sunlit(surface)[0] == 0:
+        assert reading <= 1.25 * expected
 
 
 def test_points_of_known_light_lie_in_the_open_and_brighten_towards_the_window(world):
@@ -227,3 +230,43 @@ def test_an_overcast_room_has_no_sun_component():
     assert components(room) == ("sky",)
     assert all(item.role is Role.EQUIPMENT for item in room.items)
     assert components(replace(room, lamps_on=True)) == ("sky", "lamps")
+
+
+def test_noise_does_not_become_gloss(monkeypatch):
+    """Two equally bright noisy pictures, matte and glossy: their difference is no light."""
+    from mocks.rooms import light as light_module
+
+    room = make_room(1, Use.EMPTY, sky="overcast", lamps_on=False)
+    shiny = replace(room.finish, floor=replace(room.finish.floor, roughness=0.2))
+    room = replace(room, finish=shiny)
+    noise = np.random.default_rng(4)
+
+    def noisy(_scene, _eye, sampling, _faces=range(6)):
+        side = sampling.cube.side_px
+        return np.float32(100) * noise.exponential(1, (6, side, side, 3)).astype(np.float32)
+
+    monkeypatch.setattr(light_module, "render_cube", noisy)
+    geometry = Geometry(room.parts())
+    baked = light_module.bake(room, geometry, lightings(room)["sky"], light_module.Quality(48, 4))
+    floor = np.array([p.surface == "floor" for p in geometry.parts] + [False])
+    guide = light_module.Guide.of(geometry, np.array(room.eye, np.float32), light_module.Cube(48))
+    assert baked.gloss[floor[guide.part]].mean() < 10
+
+
+def test_passing_clouds_only_dim_the_sun():
+    for seed in range(60):
+        drift = CloudDrift(amplitude=0.9, seed=seed)
+        levels = np.array([drift.weights(float(t)) for t in range(0, 900, 5)])
+        assert levels[0].tolist() == [1.0, 1.0]
+        assert levels[:, 1].max() <= 1.0
+        assert levels.min() >= 0
+        assert levels[:, 0].max() <= 1.12
+
+
+def test_there_is_no_sky_of_the_night():
+    from datetime import UTC, datetime
+
+    from mocks.rooms.moment import Moment
+
+    with pytest.raises(ValueError, match="below the horizon"):
+        make_room(1, Use.EMPTY, moment=Moment(40.44, -79.99, datetime(2023, 6, 21, 5, tzinfo=UTC), 0.0))
