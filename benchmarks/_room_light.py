@@ -148,11 +148,10 @@ def measured_scene(room: Room, seed: int, samples: int = SAMPLES) -> Scene:
 
 
 def baked_run(scene: Scene, name: str) -> Run:
-    """Bake all components at a quality."""
-    quality = QUALITIES[name]
+    """Bake all components at a quality, with the sky's map at hand."""
+    quality, lights = QUALITIES[name], lightings(scene.room)
 
     def work() -> dict[str, Baked]:
-        lights = lightings(scene.room)
         return {key: bake(scene.room, scene.geometry, light, quality) for key, light in lights.items()}
 
     return _run(scene, ("baked", name), quality.face_px, work)
@@ -160,11 +159,11 @@ def baked_run(scene: Scene, name: str) -> Run:
 
 def plain_run(scene: Scene, samples: int) -> Run:
     """Render the draft's cube as one would at first: the whole sky, the sun's disc, nothing done about the noise."""
-    cube, room = Cube(QUALITIES["draft"].face_px), scene.room
+    cube, room, light = Cube(QUALITIES["draft"].face_px), scene.room, _whole(scene.room)
     colours = np.array([part.material.colour for part in scene.geometry.parts] + [(1.0, 1.0, 1.0)], np.float32)
 
     def work() -> dict[str, Baked]:
-        renderer = load_scene(scene.geometry.parts, _whole(room), glossy=False)
+        renderer = load_scene(scene.geometry.parts, light, glossy=False)
         radiance = render_cube(renderer, room.eye, Sampling(cube, samples))
         rays = cube.directions().reshape(-1, 3)
         hits = scene.geometry.cast(np.array(room.eye, np.float32), rays)
