@@ -26,7 +26,7 @@ from mocks.rooms.engine import variant
 FULL_SPP = {"furnace": 2**20, "sphere": 2**18, "form_factor": 2**20, "daylight": 2**20}
 QUICK_SPP = {"furnace": 2**16, "sphere": 2**14, "form_factor": 2**18, "daylight": 2**15}
 PLOT, PLOT_SPP = Path("truth-convergence.png"), (2**14, 2**16, 2**18)
-FULL_ROOMS, QUICK_ROOMS = 200, 30
+FULL_ROOMS, QUICK_ROOMS = 200, 20
 FULL_LIGHT_ROOMS, QUICK_LIGHT_ROOMS = 2, 1
 LIGHT_PLOT = Path("room-light.png")
 
