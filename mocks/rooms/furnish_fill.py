@@ -38,8 +38,9 @@ def fill(a: Arrangement, finish: Finish) -> None:
 def _second_place(a: Arrangement, finish: Finish, area_m2: float) -> None:
     """Place a table to eat at in a large living room, a desk in others."""
     if a.plan.use is Use.LIVING and area_m2 > 19.0 and a.chance(0.65):
-        # Not where people look from the sofa.
-        a.keep_free(next(item for item in a.items if item.kind == "sofa"), 1.7, 0.3)
+        # Not where people look from the sofa; a living room that could only be a study has none.
+        for sofa in [item for item in a.items if item.kind == "sofa"]:
+            a.keep_free(sofa, 1.7, 0.3)
         if furnish_dining.essentials(a, finish):
             things_on(a, next(item for item in a.items if item.kind == "dining table"), 4)
     elif a.plan.use is Use.BEDROOM and area_m2 > 13.0 and a.chance(0.45):
