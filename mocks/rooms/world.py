@@ -19,7 +19,7 @@ from mocks.rooms.room import Room, make_room
 from mocks.rooms.view import RoomView, outdoors
 
 # Raise when baking or looking up changes.
-LIGHT_VERSION = 5
+LIGHT_VERSION = 6
 
 
 @dataclass(frozen=True)
