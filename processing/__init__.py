@@ -1,1 +1,1 @@
-"""Offline: from a session to a staged room (not built yet: the issues after the station bring it)."""
+"""Offline: from a session to a staged room."""

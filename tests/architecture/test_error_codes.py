@@ -22,6 +22,7 @@ def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
         "mocks.picture_cache",
         "mocks.rooms.engine",
         "mocks.rooms.truth_files",
+        "processing.errors",
     ):
         importlib.import_module(module)
     found = {base}

@@ -16,21 +16,42 @@ ALLOWED: dict[str, tuple[str, ...]] = {
     "drivers": ("drivers",),
     "mocks": ("mocks", "drivers.ptp", "drivers.errors", "drivers.clock"),
     "station": ("station", "drivers"),
-    "processing": ("processing", "station.session", "station.store", "station.errors", "station.verify"),
+    "processing": (
+        "processing",
+        "drivers.errors",
+        "drivers.clock",
+        "station.session",
+        "station.store",
+        "station.errors",
+        "station.verify",
+        "station.durable",
+        "station.folder",
+        "station.lock",
+        "station.strict_json",
+    ),
 }
+BASE = ("errors", "sphere", "resampling", "views", "images", "image_files", "frames")
+"""Of processing: what every room of the house may use; a name covers the files that start with it (`sphere_maps`)."""
+ROOMS = ("calibration", "room", "removal", "layout", "rendering")
+"""Of equal rank: none imports another, but the small types of `room.model`."""
 MOCKS_MAY_SHARE_OF_PTP = ("drivers.ptp.codes", "drivers.ptp.canon_codes", "drivers.ptp.ricoh_codes")
 ONLY_IN = {
     "serial": ("drivers/serial_link.py",),
     "usb": ("drivers/usb_link.py", "mocks/usb_bus.py", "mocks/usb_descriptors.py"),
     "libusb_package": ("drivers/usb_link.py",),
-    "click": ("station/commands/", "daylit.py"),
-    "rich": ("station/commands/",),
+    "click": ("station/commands/", "processing/commands/", "daylit.py"),
+    "rich": ("station/commands/", "processing/commands/"),
+    "numba": ("processing/calibration/", "processing/sphere_"),
+    "simplejpeg": ("processing/frames",),
+    "colour": ("processing/calibration/",),
+    "matplotlib": ("processing/report/",),
+    "jinja2": ("processing/report/",),
     "mitsuba": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py"),
     "drjit": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py"),
     "embreex": ("mocks/rooms/geometry.py",),
     "pyoidn": ("mocks/rooms/light.py",),
-    "pvlib": ("mocks/rooms/moment.py",),
-    "pandas": ("mocks/rooms/moment.py",),
+    "pvlib": ("mocks/rooms/moment.py", "processing/calibration/"),
+    "pandas": ("mocks/rooms/moment.py", "processing/calibration/"),
     "shapely": ("mocks/rooms/plan_", "mocks/rooms/shell_", "mocks/rooms/furnish_", "mocks/rooms/truth.py"),
 }
 MOCKS_FROM_STATION = ("station/rig.py", "station/simulate/")
@@ -82,6 +103,31 @@ def test_imports_go_one_way(package: str) -> None:
     assert not wrong, "\n".join(wrong)
 
 
+def rank(path: Path) -> int:
+    """Return how high a module of processing stands; it may import what is lower, and its own folder."""
+    parts = path.relative_to(ROOT / "processing").with_suffix("").parts
+    if parts[0].startswith(BASE):
+        return 0
+    if parts[0] in ROOMS:
+        return 1
+    return {"stages": 2, "report": 3}.get(parts[0], 4)
+
+
+def test_inside_processing_imports_go_one_way() -> None:
+    wrong = []
+    for path in python_files("processing"):
+        for module, node, typing_only in imports(path):
+            target = (ROOT / Path(*module.split("."))).with_suffix(".py")
+            if not module.startswith("processing.") or typing_only or not target.exists():
+                continue
+            same = target.relative_to(ROOT).parts[1] == path.relative_to(ROOT).parts[1]
+            if same or rank(path) == 4 or module == "processing.room.model":
+                continue
+            if rank(target) > rank(path) or rank(target) == rank(path) > 0:
+                wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} imports {module}")
+    assert not wrong, "\n".join(wrong)
+
+
 def test_on_site_nothing_imports_what_makes_data_sets() -> None:
     wrong = [
         f"{path.name}: {module}"
@@ -117,13 +163,13 @@ def test_library_stays_in_its_place(library: str) -> None:
 
 
 def test_front_door_and_command_modules_import_nothing_heavy() -> None:
-    light = {"click", "station", "drivers", *sys.stdlib_module_names}
+    light = {"click", "station", "processing", "drivers", *sys.stdlib_module_names}
     wrong = []
-    for path in (ROOT / "daylit.py", *python_files("station/commands")):
+    for path in (ROOT / "daylit.py", *python_files("station/commands", "processing/commands")):
         for module, node, typing_only in imports(path):
             top_level = node.col_offset == 0 and not typing_only
             if top_level and module.split(".")[0] not in light:
                 wrong.append(f"{path.name}:{node.lineno} {module}")
-            if top_level and module.startswith(("station", "drivers")) and module != "station.events":
+            if top_level and module.startswith(("station", "processing", "drivers")) and module != "station.events":
                 wrong.append(f"{path.name}:{node.lineno} {module} at import time")
     assert not wrong, wrong

@@ -1,0 +1,43 @@
+"""What a response curve is: from picture codes to relative exposure, per channel, with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Reals = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ResponseCurve:
+    """Exposure that gives each code: ``log2_exposure[channel, code]`` in stops, strictly increasing in the code.
+
+    Gauge: the exposure is relative; ``log2_exposure[c, gauge_code]`` is fixed by the method, and
+    ``sigma_log2`` is the standard uncertainty relative to that point (0 there). The radiance of code z in a frame of t seconds is ``2 ** log2_exposure[c, z] / t``. Codes outside ``low[c]..high[c]`` are extrapolated: not for
+    merging.
+    """
+
+    log2_exposure: Reals
+    """(3, N): N = 256 for 8-bit frames; 16-bit and raw frames are linear and have no table (``linear``)."""
+    sigma_log2: Reals
+    """(3, N)."""
+    low: tuple[int, int, int]
+    high: tuple[int, int, int]
+    gauge_code: int = 128
+    method: str = "daylit"
+    n_samples: int = 0
+    """Pixel samples that the fit used."""
+    residual_stops: float = 0.0
+    """Robust rms residual of the fit."""
+
+    @property
+    def exposure(self) -> Reals:
+        """Return linear exposure (3, N)."""
+        return np.asarray(np.exp2(self.log2_exposure))
+
+    @property
+    def log2_slope(self) -> Reals:
+        """Return stops per code (3, N), by central differences; positive."""
+        return np.asarray(np.gradient(self.log2_exposure, axis=1))

@@ -1,0 +1,1 @@
+"""Commands of the offline side; each module is imported only when its command is used."""
