@@ -14,9 +14,9 @@ Reals = npt.NDArray[np.float64]
 class ResponseCurve:
     """Exposure that gives each code: ``log2_exposure[channel, code]`` in stops, strictly increasing in the code.
 
-    Gauge: the exposure is relative; ``log2_exposure[c, gauge_code]`` is fixed by the method, and
-    ``sigma_log2`` is the standard uncertainty relative to that point (0 there). The radiance of code z in a frame of t seconds is ``2 ** log2_exposure[c, z] / t``. Codes outside ``low[c]..high[c]`` are extrapolated: not for
-    merging.
+    Gauge: the exposure is relative; ``log2_exposure[c, gauge_code]`` is fixed by the method, and ``sigma_log2`` is the
+    standard uncertainty relative to that point (0 there). The radiance of code z in a frame of t seconds is
+    ``2 ** log2_exposure[c, z] / t``. Codes outside ``low[c]..high[c]`` are extrapolated: not for merging.
     """
 
     log2_exposure: Reals
