@@ -1,0 +1,247 @@
+"""A rig's calibration profile: what `daylit rig calibrate` found, kept as JSON and used by every session of the rig.
+
+A profile belongs to cameras at fixed settings. `profile_matches` says where a session differs; k2 is refused then
+(the paper: "k2 is a fixed constant when the two camera settings stay the same").
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AwareDatetime, Field, ValidationError
+
+from processing.calibration.profile_records import (
+    CircleRecord,
+    LensRecord,
+    NdRecord,
+    NoiseRecord,
+    NonNegative,
+    Positive,
+    ResponseRecord,
+    ShutterRecord,
+    VignettingRecord,
+)
+from processing.errors import ProfileError
+from station import strict_json
+from station.errors import IntegrityError
+from station.folder import Folder, write_file
+from station.session import DeviceRecord, FrameRecord, Model, SafeText, Side
+
+PROFILE_SCHEMA_VERSION = 1
+MAX_PROFILE_BYTES = 32 << 20
+_REL_TOLERANCE = 0.01
+"""Of f-numbers: cameras write 5.6 for 5.657."""
+
+Correction = Literal["vignetting", "nd"]
+
+
+class CameraState(Model):
+    """Which camera, and the settings that a scale factor depends on; None or "" where it is not known."""
+
+    kind: SafeText = ""
+    model: SafeText = ""
+    serial: SafeText = ""
+    lens: SafeText = ""
+    nd_filter: SafeText = ""
+    f_number: Positive | None = None
+    iso: Annotated[int, Field(gt=0)] | None = None
+    color_temperature_k: Annotated[int, Field(gt=0)] | None = None
+
+    def differences(self, now: CameraState) -> list[str]:
+        """Return in words how ``now`` differs, in what both know."""
+        found = []
+        for name in CameraState.model_fields:
+            mine, theirs = getattr(self, name), getattr(now, name)
+            known = mine not in (None, "") and theirs not in (None, "")
+            if name == "nd_filter" and bool(mine) != bool(theirs) and self.lens and now.lens:
+                known = True  # no filter is a state of its own where the optics are on record
+            if known and not _equal(mine, theirs):
+                found.append(f"{name} is {theirs or 'none'}, in the profile {mine or 'none'}")
+        return found
+
+
+class CameraProfile(Model):
+    """One camera's calibration; parts that were not measured are None."""
+
+    side: Side
+    state: CameraState
+    created_utc: AwareDatetime
+    sessions: tuple[SafeText, ...] = ()
+    """Ids of the sessions that it comes from."""
+    response: ResponseRecord | None = None
+    noise: NoiseRecord | None = None
+    shutter: ShutterRecord = ShutterRecord()
+    vignetting: VignettingRecord | None = None
+    lens: LensRecord | None = None
+    image_circle: CircleRecord | None = None
+    nd: NdRecord | None = None
+
+
+class PatchRecord(Model):
+    """A chart patch in both pictures: relative luminances, ratio residual (stops) and colour difference."""
+
+    name: SafeText
+    indoor: NonNegative
+    outdoor: NonNegative
+    residual_stops: float
+    color_difference: NonNegative
+
+
+class K2Record(Model):
+    """The constant between the two cameras: outdoor values times ``value`` are on the indoor scale (eq. 2)."""
+
+    value: Positive
+    relative_uncertainty: NonNegative
+    measured_utc: AwareDatetime
+    session: SafeText = ""
+    indoor: CameraState
+    outdoor: CameraState
+    white_ratio: Positive
+    """From the white patch alone, as in the paper."""
+    n_patches: Annotated[int, Field(ge=1)]
+    residual_stops: NonNegative
+    """Robust rms of the neutral patches about the fit."""
+    patches: tuple[PatchRecord, ...] = ()
+    corrections: tuple[Correction, ...] = ()
+    """What was undone in the outdoor picture before k2 was measured; the same must be done before it is used."""
+    responses: dict[Side, SafeText] = Field(default={})
+    """Digests of the response curves it was measured with (`ResponseRecord.digest`)."""
+
+
+class RigProfile(Model):
+    """calibration.json."""
+
+    schema_version: Literal[1] = 1
+    created_utc: AwareDatetime
+    software: dict[str, SafeText] = Field(default={})
+    cameras: dict[Side, CameraProfile] = Field(default={})
+    k2: K2Record | None = None
+    warnings: tuple[SafeText, ...] = ()
+
+
+def camera_state(device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()) -> CameraState:
+    """Return what a session says of one camera; f-number and ISO as its frames have them, None where they differ."""
+    temperature = _setting_number(device, ("colour temperature", "color temperature"))
+    f_numbers = {f.f_number for f in frames if f.f_number}
+    isos = {f.iso for f in frames if f.iso}
+    names = ("kind", "model", "serial", "lens", "nd_filter")
+    return CameraState(
+        **{name: getattr(device, name) if device else "" for name in names},
+        f_number=f_numbers.pop() if len(f_numbers) == 1 else None,
+        iso=isos.pop() if len(isos) == 1 else None,
+        color_temperature_k=int(temperature) if temperature else None,
+    )
+
+
+def profile_matches(
+    profile: RigProfile, side: Side, device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()
+) -> list[str]:
+    """Return where a session's camera disagrees with the profile; empty if nowhere (or nothing is known to compare).
+
+    A response curve from other settings is still a good start (a warning); `require_k2` refuses k2.
+    """
+    camera = profile.cameras.get(side)
+    if camera is None:
+        return [f"{side}: the profile has no such camera"]
+    return [f"{side}: {text}" for text in camera.state.differences(camera_state(device, frames))]
+
+
+def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str = "") -> K2Record:
+    """Return k2 if it holds for these cameras as they are set.
+
+    Raises
+    ------
+    ProfileError
+        No k2 in the profile, or a setting differs from when it was measured.
+    """
+    k2 = profile.k2
+    if k2 is None:
+        raise ProfileError(
+            "the profile has no k2",
+            where=where,
+            advice="measure it: daylit rig calibrate --chart SESSION, or give --k2",
+        )
+    measured = {Side.INDOOR: k2.indoor, Side.OUTDOOR: k2.outdoor}
+    found = [f"{s}: {text}" for s, old in measured.items() if s in states for text in old.differences(states[s])]
+    if found:
+        raise ProfileError(
+            f"k2 was measured with other settings: {'; '.join(found)}",
+            where=where,
+            likely="the rig was changed after its calibration",
+            advice="capture the chart again with these settings and run daylit rig calibrate, or give --k2",
+        )
+    return k2
+
+
+def load_profile(path: Path) -> RigProfile:
+    """Read a calibration profile.
+
+    Raises
+    ------
+    ProfileError
+        Missing, too large, not JSON, of a newer schema, or a key that cannot be right; names the file and the keys.
+    """
+    where = str(path)
+    data = _read(path)
+    version = data.get("schema_version", 1)
+    if isinstance(version, int) and version > PROFILE_SCHEMA_VERSION:
+        raise ProfileError(f"written with schema {version}, known are up to 1", where=where, advice="update daylit")
+    try:
+        return RigProfile.model_validate_json(json.dumps(data))
+    except ValidationError as error:
+        keys = "; ".join(
+            f"{'.'.join(str(part)[:60] for part in one['loc'])}: {one['msg']}"
+            for one in error.errors(include_url=False, include_input=False, include_context=False)[:5]
+        )
+        raise ProfileError(keys, where=where, advice="correct these keys, or run daylit rig calibrate again") from error
+
+
+def save_profile(path: Path, profile: RigProfile) -> None:
+    """Write calibration.json whole or not at all (an old one is replaced); `DiskError` where that is not possible."""
+    try:
+        folder = Folder.open(path.parent)
+    except OSError as error:
+        raise ProfileError(f"the folder cannot be opened: {error.strerror}", where=str(path.parent)) from error
+    try:
+        write_file(folder, path.name, profile.model_dump_json(indent=1).encode() + b"\n")
+    finally:
+        folder.close()
+
+
+def _read(path: Path) -> dict[str, Any]:
+    where = str(path)
+    try:
+        folder = Folder.open(path.parent)
+        try:
+            raw = folder.read_file(path.name, MAX_PROFILE_BYTES)
+        finally:
+            folder.close()
+        if raw is None:
+            raise ProfileError("there is no such profile", where=where, advice="make one: daylit rig calibrate")
+        data = strict_json.loads(raw)
+    except (OSError, IntegrityError, strict_json.StrictJsonError) as error:
+        raise ProfileError(f"cannot be read: {error}", where=where, advice="run daylit rig calibrate again") from error
+    if not isinstance(data, dict):
+        raise ProfileError("not a JSON object", where=where, advice="name a calibration.json")
+    return data
+
+
+def _equal(mine: object, theirs: object) -> bool:
+    if isinstance(mine, float) and isinstance(theirs, float | int):
+        return abs(mine - theirs) <= _REL_TOLERANCE * mine
+    if isinstance(mine, str) and isinstance(theirs, str):
+        return " ".join(mine.casefold().split()) == " ".join(theirs.casefold().split())
+    return mine == theirs
+
+
+def _setting_number(device: DeviceRecord | None, names: tuple[str, ...]) -> float | None:
+    """Return the number in a setting as it was read back."""
+    for setting in device.settings if device else ():
+        number = re.search(r"[0-9]+(\.[0-9]+)?", setting.got)
+        if setting.name.casefold() in names and number:
+            return float(number[0])
+    return None
