@@ -30,7 +30,10 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "station.strict_json",
     ),
 }
-BASE = ("errors", "sphere", "resampling", "views", "images", "image_files", "frames")
+BASE = (
+    *("errors", "sphere", "resampling", "views", "images", "frames"),
+    *("image_files", "exr_", "radiance_", "picture_", "false_colour"),
+)
 """Of processing: what every room of the house may use; a name covers the files that start with it (`sphere_maps`)."""
 ROOMS = ("calibration", "room", "removal", "layout", "rendering")
 """Of equal rank: none imports another, but the small types of `room.model`."""
