@@ -1,0 +1,214 @@
+"""Our response fit: the most probable smooth curve given patches, their noise, and exposure times.
+
+The logarithm of the exposure is a spline of the code added to a starting curve. The unknown light of each patch is
+eliminated exactly (a projection), so that only the spline's coefficients and the times remain. Weights are inverse
+variances of a noise model, taken at the *predicted* code: weights and choices that depend on the noisy code itself
+would bias the curve where it bends. The smoothness is chosen from the data by restricted maximum likelihood.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.response_basis import spline_basis
+from processing.calibration.response_samples import ChannelSamples
+
+Reals: TypeAlias = npt.NDArray[np.float64]
+Flags: TypeAlias = npt.NDArray[np.bool_]
+
+FIRST_CODE, LAST_CODE = 3.0, 252.0
+"""Predicted codes that a fit uses: beyond, noise is cut off by black or white and its mean is no longer the signal."""
+_STEPS = 16
+_LOG_LAMBDAS = np.arange(1.0, 9.1, 0.5)
+"""Of 1 / stops2: from a standard deviation of second differences of a third of a stop down to next to none."""
+_GAUGE_CODE = 128
+
+
+@dataclass(frozen=True)
+class FineCurve:
+    """A curve of 256 codes between them too: tables at steps of 1/16 code."""
+
+    log2: Reals
+    slope: Reals
+    """Stops a code."""
+    bend: Reals
+    """Stops a squared code."""
+
+    @staticmethod
+    def of(log2_exposure: Reals) -> FineCurve:
+        """Interpolate; in linear exposure, in which the toe of a curve is straight."""
+        from scipy.interpolate import PchipInterpolator
+
+        codes = np.linspace(0, 255, 255 * _STEPS + 1)
+        log2 = np.log2(PchipInterpolator(np.arange(256), np.exp2(log2_exposure))(codes))
+        # Derivatives over whole codes: those of the interpolation itself jump.
+        slope = np.interp(codes, np.arange(256), np.gradient(log2_exposure))
+        bend = np.interp(codes, np.arange(256), np.gradient(np.gradient(log2_exposure)))
+        return FineCurve(log2, slope, bend)
+
+    def at(self, codes: Reals) -> tuple[Reals, Reals, Reals]:
+        """Return log2 exposure, slope and bend at codes (clipped to 0..255)."""
+        place = np.clip(codes, 0, 255) * _STEPS
+        first = np.minimum(place.astype(np.int64), len(self.log2) - 2)
+        share = place - first
+        nearest = np.rint(place).astype(np.int64)
+        log2 = self.log2[first] + share * (self.log2[first + 1] - self.log2[first])
+        return log2, self.slope[nearest], self.bend[nearest]
+
+    def code(self, log2_exposure: Reals) -> Reals:
+        """Return the code of an exposure, 0..255."""
+        return np.interp(log2_exposure, self.log2, np.arange(len(self.log2)) / _STEPS)
+
+
+@dataclass(frozen=True)
+class CodeNoise:
+    """Variance of a code (or of a mean of codes): photon x + read2 in exposure, and ``code`` in squared codes."""
+
+    photon: float
+    read2: float
+    code: float
+
+    def variance(self, log2_exposure: Reals, slope: Reals) -> Reals:
+        """Return squared codes at exposures where the curve has a slope (stops a code)."""
+        x = np.exp2(log2_exposure)
+        return (self.photon * x + self.read2) / (x * np.log(2.0) * slope) ** 2 + self.code
+
+
+FIRST_GUESS = CodeNoise(0.0, 0.0, 0.25)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Observations under a curve: what they should be, what they are worth, how far off they are."""
+
+    predicted: Reals
+    """Codes."""
+    shift: Reals
+    """Stops between the curve at the mean code and the mean log exposure of the patch."""
+    weight: Reals
+    """1 / stops2; 0 where the predicted code is outside the usable ones."""
+    residual: Reals
+    """Stops, observed minus predicted."""
+    standard: Reals
+    """The residual in its own standard deviations, the patch's own share in its prediction taken into account."""
+
+
+@dataclass(frozen=True)
+class PatchNoise:
+    """Noise of the patches' means, by which they are weighed, and of single pixels."""
+
+    mean: CodeNoise = FIRST_GUESS
+    pixel: CodeNoise = CodeNoise(0.0, 0.0, 1.0)
+
+
+def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Reals, noise: PatchNoise, rounds: int = 2) -> Weighed:
+    """Return predictions from each patch's mean light, and inverse variances at the predicted codes."""
+    log2, _, bend = fine.at(data.mean)
+    predicted = data.mean
+    offset = log2_times[data.frame]
+    for _ in range(rounds):
+        at, at_slope, _bend = fine.at(predicted)
+        variance = noise.mean.variance(at, at_slope)
+        usable = (predicted >= FIRST_CODE) & (predicted <= LAST_CODE)
+        weight = np.where(usable, 1 / (variance * at_slope**2), 0.0)
+        # The mean log light of a patch is not that of its mean code where the curve bends: texture adds, noise takes.
+        texture2 = data.spread2 - noise.pixel.variance(at, at_slope)
+        shift = 0.5 * bend * (texture2 - variance)
+        light = log2 + shift - offset
+        level = _per_sample(data, weight * light) / np.maximum(_per_sample(data, weight), 1e-300)
+        predicted = fine.code(level[data.sample] + offset)
+    total = _per_sample(data, weight)[data.sample]
+    alone = weight >= total * (1 - 1e-9)
+    weight = np.where(alone, 0.0, weight)
+    residual = np.where(weight > 0, light - level[data.sample], 0.0)
+    free = np.maximum(1 - weight / np.maximum(total, 1e-300), 1e-3)
+    return Weighed(predicted, shift, weight, residual, residual * np.sqrt(weight / free))
+
+
+def _per_sample(data: ChannelSamples, values: Reals) -> Reals:
+    return np.asarray(np.add.reduceat(values, data.starts))
+
+
+@dataclass(frozen=True)
+class Equations:
+    """Normal equations of one channel, the patches' light eliminated: over spline coefficients, then frames."""
+
+    matrix: Reals
+    right: Reals
+    square: float
+    """Weighted sum of the squared left-hand sides."""
+    count: float
+    """Observations less patches: what is free."""
+
+
+def equations(data: ChannelSamples, fine: FineCurve, log2_times: Reals, found: Weighed, weight: Reals) -> Equations:
+    """Build them: unknown are the change of the curve and of the log2 times."""
+    n_frames = len(log2_times)
+    log2, _, _ = fine.at(data.mean)
+    change = spline_basis().at(data.mean)
+    frames = np.zeros((len(data.mean), n_frames))
+    frames[np.arange(len(data.mean)), data.frame] = -1.0
+    target = log2_times[data.frame] - log2 - found.shift
+    rows = np.concatenate([change, frames, target[:, None]], axis=1)
+    total = np.maximum(_per_sample(data, weight), 1e-300)
+    weighted = rows * weight[:, None]
+    mean = np.add.reduceat(weighted, data.starts, axis=0) / total[:, None]
+    gram = rows.T @ weighted - mean.T @ (mean * total[:, None])
+    used = _per_sample(data, (weight > 0).astype(np.float64))
+    return Equations(gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), float(np.maximum(used - 1, 0).sum()))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A smooth change of the curve, and what the frames' times would say."""
+
+    change: Reals
+    """(256,) stops to add; 0 at the gauge code."""
+    covariance: Reals
+    """(N_BASIS, N_BASIS) of the coefficients."""
+    scale2: float
+    """Residual variance over what the noise model says."""
+    time_matrix: Reals
+    """(frames, frames) information on the log2 times with the curve eliminated."""
+    time_right: Reals
+
+
+def solve(eq: Equations, start: Reals) -> Solution:
+    """Solve with the smoothness that restricted maximum likelihood (Patterson, Thompson 1971) chooses.
+
+    ``start``: (N_BASIS,) coefficients of the present curve over the starting curve: the penalty is on their sum.
+    """
+    basis = spline_basis()
+    k = len(basis.penalty)
+    data = eq.matrix[:k, :k]
+    scale = max(float(np.trace(data)) / k, 1e-300)
+    gauge = basis.at(np.array([float(_GAUGE_CODE)]))
+    data = data + scale * gauge.T @ gauge
+    right = eq.right[:k]
+    chosen, best = 0.0, np.inf
+    for log_lambda in _LOG_LAMBDAS:
+        strength = 10.0**log_lambda
+        whole, shifted = data + strength * basis.penalty, right - strength * basis.penalty @ start
+        answer = np.linalg.solve(whole + 1e-12 * scale * np.eye(k), shifted)
+        total = answer + start
+        fit = eq.square - 2 * answer @ right + answer @ eq.matrix[:k, :k] @ answer
+        fit = max(fit + strength * total @ basis.penalty @ total, 1e-12)
+        sign_log = np.linalg.slogdet(whole + 1e-12 * scale * np.eye(k))[1]
+        score = max(eq.count - 2, 1) * np.log(fit) + sign_log - (k - 2) * np.log(strength)
+        if score < best:
+            best, chosen = score, strength
+    inverse = np.linalg.inv(data + chosen * basis.penalty + 1e-12 * scale * np.eye(k))
+    answer = inverse @ (right - chosen * basis.penalty @ start)
+    rss = max(eq.square - 2 * answer @ right + answer @ eq.matrix[:k, :k] @ answer, 0.0)
+    cross = eq.matrix[k:, :k]
+    return Solution(
+        answer,
+        inverse,
+        rss / max(eq.count, 1.0),
+        eq.matrix[k:, k:] - cross @ inverse @ cross.T,
+        eq.right[k:] - cross @ answer,
+    )
