@@ -5,6 +5,7 @@ Tests put another object in the place of `os_calls`, which fails, dies or keeps 
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import os
 import stat
@@ -15,6 +16,8 @@ from pathlib import Path
 from station.errors import DiskError, DiskFullError, ResourceError
 
 IS_FOLDER = "is a folder"
+_RENAME_EXCHANGE = 2
+"""Of Linux's renameat2(2)."""
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _EXHAUSTED = {errno.EMFILE, errno.ENFILE, errno.ENOMEM}
 
@@ -45,6 +48,18 @@ class OsCalls:
     def rename(self, source: str, target: str, *, src_dir_fd: int, dst_dir_fd: int) -> None:
         """``os.rename``; replaces ``target``."""
         os.rename(source, target, src_dir_fd=src_dir_fd, dst_dir_fd=dst_dir_fd)
+
+    def exchange(self, source: str, target: str, *, dir_fd: int) -> bool:
+        """Swap two names of one folder in one step (also full folders); False where the system cannot."""
+        call = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+        if call is None:
+            return False
+        if call(dir_fd, os.fsencode(source), dir_fd, os.fsencode(target), ctypes.c_uint(_RENAME_EXCHANGE)) == 0:
+            return True
+        number = ctypes.get_errno()
+        if number in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+            return False
+        raise OSError(number, os.strerror(number), target)
 
     def unlink(self, name: str, *, dir_fd: int) -> None:
         """``os.unlink``."""

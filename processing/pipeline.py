@@ -1,0 +1,155 @@
+"""THE table of stages: what is done with a session, in which order, from what, and with which options.
+
+Adding a stage is adding a row here and a module in `processing.stages` (docs/pipeline.md shows one). Functions and
+parameter models are named as "module:name" and imported only when they are used, so that this table costs nothing.
+Whatever can change a stage's result is in its row: the runner makes the fingerprint of it, and lets the stage see no
+more of the session than that.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from processing.errors import ParameterError
+
+ArtifactKind = Literal["picture", "json", "file"]
+OptionKind = Literal["parameter", "file", "answer"]
+ValueType = Literal["float", "int", "str", "flag"]
+Trade = Literal["quality", "max_error", "time_budget"]
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """One thing that a stage makes: a picture (EXR), JSON, or a file that the stage writes itself (``file_name``)."""
+
+    name: str
+    kind: ArtifactKind
+    optional: bool = False
+    """Whether the stage may leave it out, saying why."""
+    file_name: str = ""
+    """Of kind "file"; the others are NAME.exr and NAME.json."""
+    check: str = ""
+    """Of JSON that users may give: "module:function" that takes the value and raises a typed error."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """A command line option of a stage, e.g. ``--k1``.
+
+    ``parameter``: sets the parameter ``name``. ``file``: a file handed to the stage as ``context.files[name]``.
+    ``answer``: a file that takes the place of the artifact ``name``; the stage then does not run.
+    """
+
+    flag: str
+    kind: OptionKind
+    name: str
+    help: str
+    type: ValueType = "float"
+    """Of parameters."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A row of the table."""
+
+    name: str
+    version: int
+    """Raised whenever the same inputs give another result."""
+    title: str
+    function: str
+    """``run(context: StageContext) -> StageOutput``."""
+    needs: tuple[str, ...] = ()
+    """Earlier stages whose artifacts it reads."""
+    reads: tuple[str, ...] = ()
+    """Fields of the session's manifest that it may see, and "folder": the session's files as they are on disk."""
+    makes: tuple[Artifact, ...] = ()
+    parameters: str = "processing.stages.contract:StageParameters"
+    skip_rule: str = ""
+    """``reason(context) -> str | None``: why there is nothing to do."""
+    trades: tuple[Trade, ...] = ()
+    """Which of --quality, --max-error and --time-budget change what it does."""
+    options: tuple[Option, ...] = ()
+
+
+CALIBRATION = Option("--calibration", "file", "calibration", "Rig profile of `daylit rig calibrate`.")
+
+STAGES: tuple[Stage, ...] = (
+    Stage(
+        name="verify",
+        version=1,
+        title="check the session",
+        function="processing.stages.verify:run",
+        reads=("folder",),
+    ),
+    Stage(
+        name="merge",
+        version=1,
+        title="merge the brackets",
+        function="processing.stages.merge:run",
+        needs=("verify",),
+        reads=("frames", "devices"),
+        makes=(
+            Artifact("indoor", "picture", optional=True),
+            Artifact("outdoor", "picture", optional=True),
+            Artifact("response", "json"),
+        ),
+        parameters="processing.stages.parameters:MergeParameters",
+        trades=("quality", "max_error"),
+        options=(CALIBRATION,),
+    ),
+)
+
+
+def resolve(reference: str) -> Any:
+    """Import what "module:name" names."""
+    module, _, name = reference.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def check_table(stages: Iterable[Stage]) -> None:
+    """Raise `ValueError` unless names are unique and each stage needs only earlier ones."""
+    seen: set[str] = set()
+    for stage in stages:
+        if stage.name in seen:
+            raise ValueError(f"two stages are called {stage.name}")
+        unknown = set(stage.needs) - seen
+        if unknown:
+            raise ValueError(f"{stage.name} needs {sorted(unknown)}, which no earlier stage is")
+        makes = {artifact.name for artifact in stage.makes}
+        answers = {option.name for option in stage.options if option.kind == "answer"}
+        if answers - makes:
+            raise ValueError(f"{stage.name} does not make {sorted(answers - makes)}")
+        seen.add(stage.name)
+
+
+def stage_named(name: str, stages: tuple[Stage, ...] = STAGES) -> Stage:
+    """Return a row; `ParameterError` lists the names there are."""
+    for stage in stages:
+        if stage.name == name:
+            return stage
+    known = ", ".join(stage.name for stage in stages)
+    raise ParameterError(f"there is no stage {name!r}", advice=f"stages: {known}")
+
+
+def selected(until: str | None, stages: tuple[Stage, ...] = STAGES) -> tuple[Stage, ...]:
+    """Return the stages of a run in order: all, or ``until`` and what it needs."""
+    if until is None:
+        return stages
+    wanted = {stage_named(until, stages).name}
+    for stage in reversed(stages):
+        if stage.name in wanted:
+            wanted |= set(stage.needs)
+    return tuple(stage for stage in stages if stage.name in wanted)
+
+
+def options(stages: tuple[Stage, ...] = STAGES) -> dict[str, Option]:
+    """Return each option of the stages by its flag (stages may share one)."""
+    return {option.flag: option for stage in stages for option in stage.options}
+
+
+def trades(stages: tuple[Stage, ...] = STAGES) -> frozenset[Trade]:
+    """Return what any of the stages can trade."""
+    return frozenset(trade for stage in stages for trade in stage.trades)

@@ -1,0 +1,103 @@
+"""What a user asks of a run, checked against the table: nothing that is asked may do nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from processing.errors import ParameterError
+from processing.pipeline import Option, Stage, Trade, options, resolve, selected, stage_named
+from processing.stages.contract import Quality, StageParameters
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """One call of `daylit process`."""
+
+    until: str | None = None
+    force: tuple[str, ...] = ()
+    dry_run: bool = False
+    recheck: bool = False
+    """Read every file again instead of trusting size and times."""
+    quality: Quality = Quality.STANDARD
+    max_error: float | None = None
+    time_budget_s: float | None = None
+    options: Mapping[str, object] = field(default_factory=dict)
+    """Values of the stages' own options, by flag."""
+
+
+def planned(request: RunRequest, stages: tuple[Stage, ...]) -> tuple[Stage, ...]:
+    """Return the stages of the run; `ParameterError` for whatever is asked and cannot be had of them."""
+    plan = selected(request.until, stages)
+    reached = {stage.name for stage in plan}
+    for name in request.force:
+        stage_named(name, stages)
+        if name not in reached:
+            raise ParameterError(f"--force {name}: this run ends before that stage", advice="leave out --until")
+    own = options(plan)
+    for flag in request.options:
+        if flag not in own:
+            known = ", ".join(sorted(own)) or "none"
+            raise ParameterError(f"{flag} belongs to no stage of this run", advice=f"options of this run: {known}")
+    _check_range("--max-error", request.max_error, 1e-6, 1.0)
+    _check_range("--time-budget", request.time_budget_s, 0.1, 1e6)
+    asked: dict[Trade, object] = {"max_error": request.max_error, "time_budget": request.time_budget_s}
+    for trade, value in asked.items():
+        if value is not None and not any(trade in stage.trades for stage in plan):
+            raise ParameterError(f"--{trade.replace('_', '-')}: no stage of this run can trade it")
+    return plan
+
+
+def _check_range(flag: str, value: float | None, low: float, high: float) -> None:
+    if value is not None and not low <= value <= high:
+        raise ParameterError(f"{flag} {value:g} is out of range", advice=f"{low:g} to {high:g}")
+
+
+def parameters(stage: Stage, request: RunRequest) -> StageParameters:
+    """Return the parameters of a stage; `ParameterError` names the option and what is wrong with its value."""
+    flags = {option.name: flag for flag, option in _asked(stage, request, "parameter")}
+    model: type[StageParameters] = resolve(stage.parameters)
+    try:
+        return model.model_validate({name: request.options[flag] for name, flag in flags.items()})
+    except ValidationError as exc:
+        first = exc.errors(include_url=False, include_context=False)[0]
+        name = str(first["loc"][0]) if first["loc"] else ""
+        raise ParameterError(f"{flags.get(name, name)}: {first['msg']}", where=stage.name) from exc
+
+
+def given_files(stage: Stage, request: RunRequest) -> dict[str, Path]:
+    """Return the files given to a stage by option name; `ParameterError` where one is no file."""
+    return {option.name: _file(flag, request.options[flag]) for flag, option in _asked(stage, request, "file")}
+
+
+def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
+    """Return the files that take the place of artifacts of a stage."""
+    answers = {option.name: _file(flag, request.options[flag]) for flag, option in _asked(stage, request, "answer")}
+    missing = [a.name for a in stage.makes if not a.optional and a.name not in answers]
+    if answers and missing:
+        raise ParameterError(f"{stage.name}: give {', '.join(missing)} too", where=stage.name)
+    return answers
+
+
+def trade_values(stage: Stage, request: RunRequest) -> dict[Trade, object]:
+    """Return what of quality, max_error and time_budget counts for a stage."""
+    every: dict[Trade, object] = {
+        "quality": request.quality.value,
+        "max_error": request.max_error,
+        "time_budget": request.time_budget_s,
+    }
+    return {trade: every[trade] for trade in stage.trades}
+
+
+def _asked(stage: Stage, request: RunRequest, kind: str) -> list[tuple[str, Option]]:
+    return [(o.flag, o) for o in stage.options if o.kind == kind and o.flag in request.options]
+
+
+def _file(flag: str, value: object) -> Path:
+    path = Path(str(value))
+    if not path.is_file():
+        raise ParameterError(f"{flag}: there is no file {path.name}", where=str(path))
+    return path

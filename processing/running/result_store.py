@@ -1,0 +1,187 @@
+"""stages/ of a session on disk: whoever looks sees the old result of a stage or the new one, whole.
+
+A result is built in a temporary folder, every file and the folder synced, then swapped with the old one in one step
+where the system can (Linux). Elsewhere the old folder is moved aside first; `recover` puts it back if nothing took
+its place. The folder of a stage belongs to the stage: what else lies in it goes with the old result.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from processing.running.digest_memory import DigestMemory
+from processing.running.results import (
+    MAX_RESULT_BYTES,
+    RESULT_NAME,
+    RUN_NAME,
+    FileRecord,
+    RunRecord,
+    StageResult,
+    parse_result,
+    result_bytes,
+)
+from station import durable
+from station.errors import IntegrityError
+from station.folder import PART_PREFIX, Folder, write_file
+
+STAGES = "stages"
+_OLD_PREFIX = ".old-"
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What is on disk of a stage: nothing, a damaged result (``problem``), or a result whose files are intact."""
+
+    result: StageResult | None = None
+    problem: str = ""
+
+
+@contextmanager
+def stages_folder(session: Folder, *, create: bool) -> Iterator[Folder | None]:
+    """Open stages/ of an open session; None where there is none and none is to be made."""
+    if create:
+        if session.make_sub(STAGES):
+            session.sync()
+    elif session.lstat(STAGES) is None:
+        yield None
+        return
+    folder = session.sub(STAGES)
+    try:
+        yield folder
+    finally:
+        folder.close()
+
+
+class ResultStore:
+    """Reads and replaces the results of stages. For writing, the caller holds the session's lock."""
+
+    def __init__(self, folder: Folder | None, memory: DigestMemory) -> None:
+        """``folder``: stages/; None: nothing there yet, for reading only."""
+        self._folder = folder
+        self._memory = memory
+
+    def recover(self) -> None:
+        """Undo what a killed run left half done, and remove its temporary folders."""
+        folder = self._open()
+        for name in folder.names():
+            if name.startswith(_OLD_PREFIX):
+                stage = name.removeprefix(_OLD_PREFIX)
+                if folder.lstat(stage) is None:
+                    folder.move(name, folder, stage)
+                else:
+                    _clear(folder, name)
+            elif name.startswith(PART_PREFIX):
+                _clear(folder, name)
+
+    def path(self, stage: str) -> Path:
+        """Return the folder of a stage's result."""
+        return self._open().path / stage
+
+    def read(self, stage: str) -> Stored:
+        """Return what is there of a stage, every file checked against its digest."""
+        if self._folder is None or self._folder.lstat(stage) is None:
+            return Stored()
+        folder = self._folder.sub(stage)
+        try:
+            raw = folder.read_file(RESULT_NAME, MAX_RESULT_BYTES)
+            if raw is None:
+                return Stored(problem=f"{RESULT_NAME} is missing")
+            result = parse_result(raw)
+            if result.stage != stage:
+                return Stored(problem=f"{RESULT_NAME} is of another stage")
+            damaged = [name for name, record in result.files.items() if not self._intact(folder, stage, name, record)]
+        except (IntegrityError, ValueError) as exc:
+            return Stored(problem=f"{RESULT_NAME}: {exc}"[:400])
+        finally:
+            folder.close()
+        return Stored(problem=f"damaged or missing: {', '.join(damaged)}"[:400]) if damaged else Stored(result)
+
+    def _intact(self, folder: Folder, stage: str, name: str, record: FileRecord) -> bool:
+        info = folder.lstat(name)
+        if info is None or not stat.S_ISREG(info.st_mode) or info.st_size != record.size_bytes:
+            return False
+        return self._memory.sha256(folder, name, f"{STAGES}/{stage}/{name}") == record.sha256
+
+    @contextmanager
+    def building(self, stage: str) -> Iterator[Building]:
+        """Give a new, empty folder for a result; what is not committed is removed at the end."""
+        parent = self._open()
+        name = f"{PART_PREFIX}{secrets.token_hex(4)}-{stage}"
+        parent.make_sub(name)
+        building = Building(parent.sub(name), stage)
+        try:
+            yield building
+        finally:
+            building.folder.close()
+            if parent.lstat(name) is not None:
+                _clear(parent, name)
+
+    def commit(self, building: Building, result: StageResult, run: RunRecord) -> StageResult:
+        """Put a built result in the place of the old one; when this returns no crash loses it."""
+        parent, stage = self._open(), building.stage
+        name = building.folder.path.name
+        write_file(building.folder, RUN_NAME, result_bytes(run))
+        sealed = result.sealed()
+        write_file(building.folder, RESULT_NAME, result_bytes(sealed))
+        with durable.disk_errors(parent.path / stage, "putting the result in its place"):
+            if parent.lstat(stage) is None:
+                durable.os_calls.rename(name, stage, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)
+            elif not durable.os_calls.exchange(name, stage, dir_fd=parent.fd):
+                old = f"{_OLD_PREFIX}{stage}"
+                durable.os_calls.rename(stage, old, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)
+                durable.os_calls.rename(name, stage, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)
+        parent.sync()
+        _clear(parent, f"{_OLD_PREFIX}{stage}")
+        return sealed
+
+    def _open(self) -> Folder:
+        if self._folder is None:
+            raise IntegrityError("no stages here to write to", where=STAGES)
+        return self._folder
+
+
+class Building:
+    """A result that is being built."""
+
+    def __init__(self, folder: Folder, stage: str) -> None:
+        self.folder = folder
+        self.stage = stage
+
+    def sync_files(self, names: list[str], memory: DigestMemory) -> dict[str, FileRecord]:
+        """Make the named files durable and return their records."""
+        records = {}
+        for name in names:
+            fd = self.folder.open_file(name)
+            try:
+                with durable.disk_errors(self.folder.path / name, "syncing"):
+                    durable.os_calls.fsync(fd)
+                    size_bytes = os.fstat(fd).st_size
+            finally:
+                os.close(fd)
+            sha256 = memory.sha256(self.folder, name, f"{STAGES}/{self.stage}/{name}")
+            records[name] = FileRecord(size_bytes=size_bytes, sha256=sha256)
+        return records
+
+
+def _clear(parent: Folder, name: str) -> None:
+    """Remove a folder of ours; what cannot be removed stays for the next run."""
+    if parent.lstat(name) is None:
+        return
+    with suppress(IntegrityError, OSError):
+        folder = parent.sub(name)
+        try:
+            for inside in folder.names():
+                info = folder.lstat(inside)
+                if info and stat.S_ISDIR(info.st_mode):
+                    _clear(folder, inside)
+                else:
+                    folder.remove(inside)
+        finally:
+            folder.close()
+        durable.os_calls.rmdir(name, dir_fd=parent.fd)

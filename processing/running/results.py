@@ -1,0 +1,120 @@
+"""result.json: what a stage made, of what, and what was left out. It holds no times and no paths.
+
+The same inputs give the same bytes, so results can be compared; seconds and memory are in run.json beside it.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, StringConstraints, ValidationError
+
+from processing.running.fingerprint import digest
+from processing.stages.contract import StageWarning
+from station import strict_json
+from station.session import SafeText
+
+RESULT_NAME = "result.json"
+RUN_NAME = "run.json"
+MAX_RESULT_BYTES = 8 << 20
+FileName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class FileRecord(_Record):
+    """A file of a result."""
+
+    size_bytes: Annotated[int, Field(ge=0)]
+    sha256: Sha256
+
+
+class StageResult(_Record):
+    """result.json."""
+
+    schema_version: Literal[1] = 1
+    stage: SafeText
+    version: int
+    fingerprint: Sha256
+    """SHA-256 of ``ingredients``."""
+    ingredients: dict[str, JsonValue]
+    """All that the result depends on: parameters, digests of files, what was read of the session."""
+    given: tuple[SafeText, ...] = ()
+    """Artifacts that the user gave instead of the stage making them."""
+    skipped: SafeText = ""
+    """Why the stage had nothing to do; empty: it ran."""
+    artifacts: dict[SafeText, FileName] = {}
+    """File of each artifact that was made."""
+    files: dict[FileName, FileRecord] = {}
+    left_out: dict[SafeText, SafeText] = {}
+    """Artifacts and parts of the work that were not done, with the reason."""
+    metrics: dict[str, JsonValue] = {}
+    warnings: tuple[StageWarning, ...] = ()
+    honoured: dict[SafeText, SafeText] = {}
+    """What was done with --quality, --max-error or --time-budget."""
+    seal: str = ""
+    """SHA-256 of all the rest: shows a damaged result.json."""
+
+    @property
+    def content(self) -> str:
+        """Digest of what later stages can see of the result; they depend on this, not on how it came about."""
+        seen = {"stage", "given", "skipped", "artifacts", "files", "left_out", "metrics", "warnings", "honoured"}
+        return digest(self.model_dump(mode="json", include=seen))
+
+    def summary(self) -> dict[str, Any]:
+        """Return what later stages may read beside the artifacts, as JSON values."""
+        seen = {"given", "skipped", "left_out", "metrics", "warnings", "honoured"}
+        return self.model_dump(mode="json", include=seen)
+
+    def sealed(self) -> StageResult:
+        """Return the result with its seal."""
+        return self.model_copy(update={"seal": self._seal()})
+
+    def _seal(self) -> str:
+        return digest(self.model_dump(mode="json", exclude={"seal"}))
+
+    def problem(self) -> str:
+        """Say why this cannot be a result as it was written; empty: it can."""
+        if self.seal != self._seal():
+            return "is not as it was written"
+        if digest(self.ingredients) != self.fingerprint:
+            return "has a fingerprint that is not that of its ingredients"
+        if not set(self.artifacts.values()) <= set(self.files):
+            return "lists an artifact without its file"
+        return ""
+
+
+class RunRecord(_Record):
+    """run.json: what the last run of a stage cost; differs from run to run."""
+
+    seconds: float
+    cpu_seconds: float
+    peak_bytes: int
+    megapixels: float = 0.0
+
+
+def result_bytes(record: BaseModel) -> bytes:
+    """Return the JSON of a record, indented, with a newline at the end."""
+    return (json.dumps(record.model_dump(mode="json"), indent=1, ensure_ascii=False) + "\n").encode("utf-8")
+
+
+def parse_result(raw: bytes) -> StageResult:
+    """Return the result in the bytes of a result.json.
+
+    Raises `ValueError` saying why for anything that is not one: not JSON, not of the schema, changed by hand.
+    """
+    data = strict_json.loads(raw)
+    try:
+        result = StageResult.model_validate(data)
+    except ValidationError as exc:
+        first = exc.errors(include_url=False, include_input=False, include_context=False)[0]
+        where = ".".join(str(part)[:60] for part in first["loc"])
+        raise ValueError(f"{where}: {first['msg']}") from exc
+    problem = result.problem()
+    if problem:
+        raise ValueError(problem)
+    return result

@@ -1,0 +1,112 @@
+"""What goes into a stage, as its row says: ingredients for the fingerprint, a context for the function."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from processing.pipeline import Stage
+from processing.running.digest_memory import DigestMemory
+from processing.running.fingerprint import FOLDER, Ingredients, session_ingredients, visible_part
+from processing.running.requests import RunRequest, given_answers, given_files, parameters, trade_values
+from processing.running.results import StageResult
+from processing.stages.contract import Fetch, Progress, Quality, StageContext
+from station.errors import IntegrityError
+from station.folder import Folder
+from station.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
+
+
+class StageInputs:
+    """The session, the request and the digests of files, as a stage's row lets them count."""
+
+    def __init__(
+        self, path: Path, root: Folder, manifest: SessionManifest, request: RunRequest, memory: DigestMemory
+    ) -> None:
+        self.path = path
+        self.manifest = manifest
+        self.request = request
+        self._root = root
+        self._memory = memory
+
+    def answers(self, stage: Stage) -> dict[str, Path]:
+        """Return the files that take the place of the stage's artifacts."""
+        return given_answers(stage, self.request)
+
+    def ingredients(self, stage: Stage, results: Mapping[str, StageResult]) -> Ingredients:
+        """Return all that the stage's result depends on."""
+        answers = self.answers(stage)
+        if answers:
+            return {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
+        part = visible_part(self.manifest, stage.reads)
+        found: Ingredients = {
+            "stage": stage.name,
+            "version": stage.version,
+            "parameters": parameters(stage, self.request).model_dump(mode="json"),
+            "trades": trade_values(stage, self.request),
+            "session": session_ingredients(part, stage.reads),
+            "files": _digests(given_files(stage, self.request)),
+            "stages": {name: results[name].content for name in stage.needs},
+        }
+        if FOLDER in stage.reads:
+            found[FOLDER] = self._folder_digests()
+        return found
+
+    def _folder_digests(self) -> dict[str, str]:
+        """Return the digest of each file of the session on disk; "" where it is missing."""
+        names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
+        for side in Side:
+            if self._root.lstat(side.value) is not None:
+                folder = self._root.sub(side.value)
+                names |= {f"{side.value}/{name}" for name in folder.names()}
+                folder.close()
+        return {name: self._digest(name) for name in sorted(names)}
+
+    def _digest(self, name: str) -> str:
+        parent, _, leaf = name.rpartition("/")
+        if parent and self._root.lstat(parent) is None:
+            return ""
+        folder = self._root.sub(parent) if parent else self._root
+        try:
+            return self._memory.sha256(folder, leaf, name)
+        except IntegrityError as error:
+            return error.message
+        finally:
+            if parent:
+                folder.close()
+
+
+def make_context(
+    inputs: StageInputs,
+    stage: Stage,
+    folder: Path,
+    *,
+    fetch: Fetch,
+    summary: Callable[[str], Mapping[str, Any]],
+    progress: Progress,
+) -> StageContext:
+    """Return what the stage's function gets."""
+    request = inputs.request
+    trades = trade_values(stage, request)
+    return StageContext(
+        session=visible_part(inputs.manifest, stage.reads),
+        session_path=inputs.path,
+        folder=folder,
+        parameters=parameters(stage, request),
+        fetch=fetch,
+        summary=summary,
+        files=given_files(stage, request),
+        quality=request.quality if "quality" in trades else Quality.STANDARD,
+        max_error=request.max_error if "max_error" in trades else None,
+        time_budget_s=request.time_budget_s if "time_budget" in trades else None,
+        progress=progress,
+    )
+
+
+def _digests(files: Mapping[str, Path]) -> dict[str, str]:
+    found = {}
+    for name, path in files.items():
+        with path.open("rb") as file:
+            found[name] = hashlib.file_digest(file, "sha256").hexdigest()
+    return found

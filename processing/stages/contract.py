@@ -1,0 +1,101 @@
+"""What a stage is given and what it gives back: the whole of what stages and the runner know of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, JsonValue
+
+from processing.errors import ProcessingError
+from station.session import SafeText, SessionManifest
+
+
+class Quality(StrEnum):
+    """How much work is worth while."""
+
+    DRAFT = "draft"
+    STANDARD = "standard"
+    REFERENCE = "reference"
+
+
+class StageParameters(BaseModel):
+    """Base of every stage's parameters: frozen, no unknown keys, no NaN or infinity. Every field has a default."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class StageWarning(BaseModel):
+    """Something worth knowing that does not stop the work; part of the result."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    code: SafeText
+    message: SafeText
+
+
+Fetch = Callable[[str, str], Any]
+Progress = Callable[[float, str], None]
+
+
+def _no_progress(_fraction: float, _text: str) -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class StageContext:
+    """What a stage may use; nothing else may change its result.
+
+    ``session`` holds only the fields that the stage's row names in ``reads`` (and the session's id, time of creation
+    and bracket); other fields are as if nothing had been recorded.
+    """
+
+    session: SessionManifest
+    session_path: Path
+    folder: Path
+    """Where the stage writes artifacts of kind "file", and nothing else."""
+    parameters: StageParameters
+    fetch: Fetch
+    """``fetch(stage, artifact)``: use `artifact` and `optional_artifact`."""
+    summary: Callable[[str], Mapping[str, Any]]
+    """``summary(stage)``: metrics, warnings, left_out, honoured, skipped and given of a stage that this one needs."""
+    files: Mapping[str, Path] = field(default_factory=dict)
+    """Files that the user gave, by option name."""
+    quality: Quality = Quality.STANDARD
+    max_error: float | None = None
+    """Relative error asked for, where the stage's row trades it; None: none asked."""
+    time_budget_s: float | None = None
+    progress: Progress = _no_progress
+    """``progress(fraction 0..1, text)``; may be called often."""
+
+    def artifact(self, stage: str, name: str) -> Any:
+        """Return what an earlier stage made, from memory or from disk; `ProcessingError` where it was left out."""
+        found = self.fetch(stage, name)
+        if found is None:
+            raise ProcessingError(
+                f"{name} is needed and the stage {stage} has left it out",
+                where=self.session_path.name,
+                advice=f"stages/{stage}/result.json says why",
+            )
+        return found
+
+    def optional_artifact(self, stage: str, name: str) -> Any | None:
+        """Return what an earlier stage made, None where it was left out."""
+        return self.fetch(stage, name)
+
+
+@dataclass(frozen=True)
+class StageOutput:
+    """What a stage has made. The same inputs must give the same output: no times, paths or random numbers in it."""
+
+    artifacts: Mapping[str, object] = field(default_factory=dict)
+    """By name; of kind "file": anything but None once the file is in ``context.folder``."""
+    metrics: Mapping[str, JsonValue] = field(default_factory=dict)
+    warnings: tuple[StageWarning, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    """Artifacts and parts of the work that were not done, with the reason."""
+    honoured: Mapping[str, str] = field(default_factory=dict)
+    """What was done with "quality", "max_error" or "time_budget", in words."""

@@ -1,0 +1,17 @@
+"""The stage verify: every frame is what the manifest says, or the run ends here with all problems named."""
+
+from __future__ import annotations
+
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+from station.verify import verify_session
+
+
+def run(context: StageContext) -> StageOutput:
+    """Check the session; raises `IntegrityError` listing every problem. What is missing is a warning."""
+    report = verify_session(context.session_path)
+    report.raise_for_problems()
+    warnings = tuple(StageWarning(code="missing", message=what[:500]) for what in report.missing)
+    return StageOutput(
+        metrics={"status": report.status, "frames": report.frames_checked, "bytes": report.bytes_read},
+        warnings=warnings,
+    )
