@@ -26,7 +26,7 @@ from mocks.rooms.engine import variant
 FULL_SPP = {"furnace": 2**20, "sphere": 2**18, "form_factor": 2**20, "daylight": 2**20}
 QUICK_SPP = {"furnace": 2**16, "sphere": 2**14, "form_factor": 2**18, "daylight": 2**15}
 PLOT, PLOT_SPP = Path("truth-convergence.png"), (2**14, 2**16, 2**18)
-FULL_ROOMS, QUICK_ROOMS = 200, 20
+FULL_ROOMS, QUICK_ROOMS = 200, 8
 FULL_LIGHT_ROOMS, QUICK_LIGHT_ROOMS = 2, 1
 LIGHT_PLOT = Path("room-light.png")
 
@@ -74,7 +74,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
 def _light(*, quick: bool, seed: int) -> Outcome:
     """Measure the rooms' light; a full run also at more work, which it plots."""
     if quick:
-        return room_light(QUICK_LIGHT_ROOMS, seed)
+        return room_light(QUICK_LIGHT_ROOMS, seed, samples=(4,))
     found = room_light(FULL_LIGHT_ROOMS, seed, ("sketch", *OURS, "standard"), (16, 4, 64))
     time_against_error(
         [Point(one.method, one.cpu_s, one.median_err_pct, one.label) for one in found.summaries],
