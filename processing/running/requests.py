@@ -48,6 +48,10 @@ def planned(request: RunRequest, stages: tuple[Stage, ...]) -> tuple[Stage, ...]
     for trade, value in asked.items():
         if value is not None and not any(trade in stage.trades for stage in plan):
             raise ParameterError(f"--{trade.replace('_', '-')}: no stage of this run can trade it")
+    for stage in plan:
+        parameters(stage, request)
+        given_files(stage, request)
+        given_answers(stage, request)
     return plan
 
 
