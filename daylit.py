@@ -27,6 +27,9 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "meter": Entry("station.commands.meter", "meter", "Read or probe a luminance meter."),
         "conform": Entry("station.commands.conform", "conform", "Test an instrument against its contract."),
     },
+    "Offline": {
+        "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
+    },
     "Try it": {
         "demo": Entry("station.commands.demo", "demo", "Capture on simulated instruments and verify."),
         "simulate": Entry("station.commands.simulate", "simulate", "Make a data set of simulated rooms, with truth."),
@@ -64,8 +67,8 @@ def cli() -> None:
     """Capture rooms and skies in absolute luminance; stage them under measured daylight.
 
     \b
-    Exit codes: 0 done · 1 a check failed · 2 usage · 3 instrument · 4 session · 6 computer
-                70 internal · 130 interrupted.
+    Exit codes: 0 done · 1 a check failed · 2 usage · 3 instrument · 4 session · 5 a stage failed
+                6 computer · 70 internal · 130 interrupted.
     Each command takes --json for one machine-readable object and shows an example in its own --help.
     """
 

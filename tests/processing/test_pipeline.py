@@ -11,7 +11,6 @@ import pytest
 
 from processing.errors import ParameterError, ProcessingError
 from processing.pipeline import STAGES, Artifact, Option, Stage, check_table, options, resolve, selected
-from processing.running.decision import change_line
 from processing.running.requests import RunRequest
 from processing.running.run_report import Action, RunEvent, RunEventKind, RunReport
 from processing.running.runner import process

@@ -159,9 +159,9 @@ def test_two_processes_do_not_work_at_once(session: Path) -> None:
 
 
 def test_the_lock_is_given_back_after_a_failure(session: Path) -> None:
+    (session / "stages" / "total").rename(session / "stages" / "was")
+    (session / "stages" / "total").symlink_to("was")
     with pytest.raises(IntegrityError):
-        (session / "stages" / "total").rename(session / "stages" / "was")
-        (session / "stages" / "total").symlink_to("was")
         run(session)
     SessionLock(Folder.open(session)).release()
 
@@ -203,7 +203,7 @@ def test_cut_between_any_two_renames_the_old_or_the_new_result_stands(session: P
     old = contents(session)
     with pytest.raises(KeyboardInterrupt), installed(StopAtRename(nth)):
         run(session, options={"--scale": 2.0})
-    with _stages(session) as folder:
+    with Stages(session) as folder:
         store = ResultStore(folder, DigestMemory(None))
         store.recover()
         stored = store.read("total")
@@ -214,7 +214,7 @@ def test_cut_between_any_two_renames_the_old_or_the_new_result_stands(session: P
     assert contents(session) == old
 
 
-class _stages:  # noqa: N801 (used as a function)
+class Stages:
     def __init__(self, session: Path) -> None:
         self.folder = Folder.open(session / "stages")
 
@@ -243,7 +243,7 @@ def test_a_full_disk_leaves_what_was_there(session: Path, nth: int) -> None:
     before = contents(session)
     with pytest.raises(DiskFullError), installed(FullDisk(nth)):
         run(session, options={"--scale": 2.0})
-    with _stages(session) as folder:
+    with Stages(session) as folder:
         assert [n for n in folder.names() if n.startswith((".part-", ".old-"))] == []
     run(session)
     assert contents(session) == before

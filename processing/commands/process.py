@@ -1,0 +1,100 @@
+"""``daylit process``: from a session to its results, only what has to be done."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from processing.running.requests import RunRequest
+
+_PREFIX = "of_stage_"
+_TRADES = {
+    "quality": {"type": click.Choice(["draft", "standard", "reference"]), "help": "How much work is worth while."},
+    "max_error": {"type": float, "help": "Relative error that is good enough (0.02 is 2 %)."},
+    "time_budget": {"type": float, "help": "Seconds that may be spent."},
+}
+
+
+class ProcessCommand(click.Command):
+    """Takes the options of the stages from the table, so that what no stage does is not offered."""
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return our own options and those of the stages."""
+        from processing.pipeline import STAGES, options, trades
+
+        found: list[click.Parameter] = list(super().get_params(ctx))
+        at = len(found) - 2
+        for trade in sorted(trades()):
+            honoured = ", ".join(stage.name for stage in STAGES if trade in stage.trades)
+            given: dict[str, Any] = dict(_TRADES[trade])
+            given["help"] += f" Stages: {honoured}."
+            found.insert(at, click.Option([f"--{trade.replace('_', '-')}"], **given))
+        for flag, option in options().items():
+            users = ", ".join(stage.name for stage in STAGES if option in stage.options)
+            name = _PREFIX + flag.removeprefix("--").replace("-", "_")
+            kind = {"type": _type(option.kind, option.type), "is_flag": option.type == "flag", "default": None}
+            found.insert(at, click.Option([flag, name], help=f"{option.help} Stages: {users}.", **kind))
+        return found
+
+
+def _type(kind: str, value: str) -> Any:
+    if kind != "parameter":
+        return click.Path(path_type=Path)
+    return {"float": float, "int": int, "str": str, "flag": bool}[value]
+
+
+@click.command(cls=ProcessCommand)
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--until", metavar="STAGE", help="Run this stage and what it needs, no more.")
+@click.option("--force", metavar="STAGE", multiple=True, help="Run this stage though nothing has changed (repeatable).")
+@click.option("--recheck", is_flag=True, help="Read every file again instead of trusting size and times.")
+@click.option("--dry-run", is_flag=True, help="Say what would run and why; change nothing.")
+@click.option("--explain", is_flag=True, help="Say of every stage which input or parameter changed, old and new.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
+def process(session: Path, *, explain: bool, as_json: bool, **asked: Any) -> int:
+    """Process SESSION: check, merge, calibrate ...: each stage only if something it depends on has changed.
+
+    Results are in SESSION/stages, one folder a stage. A run that is killed leaves the old result or the new one; the
+    next run goes on from there. Options are not remembered: give them again, or the stage runs without them.
+
+    \b
+    Examples:
+      daylit process sessions/2023-05-19T1554Z_coda-320
+      daylit process --until merge --max-error 0.02 --explain sessions/2023-05-19T1554Z_coda-320
+    """
+    from processing.commands.process_views import SilentView, plain_or_terminal, summary_lines
+    from processing.running.runner import process as run
+
+    request = _request(asked)
+    with SilentView() if as_json else plain_or_terminal(sys.stdout.isatty()) as view:
+        report = run(session, request, on_event=view.show)
+    if as_json:
+        click.echo(json.dumps({"ok": True, "dry_run": request.dry_run, **report.to_dict()}))
+        return 0
+    for line in summary_lines(report, request, explain=explain):
+        click.echo(line)
+    return 0
+
+
+def _request(asked: dict[str, Any]) -> RunRequest:
+    """Return what is asked, without what is not."""
+    from processing.pipeline import options
+    from processing.running.requests import RunRequest
+    from processing.stages.contract import Quality
+
+    values = {flag: asked[_PREFIX + flag.removeprefix("--").replace("-", "_")] for flag in options()}
+    return RunRequest(
+        until=asked["until"],
+        force=asked["force"],
+        dry_run=asked["dry_run"],
+        recheck=asked["recheck"],
+        quality=Quality(asked.get("quality") or "standard"),
+        max_error=asked.get("max_error"),
+        time_budget_s=asked.get("time_budget"),
+        options={flag: value for flag, value in values.items() if value is not None},
+    )
