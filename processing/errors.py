@@ -65,3 +65,54 @@ class SunError(ProcessingError):
     """The sun was needed and was not found, or is where the time and the site say it cannot be."""
 
     code = "CAL-007"
+
+
+class LayoutError(ProcessingError):
+    """Furniture cannot be arranged as asked."""
+
+    code = "LAY-000"
+
+
+class PlanError(LayoutError):
+    """A floor plan that cannot be right: self-crossing (the crossing named), open, no area, an opening off its wall."""
+
+    code = "LAY-001"
+
+
+class RoomTooSmallError(LayoutError):
+    """The room cannot hold the largest item asked for, in any position."""
+
+    code = "LAY-002"
+
+
+class NoDoorError(LayoutError):
+    """The room has no door, so that no path through it can be checked."""
+
+    code = "LAY-003"
+
+
+class ItemError(LayoutError):
+    """An unknown item (the nearest names are suggested), or one whose size cannot be right."""
+
+    code = "LAY-004"
+    exit_code = 2
+
+
+class RulesError(LayoutError):
+    """A rules file that cannot be read, or a rule set that is not in it; the key is named."""
+
+    code = "LAY-005"
+    exit_code = 2
+
+
+class PinError(LayoutError):
+    """A pinned item that breaks a hard rule where it stands, or is not among the items."""
+
+    code = "LAY-006"
+    exit_code = 2
+
+
+class RoomError(ProcessingError):
+    """A room that cannot be: floor, heights or openings that do not fit; names every key."""
+
+    code = "ROO-001"

@@ -44,7 +44,7 @@ ONLY_IN = {
     "libusb_package": ("drivers/usb_link.py",),
     "click": ("station/commands/", "processing/commands/", "daylit.py"),
     "rich": ("station/commands/", "processing/commands/"),
-    "numba": ("processing/calibration/", "processing/sphere_"),
+    "numba": ("processing/calibration/", "processing/sphere_", "processing/layout/"),
     "simplejpeg": ("processing/frames",),
     "colour": ("processing/calibration/",),
     "matplotlib": ("processing/report/",),
@@ -55,7 +55,14 @@ ONLY_IN = {
     "pyoidn": ("mocks/rooms/light.py",),
     "pvlib": ("mocks/rooms/moment.py", "processing/calibration/"),
     "pandas": ("mocks/rooms/moment.py", "processing/calibration/"),
-    "shapely": ("mocks/rooms/plan_", "mocks/rooms/shell_", "mocks/rooms/furnish_", "mocks/rooms/truth.py"),
+    "shapely": (
+        "mocks/rooms/plan_",
+        "mocks/rooms/shell_",
+        "mocks/rooms/furnish_",
+        "mocks/rooms/truth.py",
+        "processing/layout/",
+        "processing/room/",
+    ),
 }
 MOCKS_FROM_STATION = ("station/rig.py", "station/simulate/")
 

@@ -1,0 +1,90 @@
+"""``daylit room``: correct a room's model by hand."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from processing.room.model import RoomModel
+
+ROOM_FILE = "room.json"
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--edit", is_flag=True, help="Open SESSION/room.json in $EDITOR; made where it is missing.")
+@click.option("--from", "start", type=click.Path(path_type=Path), help="With --edit: begin with this room.")
+@click.option("--check", type=click.Path(path_type=Path), help="Say all that is wrong with a room's file.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def room(session: Path, *, edit: bool, start: Path | None, check: Path | None, as_json: bool) -> int:
+    """Correct the room of SESSION by hand: floor corners, heights, windows and doors, in metres, as JSON.
+
+    Wall i runs from corner i to corner i + 1; corners run counter-clockwise seen from above; the camera stands at
+    (0, 0), x is right and y ahead of the panorama's centre.
+
+    \b
+    Examples:
+      daylit room sessions/2023-05-19T1554Z_coda-320 --edit
+      daylit room sessions/2023-05-19T1554Z_coda-320 --check room.json --json
+    Exit code: 0 the room can be used · 1 something is wrong with it.
+    """
+    from processing.errors import ParameterError
+    from station.store import load_manifest
+
+    if edit == (check is not None) or (start and not edit):
+        raise ParameterError("give either --edit (with --from if wanted) or --check FILE")
+    manifest = load_manifest(session)
+    path = check or session / ROOM_FILE
+    if edit:
+        _prepare(path, start, manifest.camera_height_m)
+        if sys.stdin.isatty() and sys.stdout.isatty() and not as_json:
+            click.edit(filename=str(path))
+    return _tell(path, as_json=as_json)
+
+
+def _prepare(path: Path, start: Path | None, camera_height_m: float) -> None:
+    """Put a room to edit in its place: the one given, the one there, or a rectangle."""
+    from processing.errors import ParameterError
+    from processing.room.model import starter_room
+    from processing.room.model_file import read_room, write_room
+
+    if start and path.exists() and start.resolve() != path.resolve():
+        raise ParameterError(
+            "--from: there is a room already", where=str(path), advice="move it away, or leave out --from"
+        )
+    if start:
+        write_room(path, read_room(start))
+    elif not path.exists():
+        write_room(path, starter_room(camera_height_m))
+
+
+def _tell(path: Path, *, as_json: bool) -> int:
+    from processing.room.model_file import read_json, room_problems
+
+    found, problems = room_problems(read_json(path))
+    if as_json:
+        click.echo(json.dumps({"ok": not problems, "file": str(path), "problems": problems, **_facts(found)}))
+        return 1 if problems else 0
+    for problem in problems:
+        click.echo("".join(c if c.isprintable() else "?" for c in problem))
+    if problems:
+        click.echo(f"{len(problems)} to correct in {path}, then: daylit room SESSION --check {path}")
+        return 1
+    facts = _facts(found)
+    click.echo(f"{path}: {facts['walls']} walls, {facts['area_m2']:.2f} m2, openings: {facts['openings']}; can be used")
+    return 0
+
+
+def _facts(room_: RoomModel | None) -> dict[str, Any]:
+    """Return what helps to see whether it is the right room."""
+    if room_ is None:
+        return {}
+    corners = room_.floor
+    pairs = zip(corners, (*corners[1:], corners[0]), strict=True)
+    area = sum(a[0] * b[1] - b[0] * a[1] for a, b in pairs) / 2
+    return {"walls": len(corners), "area_m2": round(area, 4), "openings": len(room_.openings)}

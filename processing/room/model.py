@@ -1,0 +1,152 @@
+"""What a room is: a floor polygon with walls, a ceiling, windows and doors; small enough to be corrected by hand.
+
+World axes (docs/coordinates.md): metres, origin on the floor below the camera, x right and y ahead of the panorama's
+centre, z up. Wall i runs from corner i to corner i + 1; along it, distances are measured from corner i.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from station.session import SafeText
+
+Length = Annotated[float, Field(ge=-100, le=100)]
+Height = Annotated[float, Field(gt=0, le=30)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+MIN_WALL_M = 0.02
+MIN_AREA_M2 = 1.0
+MIN_CAMERA_GAP_M = 0.05
+"""Of the camera from every wall."""
+SLACK_M = 0.002
+"""By which rounding may put an opening beyond its wall."""
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class OpeningKind(StrEnum):
+    """What an opening is."""
+
+    WINDOW = "window"
+    DOOR = "door"
+    PASSAGE = "passage"
+    """Open to another room."""
+
+
+class Opening(_Part):
+    """A rectangle in a wall."""
+
+    kind: OpeningKind
+    wall: Annotated[int, Field(ge=0, le=99)]
+    start_m: Annotated[float, Field(ge=-SLACK_M, le=200)]
+    """Along the wall, from its first corner."""
+    end_m: Annotated[float, Field(gt=0, le=200)]
+    sill_m: Annotated[float, Field(ge=0, le=30)]
+    """Height of the lower edge; 0 for doors."""
+    head_m: Height
+    """Height of the upper edge."""
+    confidence: Share = 1.0
+
+
+class RoomModel(_Part):
+    """A room. Valid by itself as data; `geometry_problems` says whether it can stand."""
+
+    schema_version: Literal[1] = 1
+    source: Literal["starter", "estimated", "given"]
+    """Where it comes from: "starter" is a placeholder that nobody has corrected yet and is never used."""
+    floor: Annotated[tuple[tuple[Length, Length], ...], Field(min_length=3, max_length=100)]
+    """Corners, counter-clockwise seen from above."""
+    camera_height_m: Annotated[float, Field(gt=0, lt=20)]
+    ceiling_height_m: Height
+    openings: Annotated[tuple[Opening, ...], Field(max_length=200)] = ()
+    confidence: Share = 1.0
+    """Of floor and ceiling."""
+    note: SafeText = ""
+
+    def wall_length_m(self, wall: int) -> float:
+        """Return the length of a wall."""
+        return math.dist(self.floor[wall], self.floor[(wall + 1) % len(self.floor)])
+
+
+def geometry_problems(room: RoomModel) -> list[str]:
+    """Say all that is wrong with a room's geometry, each with its key first; empty: it can stand."""
+    found = [
+        f"floor.{i}: wall {i} is {room.wall_length_m(i):.3f} m long; at least {MIN_WALL_M} m"
+        for i in range(len(room.floor))
+        if room.wall_length_m(i) < MIN_WALL_M
+    ]
+    found += _floor_problems(room)
+    if room.ceiling_height_m <= room.camera_height_m:
+        found.append(f"ceiling_height_m: {room.ceiling_height_m:g} m is not above the camera")
+    for index, opening in enumerate(room.openings):
+        found += [f"openings.{index}.{problem}" for problem in _opening_problems(room, opening)]
+    return found + _overlaps(room)
+
+
+def _floor_problems(room: RoomModel) -> list[str]:
+    from shapely import LinearRing, Point, Polygon
+    from shapely.validation import explain_validity
+
+    polygon = Polygon(room.floor)
+    if not polygon.is_valid:
+        return [f"floor: walls cross or touch each other ({explain_validity(polygon)})"]
+    found = []
+    if not LinearRing(room.floor).is_ccw:
+        found.append("floor: corners run clockwise; list them counter-clockwise seen from above")
+    if polygon.area < MIN_AREA_M2:
+        found.append(f"floor: {polygon.area:.2f} m2; at least {MIN_AREA_M2:g} m2")
+    camera = Point(0.0, 0.0)
+    if not polygon.contains(camera):
+        found.append("floor: the camera (0, 0) stands outside")
+    elif polygon.exterior.distance(camera) < MIN_CAMERA_GAP_M:
+        found.append(f"floor: the camera (0, 0) is less than {MIN_CAMERA_GAP_M} m from a wall")
+    return found
+
+
+def _opening_problems(room: RoomModel, opening: Opening) -> list[str]:
+    if opening.wall >= len(room.floor):
+        return [f"wall: there is no wall {opening.wall}; walls are 0 to {len(room.floor) - 1}"]
+    found = []
+    length_m = room.wall_length_m(opening.wall)
+    if opening.end_m > length_m + SLACK_M:
+        found.append(f"end_m: {opening.end_m:g} m is beyond the end of wall {opening.wall} ({length_m:.3f} m)")
+    if opening.start_m >= opening.end_m:
+        found.append(f"start_m: {opening.start_m:g} m is not before end_m ({opening.end_m:g} m)")
+    if opening.sill_m >= opening.head_m:
+        found.append(f"sill_m: {opening.sill_m:g} m is not below head_m ({opening.head_m:g} m)")
+    if opening.head_m > room.ceiling_height_m + SLACK_M:
+        found.append(f"head_m: {opening.head_m:g} m is above the ceiling ({room.ceiling_height_m:g} m)")
+    return found
+
+
+def _overlaps(room: RoomModel) -> list[str]:
+    found = []
+    for index, one in enumerate(room.openings):
+        for other_index, other in enumerate(room.openings[:index]):
+            along = min(one.end_m, other.end_m) - max(one.start_m, other.start_m)
+            upwards = min(one.head_m, other.head_m) - max(one.sill_m, other.sill_m)
+            if one.wall == other.wall and min(along, upwards) > SLACK_M:
+                found.append(f"openings.{index}: overlaps openings.{other_index} on wall {one.wall}")
+    return found
+
+
+def starter_room(camera_height_m: float) -> RoomModel:
+    """Return a rectangle to correct: 4 m by 5 m, 2.7 m high, one window and one door."""
+    return RoomModel(
+        source="starter",
+        floor=((-2.0, -2.0), (2.0, -2.0), (2.0, 3.0), (-2.0, 3.0)),
+        camera_height_m=camera_height_m,
+        ceiling_height_m=max(2.7, camera_height_m + 0.5),
+        openings=(
+            Opening(kind=OpeningKind.WINDOW, wall=2, start_m=1.0, end_m=3.0, sill_m=0.9, head_m=2.1, confidence=0.0),
+            Opening(kind=OpeningKind.DOOR, wall=0, start_m=0.5, end_m=1.4, sill_m=0.0, head_m=2.05, confidence=0.0),
+        ),
+        confidence=0.0,
+        note="a placeholder: correct corners, heights and openings, then set source to given",
+    )
