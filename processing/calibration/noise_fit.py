@@ -17,7 +17,9 @@ from processing.calibration.response_samples import ChannelSamples
 
 Reals: TypeAlias = npt.NDArray[np.float64]
 
-_LOW, _HIGH = 2.0, 250.0
+_LOW, _HIGH = 5.0, 250.0
+_LEAST_LONG = 8.0
+"""Codes of the longer exposure that predict."""
 _BINS = 40
 _LEAST = 20
 """Differences that a bin must hold."""
@@ -26,19 +28,25 @@ _ROUNDS = 4
 
 
 def fit_noise(
-    data: ChannelSamples, codes: Reals, fine: FineCurve, log2_times: Reals, *, least_code_variance: float
+    data: ChannelSamples, fine: FineCurve, log2_times: Reals, *, least_code_variance: float, pixels: int = 0
 ) -> CodeNoise | None:
-    """Return the noise of ``codes`` (n,): the middle pixels' or the patches' means; None where too few patches tell."""
+    """Return the noise of ``pixels`` single pixels of each patch, or with 0 of the patches' means.
+
+    None where too few patches tell.
+    """
     longer, shorter = _pairs(data, log2_times)
-    at_long, slope_long, bend = fine.at(codes[longer])
     step = log2_times[data.frame[shorter]] - log2_times[data.frame[longer]]
-    predicted = fine.code(at_long + step)
-    use = (codes[longer] < _HIGH) & (codes[longer] > 8) & (predicted > _LOW) & (predicted < _HIGH)
+    places = [4, 0, 8, 2, 6, 1, 3, 5, 7][:pixels]
+    columns = [data.pixels[:, place].astype(np.float64) for place in places] if pixels else [data.mean]
+    long_codes = np.concatenate([codes[longer] for codes in columns])
+    short_codes = np.concatenate([codes[shorter] for codes in columns])
+    at_long, slope_long, _ = fine.at(long_codes)
+    predicted = fine.code(at_long + np.tile(step, len(columns)))
+    use = (long_codes < _HIGH) & (long_codes > _LEAST_LONG) & (predicted > _LOW) & (predicted < _HIGH)
     if use.sum() < _LEAST:
         return None
-    difference = (codes[shorter] - predicted)[use]
     terms = _terms(at_long[use], slope_long[use], predicted[use], fine)
-    return _solve(difference, terms, predicted[use], least_code_variance)
+    return _solve((short_codes - predicted)[use], terms, predicted[use], least_code_variance)
 
 
 def _pairs(data: ChannelSamples, log2_times: Reals) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

@@ -22,6 +22,10 @@ class SplineBasis:
 
     value: Reals
     """(255 * 16 + 1, N_BASIS) at codes 0, 1/16, ..., 255."""
+    columns: npt.NDArray[np.int64]
+    """(255 * 16 + 1, 4): the four that are not 0."""
+    four: Reals
+    """(255 * 16 + 1, 4): their values."""
     penalty: Reals
     """(N_BASIS, N_BASIS): squared second differences; constants and a line over the root of the code cost nothing."""
 
@@ -32,6 +36,11 @@ class SplineBasis:
         share = (place - first)[:, None]
         low = self.value[first]
         return np.asarray(low + share * (self.value[first + 1] - low))
+
+    def entries(self, codes: Reals) -> tuple[npt.NDArray[np.int64], Reals]:
+        """Return the columns (n, 4), growing, and values (n, 4) of what is not 0 at codes 0..255 (nearest 1/16)."""
+        place = np.rint(np.clip(codes, 0, 255) * _STEPS).astype(np.int64)
+        return self.columns[place], self.four[place]
 
     @property
     def codes(self) -> Reals:
@@ -50,13 +59,15 @@ def spline_basis() -> SplineBasis:
     knots = np.concatenate([inner[0] - step * np.arange(degree, 0, -1), inner, 1 + step * np.arange(1, degree + 1)])
     codes = np.linspace(0, 255, 255 * _STEPS + 1)
     root = (np.sqrt(codes + 2) - np.sqrt(2)) / (np.sqrt(257) - np.sqrt(2))
-    value = BSpline.design_matrix(np.minimum(root, 1 - 1e-12), knots, degree).toarray()
+    value = np.asarray(BSpline.design_matrix(np.minimum(root, 1 - 1e-12), knots, degree).toarray(), dtype=np.float64)
+    first = np.minimum((root * (N_BASIS - degree)).astype(np.int64), N_BASIS - degree - 1)
+    columns = first[:, None] + np.arange(degree + 1)
     second = np.diff(np.eye(N_BASIS), n=2, axis=0)
-    return SplineBasis(np.asarray(value, dtype=np.float64), second.T @ second)
+    return SplineBasis(value, columns, np.take_along_axis(value, columns, axis=1), second.T @ second)
 
 
 def srgb_log2_exposure() -> Reals:
-    """Return (256,) log2 of the linear light of each sRGB code (IEC 61966-2-1), 0 at code 255; code 0 as half a code."""
+    """Return (256,) log2 of the light of each sRGB code (IEC 61966-2-1), 0 at code 255; code 0 counts as half."""
     value = np.maximum(np.arange(256), 0.5) / 255
     linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.log2(linear))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -21,13 +22,19 @@ from processing.calibration.response_fit import (
     solve,
     weigh,
 )
-from processing.calibration.response_samples import ChannelSamples
+from processing.calibration.response_samples import ChannelSamples, Samples
+from processing.calibration.shutter import TimeEstimate, TimeEvidence, estimate_times, find_wrong_time, refine_times
 from processing.errors import ResponseError
 
 Reals: TypeAlias = npt.NDArray[np.float64]
 Flags: TypeAlias = npt.NDArray[np.bool_]
 
-ROUNDS = 4
+_QUICK_PATCHES = 1000
+"""How many patches the first rounds use: they need only come near."""
+_MOST_WRONG = 3
+_REFINE = 3
+CHANNELS = ("red", "green", "blue")
+_BOUNDED = 3.0
 _OUTLIER = 5.0
 """Standard deviations beyond which a patch has moved."""
 _LEAST_SAMPLES = 40
@@ -42,48 +49,114 @@ class ChannelFit:
     """One channel's curve and what it rests on."""
 
     log2: Reals
-    """(256,) stops, strictly increasing; 0 at code 255 of the extrapolation."""
+    """(256,) stops, strictly increasing; 0 at code 255, which is extrapolated."""
     coefficients: Reals
     noise: PatchNoise
     solution: Solution
     low: int
     high: int
-    moved_share: float
-    n_samples: int
     weighed: Weighed
     kept: Flags
     """(n,) observations of patches that did not move."""
 
 
-def fit_channel(
-    data: ChannelSamples, log2_times: Reals, base: Reals | None = None, rounds: int = ROUNDS, name: str = ""
-) -> ChannelFit:
-    """Fit one channel, starting from ``base`` (256,) or sRGB's curve.
+@dataclass(frozen=True)
+class DaylitFit:
+    """All channels, and the times that they agree on."""
+
+    channels: tuple[ChannelFit, ChannelFit, ChannelFit]
+    log2_times: Reals
+    evidence: TimeEvidence
+    wrong_times: dict[int, float]
+    """Frame: stops by which its given time is off."""
+    estimate: TimeEstimate
+
+
+def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None) -> DaylitFit:
+    """Fit all channels, starting from ``base`` (3, 256) or sRGB's curve.
+
+    A frame whose time contradicts all others gets the time that they imply. With ``free_times`` the rule behind
+    nominal times is chosen too.
 
     Raises
     ------
     ResponseError
         Too few patches that are seen well in two frames, or all of nearly the same code.
     """
-    check_enough(data, name)
+    for data, name in zip(samples.channels, CHANNELS, strict=True):
+        check_enough(data, name)
+    start = np.tile(srgb_log2_exposure(), (3, 1)) if base is None else base
+    given = samples.log2_times
+    times, wrong = given.copy(), dict[int, float]()
+    fits, evidence = _quick(samples, times, start)
+    while len(wrong) < _MOST_WRONG and (found := find_wrong_time(evidence)) is not None:
+        wrong[found[0]] = 0.0
+        times[found[0]] += found[1]
+        for _ in range(_REFINE):
+            fits, evidence = _quick(samples, times, start)
+            times += refine_times(evidence, tuple(wrong))
+    nominal = tuple(float(t) for t in np.exp2(given))
+    estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
+    if free_times:
+        times = np.log2(np.array(estimate.times_s))
+    for number in range(3):
+        fits = [
+            fit_round(data, times, start[c], fits[c], c, final=True, times_too=number > 0)
+            for c, data in enumerate(samples.channels)
+        ]
+        if number == 0:
+            continue
+        evidence = _evidence(fits, samples)
+        estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
+        if number == 2 or not (wrong or (free_times and estimate.off_rule)):
+            break
+        times = np.log2(np.array(estimate.times_s)) if free_times else times
+        times = times + refine_times(evidence, tuple(wrong))
+    wrong = {frame: float(times[frame] - given[frame]) for frame in wrong}
+    return DaylitFit((fits[0], fits[1], fits[2]), times, evidence, wrong, estimate)
+
+
+def _quick(samples: Samples, times: Reals, start: Reals) -> tuple[list[ChannelFit], TimeEvidence]:
+    """Return rough fits to some of the patches, and what they say about the times."""
+    fits = []
+    for c, every in enumerate(samples.channels):
+        data = every.part(_QUICK_PATCHES)
+        first = fit_round(data, times, start[c], None, c, times_too=False)
+        fits.append(fit_round(data, times, start[c], first, c))
+    return fits, _evidence(fits, samples)
+
+
+def _evidence(fits: Sequence[ChannelFit], samples: Samples) -> TimeEvidence:
+    scales = [max(fit.solution.scale2, 1.0) for fit in fits]
+    matrix = np.sum([fit.solution.time_matrix / s for fit, s in zip(fits, scales, strict=True)], axis=0)
+    right = np.sum([fit.solution.time_right / s for fit, s in zip(fits, scales, strict=True)], axis=0)
+    return TimeEvidence(matrix, right, samples.bracket_of_frame)
+
+
+def fit_round(
+    data: ChannelSamples,
+    log2_times: Reals,
+    start: Reals,
+    before: ChannelFit | None,
+    channel: int,
+    *,
+    final: bool = False,
+    times_too: bool = True,
+) -> ChannelFit:
+    """Improve a channel's fit (or begin one) by one solution; ``final``: patches that moved are left out."""
     basis = spline_basis()
-    start = srgb_log2_exposure() if base is None else base
-    coefficients, noise = np.zeros(N_BASIS), PatchNoise()
-    log2, kept = start, np.ones(len(data.mean), dtype=bool)
-    for number in range(rounds):
-        fine = FineCurve.of(log2)
-        if number:
-            noise = _noise(data, fine, log2_times, noise)
-        found = weigh(data, fine, log2_times, noise)
-        weight, kept = _robust(data, found, final=number > 1)
-        solution = solve(equations(data, fine, log2_times, found, weight), coefficients)
-        coefficients = coefficients + solution.change
-        low, high = _support(found.predicted[weight > 0], name)
-        log2 = monotone(start + basis.codes @ coefficients, start, low, high)
-    moved = 1 - np.add.reduceat(kept.astype(np.float64), data.starts).astype(bool).mean()
-    return ChannelFit(
-        log2, coefficients, noise, solution, low, high, float(moved), data.n_samples, found, kept & (found.weight > 0)
-    )
+    log2, noise, coefficients = start, PatchNoise(), np.zeros(N_BASIS)
+    if before is not None:
+        log2, coefficients = before.log2, before.coefficients
+        noise = _noise(data, FineCurve.of(log2), log2_times, before.noise, pixels=5 if final and times_too else 1)
+    fine = FineCurve.of(log2)
+    found = weigh(data, fine, log2_times, noise)
+    weight, kept = _robust(data, found, final=final)
+    low, high = _support(found.predicted[weight > 0], CHANNELS[channel])
+    solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients)
+    coefficients = coefficients + solution.change
+    log2 = monotone(start + basis.codes @ coefficients, start, low, high)
+    return ChannelFit(log2, coefficients, noise, solution, low, high, found, kept & (found.weight > 0))
 
 
 def check_enough(data: ChannelSamples, name: str) -> None:
@@ -92,27 +165,29 @@ def check_enough(data: ChannelSamples, name: str) -> None:
         return
     raise ResponseError(
         f"only {data.n_samples} patches are seen neither clipped nor dark in two frames",
-        where=name or "response",
+        where=f"response, {name}",
         likely="one frame, all frames clipped or all dark, or stops too far apart",
         advice="give a bracket of at least three exposures, at most four stops apart, of a scene with light and shade",
     )
 
 
-def _noise(data: ChannelSamples, fine: FineCurve, log2_times: Reals, before: PatchNoise) -> PatchNoise:
-    mean = fit_noise(data, data.mean, fine, log2_times, least_code_variance=_MEAN_LEAST)
-    pixel = fit_noise(data, data.centre, fine, log2_times, least_code_variance=_PIXEL_LEAST)
+def _noise(data: ChannelSamples, fine: FineCurve, log2_times: Reals, before: PatchNoise, *, pixels: int) -> PatchNoise:
+    mean = fit_noise(data, fine, log2_times, least_code_variance=_MEAN_LEAST)
+    pixel = fit_noise(data, fine, log2_times, least_code_variance=_PIXEL_LEAST, pixels=pixels)
     return PatchNoise(mean or before.mean, pixel or before.pixel)
 
 
 def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Reals, Flags]:
-    """Return weights without the patches that moved; before the last rounds the curve itself may be what is off."""
+    """Return weights without the patches that moved; in the first rounds the curve or a time may be what is off."""
     used = found.weight > 0
     if not used.any():
         return found.weight, used
     size = np.abs(found.standard)
     scale = max(1.4826 * float(np.median(size[used])), 1.0)
-    worst = np.maximum.reduceat(size, data.starts)
-    still = (worst <= (_OUTLIER if final else 2 * _OUTLIER) * scale)[data.sample]
+    worst = np.maximum.reduceat(size, data.starts)[data.sample] / scale
+    if not final:
+        return found.weight * np.minimum(1.0, _BOUNDED / np.maximum(worst, _BOUNDED)), used
+    still = worst <= _OUTLIER
     return np.where(still, found.weight, 0.0), still
 
 
@@ -124,7 +199,7 @@ def _support(predicted: Reals, name: str) -> tuple[int, int]:
     if seen.size < _LEAST_CODES:
         raise ResponseError(
             f"the frames show only {seen.size} different codes",
-            where=name or "response",
+            where=f"response, {name}",
             likely="a scene that is even all over, or a bracket of few exposures",
             advice="use a bracket of a scene with light and shade, or a profile's curve",
         )

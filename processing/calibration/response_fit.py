@@ -61,7 +61,8 @@ class FineCurve:
 
     def code(self, log2_exposure: Reals) -> Reals:
         """Return the code of an exposure, 0..255."""
-        return np.interp(log2_exposure, self.log2, np.arange(len(self.log2)) / _STEPS)
+        codes: Reals = np.interp(log2_exposure, self.log2, np.arange(len(self.log2)) / _STEPS)
+        return codes
 
 
 @dataclass(frozen=True)
@@ -144,22 +145,45 @@ class Equations:
     count: float
     """Observations less patches: what is free."""
 
+    def misfit(self, coefficients: Reals) -> float:
+        """Return the weighted sum of squared residuals with the coefficients of the curve, times as given."""
+        k = len(coefficients)
+        return max(float(self.square + coefficients @ (self.matrix[:k, :k] @ coefficients - 2 * self.right[:k])), 0.0)
 
-def equations(data: ChannelSamples, fine: FineCurve, log2_times: Reals, found: Weighed, weight: Reals) -> Equations:
-    """Build them: unknown are the change of the curve and of the log2 times."""
-    n_frames = len(log2_times)
+
+def equations(
+    data: ChannelSamples, fine: FineCurve, log2_times: Reals, found: Weighed, weight: Reals, *, times: bool
+) -> Equations:
+    """Build them: unknown are the change of the curve and, with ``times``, of the log2 times."""
+    basis = spline_basis()
+    k, n_frames = len(basis.penalty), len(log2_times) if times else 0
     log2, _, _ = fine.at(data.mean)
-    change = spline_basis().at(data.mean)
-    frames = np.zeros((len(data.mean), n_frames))
-    frames[np.arange(len(data.mean)), data.frame] = -1.0
+    place, value = basis.entries(data.mean)
     target = log2_times[data.frame] - log2 - found.shift
-    rows = np.concatenate([change, frames, target[:, None]], axis=1)
-    total = np.maximum(_per_sample(data, weight), 1e-300)
-    weighted = rows * weight[:, None]
-    mean = np.add.reduceat(weighted, data.starts, axis=0) / total[:, None]
-    gram = rows.T @ weighted - mean.T @ (mean * total[:, None])
+    last = np.full(len(target), k + n_frames)
+    columns = [*place.T, *([k + data.frame] if times else []), last]
+    values = [*value.T, *([np.full(len(target), -1.0)] if times else []), target]
+    gram = _gram(data, columns, values, weight, k + n_frames + 1)
     used = _per_sample(data, (weight > 0).astype(np.float64))
     return Equations(gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]), float(np.maximum(used - 1, 0).sum()))
+
+
+def _gram(
+    data: ChannelSamples, columns: list[npt.NDArray[np.int64]], values: list[Reals], weight: Reals, size: int
+) -> Reals:
+    """Return the weighted sum of products (size, size) of sparse rows, each patch's weighted mean taken off."""
+    gram = np.zeros(size * size)
+    total = np.zeros(data.n_samples * size)
+    for a, (column, value) in enumerate(zip(columns, values, strict=True)):
+        weighted = weight * value
+        total += np.bincount(data.sample * size + column, weighted, total.size)
+        for other, other_value in zip(columns[a:], values[a:], strict=True):
+            gram += np.bincount(column * size + other, weighted * other_value, gram.size)
+    square = gram.reshape(size, size)
+    # Each pair of entries was counted once: columns grow along a row, so that all lies above the diagonal.
+    square = square + square.T - np.diag(np.diag(square))
+    rows = total.reshape(-1, size) / np.sqrt(np.maximum(_per_sample(data, weight), 1e-300))[:, None]
+    return np.asarray(square - rows.T @ rows)
 
 
 @dataclass(frozen=True)
@@ -195,20 +219,18 @@ def solve(eq: Equations, start: Reals) -> Solution:
         whole, shifted = data + strength * basis.penalty, right - strength * basis.penalty @ start
         answer = np.linalg.solve(whole + 1e-12 * scale * np.eye(k), shifted)
         total = answer + start
-        fit = eq.square - 2 * answer @ right + answer @ eq.matrix[:k, :k] @ answer
-        fit = max(fit + strength * total @ basis.penalty @ total, 1e-12)
+        fit = max(eq.misfit(answer) + strength * float(total @ basis.penalty @ total), 1e-12)
         sign_log = np.linalg.slogdet(whole + 1e-12 * scale * np.eye(k))[1]
         score = max(eq.count - 2, 1) * np.log(fit) + sign_log - (k - 2) * np.log(strength)
         if score < best:
             best, chosen = score, strength
-    inverse = np.linalg.inv(data + chosen * basis.penalty + 1e-12 * scale * np.eye(k))
+    inverse: Reals = np.linalg.inv(data + chosen * basis.penalty + 1e-12 * scale * np.eye(k))
     answer = inverse @ (right - chosen * basis.penalty @ start)
-    rss = max(eq.square - 2 * answer @ right + answer @ eq.matrix[:k, :k] @ answer, 0.0)
     cross = eq.matrix[k:, :k]
     return Solution(
         answer,
         inverse,
-        rss / max(eq.count, 1.0),
-        eq.matrix[k:, k:] - cross @ inverse @ cross.T,
-        eq.right[k:] - cross @ answer,
+        eq.misfit(answer) / max(eq.count, 1.0),
+        np.asarray(eq.matrix[k:, k:] - cross @ inverse @ cross.T),
+        np.asarray(eq.right[k:] - cross @ answer),
     )

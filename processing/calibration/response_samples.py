@@ -21,9 +21,9 @@ Ints: TypeAlias = npt.NDArray[np.int64]
 Flags: TypeAlias = npt.NDArray[np.bool_]
 
 PATCH_PX = 3
-CANDIDATES = 16_000
+CANDIDATES = 10_000
 """Patches looked at in all brackets together."""
-MAX_SAMPLES = 6_000
+MAX_SAMPLES = 4_000
 """Patches kept for a channel."""
 FLAT_SPREAD = 0.03
 """Greatest standard deviation within a patch over its mean code where it is exposed well: about a tenth of a stop."""
@@ -79,8 +79,8 @@ class ChannelSamples:
     """(n,) index into all frames of all brackets."""
     mean: Reals
     """(n,) mean code of the patch."""
-    centre: Reals
-    """(n,) code of its middle pixel."""
+    pixels: Codes
+    """(n, 9) codes of its pixels."""
     spread2: Reals
     """(n,) variance of the codes within the patch: its texture and its noise."""
     starts: Ints
@@ -90,6 +90,14 @@ class ChannelSamples:
     def n_samples(self) -> int:
         """Return how many patches there are."""
         return len(self.starts)
+
+    def part(self, count: int) -> ChannelSamples:
+        """Return about ``count`` of the patches, spread over all."""
+        every = max(self.n_samples // max(count, 1), 1)
+        mine = np.flatnonzero(self.sample % every == 0)
+        sample = self.sample[mine] // every
+        starts = np.flatnonzero(np.diff(sample, prepend=-1))
+        return ChannelSamples(sample, self.frame[mine], self.mean[mine], self.pixels[mine], self.spread2[mine], starts)
 
 
 @dataclass(frozen=True)
@@ -134,10 +142,15 @@ def _patches(bracket: Bracket8, count: int, rng: np.random.Generator) -> Codes:
     height, width = bracket.frames[0].shape[:2]
     rows, columns = _grid(height, width, count, rng)
     out = np.empty((len(bracket.frames), rows.size, PATCH_PX**2, 3), dtype=np.uint8)
+    step = np.arange(PATCH_PX)
+    down = np.minimum(rows[:, None] + step, height - 1)[:, :, None]
+    across = np.minimum(columns[:, None] + step, width - 1)[:, None, :]
+    flat = (down * width + across).reshape(-1, PATCH_PX**2)
     for number, frame in enumerate(bracket.frames):
-        for place in range(PATCH_PX**2):
-            dy, dx = divmod(place, PATCH_PX)
-            out[number, :, place] = frame[np.minimum(rows + dy, height - 1), np.minimum(columns + dx, width - 1)]
+        if frame.flags.c_contiguous:
+            np.take(frame.reshape(-1, 3), flat, axis=0, out=out[number])
+        else:
+            out[number] = frame[down, across].reshape(-1, PATCH_PX**2, 3)
     return out
 
 
@@ -161,7 +174,7 @@ def _duplicates(patches: Codes, times_s: Sequence[float]) -> list[int]:
 
 
 def _channel(brackets: Sequence[tuple[Codes, int]], channel: int, left_out: frozenset[int]) -> ChannelSamples:
-    parts: list[tuple[Ints, Ints, Reals, Reals, Reals]] = []
+    parts: list[tuple[Ints, Ints, Reals, Codes, Reals]] = []
     count = 0
     share = max(MAX_SAMPLES // len(brackets), 1)
     for patches, first_frame in brackets:
@@ -173,14 +186,14 @@ def _channel(brackets: Sequence[tuple[Codes, int]], channel: int, left_out: froz
         kept = _spread_over_codes(mean, usable, share)
         sample, frame = np.nonzero(usable[:, kept].T)
         which = (frame, kept[sample])
-        centre = codes[..., PATCH_PX**2 // 2][which].astype(np.float64)
-        parts.append((sample + count, frame + first_frame, mean[which], centre, spread2[which]))
+        parts.append((sample + count, frame + first_frame, mean[which], codes[which], spread2[which]))
         count += kept.size
     sample = np.concatenate([p[0] for p in parts])
     frame = np.concatenate([p[1] for p in parts])
-    means, centres, spreads = (np.concatenate([p[i] for p in parts]) for i in (2, 3, 4))
+    means, spreads = (np.concatenate([p[i] for p in parts]) for i in (2, 4))
+    pixels = np.concatenate([p[3] for p in parts])
     starts = np.flatnonzero(np.diff(sample, prepend=-1))
-    return ChannelSamples(sample, frame, means, centres, spreads, starts)
+    return ChannelSamples(sample, frame, means, pixels, spreads, starts)
 
 
 def _moments(codes: Codes) -> tuple[Reals, Reals]:
@@ -211,7 +224,7 @@ def _usable(mean: Reals, spread2: Reals) -> Flags:
 
 
 def _spread_over_codes(mean: Reals, usable: Flags, count: int) -> Ints:
-    """Return up to ``count`` patches, rare (frame, code) places first: a large even wall must not crowd out the rest."""
+    """Return up to ``count`` patches, rare (frame, code) first: a large even wall must not crowd out the rest."""
     able = np.flatnonzero(usable.any(axis=0))
     if able.size <= count:
         return able
