@@ -45,7 +45,7 @@ ONLY_IN = {
     "click": ("station/commands/", "processing/commands/", "daylit.py"),
     "rich": ("station/commands/", "processing/commands/"),
     "numba": ("processing/calibration/", "processing/sphere_", "processing/layout/"),
-    "simplejpeg": ("processing/frames",),
+    "simplejpeg": ("processing/frames.py", "processing/frames_"),
     "colour": ("processing/calibration/",),
     "matplotlib": ("processing/report/",),
     "jinja2": ("processing/report/",),
