@@ -106,7 +106,7 @@ def _reduced(image: RelativeImage) -> _Scene:
     logs = np.log2(rgb)
     red, blue = logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]
     return _Scene(
-        level=cv2.medianBlur(np.log2(luminance_cd_m2(rgb)), 3),
+        level=np.asarray(cv2.medianBlur(np.log2(luminance_cd_m2(rgb)), 3), dtype=np.float32),
         chroma=np.hypot(red, blue).astype(np.float32),
         usable=np.concatenate([good, good[:, :extra]], axis=1),
         width_px=size[0],
@@ -121,9 +121,9 @@ def _even_regions(scene: _Scene, step_stops: float) -> tuple[Labels, Labels]:
     across = np.abs(np.diff(scene.level, axis=1, append=scene.level[:, -1:]))
     down = np.abs(np.diff(scene.level, axis=0, append=scene.level[-1:]))
     even = ((np.maximum(across, down) < step_stops) & scene.usable).astype(np.uint8)
-    even = cv2.erode(even, np.ones((2, 2), np.uint8))
-    _, labels, facts, _ = cv2.connectedComponentsWithStats(even, connectivity=4)
-    return labels, facts[:, cv2.CC_STAT_AREA]
+    whole = cv2.erode(even, np.ones((2, 2), np.uint8))
+    _, labels, facts, _ = cv2.connectedComponentsWithStats(whole, connectivity=4)
+    return np.asarray(labels, dtype=np.int32), np.asarray(facts[:, cv2.CC_STAT_AREA], dtype=np.int32)
 
 
 def _judged(

@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, Field, ValidationError
 
 from processing.calibration.profile_records import (
-    CircleRecord,
     LensRecord,
     NdRecord,
     NoiseRecord,
@@ -77,7 +76,6 @@ class CameraProfile(Model):
     shutter: ShutterRecord = ShutterRecord()
     vignetting: VignettingRecord | None = None
     lens: LensRecord | None = None
-    image_circle: CircleRecord | None = None
     nd: NdRecord | None = None
 
 

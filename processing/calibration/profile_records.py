@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import fields
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from processing.calibration.image_circle import ImageCircle
+from processing.calibration.lens import LensModel
+from processing.calibration.nd_filter import NdFilter
 from processing.calibration.noise import NoiseModel
 from processing.calibration.response_curve import ResponseCurve
+from processing.calibration.shutter import ShutterRule, true_time_s
+from processing.calibration.vignetting import Vignetting
 from processing.sphere import LensMapping
 from station.session import Model, SafeText
 
@@ -21,6 +27,7 @@ NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 _UNKNOWN_STOPS = 99.0
 """Written for an uncertainty without bound: JSON has no infinity."""
+_SAME_TIME_FRAC = 0.01
 _CODES = Annotated[tuple[float, ...], Field(min_length=2, max_length=65_536)]
 
 
@@ -108,19 +115,25 @@ class ShutterTime(Model):
 
 
 class ShutterRecord(Model):
-    """How nominal times become true ones: a rule's name (`processing.calibration.shutter`) or measured times."""
+    """How nominal times become true ones: by the rule, or as measured."""
 
-    rule: SafeText = "thirds"
+    rule: ShutterRule = ShutterRule.NOMINAL
     times: tuple[ShutterTime, ...] = ()
+
+    def true_s(self, nominal_s: float) -> float:
+        """Return the true time of a nominal one: the measured one within 1 % of it, else the rule's."""
+        measured = (t.true_s for t in self.times if abs(t.nominal_s / nominal_s - 1) < _SAME_TIME_FRAC)
+        return next(measured, true_time_s(nominal_s, self.rule))
 
 
 class VignettingRecord(Model):
-    """Fall-off 1 + c1 r^p1 + c2 r^p2 + ..., r from 0 in the middle to 1 at the edge of the field."""
+    """A fall-off (`Vignetting`): 1 + c1 r^p1 + c2 r^p2 + ..."""
 
-    powers: Annotated[tuple[int, ...], Field(max_length=16)]
+    powers: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(max_length=16)]
     coefficients: Annotated[tuple[float, ...], Field(max_length=16)]
     relative_uncertainty: NonNegative = 0.0
     f_number: Positive | None = None
+    in_angle: bool = False
     source: SafeText = ""
 
     @model_validator(mode="after")
@@ -129,32 +142,74 @@ class VignettingRecord(Model):
             raise ValueError("as many powers as coefficients")
         return self
 
+    @classmethod
+    def of(cls, found: Vignetting) -> Self:
+        """Return the record of a fall-off."""
+        return cls(**_fields(found))
+
+    def vignetting(self) -> Vignetting:
+        """Return the fall-off."""
+        return Vignetting(**self.model_dump())
+
 
 class LensRecord(Model):
-    """A fisheye's mapping; the polynomial's coefficients only with ``polynomial``."""
+    """A fisheye (`LensModel`); the circle in fractions of the width, its centre's row of the height."""
 
     mapping: LensMapping
-    polynomial: Annotated[tuple[float, ...], Field(max_length=16)] = ()
     half_field_rad: Annotated[float, Field(gt=0, le=np.pi)]
-    source: SafeText = ""
-
-
-class CircleRecord(Model):
-    """The image circle, as fractions of width, height and width, so that it holds at every picture size."""
-
+    polynomial: Annotated[tuple[float, ...], Field(max_length=16)] = ()
     centre_x: Annotated[float, Field(gt=-1, lt=2)]
     centre_y: Annotated[float, Field(gt=-1, lt=2)]
     radius: Annotated[float, Field(gt=0, le=2)]
+    size_px: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]]
+    """Of the pictures that the circle was found in: others of the camera have the same shape."""
+    sigma: NonNegative = 0.0
+    source: SafeText = ""
+
+    @classmethod
+    def of(cls, lens: LensModel) -> Self:
+        """Return the record of a lens."""
+        wide, high = lens.circle.size_px
+        return cls(
+            mapping=lens.mapping,
+            half_field_rad=lens.half_field_rad,
+            polynomial=lens.polynomial,
+            centre_x=lens.circle.centre_px[0] / wide,
+            centre_y=lens.circle.centre_px[1] / high,
+            radius=lens.circle.radius_px / wide,
+            size_px=(wide, high),
+            sigma=lens.circle.sigma_px / wide,
+            source=lens.source,
+        )
+
+    def lens(self) -> LensModel:
+        """Return the lens."""
+        wide, high = self.size_px
+        centre_px = (self.centre_x * wide, self.centre_y * high)
+        circle = ImageCircle(centre_px, self.radius * wide, self.size_px, self.sigma * wide)
+        return LensModel(self.mapping, circle, self.half_field_rad, self.polynomial, self.source)
 
 
 class NdRecord(Model):
-    """An ND filter's correction: picture times ``matrix`` (row vectors: rgb @ matrix) gives the light before it."""
+    """An ND filter (`NdFilter`): what it does to linear RGB is ``rgb @ tint * 10 ** -density``."""
 
-    matrix: tuple[Channels, Channels, Channels]
-    factor: Positive = 1.0
-    """What the matrix does not hold: by how much the filter weakens (1 where k2 was measured through it)."""
+    tint: tuple[Channels, Channels, Channels]
+    density: float = 0.0
     relative_uncertainty: NonNegative = 0.0
-    method: SafeText = ""
+    source: SafeText = ""
+
+    @classmethod
+    def of(cls, found: NdFilter) -> Self:
+        """Return the record of a filter."""
+        return cls(**_fields(found))
+
+    def nd_filter(self) -> NdFilter:
+        """Return the filter."""
+        return NdFilter(**self.model_dump())
+
+
+def _fields(found: Vignetting | NdFilter) -> dict[str, Any]:
+    return {one.name: getattr(found, one.name) for one in fields(found)}
 
 
 def _rows(table: Reals) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
