@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import ParameterError
+from processing.errors import LensError, ParameterError
 from processing.exr_header import ExrPart, read_header
 from processing.images import Bytes, Floats, LuminanceImage, RelativeImage
 from processing.picture_checks import check_image, check_light, refused
@@ -164,7 +164,7 @@ def _image(texts: dict[str, str], planes: Channels, path: Path) -> RelativeImage
             return RelativeImage(rgb, uncertainty, validity, geometry, ghost, attributes)
         scale = float(texts["daylitScaleUncertainty"])
         return LuminanceImage(rgb, uncertainty, validity, geometry, scale, ghost, attributes)
-    except (ValueError, TypeError, RecursionError, ParameterError) as error:
+    except (ValueError, TypeError, RecursionError, ParameterError, LensError) as error:
         raise refused(path, f"has attributes that cannot be right ({error})", likely=_DAMAGED, advice=_AGAIN) from error
 
 
