@@ -1,8 +1,4 @@
-"""Fall-off of a panorama stitched from two fisheyes, one looking ahead (+y of the camera), one back.
-
-Each point is seen by the fisheye it is nearer to; r is the equisolid image height, 1 at the stitch: an angle a from the
-axis gives sin(a / 2) / sin(45 degrees).
-"""
+"""Fall-off in a stitched panorama: that of the two fisheyes it was made of, which look ahead and back."""
 
 from __future__ import annotations
 
@@ -11,34 +7,31 @@ from dataclasses import replace
 import numpy as np
 
 from processing.calibration.vignetting import Vignetting
-from processing.errors import LensError
 from processing.images import Floats, RelativeImage
 from processing.sphere import Equirectangular
 
 
 def panorama_falloff(geometry: Equirectangular, vignetting: Vignetting) -> Floats:
-    """Return the fall-off (H, W), 1 in the middle of each fisheye."""
+    """Return V for each pixel (H, W) of a panorama whose middle column lies on the front lens's axis.
+
+    Each lens serves the half in front of it. r = 1 at the stitch, 90 degrees from the axis; in an equisolid picture r
+    is sin(theta / 2) / sin(45 degrees), with ``in_angle`` theta / 90 degrees.
+    """
     longitude = ((np.arange(geometry.width_px) + 0.5) / geometry.width_px - 0.5) * (2 * np.pi)
     latitude = (0.5 - (np.arange(geometry.height_px) + 0.5) / geometry.height_px) * np.pi
-    cos_axis = np.abs(np.cos(latitude)[:, None] * np.cos(longitude)[None, :])
-    knots = np.linspace(0, 1, 2049)
-    angle = 2 * np.arcsin(knots * np.sin(np.pi / 4))
-    values = vignetting.evaluate(angle / (np.pi / 2) if vignetting.in_angle else knots)
-    return np.interp(np.sqrt(1 - cos_axis), knots, values).astype(np.float32)
+    knots = np.linspace(0, 1, 4097)  # of the cosine to the axis, of which V is a smooth enough function
+    r = np.arccos(knots) / (np.pi / 2) if vignetting.in_angle else np.sqrt(1 - knots)
+    values = vignetting.evaluate(r)
+    cosine = np.abs(np.cos(longitude)).astype(np.float32)
+    out = np.empty((geometry.height_px, geometry.width_px), dtype=np.float32)
+    for row, flat in enumerate(np.cos(latitude)):
+        out[row] = np.interp(cosine * np.float32(flat), knots, values)
+    return out
 
 
-def correct_panorama(image: RelativeImage, vignetting: Vignetting | None) -> RelativeImage:
-    """Return the panorama divided by its fisheyes' fall-off, whose uncertainty is added; itself for None.
-
-    Raises
-    ------
-    LensError
-        The picture is no panorama as the camera stitched it.
-    """
-    if vignetting is None:
-        return image
-    if not isinstance(image.geometry, Equirectangular):
-        raise LensError("the fall-off of two fisheyes belongs to an equirectangular picture")
+def correct_panorama(image: RelativeImage, vignetting: Vignetting) -> RelativeImage:
+    """Return the panorama as lenses without fall-off would have given it; the correction's doubt is added."""
+    assert isinstance(image.geometry, Equirectangular)
     rgb = image.rgb / panorama_falloff(image.geometry, vignetting)[..., None]
-    sigma = np.float32(vignetting.relative_uncertainty)
-    return replace(image, rgb=rgb, uncertainty=np.hypot(image.uncertainty, sigma) if sigma else image.uncertainty)
+    uncertainty = np.hypot(image.uncertainty, np.float32(vignetting.relative_uncertainty)).astype(np.float32)
+    return replace(image, rgb=np.asarray(rgb, dtype=np.float32), uncertainty=uncertainty)

@@ -1,0 +1,51 @@
+"""The stage calibrate: indoor and outdoor pictures in cd/m2 (paper, section 3, eq. 1 and 2)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from processing.calibration.profile import RigProfile, load_profile
+from processing.stages.calibrate_indoor import Calibrated, calibrate_indoor
+from processing.stages.calibrate_outdoor import calibrate_outdoor, why_no_scale
+from processing.stages.calibrate_parameters import CalibrateParameters
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+
+
+def run(context: StageContext) -> StageOutput:
+    """Scale the merged pictures: k1 from the meter, k2 from the rig profile; the sky through its lens and filter."""
+    asked = context.parameters
+    assert isinstance(asked, CalibrateParameters)
+    profile = _profile(context.files.get("calibration"))
+    left_out: dict[str, str] = {}
+    context.progress(0.0, "indoor scale")
+    indoor = calibrate_indoor(context.artifact("merge", "indoor"), context.session, asked, profile)
+    sky = context.optional_artifact("merge", "outdoor")
+    outdoor: Calibrated | None = None
+    if sky is None:
+        left_out["outdoor"] = "the session has no outdoor picture"
+    elif reason := why_no_scale(context.session, asked, profile):
+        left_out["outdoor"] = reason
+    else:
+        context.progress(0.3, "outdoor chain")
+        outdoor = calibrate_outdoor(sky, context.session, asked, profile, indoor.scale)
+    sides = {"indoor": indoor} | ({"outdoor": outdoor} if outdoor else {})
+    facts = {name: side.facts for name, side in sides.items()}
+    warnings = [(name, text) for name, side in sides.items() for text in side.warnings]
+    return StageOutput(
+        artifacts={name: side.image for name, side in sides.items()} | {"calibration": facts},
+        metrics={"k1": indoor.scale.value, "k1_relative_uncertainty": indoor.scale.relative_uncertainty}
+        | _outdoor_metrics(outdoor),
+        warnings=tuple(StageWarning(code=name, message=text[:500]) for name, text in warnings),
+        left_out=left_out,
+    )
+
+
+def _profile(path: Path | None) -> RigProfile | None:
+    return None if path is None else load_profile(path)
+
+
+def _outdoor_metrics(outdoor: Calibrated | None) -> dict[str, float]:
+    if outdoor is None:
+        return {}
+    horizontal = outdoor.facts["illuminance_lx"]["up"]
+    return {"outdoor_lux": horizontal["value"], "outdoor_lux_uncertainty": horizontal["uncertainty"]}

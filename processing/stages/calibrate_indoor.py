@@ -1,0 +1,116 @@
+"""The indoor half of the stage calibrate: fall-off of the panorama's lenses, then k1."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from processing.calibration.board import find_board
+from processing.calibration.luminance import ScaleFactor, scale_from_reading, scaled
+from processing.calibration.panorama_falloff import correct_panorama
+from processing.calibration.photometry import illuminance_lx
+from processing.calibration.profile import RigProfile
+from processing.calibration.veiling_glare import veil_bound_from_darkest
+from processing.calibration.vignetting import Vignetting, published_vignetting
+from processing.errors import LensError
+from processing.images import LuminanceImage, RelativeImage
+from processing.stages.calibrate_parameters import CalibrateParameters
+from station.session import SessionManifest, Side
+
+PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
+"""Published fall-off by kind of camera."""
+GIVEN_UNCERTAINTY = 0.0
+PLANES = {
+    "up": (0.0, 0.0, 1.0),
+    "ahead": (0.0, 1.0, 0.0),
+    "right": (1.0, 0.0, 0.0),
+    "back": (0.0, -1.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+}
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """One side's picture, its scale, and what there is to say of it (plain JSON values)."""
+
+    image: LuminanceImage
+    scale: ScaleFactor
+    facts: dict[str, Any]
+    warnings: tuple[str, ...] = ()
+
+
+def calibrate_indoor(
+    merged: RelativeImage, session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None
+) -> Calibrated:
+    """Return the panorama in cd/m2. Raises `ScaleError` where neither readings nor --k1 give a scale."""
+    falloff, source = _falloff(session, asked, profile)
+    image = merged if falloff is None else correct_panorama(merged, falloff)
+    scale, target = _scale(image, session, asked)
+    picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
+    facts: dict[str, Any] = {
+        "k1": scale.value,
+        "k1_relative_uncertainty": scale.relative_uncertainty,
+        "k1_parts": dict(scale.parts),
+        "falloff": source,
+        "target": target,
+        "meter_cd_m2": scale.measured,
+        "displayed": scale.displayed,
+        "meter_drift_frac": scale.drift_frac,
+        "illuminance_lx": illuminances(picture, PLANES),
+    }
+    try:
+        veil = veil_bound_from_darkest(picture)
+        facts["veil_upper_bound"] = {"cd_m2": _luminance(veil.veil_rgb), "index": veil.index}
+    except LensError as error:
+        facts["veil_upper_bound"] = {"none": str(error)}
+    return Calibrated(picture, scale, facts, scale.warnings)
+
+
+def illuminances(image: LuminanceImage, planes: dict[str, tuple[float, float, float]]) -> dict[str, dict[str, float]]:
+    """Return value and standard uncertainty (lx) on each plane through the camera."""
+    found = {name: illuminance_lx(image, normal) for name, normal in planes.items()}
+    return {name: {"value": one.value_lx, "uncertainty": one.uncertainty_lx} for name, one in found.items()}
+
+
+def _falloff(
+    session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None
+) -> tuple[Vignetting | None, str]:
+    if asked.falloff == "off":
+        return None, "not corrected, as asked"
+    camera = profile.cameras.get(Side.INDOOR) if profile else None
+    if camera and camera.vignetting:
+        return camera.vignetting.vignetting(), "the rig profile's"
+    kinds = [device.kind for device in session.devices if device.role == "indoor"]
+    name = PANORAMA_FALLOFF.get(kinds[0]) if kinds else None
+    if name is None:
+        return None, "not corrected: none is known for this camera"
+    found = published_vignetting(name)
+    return found, f"published: {found.source}"
+
+
+def _scale(
+    image: RelativeImage, session: SessionManifest, asked: CalibrateParameters
+) -> tuple[ScaleFactor, dict[str, Any]]:
+    if asked.k1 is not None:
+        return ScaleFactor(asked.k1, GIVEN_UNCERTAINTY, {"given": GIVEN_UNCERTAINTY}), {"source": "none: k1 given"}
+    longitude, latitude, target = _target(image, session, asked)
+    frames = [frame for frame in session.frames if frame.side is Side.INDOOR]
+    scale = scale_from_reading(image, session.readings, longitude, latitude, frames=frames)
+    place = {"longitude_deg": math.degrees(longitude), "latitude_deg": math.degrees(latitude)}
+    return scale, target | place
+
+
+def _target(
+    image: RelativeImage, session: SessionManifest, asked: CalibrateParameters
+) -> tuple[float, float, dict[str, Any]]:
+    if asked.target is not None:
+        return (*asked.angles_rad(asked.target), {"source": "given"})
+    if session.target is not None:
+        return session.target.longitude_rad, session.target.latitude_rad, {"source": "recorded in the session"}
+    board = find_board(image)
+    return board.longitude_rad, board.latitude_rad, {"source": "board found", "confidence": board.confidence}
+
+
+def _luminance(rgb: tuple[float, float, float]) -> float:
+    return 0.2127 * rgb[0] + 0.7151 * rgb[1] + 0.0722 * rgb[2]

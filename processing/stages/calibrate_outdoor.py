@@ -1,0 +1,216 @@
+"""The outdoor half of the stage calibrate: veil, fall-off, filter colour, scale k1 k2, north, geometry, the sun."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+
+from processing.calibration.clear_sky import Place, clear_beam
+from processing.calibration.lens import LensModel
+from processing.calibration.luminance import ScaleFactor, combined, scaled
+from processing.calibration.north import North, north_from_heading, north_from_sun, oriented
+from processing.calibration.outdoor import (
+    OutdoorOptics,
+    OutdoorView,
+    correct_colour,
+    correct_vignetting,
+    outdoor_view,
+    project,
+    with_lens,
+)
+from processing.calibration.photometry import UP, compare_illuminance, illuminance_lx
+from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
+from processing.calibration.sun_disc import Sun, find_sun
+from processing.calibration.sun_repair import repair_sun
+from processing.errors import SunError
+from processing.images import LuminanceImage, RelativeImage
+from processing.sphere import Fisheye
+from processing.stages.calibrate_indoor import Calibrated, illuminances
+from processing.stages.calibrate_parameters import CalibrateParameters
+from processing.stages.outdoor_optics import find_optics, veil_taken_off
+from station.session import FrameRecord, SessionManifest, Side
+
+NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
+
+
+@dataclass(frozen=True)
+class _Sky:
+    """The sky picture in its lens's geometry, corrected, not yet scaled; its sun if it has one."""
+
+    image: RelativeImage
+    sun: Sun | None
+    sun_text: str
+
+
+def why_no_scale(session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None) -> str | None:
+    """Return why the outdoor picture cannot be scaled, None if it can."""
+    if asked.k2 is not None or asked.outdoor_lux is not None:
+        return None
+    if profile is None:
+        return NO_K2
+    return None if profile.k2 is not None else "the rig profile has no k2, and neither --k2 nor --outdoor-lux was given"
+
+
+def calibrate_outdoor(
+    merged: RelativeImage,
+    session: SessionManifest,
+    asked: CalibrateParameters,
+    profile: RigProfile | None,
+    k1: ScaleFactor,
+) -> Calibrated:
+    """Return the sky in cd/m2, north known, in the geometry asked for; energy is kept throughout."""
+    k2 = None if profile is None or asked.k2 is not None or profile.k2 is None else _k2(session, profile)
+    optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
+    sky, veil = _corrected(merged, optics, asked)
+    north, north_warnings = _north(sky, session, asked)
+    image = _turned(sky.image, north, session, asked, optics.lens)
+    scale, scale_facts = _scale(image, asked, k2, k1)
+    picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **_attributes(scale_facts, k1))
+    repaired, repair = _repaired(picture, asked, session, sky)
+    facts |= scale_facts | {
+        "veil": veil,
+        "north": _north_facts(north),
+        "sun": {"found": sky.sun_text, "repair": repair},
+        "illuminance_lx": illuminances(repaired, {"up": UP}),
+    }
+    warnings += [*north_warnings, *_sun_warnings(sky, asked), *_compared(repaired, asked, facts)]
+    return Calibrated(repaired, scale, facts, tuple(warnings))
+
+
+def _k2(session: SessionManifest, profile: RigProfile) -> K2Record:
+    states = {}
+    for side in (Side.INDOOR, Side.OUTDOOR):
+        device = next((d for d in session.devices if d.role == side.value), None)
+        states[side] = camera_state(device, [f for f in session.frames if f.side is side])
+    return require_k2(profile, states, session.name)
+
+
+def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: CalibrateParameters) -> tuple[_Sky, dict[str, Any]]:
+    """Return the picture after the paper's steps (1) and (2), with the veil taken off before."""
+    image, veil = veil_taken_off(merged, optics.lens, asked)
+    image = correct_colour(correct_vignetting(with_lens(image, optics), optics), optics)
+    try:
+        sun = find_sun(image)
+    except SunError as error:
+        return _Sky(image, None, f"no: {error.args[0] if error.args else error}"), veil
+    text = f"yes, {math.degrees(sun.elevation_rad):.2f} degrees high{', clipped' if sun.clipped else ''}"
+    return _Sky(image, sun, text), veil
+
+
+def _north(sky: _Sky, session: SessionManifest, asked: CalibrateParameters) -> tuple[North, list[str]]:
+    """Return where the picture's top faces: as said, from the sun, or from the panorama's heading."""
+    if asked.outdoor_top_deg is not None:
+        return north_from_heading(math.radians(asked.outdoor_top_deg), math.radians(1.0)), []
+    place, moment = _place(session), _moment(session)
+    why = "the sun was not found in the picture"
+    if sky.sun is not None and place is not None and moment is not None:
+        try:
+            north = north_from_sun(sky.image, moment, place, sun=sky.sun)
+            return north, list(north.warnings)
+        except SunError as error:
+            why = str(error).split(" | ")[0]
+    elif sky.sun is not None:
+        why = "the session does not say where or when it was"
+    if session.heading_rad is not None:
+        return north_from_heading(session.heading_rad), [f"north is the panorama's heading, not the sun's: {why}"]
+    return north_from_heading(0.0, math.pi), [f"north is not known ({why}; no heading): the top is taken for it"]
+
+
+def _turned(
+    image: RelativeImage, north: North, session: SessionManifest, asked: CalibrateParameters, lens: LensModel
+) -> RelativeImage:
+    """Return the picture in the geometry asked for, north on top, in the world whose +y is the panorama's middle."""
+    heading = session.heading_rad if session.heading_rad is not None else 0.0
+    assert isinstance(image.geometry, Fisheye)
+    image = replace(image, geometry=oriented(image.geometry, north, heading))
+    size = lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
+    rows = max(2, round(2 * size.radius_px))
+    view = OutdoorView(asked.outdoor_view)
+    rows = rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows
+    return project(image, outdoor_view(view, rows, math.remainder(-heading, 2 * math.pi)))
+
+
+def _scale(
+    image: RelativeImage, asked: CalibrateParameters, k2: K2Record | None, k1: ScaleFactor
+) -> tuple[ScaleFactor, dict[str, Any]]:
+    """Return k1 k2 (eq. 2); with neither a profile's k2 nor a given one, the factor that gives the lux measured."""
+    if asked.k2 is not None:
+        given = ScaleFactor(asked.k2, 0.0, {"given": 0.0})
+        return combined(k1, given), {"k2": asked.k2, "k2_source": "given"}
+    if k2 is not None:
+        factor = ScaleFactor(k2.value, k2.relative_uncertainty, {"k2": k2.relative_uncertainty})
+        source = f"rig profile, measured {k2.measured_utc:%Y-%m-%d}"
+        found = {"k2": k2.value, "k2_relative_uncertainty": k2.relative_uncertainty, "k2_source": source}
+        return combined(k1, factor), found
+    assert asked.outdoor_lux is not None
+    shown = illuminance_lx(scaled(image, ScaleFactor(1.0, 0.0))).value_lx
+    value = asked.outdoor_lux / max(shown, np.finfo(np.float64).tiny)
+    return ScaleFactor(value, 0.05, {"lux meter": 0.05}), {"k2": value / k1.value, "k2_source": "from --outdoor-lux"}
+
+
+def _attributes(scale_facts: dict[str, Any], k1: ScaleFactor) -> dict[str, object]:
+    return {"k1": k1.value, "k2": scale_facts["k2"]}
+
+
+def _repaired(
+    picture: LuminanceImage, asked: CalibrateParameters, session: SessionManifest, sky: _Sky
+) -> tuple[LuminanceImage, str]:
+    """Return the picture with a clipped sun replaced where that was asked, and what was done."""
+    if asked.repair_sun == "no":
+        return picture, "not asked"
+    if sky.sun is None or not sky.sun.clipped:
+        return picture, "nothing to repair: the sun is not clipped"
+    if asked.repair_sun == "illuminance":
+        if asked.outdoor_lux is None:
+            raise SunError("the sun's repair needs the measured illuminance", advice="give --outdoor-lux")
+        done, repair = repair_sun(picture, horizontal_lx=asked.outdoor_lux)
+        return done, repair.note
+    place, moment = _place(session), _moment(session)
+    if place is None or moment is None:
+        raise SunError("a clear sky's sun needs site and time", advice="record the site in rig.toml, or give lux")
+    done, repair = repair_sun(picture, beam=clear_beam(moment, place))
+    return done, repair.note
+
+
+def _compared(picture: LuminanceImage, asked: CalibrateParameters, facts: dict[str, Any]) -> list[str]:
+    if asked.outdoor_lux is None or facts["k2_source"] == "from --outdoor-lux":
+        return []
+    found = compare_illuminance(illuminance_lx(picture), asked.outdoor_lux)
+    facts["measured_outdoor_lux"] = {"value": asked.outdoor_lux, "difference_frac": found.difference}
+    return [found.warning] if found.warning else []
+
+
+def _sun_warnings(sky: _Sky, asked: CalibrateParameters) -> list[str]:
+    if sky.sun is None or not sky.sun.clipped or asked.repair_sun != "no":
+        return []
+    return ["the sun is clipped in the shortest stop: illuminance is a lower bound (see --repair-sun)"]
+
+
+def _north_facts(north: North) -> dict[str, Any]:
+    return {
+        "top_azimuth_deg": math.degrees(north.top_azimuth_rad),
+        "uncertainty_deg": math.degrees(north.sigma_rad),
+        "source": north.source,
+        "elevation_off_deg": None if north.elevation_off_rad is None else math.degrees(north.elevation_off_rad),
+    }
+
+
+def _place(session: SessionManifest) -> Place | None:
+    site = session.site
+    if site.latitude_deg is None or site.longitude_deg is None:
+        return None
+    return Place(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0)
+
+
+def _moment(session: SessionManifest) -> datetime | None:
+    """Return the middle of the shortest outdoor exposure, which shows the sun."""
+
+    def seconds(frame: FrameRecord) -> float:
+        return frame.camera_s
+
+    sky = sorted((f for f in session.frames if f.side is Side.OUTDOOR and f.taken_utc), key=seconds)
+    return sky[0].taken_utc if sky else None
