@@ -25,10 +25,13 @@ class RunLengthError(ValueError):
 
 
 def to_rgbe(rgb: Floats, first_row: int = 0) -> Bytes:
-    """Return (H, W, 4) bytes of float32 (H, W, 3) values; ``first_row``: where these rows stand in their picture."""
+    """Return (H, W, 4) bytes of float32 (H, W, 3) values; ``first_row``: where these rows stand in their picture.
+
+    A channel of 0 beside a brighter one reads as half a step: the format has no other way.
+    """
     height, width = rgb.shape[:2]
     largest = rgb.max(axis=2)
-    _, exponent = np.frexp(largest)
+    _, exponent = np.frexp(np.maximum(largest, np.float32(_SMALLEST)))
     scaled = rgb * np.ldexp(np.float32(1), 8 - exponent)[..., None]
     rows = np.arange(first_row, first_row + height)[:, None] * _STEPS[1]
     threshold = ((rows + np.arange(width) * _STEPS[0]) % 1.0).astype(np.float32)
@@ -37,7 +40,6 @@ def to_rgbe(rgb: Floats, first_row: int = 0) -> Bytes:
     # A mantissa that the pattern would lift to 256 stays at 255; one that it would push below 0 stays at 0.
     out[..., :3] = np.clip(scaled, 0, 255)
     out[..., 3] = np.clip(exponent + _EXPONENT_BIAS, 0, 255)
-    # Decoding adds half a step to each channel: in the darkest of a colour that is its error's bound.
     out[largest < _SMALLEST] = 0
     return out
 

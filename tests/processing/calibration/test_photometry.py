@@ -43,9 +43,9 @@ def of_directions(geometry: Geometry, level: object) -> LuminanceImage:
 )
 def test_skies_with_known_illuminance(geometry: Geometry, level: object, truth: float) -> None:
     found = illuminance_lx(of_directions(geometry, level))
-    # The orthographic rim, where pixels with their centres outside are black here, is a thousandth of the disc.
+    # The orthographic rim, where pixels with their centres outside are black here, are 0.2 % of the disc.
     orthographic = getattr(geometry, "mapping", None) is LensMapping.ORTHOGRAPHIC
-    assert found.value_lx == pytest.approx(truth, rel=2e-3 if orthographic else 5e-4)
+    assert found.value_lx == pytest.approx(truth, rel=3e-3 if orthographic else 5e-4)
     assert found.unseen_share < 0.02
     assert found.invalid_shares == {"clipped": 0.0, "dark": 0.0, "repaired": 0.0}
 
