@@ -1,0 +1,86 @@
+"""One step of the search, compiled: from places sorted by score to the states that go on, paths checked."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from processing.layout.free_sets import BODY, RUG, ZONE
+from processing.layout.walk_grid import connected, stamp
+
+WALKER_M = 2.0
+
+
+@njit(cache=True)
+def place_rect(rect, ox, oy, ux, uy, s, out):  # type: ignore[no-untyped-def]
+    """Write the corners (4, 2) of a unit's rectangle in the room."""
+    for c in range(4):
+        x = s + (rect[0] if c in (0, 3) else rect[1])
+        y = rect[2] if c < 2 else rect[3]
+        out[c, 0] = ox + x * ux - y * uy
+        out[c, 1] = oy + x * uy + y * ux
+
+
+@njit(cache=True)
+def add_unit(rects, kinds, line, s, dyn, heights, classes, count):  # type: ignore[no-untyped-def]
+    """Append a unit's rectangles to a state's outlines; return how many it has then."""
+    for r in range(rects.shape[0]):
+        place_rect(rects[r], line[0], line[1], line[2], line[3], s, dyn[count])
+        heights[count, 0], heights[count, 1] = rects[r, 4], rects[r, 5]
+        classes[count] = kinds[r]
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def select(  # type: ignore[no-untyped-def]
+    order, index, place, strata, most, per_parent, per_stratum, most_checks,
+    rects, kinds, n_rects, lines, dyn, heights, classes, dyn_n, blocked, doors, grid, radius2, reach,
+    new_dyn, new_heights, new_classes, new_n, new_blocked, accepted,
+):  # fmt: skip
+    """Fill the next states with the best rows that keep all paths; return how many.
+
+    grid: x0, y0, cell. Quotas: children a parent, states a stratum, paths checked in all.
+    """
+    found, checks = 0, 0
+    x0, y0, cell = grid[0], grid[1], grid[2]
+    children = np.zeros(dyn.shape[0], dtype=np.int64)
+    in_stratum = np.zeros(strata.max() + 1 if strata.size else 1, dtype=np.int64)
+    work = np.empty(blocked.shape[1:], dtype=np.uint8)
+    stack = np.empty(work.size, dtype=np.int64)
+    zones = np.empty((dyn.shape[1], 4, 2))
+    for row in order:
+        b, v, k = index[row, 0], index[row, 1], index[row, 2]
+        if found == most or checks == most_checks:
+            break
+        if children[b] >= per_parent or in_stratum[strata[row]] >= per_stratum:
+            continue
+        checks += 1
+        new_dyn[found], new_heights[found], new_classes[found] = dyn[b], heights[b], classes[b]
+        before = dyn_n[b]
+        count = add_unit(
+            rects[v, : n_rects[v]], kinds[v, : n_rects[v]], lines[k], place[row],
+            new_dyn[found], new_heights[found], new_classes[found], before,
+        )  # fmt: skip
+        new_blocked[found] = blocked[b]
+        for r in range(before, count):
+            if new_classes[found, r] == BODY and new_heights[found, r, 0] < WALKER_M:
+                stamp(new_blocked[found], new_dyn[found, r], x0, y0, cell, radius2)
+        n_zones = 0
+        for r in range(count):
+            if new_classes[found, r] == ZONE:
+                zones[n_zones] = new_dyn[found, r]
+                n_zones += 1
+        if connected(
+            new_blocked[found], work, stack, doors, doors.shape[0], zones, n_zones, x0, y0, cell, reach
+        ) < 0:  # fmt: skip
+            continue
+        new_n[found] = count
+        accepted[found] = row
+        children[b] += 1
+        in_stratum[strata[row]] += 1
+        found += 1
+    return found
+
+
+__all__ = ["BODY", "RUG", "ZONE", "add_unit", "place_rect", "select"]

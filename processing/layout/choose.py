@@ -1,0 +1,87 @@
+"""From final states to a few arrangements that are good, different, and judged valid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from processing.layout.poses import Stand
+
+MOVED_M = 1.0
+TURNED_RAD = 0.6
+BIG_M2 = 0.25
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A whole arrangement in the room's frame, with its scores."""
+
+    placed: tuple[Stand, ...]
+    left_out: tuple[str, ...]
+    score: float
+    scores: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A candidate that was taken, and how it differs from those before it."""
+
+    candidate: Candidate
+    differs_by: str
+
+
+def choose(
+    candidates: Sequence[Candidate], count: int, main: str, valid: Callable[[Candidate], bool], most_checks: int
+) -> list[Chosen]:
+    """Return up to `count` valid candidates, best first, each different from all before it.
+
+    Different: the main piece on another wall or moved by 1 m; where no more of those are left, another large piece.
+    """
+    chosen: list[Chosen] = []
+    known: dict[int, bool] = {}
+    for same_main in (False, True):
+        for number, candidate in enumerate(candidates):
+            if len(chosen) == count or len(known) >= most_checks:
+                break
+            if any(c.candidate is candidate for c in chosen):
+                continue
+            told = _difference(candidate, [c.candidate for c in chosen], main, same_main=same_main)
+            if told is None:
+                continue
+            if number not in known:
+                known[number] = valid(candidate)
+            if known[number]:
+                chosen.append(Chosen(candidate, told))
+    return chosen
+
+
+def _difference(new: Candidate, before: Sequence[Candidate], main: str, *, same_main: bool) -> str | None:
+    """Return how a candidate differs from all before it, or None."""
+    told = ""
+    for old in before:
+        if set(old.left_out) != set(new.left_out):
+            told = told or f"leaves out {', '.join(new.left_out) or 'nothing'}"
+            continue
+        theirs = {s.item.id: s for s in old.placed}
+        found = ""
+        for stand in new.placed:
+            if stand.item.id != main and (not same_main or stand.item.spec.footprint_m2 < BIG_M2):
+                continue
+            other = theirs.get(stand.item.id)
+            found = found or (_moved(stand, other) if other is not None else "")
+        if not found:
+            return None
+        told = told or found
+    return told
+
+
+def _moved(stand: Stand, other: Stand) -> str:
+    gap_m = math.hypot(stand.x_m - other.x_m, stand.y_m - other.y_m)
+    if stand.edge != other.edge and gap_m > 0.3:
+        return f"{stand.item.id} at another wall"
+    if gap_m >= MOVED_M:
+        return f"{stand.item.id} moved by {gap_m:.1f} m"
+    if abs(math.remainder(stand.theta_rad - other.theta_rad, 2 * math.pi)) > TURNED_RAD and gap_m > 0.3:
+        return f"{stand.item.id} turned"
+    return ""

@@ -1,0 +1,119 @@
+"""All places of a unit beside what is placed: exact free intervals on every line, a few places in each. Compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from processing.layout.free_sets import SKIN_M, add_forbidden, add_walls, complement, merged, rects_inside
+from processing.layout.soft import score_place
+
+KEPT_INTERVALS = 40
+MOST_ROWS = 12_000
+
+
+@njit(cache=True)
+def standing(walls, outlines, heights, classes, rects, kinds, n_rects, widths, lines, allowed, meets, out, counts):  # type: ignore[no-untyped-def]
+    """Write the merged intervals that walls and fixed outlines forbid: out (V, L, K, 2), counts (V, L)."""
+    rows = (walls.shape[0] + outlines.shape[0]) * rects.shape[1] + 4
+    scratch = np.empty((rows, 2))
+    for v in range(rects.shape[0]):
+        own, kind = rects[v, : n_rects[v]], kinds[v, : n_rects[v]]
+        for k in range(lines.shape[0]):
+            counts[v, k] = -1
+            if not allowed[v, k] or lines[k, 4] < widths[v] - SKIN_M:
+                continue
+            ox, oy, ux, uy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
+            found = add_walls(walls, ox, oy, ux, uy, own, scratch, 0)
+            found = add_forbidden(
+                outlines, heights, classes, outlines.shape[0], ox, oy, ux, uy, own, kind, meets, scratch, found
+            )
+            found = merged(scratch, found)
+            if found > out.shape[2]:
+                found = out.shape[2]
+                scratch[found - 1, 1] = 1e300
+            out[v, k, :found] = scratch[:found]
+            counts[v, k] = found
+
+
+@njit(cache=True)
+def places_in(low, high, fractions, wanted, n_wanted, out):  # type: ignore[no-untyped-def]
+    """Write the places tried in a free interval: fractions of it and what is wanted, without repeats; return how many."""
+    found = 0
+    for f in fractions:
+        s = low + f * (high - low)
+        known = False
+        for i in range(found):
+            known = known or abs(out[i] - s) < 1e-3
+        if not known and found < out.shape[0]:
+            out[found] = s
+            found += 1
+    for w in range(n_wanted):
+        s = wanted[w]
+        if low < s < high:
+            known = False
+            for i in range(found):
+                known = known or abs(out[i] - s) < 1e-3
+            if not known and found < out.shape[0]:
+                out[found] = s
+                found += 1
+    return found
+
+
+@njit(cache=True)
+def expand(  # type: ignore[no-untyped-def]
+    walls, rects, kinds, n_rects, widths, bonus, anchor_at, anchor_to, half, role, lines, allowed, meets,
+    fixed, fixed_counts, dyn, dyn_heights, dyn_classes, dyn_n, anchors, n_anchors, fractions, doors, windows, middle,
+    out_index, out_place, out_score,
+):  # fmt: skip
+    """Write rows (state, variant, line), s and score for every state; return how many."""
+    found = 0
+    scratch = np.empty((KEPT_INTERVALS + dyn.shape[1] * rects.shape[1] + 4, 2))
+    free, places, wanted = np.empty((KEPT_INTERVALS + 40, 2)), np.empty(24), np.empty(16)
+    for b in range(dyn.shape[0]):
+        for v in range(rects.shape[0]):
+            own, kind = rects[v, : n_rects[v]], kinds[v, : n_rects[v]]
+            for k in range(lines.shape[0]):
+                if fixed_counts[v, k] < 0:
+                    continue
+                ox, oy, ux, uy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
+                count = fixed_counts[v, k]
+                scratch[:count] = fixed[v, k, :count]
+                count = add_forbidden(
+                    dyn[b], dyn_heights[b], dyn_classes[b], dyn_n[b], ox, oy, ux, uy, own, kind, meets, scratch, count
+                )
+                count = merged(scratch, count)
+                longest = lines[k, 4] - widths[v]
+                n_free = complement(scratch, count, 0.0, longest, free)
+                wanted[0] = 0.5 * longest
+                n_wanted = 1
+                for a in range(min(n_anchors[b], 14)):
+                    dx, dy = anchors[b, a, 0] - ox, anchors[b, a, 1] - oy
+                    wanted[n_wanted] = dx * ux + dy * uy - anchor_at[v, 0]
+                    n_wanted += 1
+                for i in range(n_free):
+                    n_places = places_in(free[i, 0], free[i, 1], fractions, wanted, n_wanted, places)
+                    for p in range(n_places):
+                        s = places[p]
+                        if found >= out_score.shape[0]:
+                            return found
+                        if not rects_inside(walls, ox, oy, ux, uy, s, own):
+                            continue
+                        ax, ay = s + anchor_at[v, 0], anchor_at[v, 1]
+                        x, y = ox + ax * ux - ay * uy, oy + ax * uy + ay * ux
+                        fx = anchor_to[v, 0] * ux - anchor_to[v, 1] * uy
+                        fy = anchor_to[v, 0] * uy + anchor_to[v, 1] * ux
+                        ends = int(s - free[i, 0] < 1e-3) + int(free[i, 1] - s < 1e-3)
+                        sliver = 0.0
+                        for gap in (s - free[i, 0], free[i, 1] - s):
+                            if 0.02 < gap < 0.35:
+                                sliver += 0.25
+                        centred = 1.0 if abs(s - 0.5 * longest) < 1e-3 else 0.0
+                        out_score[found] = bonus[v] - sliver + score_place(
+                            role, x, y, fx, fy, int(lines[k, 5]), ax - half[v], ax + half[v], ends, centred,
+                            doors, windows, anchors[b], n_anchors[b], middle,
+                        )  # fmt: skip
+                        out_index[found, 0], out_index[found, 1], out_index[found, 2] = b, v, k
+                        out_place[found] = s
+                        found += 1
+    return found

@@ -1,0 +1,176 @@
+"""From a list of items to units: groups kept whole first, then ever more of their members by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from processing.layout.items import Item
+from processing.layout.rules import RuleSet
+from processing.layout.units import Member, Unit, Variant, beside, desk_and_chair, dining, seating, single, zone_choices
+
+GAP_M = 0.05
+"""Between a bed and its nightstands."""
+ROLES = {
+    "bed": "bed",
+    "single bed": "bed",
+    "king bed": "bed",
+    "sofa": "sofa",
+    "tv stand": "tv",
+    "tv": "tv",
+    "desk": "desk",
+    "armchair": "seat",
+    "dining table": "dining",
+    "nightstand": "night",
+    "wardrobe": "tall",
+    "bookshelf": "tall",
+    "chest": "low",
+    "coffee table": "table",
+    "rug": "rug",
+}
+HUNG_TV_M = 1.0
+
+
+@dataclass(frozen=True)
+class Packing:
+    """One division of the items into units, in the order they are placed."""
+
+    units: tuple[Unit, ...]
+    apart: int
+    """How many items stand away from the group they belong to."""
+
+
+def packings(items: Sequence[Item], rules: RuleSet, apart_from: Sequence[Item] = ()) -> list[Packing]:
+    """Return the divisions to try, whole groups first.
+
+    `apart_from` are items that are placed already (pinned): who belongs to them stands by itself.
+    """
+    found: list[Packing] = []
+    for split in range(4):
+        packing = _packing(list(items), rules, split)
+        if not any(_shape(packing) == _shape(other) for other in found):
+            found.append(packing)
+    return found
+
+
+def _shape(packing: Packing) -> list[tuple[str, ...]]:
+    return [tuple(item.id for item in unit.items) for unit in packing.units]
+
+
+def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
+    left = list(items)
+    units: list[Unit] = []
+    for build in (_beds, _sofas, _tvs, _desks, _tables):
+        units += build(left, rules, split)
+    total = len(items)
+    units += [_alone(item, rules) for item in left]
+    apart = sum(1 for item in left if item.spec.group_with) if total else 0
+    units.sort(key=lambda u: (-_priority(u), -u.footprint_m2, u.items[0].id))
+    return Packing(tuple(units), apart)
+
+
+def _priority(unit: Unit) -> int:
+    """Return what goes first: what rooms are for, then by size; rugs and small pieces last."""
+    return {"bed": 3, "sofa": 3, "dining": 3, "rug": -1}.get(unit.role, 2 if len(unit.items) > 1 else 1)
+
+
+def _take(left: list[Item], *categories: str) -> list[Item]:
+    taken = [item for item in left if item.spec.category in categories]
+    left[:] = [item for item in left if item not in taken]
+    return taken
+
+
+def _beds(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
+    beds = _take(left, "bed", "single bed", "king bed")
+    tables = _take(left, "nightstand")
+    units = []
+    for number, bed in enumerate(beds):
+        share = tables[number :: len(beds)]
+        kept = share[: max(0, 2 - split)] if split else share[:2]
+        left += [item for item in share if item not in kept]
+        variants = _bed_variants(bed, kept, rules)
+        units.append(Unit((bed, *kept), tuple(variants), "bed"))
+    if not beds:
+        left += tables
+    return units
+
+
+def _bed_variants(bed: Item, tables: Sequence[Item], rules: RuleSet) -> list[Variant]:
+    if not tables:
+        return single(bed, rules, at_wall=True)
+    if len(tables) == 1:
+        return [*beside(bed, tables, (), rules, GAP_M), *beside(bed, (), tables, rules, GAP_M)]
+    return beside(bed, tables[:1], tables[1:2], rules, GAP_M)
+
+
+def _sofas(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
+    sofas = _take(left, "sofa")
+    if not sofas:
+        return []
+    tables, chairs = _take(left, "coffee table"), _take(left, "armchair")
+    rugs = _take(left, "rug") if not any(i.spec.category in {"dining table", "bed"} for i in left) else []
+    sofa, table = sofas[0], tables[0] if tables and split < 3 else None
+    rug = rugs[0] if rugs and split < 2 else None
+    kept = chairs[: max(0, 2 - split)] if split else chairs[:2]
+    if split == 1:
+        kept = []
+    sides = [["left", "right"]] if len(kept) == 2 else [["left"], ["right"]] if kept else [[]]
+    variants = [seating(sofa, table, list(zip(kept, s, strict=True)), rug, rules) for s in sides]
+    members = [sofa, *([table] if table else []), *kept, *([rug] if rug else [])]
+    left += [i for i in (*sofas[1:], *tables, *chairs, *rugs) if i not in members]
+    return [Unit(tuple(members), tuple(variants), "sofa")]
+
+
+def _tvs(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
+    del split  # a TV never leaves its stand
+    stands, screens = _take(left, "tv stand"), _take(left, "tv")
+    units = []
+    for number, stand in enumerate(stands):
+        on = screens[number : number + 1]
+        width_m, depth_m, height_m = stand.spec.size_m
+        members = [Member(stand, width_m / 2, depth_m / 2, 0, zone_choices(stand, rules)[0])]
+        placed = [Item(tv.id, replace(tv.spec, base_m=height_m)) for tv in on]
+        members += [Member(tv, width_m / 2, depth_m / 2) for tv in placed]
+        units.append(Unit((stand, *placed), (Variant(tuple(members), width_m, depth_m, at_wall=True),), "tv"))
+    for tv in screens[len(stands) :]:
+        hung = Item(tv.id, replace(tv.spec, base_m=HUNG_TV_M))
+        units.append(Unit((hung,), tuple(single(hung, rules, at_wall=True)), "tv"))
+    return units
+
+
+def _desks(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
+    desks, chairs = _take(left, "desk"), _take(left, "desk chair")
+    units = []
+    for number, desk in enumerate(desks):
+        own = chairs[number : number + 1] if split < 3 else []
+        units.append(Unit((desk, *own), tuple(desk_and_chair(desk, own, rules)), "desk"))
+    used = {item.id for unit in units for item in unit.items}
+    left += [chair for chair in chairs if chair.id not in used]
+    return units
+
+
+def _tables(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
+    tables, chairs = _take(left, "dining table"), _take(left, "dining chair")
+    if not tables:
+        left += chairs
+        return []
+    rugs = _take(left, "rug") if split < 2 else []
+    table, rug = tables[0], rugs[0] if rugs else None
+    keep = len(chairs) if split < 2 else max(0, len(chairs) - split + 1)
+    most = 2 * max(1, int((table.spec.size_m[0] + 1e-9) / 0.61)) + 2
+    own = chairs[: min(keep, most)]
+    variants = dining(table, own, rug, rules)
+    members = [table, *own, *([rug] if rug else [])]
+    left += [i for i in (*tables[1:], *chairs, *rugs) if i not in members]
+    return [Unit(tuple(members), tuple(variants), "dining")]
+
+
+def _alone(item: Item, rules: RuleSet) -> Unit:
+    at_wall = item.spec.placement == "wall" or item.spec.category in {"desk chair", "dining chair"}
+    role = ROLES.get(
+        item.spec.category, "tall" if item.spec.size_m[2] > 1.2 and item.spec.footprint_m2 > 0.2 else "small"
+    )
+    variants = single(item, rules, at_wall=at_wall)
+    if at_wall and item.spec.footprint_m2 < 0.35 and item.spec.base_m == 0:
+        variants += single(item, rules, at_wall=False, bonus=-1.5)
+    return Unit((item,), tuple(variants), role)

@@ -1,0 +1,191 @@
+"""The room as the solver sees it: a floor polygon with columns, a ceiling, doors, windows and places kept free.
+
+Metres, z up, corners counter-clockwise seen from above; edge i runs from corner i to corner i + 1 with the room to its
+left (docs/coordinates.md). An opening lies on an edge between `start_m` and `end_m` from the edge's first corner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, TypeVar
+
+import numpy as np
+
+from processing.errors import PlanError
+from processing.layout.polygons import Array, repaired_ring, signed_area
+
+Hinge: TypeAlias = Literal["left", "right", "unknown"]
+"""Where a door hangs, seen from inside the room looking at it."""
+Swing: TypeAlias = Literal["in", "out", "sliding", "unknown"]
+
+DEFAULT_HEIGHT_M = 2.4
+DEFAULT_SILL_M = 0.9
+DEFAULT_HEAD_M = 2.1
+DOOR_HEAD_M = 2.1
+SLACK_M = 0.05
+"""By so much may an opening stick out over the end of its edge; it is cut there, and that is said."""
+
+
+@dataclass(frozen=True)
+class Door:
+    """A door; unknown hinges and swings are taken as either."""
+
+    edge: int
+    start_m: float
+    end_m: float
+    hinge: Hinge = "unknown"
+    swing: Swing = "unknown"
+    name: str = ""
+
+    @property
+    def width_m(self) -> float:
+        """Return the width of the opening."""
+        return self.end_m - self.start_m
+
+
+@dataclass(frozen=True)
+class Window:
+    """A window from sill to head above the floor."""
+
+    edge: int
+    start_m: float
+    end_m: float
+    sill_m: float = DEFAULT_SILL_M
+    head_m: float = DEFAULT_HEAD_M
+    name: str = ""
+
+    @property
+    def width_m(self) -> float:
+        """Return the width of the opening."""
+        return self.end_m - self.start_m
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """A checked plan: make it with `make_plan`."""
+
+    corners: Array
+    """(n, 2), counter-clockwise."""
+    holes: tuple[Array, ...] = ()
+    """Columns and shafts, each (m, 2), clockwise."""
+    ceiling_height_m: float = DEFAULT_HEIGHT_M
+    doors: tuple[Door, ...] = ()
+    windows: tuple[Window, ...] = ()
+    keep_free: tuple[tuple[float, float], ...] = ()
+    """Points that stay free, such as the panorama camera's."""
+    name: str = "room"
+    notes: tuple[str, ...] = ()
+    """What was repaired or assumed."""
+
+    @property
+    def area_m2(self) -> float:
+        """Return the floor's area, without columns."""
+        return signed_area(self.corners) + sum(signed_area(hole) for hole in self.holes)
+
+    def edge(self, index: int) -> tuple[Array, Array, float]:
+        """Return an edge's first corner, its unit direction and its length in metres."""
+        start = self.corners[index]
+        along = self.corners[(index + 1) % len(self.corners)] - start
+        length_m = float(np.hypot(*along))
+        return start, along / length_m, length_m
+
+
+def make_plan(
+    corners: Sequence[Sequence[float]] | Array,
+    *,
+    holes: Sequence[Sequence[Sequence[float]]] = (),
+    ceiling_height_m: float = DEFAULT_HEIGHT_M,
+    doors: Sequence[Door] = (),
+    windows: Sequence[Window] = (),
+    keep_free: Sequence[tuple[float, float]] = (),
+    name: str = "room",
+    notes: Sequence[str] = (),
+) -> FloorPlan:
+    """Return the plan with what can be repaired repaired and noted.
+
+    Raises `PlanError` for polygons that cross themselves or have no area, openings that are not on their edge or overlap
+    on it, columns outside the floor, and heights that no room has.
+    """
+    if not (math.isfinite(ceiling_height_m) and 1.5 <= ceiling_height_m <= 30):
+        raise PlanError(f"a ceiling {ceiling_height_m} m high; 1.5 to 30 m can be", where=name)
+    floor = repaired_ring(_as_array(corners, name), where=name)
+    told = [*notes, *floor.notes]
+    columns = []
+    for index, hole in enumerate(holes):
+        column = repaired_ring(
+            _as_array(hole, f"{name}, column {index}"), where=f"{name}, column {index}", clockwise=True
+        )
+        _refuse_outside(floor.ring, column.ring, f"{name}, column {index}")
+        columns.append(column.ring)
+        told += [f"column {index}: {note}" for note in column.notes]
+    plan = FloorPlan(floor.ring, tuple(columns), float(ceiling_height_m), name=name)
+    moved = {old: new for new, old in enumerate(floor.edge_from)}
+    kept_doors = tuple(_placed(plan, door, moved, floor.turned, told) for door in doors)
+    kept_windows = tuple(_placed(plan, window, moved, floor.turned, told) for window in windows)
+    for window in kept_windows:
+        _refuse_heights(window, name)
+    for x, y in keep_free:
+        if not _inside(floor.ring, np.array([x, y])):
+            raise PlanError(f"the point to keep free ({x:.2f}, {y:.2f}) is outside the floor", where=name)
+    return replace(
+        plan,
+        doors=kept_doors,
+        windows=kept_windows,
+        keep_free=tuple((float(x), float(y)) for x, y in keep_free),
+        notes=tuple(told),
+    )
+
+
+def _as_array(points: Sequence[Sequence[float]] | Array, where: str) -> Array:
+    try:
+        return np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise PlanError("the corners are not pairs of numbers", where=where) from None
+
+
+O = TypeVar("O", Door, Window)
+
+
+def _placed(plan: FloorPlan, opening: O, moved: dict[int, int], turned: bool, notes: list[str]) -> O:
+    """Return the opening on the repaired ring's edges."""
+    kind = type(opening).__name__.lower()
+    where = f"{plan.name}, {kind} {opening.name}".rstrip()
+    if opening.edge not in moved:
+        raise PlanError(f"it lies on edge {opening.edge}, which is none or has no length", where=where)
+    edge = moved[opening.edge]
+    length_m = plan.edge(edge)[2]
+    start_m, end_m = opening.start_m, opening.end_m
+    if not (math.isfinite(start_m) and math.isfinite(end_m)) or end_m - start_m < 0.05:
+        raise PlanError(f"from {start_m} to {end_m} m along edge {opening.edge}: not an opening", where=where)
+    if turned:
+        start_m, end_m = length_m - end_m, length_m - start_m
+    if start_m < -SLACK_M or end_m > length_m + SLACK_M:
+        raise PlanError(
+            f"from {start_m:.3f} to {end_m:.3f} m on edge {edge}, which is {length_m:.3f} m long", where=where
+        )
+    cut = max(0.0, start_m), min(length_m, end_m)
+    if max(cut[0] - start_m, end_m - cut[1]) > 1e-3:
+        notes.append(f"{kind} on edge {edge} cut at the edge's end")
+    return replace(opening, edge=edge, start_m=cut[0], end_m=cut[1])
+
+
+def _refuse_heights(window: Window, name: str) -> None:
+    if not (math.isfinite(window.sill_m) and math.isfinite(window.head_m) and -0.5 <= window.sill_m < window.head_m):
+        raise PlanError(f"a window from {window.sill_m} to {window.head_m} m above the floor", where=name)
+
+
+def _refuse_outside(ring: Array, column: Array, where: str) -> None:
+    for corner in column:
+        if not _inside(ring, corner):
+            raise PlanError(f"its corner ({corner[0]:.3f}, {corner[1]:.3f}) is outside the floor", where=where)
+
+
+def _inside(ring: Array, point: Array) -> bool:
+    """Tell whether a point lies inside a ring (even-odd)."""
+    a, b = ring, np.roll(ring, -1, axis=0)
+    spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = a[:, 0] + (point[1] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
+    return bool(np.count_nonzero(spans & (x > point[0])) % 2)

@@ -1,0 +1,170 @@
+"""Floor plans from files: `plan.json` and the same object a line (`.jsonl`). docs/arrangement.md lists the keys."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from processing.errors import PlanError
+from processing.layout.plan import DEFAULT_HEAD_M, DEFAULT_HEIGHT_M, DEFAULT_SILL_M, Door, FloorPlan, Window, make_plan
+
+MAX_BYTES = 4_000_000
+MAX_CORNERS = 2000
+TO_THE_FLOOR = ("balcony", "terrace", "garden")
+"""Windows that lead there are taken to reach the floor where no sill is given."""
+
+
+def read_plan(path: Path) -> FloorPlan:
+    """Read one plan.
+
+    Raises `PlanError` for a file that is absent, too large, no JSON, or no plan.
+    """
+    return plan_from_mapping(_json(_text(path), str(path.name)), where=path.name)
+
+
+def read_plans(path: Path) -> list[FloorPlan]:
+    """Read a plan a line; blank lines are passed over."""
+    lines = _text(path).splitlines()
+    return [
+        plan_from_mapping(_json(line, f"{path.name}:{number}"), where=f"{path.name}:{number}")
+        for number, line in enumerate(lines, 1)
+        if line.strip()
+    ]
+
+
+def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
+    """Return the plan of a JSON object: polygon, openings, and what else is given."""
+    if not isinstance(data, Mapping) or "polygon" not in data:
+        raise PlanError("no object with a 'polygon'", where=where)
+    polygon, openings = data["polygon"], data.get("openings", [])
+    holes, keep_free = data.get("holes", []), data.get("keep_free", [])
+    for key, value in (("polygon", polygon), ("openings", openings), ("holes", holes), ("keep_free", keep_free)):
+        if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MAX_CORNERS:
+            raise PlanError(f"'{key}' is no list of at most {MAX_CORNERS}", where=where)
+    doors, windows, notes = _openings(openings, where)
+    return make_plan(
+        polygon,
+        holes=holes,
+        ceiling_height_m=_number(data, "height_m", where, DEFAULT_HEIGHT_M),
+        doors=doors,
+        windows=windows,
+        keep_free=[_point(point, where) for point in keep_free],
+        name=str(data.get("id", where)),
+        notes=notes,
+    )
+
+
+def plan_to_mapping(plan: FloorPlan) -> dict[str, Any]:
+    """Return the JSON object that `plan_from_mapping` reads."""
+    doors = [
+        {
+            "kind": "door",
+            "edge": d.edge,
+            "t0": d.start_m,
+            "t1": d.end_m,
+            "hinge": d.hinge,
+            "swing": d.swing,
+            "to": d.name,
+        }
+        for d in plan.doors
+    ]
+    windows = [
+        {
+            "kind": "window",
+            "edge": w.edge,
+            "t0": w.start_m,
+            "t1": w.end_m,
+            "sill": w.sill_m,
+            "head": w.head_m,
+            "to": w.name,
+        }
+        for w in plan.windows
+    ]
+    return {
+        "id": plan.name,
+        "polygon": plan.corners.tolist(),
+        "holes": [hole.tolist() for hole in plan.holes],
+        "height_m": plan.ceiling_height_m,
+        "openings": [*doors, *windows],
+        "keep_free": [list(point) for point in plan.keep_free],
+    }
+
+
+def _openings(items: Sequence[Any], where: str) -> tuple[list[Door], list[Window], list[str]]:
+    doors: list[Door] = []
+    windows: list[Window] = []
+    notes: list[str] = []
+    for number, item in enumerate(items):
+        at = f"{where}, opening {number}"
+        if not isinstance(item, Mapping) or item.get("kind") not in {"door", "window", "opening"}:
+            raise PlanError("its 'kind' is neither door nor window nor opening", where=at)
+        edge = item.get("edge")
+        if isinstance(edge, bool) or not isinstance(edge, int):
+            raise PlanError("its 'edge' is no whole number", where=at)
+        start_m, end_m = _number(item, "t0", at), _number(item, "t1", at)
+        if item["kind"] == "window":
+            windows.append(_window(item, edge, start_m, end_m, notes, at))
+        else:
+            doors.append(_door(item, edge, start_m, end_m, at))
+    return doors, windows, notes
+
+
+def _door(item: Mapping[str, Any], edge: int, start_m: float, end_m: float, where: str) -> Door:
+    hinge = item.get("hinge", "unknown")
+    swing = item.get("swing", "sliding" if item["kind"] == "opening" else "unknown")
+    if hinge not in {"left", "right", "unknown"}:
+        raise PlanError("its 'hinge' is neither left nor right nor unknown", where=where)
+    if swing not in {"in", "out", "sliding", "unknown"}:
+        raise PlanError("its 'swing' is neither in nor out nor sliding nor unknown", where=where)
+    return Door(edge, start_m, end_m, hinge, swing, str(item.get("to") or ""))
+
+
+def _window(item: Mapping[str, Any], edge: int, start_m: float, end_m: float, notes: list[str], where: str) -> Window:
+    to = str(item.get("to") or "")
+    sill_m = 0.0 if any(word in to for word in TO_THE_FLOOR) else DEFAULT_SILL_M
+    if item.get("sill") is None:
+        notes.append(f"window on edge {edge}: sill not given, taken as {sill_m:g} m")
+    return Window(
+        edge,
+        start_m,
+        end_m,
+        _number(item, "sill", where, sill_m),
+        _number(item, "head", where, DEFAULT_HEAD_M),
+        to,
+    )
+
+
+def _number(data: Mapping[str, Any], key: str, where: str, default: float | None = None) -> float:
+    value = data.get(key)
+    if value is None and default is not None:
+        return default
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise PlanError(f"its '{key}' is no finite number", where=where)
+    return float(value)
+
+
+def _point(value: Any, where: str) -> tuple[float, float]:
+    try:
+        x, y = (float(v) for v in value)
+    except (TypeError, ValueError):
+        raise PlanError("a point of 'keep_free' is no pair of numbers", where=where) from None
+    return x, y
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise PlanError(f"larger than {MAX_BYTES // 1_000_000} MB: no plan", where=path.name)
+        return path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise PlanError(f"cannot be read ({type(error).__name__})", where=path.name) from None
+
+
+def _json(text: str, where: str) -> object:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        raise PlanError("not JSON", where=where) from None

@@ -1,0 +1,78 @@
+"""Poses of pieces from the search's choices, in the canonical frame and back in the room."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from processing.layout.canonical import Frame, wrapped
+from processing.layout.grouping import Packing
+from processing.layout.items import Item
+from processing.layout.search import Choice, Found
+from processing.layout.units import Rect
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A piece in a frame: where it stands, with whom, at which edge, and the use zones kept for it."""
+
+    item: Item
+    x_m: float
+    y_m: float
+    theta_rad: float
+    group: str
+    edge: int | None
+    zones: tuple[Rect, ...] = ()
+    pinned: bool = False
+
+    def facing(self) -> tuple[float, float]:
+        """Return the unit vector of its front."""
+        return -math.sin(self.theta_rad), math.cos(self.theta_rad)
+
+    def corners(self, rect: Rect | None = None) -> list[tuple[float, float]]:
+        """Return the corners of a rectangle of its frame; of its footprint by default."""
+        if rect is None:
+            w, d = self.item.spec.size_m[0] / 2, self.item.spec.size_m[1] / 2
+            rect = (-w, w, -d, d)
+        c, s = math.cos(self.theta_rad), math.sin(self.theta_rad)
+        x0, x1, y0, y1 = rect
+        return [
+            (self.x_m + x * c - y * s, self.y_m + x * s + y * c) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+        ]
+
+
+def stands(found: Found, packing: Packing) -> list[Stand]:
+    """Return the pieces of a state, in the canonical frame."""
+    return [stand for choice in found.choices for stand in _unit(choice, packing)]
+
+
+def _unit(choice: Choice, packing: Packing) -> list[Stand]:
+    variant = packing.units[choice.unit].variants[choice.variant]
+    ox, oy, ux, uy, _, edge = choice.line
+    angle = math.atan2(uy, ux)
+    group = variant.members[0].item.id
+    placed = []
+    for member in variant.members:
+        x, y = choice.s_m + member.x_m, member.y_m
+        placed.append(
+            Stand(
+                member.item,
+                ox + x * ux - y * uy,
+                oy + x * uy + y * ux,
+                wrapped(angle + member.quarters * math.pi / 2),
+                group,
+                int(edge) if edge >= 0 else None,
+                member.zones,
+            )
+        )
+    return placed
+
+
+def in_room(stand: Stand, frame: Frame) -> Stand:
+    """Return a piece in the room's frame, rounded to 1 um and 1 nrad."""
+    x, y, theta = frame.back((stand.x_m, stand.y_m, stand.theta_rad))
+    zones = tuple((-x1, -x0, y0, y1) for x0, x1, y0, y1 in stand.zones) if frame.mirrored else stand.zones
+    edge = None if stand.edge is None else frame.edge_back(stand.edge)
+    return Stand(
+        stand.item, round(x, 6) + 0.0, round(y, 6) + 0.0, round(theta, 9) + 0.0, stand.group, edge, zones, stand.pinned
+    )

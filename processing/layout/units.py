@@ -1,0 +1,230 @@
+"""Units: what is placed as one piece, a single item or a group such as a bed with its nightstands, in its variants.
+
+A unit's frame: x along the line it is placed on, y away from it; the part that touches the line spans 0 <= x <= width.
+Members stand in it turned by quarters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TypeAlias
+
+from processing.layout.items import Item, UseZone
+from processing.layout.rules import RuleSet
+
+Rect: TypeAlias = tuple[float, float, float, float]
+"""x0, x1, y0, y1 in metres."""
+LEAST_ZONE_M = 1e-6
+
+
+@dataclass(frozen=True)
+class Member:
+    """An item's place in its unit."""
+
+    item: Item
+    x_m: float
+    y_m: float
+    quarters: int = 0
+    """Turned counter-clockwise by so many right angles."""
+    zones: tuple[Rect, ...] = ()
+    """The use zones that this variant keeps free, in the item's own frame."""
+
+    def rect(self, local: Rect) -> Rect:
+        """Return a rectangle of the item's frame in the unit's frame."""
+        x0, x1, y0, y1 = local
+        for _ in range(self.quarters % 4):
+            x0, x1, y0, y1 = -y1, -y0, x0, x1
+        return x0 + self.x_m, x1 + self.x_m, y0 + self.y_m, y1 + self.y_m
+
+    def body(self) -> Rect:
+        """Return its footprint in the unit's frame."""
+        width_m, depth_m, _ = self.item.spec.size_m
+        return self.rect((-width_m / 2, width_m / 2, -depth_m / 2, depth_m / 2))
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way to put a unit together."""
+
+    members: tuple[Member, ...]
+    width_m: float
+    """Of the part that touches the line."""
+    depth_m: float
+    """From the line to the far side of the last body."""
+    at_wall: bool
+    bonus: float = 0.0
+    """How much better than plain, in units of the search's score."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: its main item first in each variant's members."""
+
+    items: tuple[Item, ...]
+    variants: tuple[Variant, ...]
+    role: str
+
+    @property
+    def footprint_m2(self) -> float:
+        """Return what its items cover together."""
+        return sum(item.spec.footprint_m2 for item in self.items if not item.spec.is_rug)
+
+
+def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:
+    """Return the sets of use zones of which one must be free, the most generous first, in the item's frame."""
+    spec = item.spec
+    rects = {zone.side: _zone_rect(item, zone, rules) for zone in spec.zones}
+    found = {side: rect for side, rect in rects.items() if rect is not None}
+    if not spec.sides_rule:
+        return [tuple(found.values())]
+    sides = [side for side in ("left", "right") if side in found]
+    rest = [rect for side, rect in found.items() if side not in sides]
+    least = min(int(rules.length(spec.sides_rule)), len(sides))
+    return [
+        tuple([*(found[s] for s in chosen), *rest])
+        for count in range(len(sides), least - 1, -1)
+        for chosen in combinations(sides, count)
+    ]
+
+
+def _zone_rect(item: Item, zone: UseZone, rules: RuleSet) -> Rect | None:
+    deep = rules.length(zone.rule) - zone.less_m
+    if deep < LEAST_ZONE_M:
+        return None
+    half_w, half_d = item.spec.size_m[0] / 2, item.spec.size_m[1] / 2
+    return {
+        "front": (-half_w, half_w, half_d, half_d + deep),
+        "back": (-half_w, half_w, -half_d - deep, -half_d),
+        "left": (-half_w - deep, -half_w, -half_d, half_d),
+        "right": (half_w, half_w + deep, -half_d, half_d),
+    }[zone.side]
+
+
+def single(item: Item, rules: RuleSet, *, at_wall: bool, bonus: float = 0.0) -> list[Variant]:
+    """Return the variants of an item that stands by itself."""
+    width_m, depth_m, _ = item.spec.size_m
+    return [
+        Variant(
+            (Member(item, width_m / 2, depth_m / 2, 0, zones),), width_m, depth_m, at_wall, bonus + 0.15 * len(zones)
+        )
+        for zones in zone_choices(item, rules)
+    ]
+
+
+def beside(bed: Item, left: Sequence[Item], right: Sequence[Item], rules: RuleSet, gap_m: float) -> list[Variant]:
+    """Return the variants of a bed with nightstands on its left and right, backs to the same line."""
+    variants = []
+    before = sum(item.spec.size_m[0] + gap_m for item in left)
+    width_m, depth_m, _ = bed.spec.size_m
+    for zones in zone_choices(bed, rules):
+        members = [Member(bed, before + width_m / 2, depth_m / 2, 0, zones)]
+        at = 0.0
+        for item in left:
+            members.append(_backed(item, at, rules))
+            at += item.spec.size_m[0] + gap_m
+        at = before + width_m
+        for item in right:
+            members.append(_backed(item, at + gap_m, rules))
+            at += gap_m + item.spec.size_m[0]
+        variants.append(Variant(tuple(members), at, depth_m, at_wall=True, bonus=0.3 * len(zones)))
+    return variants
+
+
+def _backed(item: Item, start_m: float, rules: RuleSet) -> Member:
+    width_m, depth_m, _ = item.spec.size_m
+    return Member(item, start_m + width_m / 2, depth_m / 2, 0, zone_choices(item, rules)[0])
+
+
+def desk_and_chair(desk: Item, chairs: Sequence[Item], rules: RuleSet) -> list[Variant]:
+    """Return a desk at the wall with its chair pushed to it."""
+    width_m, depth_m, _ = desk.spec.size_m
+    members = [Member(desk, width_m / 2, depth_m / 2, 0, zone_choices(desk, rules)[0])]
+    members += [Member(chair, width_m / 2, depth_m + chair.spec.size_m[1] / 2, 2) for chair in chairs[:1]]
+    return [Variant(tuple(members), width_m, depth_m, at_wall=True)]
+
+
+def seating(
+    sofa: Item, table: Item | None, chairs: Sequence[tuple[Item, str]], rug: Item | None, rules: RuleSet
+) -> Variant:
+    """Return a sofa at the wall, the table before it, armchairs at the table's `left` and `right` end, a rug below."""
+    width_m, depth_m, _ = sofa.spec.size_m
+    members = [Member(sofa, width_m / 2, depth_m / 2, 0, zone_choices(sofa, rules)[0])]
+    reach_m, middle_y = width_m / 2, depth_m + rules.table_gap + 0.3
+    if table is not None:
+        middle_y = depth_m + rules.table_gap + table.spec.size_m[1] / 2
+        reach_m = table.spec.size_m[0] / 2
+        members.append(Member(table, width_m / 2, middle_y))
+    for chair, side in chairs:
+        away_m = reach_m + rules.table_gap + chair.spec.size_m[1] / 2
+        sign = -1.0 if side == "left" else 1.0
+        zones = zone_choices(chair, rules)[0]
+        y_m = max(middle_y, depth_m + 0.1 + chair.spec.size_m[0] / 2) if away_m < width_m / 2 + 0.5 else middle_y
+        members.append(Member(chair, width_m / 2 + sign * away_m, y_m, 3 if side == "left" else 1, zones))
+    if rug is not None:
+        members.append(Member(rug, width_m / 2, middle_y))
+    far = max(m.body()[3] for m in members)
+    return Variant(tuple(members), width_m, far, at_wall=True, bonus=0.8 * len(chairs) + 0.3 * (rug is not None))
+
+
+def dining(table: Item, chairs: Sequence[Item], rug: Item | None, rules: RuleSet) -> list[Variant]:
+    """Return a table with its chairs: free in the room, an end at the wall, or a long side at the wall."""
+    length_m, depth_m, _ = table.spec.size_m
+    places = max(1, int((length_m + 1e-9) / 0.61))
+    count, found = len(chairs), []
+    for near, far, ends in _seats(count, places):
+        if near == 0:
+            found.append(_table_set(table, chairs, (near, far, ends, ends), rug, rules, turned=False))
+        if ends == 0 and near + far == count:
+            found.append(_table_set(table, chairs, (near, far, 0, 0), rug, rules, turned=True))
+        free = _table_set(table, chairs, (near, far, ends, ends), rug, rules, turned=False)
+        found.append(Variant(free.members, free.width_m, free.depth_m, at_wall=False, bonus=0.5 + 0.2 * (near == far)))
+    assert depth_m > 0
+    return found
+
+
+def _seats(count: int, places: int) -> list[tuple[int, int, int]]:
+    """Return (near side, far side, each end) seats that hold exactly `count` chairs; ends hold one each or none."""
+    found = []
+    for ends in (0, 1):
+        left = count - 2 * ends
+        for near in range(min(places, left) + 1) if left >= 0 else ():
+            if left - near <= places and near <= left - near:
+                found.append((near, left - near, ends))
+    return found
+
+
+def _table_set(
+    table: Item,
+    chairs: Sequence[Item],
+    seats: tuple[int, int, int, int],
+    rug: Item | None,
+    rules: RuleSet,
+    *,
+    turned: bool,
+) -> Variant:
+    """Return the set with the table's long side along the line, or turned with its end at the line."""
+    length_m, depth_m, _ = table.spec.size_m
+    rest = list(chairs)
+    members = [Member(table, 0.0, 0.0, 0, zone_choices(table, rules)[0])]
+    for side, quarters in ((-1.0, 0), (1.0, 2)):
+        number = seats[0] if side < 0 else seats[1]
+        for k in range(number):
+            chair = rest.pop(0)
+            x = length_m * ((k + 0.5) / number - 0.5)
+            y = side * (depth_m + chair.spec.size_m[1]) / 2
+            members.append(Member(chair, x, y, quarters, zone_choices(chair, rules)[0]))
+    for side, quarters, number in ((-1.0, 3, seats[2]), (1.0, 1, seats[3])):
+        for _ in range(number):
+            chair = rest.pop(0)
+            x = side * (length_m + chair.spec.size_m[1]) / 2
+            members.append(Member(chair, x, 0.0, quarters, zone_choices(chair, rules)[0]))
+    if rug is not None:
+        members.append(Member(rug, 0.0, 0.0))
+    if turned:
+        members = [Member(m.item, -m.y_m, m.x_m, m.quarters + 1, m.zones) for m in members]
+    bodies = [m.body() for m in members if not m.item.spec.is_rug]
+    x0, y0 = min(b[0] for b in bodies), min(b[2] for b in bodies)
+    moved = tuple(Member(m.item, m.x_m - x0, m.y_m - y0, m.quarters, m.zones) for m in members)
+    return Variant(moved, max(b[1] for b in bodies) - x0, max(b[3] for b in bodies) - y0, at_wall=True)
