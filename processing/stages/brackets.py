@@ -1,0 +1,95 @@
+"""The frames of one side of a session: from disk, decoded once and held while a stage works on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from processing.errors import BracketError
+from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
+from station.session import DeviceRecord, FrameRecord, Side
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from processing.frames import Codes, FrameSource
+    from station.session import SessionManifest
+
+DECODERS = 2
+
+
+@dataclass(frozen=True)
+class SideBracket:
+    """One camera's bracket as the session records it, longest time first."""
+
+    side: Side
+    records: tuple[FrameRecord, ...]
+    frames: tuple[FrameSource, ...]
+    device: DeviceRecord | None
+
+    @property
+    def nominal_s(self) -> tuple[float, ...]:
+        """Return the times the camera was set to."""
+        return tuple(record.camera_s for record in self.records)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Return width and height."""
+        return self.frames[0].size_px
+
+
+def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> SideBracket | None:
+    """Return a side's JPEG frames, None where the session has none.
+
+    Raises `BracketError` for frames of different settings: only the time may differ within a bracket.
+    """
+    from processing.frames import jpeg_frame
+
+    found = [frame for frame in manifest.frames if frame.side == side and frame.format == "jpeg"]
+    if not found:
+        return None
+    records = tuple(sorted(found, key=lambda frame: frame.stop))
+    for name in ("iso", "f_number"):
+        values = {getattr(record, name) for record in records} - {None}
+        if len(values) > 1:
+            raise BracketError(
+                f"{side}: frames of different {name}: {', '.join(map(str, sorted(values)))}",
+                where=records[0].file,
+                likely="a setting was changed, or frames of two brackets",
+                advice="capture the bracket anew, or leave frames out when importing",
+            )
+    device = next((device for device in manifest.devices if device.role == side.value), None)
+    frames = tuple(jpeg_frame(session_path / record.file, record.file) for record in records)
+    return SideBracket(side, records, frames, device)
+
+
+def decoded(frames: Sequence[FrameSource]) -> list[Codes]:
+    """Decode all frames, in order, by a few threads."""
+    with ThreadPoolExecutor(DECODERS) as pool:
+        return list(pool.map(lambda frame: frame.decode(), frames))
+
+
+def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
+    """Return what the camera's picture shows before calibration: a panorama, or a circle of which only the size counts.
+
+    The outdoor mapping and field are those of the common fisheye lens until the stage calibrate puts the lens in.
+    """
+    width_px, height_px = bracket.size_px
+    if bracket.side is Side.INDOOR:
+        return Equirectangular(width_px, height_px)
+    circle = _circle(rig)
+    centre_px = (circle[0] * width_px, circle[1] * height_px)
+    return Fisheye(width_px, height_px, LensMapping.EQUIDISTANT, circle[2] * width_px, centre_px=centre_px)
+
+
+def _circle(rig: dict[str, object]) -> tuple[float, float, float]:
+    """Return the image circle that the rig file gave, as fractions; else one that fills the usual frame's height."""
+    outdoor = rig.get("outdoor")
+    circle = outdoor.get("image_circle") if isinstance(outdoor, dict) else None
+    if isinstance(circle, list | tuple) and len(circle) == 3 and all(isinstance(v, int | float) for v in circle):
+        x, y, radius = (float(v) for v in circle)
+        if -1 < x < 2 and -1 < y < 2 and 0 < radius <= 2:
+            return x, y, radius
+    return 0.5, 0.5, 1 / 3

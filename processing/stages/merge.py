@@ -1,0 +1,138 @@
+"""The stage merge: both sides' brackets to one relative picture each, with the camera's response and times."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from processing.errors import BracketError
+from processing.stages.brackets import SideBracket, decoded, merge_geometry, side_bracket
+from processing.stages.camera_response import CameraResponse, camera_response
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.parameters import MergeParameters
+from station.session import Side, shutter_label
+
+if TYPE_CHECKING:
+    from processing.calibration.merge import Merged
+    from processing.calibration.profile import RigProfile
+
+_STEPS = 2 * 3
+"""Decoding, response and merging of two sides: for the progress."""
+
+
+@dataclass
+class _Gathered:
+    """What the sides have given so far."""
+
+    artifacts: dict[str, object] = field(default_factory=dict)
+    response: dict[str, Any] = field(default_factory=dict)
+    metrics: dict[str, Any] = field(default_factory=dict)
+    warnings: list[StageWarning] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def run(context: StageContext) -> StageOutput:
+    """Merge what the session has.
+
+    Raises `BracketError` where it has no frames at all or they do not fit together, `ResponseError` where no response
+    curve can be told, `ProfileError` for a calibration that cannot be read.
+    """
+    profile = _profile(context)
+    gathered = _Gathered()
+    for number, side in enumerate(Side):
+        bracket = side_bracket(context.session, context.session_path, side)
+        if bracket is None:
+            gathered.left_out[side.value] = f"the session has no {side} frames"
+        else:
+            _merge_side(context, bracket, profile, gathered, 3 * number)
+    if not gathered.artifacts:
+        raise BracketError(
+            "the session has no frames", where=context.session_path.name, advice="capture or import a bracket"
+        )
+    return StageOutput(
+        artifacts={**gathered.artifacts, "response": gathered.response},
+        metrics=gathered.metrics,
+        warnings=tuple(gathered.warnings),
+        left_out=gathered.left_out,
+        honoured=_honoured(context, gathered),
+    )
+
+
+def _profile(context: StageContext) -> RigProfile | None:
+    if "calibration" not in context.files:
+        return None
+    from processing.calibration.profile import load_profile
+
+    return load_profile(context.files["calibration"])
+
+
+def _merge_side(
+    context: StageContext, bracket: SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
+) -> None:
+    from processing.calibration.merge import MergeOptions, merge
+    from processing.frames import array_frame
+
+    parameters = context.parameters
+    assert isinstance(parameters, MergeParameters)
+    side = bracket.side.value
+    context.progress((step + 0.2) / _STEPS, f"{side}: decoding")
+    codes = decoded(bracket.frames)
+    context.progress((step + 1) / _STEPS, f"{side}: response curve")
+    response = camera_response(bracket, codes, profile, parameters.response_method)
+    context.progress((step + 2) / _STEPS, f"{side}: merging")
+    merged = merge(
+        [array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True)],
+        response.times_s,
+        response.curve,
+        response.noise,
+        geometry=merge_geometry(bracket, context.session.rig),
+        options=MergeOptions(quality=context.quality.value, max_error=context.max_error),
+        time_sigma=response.time_sigma,
+    )
+    context.progress((step + 3) / _STEPS, f"{side}: merged")
+    _gather(context, bracket, response, merged, gathered)
+
+
+def _gather(
+    context: StageContext, bracket: SideBracket, response: CameraResponse, merged: Merged, gathered: _Gathered
+) -> None:
+    from dataclasses import replace
+
+    side, report = bracket.side.value, merged.report
+    attributes = {**merged.image.attributes, "side": side, "session_id": context.session.session_id}
+    gathered.artifacts[side] = replace(merged.image, attributes=attributes)
+    gathered.response[side] = response.to_dict(bracket)
+    gathered.metrics[side] = _metrics(response, merged)
+    gathered.warnings += response.warnings
+    gathered.warnings += [StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings]
+    for use in report.frames:
+        if use.used_share == 0:
+            label = shutter_label(bracket.records[use.number].camera_s)
+            gathered.left_out[f"{side} {label}"] = use.reason or "adds nothing"
+
+
+def _metrics(response: CameraResponse, merged: Merged) -> dict[str, Any]:
+    report = merged.report
+    return {
+        "response_source": response.source,
+        "times_source": response.times_source,
+        "response_residual_stops": response.curve.residual_stops,
+        **({"drift_stops": response.check["drift_stops"]} if response.check else {}),
+        "clipped_share": report.shares.clipped,
+        "dark_share": report.shares.dark,
+        "ghost_share": report.shares.ghost,
+        "frames": [{"file": use.name, "time_s": use.time_s, "used_share": use.used_share} for use in report.frames],
+        "offset_stops": [round(float(offset), 6) for offset in report.offset_stops],
+    }
+
+
+def _honoured(context: StageContext, gathered: _Gathered) -> dict[str, str]:
+    """Say what quality and max_error came to."""
+    frames: Sequence[dict[str, Any]] = [f for side in gathered.metrics.values() for f in side["frames"]]
+    spared = sum(1 - frame["used_share"] for frame in frames)
+    what = f"{spared:.1f} of {len(frames)} frames' samples left out"
+    told = {"quality": f"{context.quality.value}: {what}"}
+    if context.max_error is not None:
+        told["max_error"] = f"each pixel's uncertainty may grow by {100 * context.max_error:g} %: {what}"
+    return told
