@@ -1,0 +1,102 @@
+"""What moved between the frames: regions that disagree, each shown as one frame saw it; and frames that shifted.
+
+A region is shown by the frame that exposes most of it well, so that it shows one moment; pixels that this frame
+cannot show (clipped or too dark in it) take the nearest frame that can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.merge_tables import Samples
+from processing.frames import Codes
+from processing.images import LUMINANCE_WEIGHTS, Bytes, Floats, Validity
+
+Places = npt.NDArray[np.intp]
+NEIGHBOURS_PX = 5
+MIN_NEIGHBOURS = 8
+"""Of 25 odd pixels: noise and coding make single ones."""
+USABLE = 0.02
+CHUNK_PX = 1 << 20
+
+
+@dataclass
+class Planes:
+    """The merged picture while it is made; arrays of (H, W, 3) and (H, W)."""
+
+    rgb: Floats
+    uncertainty: Floats
+    validity: Bytes
+    suspect: Bytes
+    """1 odd, 2 surely moved."""
+
+
+def ghost_regions(suspect: Bytes) -> Bytes:
+    """Return 1 where something moved: what is surely odd, and what is odd among many odd neighbours; holes closed."""
+    odd = (suspect > 0).astype(np.uint8)
+    around = cv2.boxFilter(odd, -1, (NEIGHBOURS_PX, NEIGHBOURS_PX), normalize=False, borderType=cv2.BORDER_REFLECT)
+    kept = ((suspect == 2) | ((odd == 1) & (around >= MIN_NEIGHBOURS))).astype(np.uint8)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (NEIGHBOURS_PX, NEIGHBOURS_PX))
+    return np.asarray(cv2.morphologyEx(kept, cv2.MORPH_CLOSE, disc), dtype=np.uint8)
+
+
+def settle_ghosts(frames: Sequence[Codes], tables: Samples, planes: Planes) -> Bytes:
+    """Show regions that moved by one frame each, in place; return 0 or 1 + place of the frame shown, (H, W)."""
+    ghost = np.zeros(planes.suspect.shape, dtype=np.uint8)
+    if not planes.suspect.any():
+        return ghost
+    count, labels = cv2.connectedComponents(ghost_regions(planes.suspect), connectivity=8, ltype=cv2.CV_32S)
+    places = np.flatnonzero(labels)
+    names = labels.reshape(-1)[places]
+    del labels
+    chunks = [slice(at, at + CHUNK_PX) for at in range(0, len(places), CHUNK_PX)]
+    merit = np.zeros((len(frames), count))
+    for chunk in chunks:
+        for f, worth in enumerate(_worth(frames, tables, places[chunk])):
+            merit[f] += np.bincount(names[chunk], worth, minlength=count)
+    reference = np.argmax(merit, axis=0)
+    for chunk in chunks:
+        _show(frames, tables, planes, ghost, places[chunk], reference[names[chunk]])
+    return ghost
+
+
+def _worth(frames: Sequence[Codes], tables: Samples, places: Places) -> npt.NDArray[np.float32]:
+    """Return how well each frame exposes pixels, (F, n) in 0..1: by its worst channel; 0 where clipped."""
+    worth = np.empty((len(frames), len(places)), dtype=np.float32)
+    for f, frame in enumerate(frames):
+        v, w = tables.sample(f, frame.reshape(-1, 3)[places])
+        snr2 = w * v**2
+        worth[f] = np.min(snr2 / (snr2 + 400.0), axis=1)
+    return worth
+
+
+def _show(
+    frames: Sequence[Codes],
+    tables: Samples,
+    planes: Planes,
+    ghost: Bytes,
+    places: Places,
+    reference: Places,
+) -> None:
+    """Show pixels as their reference frame saw them, or as the nearest frame that can."""
+    usable = _worth(frames, tables, places) > USABLE
+    distance = np.abs(np.arange(len(frames))[:, None] - reference[None, :])
+    chosen = np.argmin(np.where(usable, distance, len(frames) + distance), axis=0)
+    v, w = (np.empty((len(places), 3), dtype=np.float32) for _ in range(2))
+    for f, frame in enumerate(frames):
+        mine = chosen == f
+        v[mine], w[mine] = tables.sample(f, frame.reshape(-1, 3)[places[mine]])
+    weights = np.array(LUMINANCE_WEIGHTS, dtype=np.float32)
+    clipped = np.any(w <= 0, axis=1)
+    sigma = np.sqrt(np.sum(weights**2 / np.maximum(w, 1e-30), axis=1))
+    u = np.where(clipped, np.inf, sigma / np.maximum(v @ weights, 1e-30)).astype(np.float32)
+    planes.rgb.reshape(-1, 3)[places] = v
+    planes.uncertainty.reshape(-1)[places] = u
+    state = np.where(clipped, Validity.CLIPPED, np.where(u > 0.5, Validity.DARK, Validity.VALID))
+    planes.validity.reshape(-1)[places] = state.astype(np.uint8)
+    ghost.reshape(-1)[places] = chosen.astype(np.uint8) + 1

@@ -1,0 +1,69 @@
+"""Which stops a picture needs, found while decoding: from the middle outwards, ending where nothing can be added.
+
+Once a frame has no clipped pixel, much shorter frames only repeat it with more noise; once a frame is clipped all over,
+longer ones are too. Those are not decoded. (Inside a picture, runs of pixels leave frames out by the same rules.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.calibration.merge_tables import MergeTables
+from processing.frames import ArrayFrame, Codes, FrameSource
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """The frames that were decoded and are needed, by place in the order of falling times; and why others are not."""
+
+    codes: dict[int, Codes]
+    left_out: dict[int, str]
+
+
+def decode_useful(sources: Sequence[FrameSource], tables: MergeTables | None, workers: int) -> Decoded:
+    """Decode frames (sorted from the longest time to the shortest) in threads; the outcome hangs on no timing.
+
+    ``tables`` None: linear frames of 16 bits, which are all decoded.
+    """
+    if tables is None or all(isinstance(s, ArrayFrame) for s in sources):
+        with ThreadPoolExecutor(workers) as pool:
+            return Decoded(dict(enumerate(pool.map(lambda s: s.decode(), sources))), {})
+    order = middle_out(len(sources))
+    found = Decoded({}, {})
+    ahead: dict[int, Future[Codes]] = {}
+    with ThreadPoolExecutor(workers) as pool:
+        for step, place in enumerate(order):
+            for nearby in order[step : step + workers]:
+                if nearby not in ahead and nearby not in found.left_out:
+                    ahead[nearby] = pool.submit(sources[nearby].decode)
+            if place in found.left_out:
+                if place in ahead:
+                    ahead.pop(place).cancel()
+                continue
+            codes = ahead.pop(place).result()
+            found.codes[place] = codes
+            _leave_out(found, place, codes, tables, sources)
+    for place in found.left_out:
+        found.codes.pop(place, None)
+    return found
+
+
+def middle_out(count: int) -> list[int]:
+    """Return 0..count-1 from the middle to the ends, shorter frames first."""
+    middle = count // 2
+    return sorted(range(count), key=lambda place: (abs(place - middle), -place))
+
+
+def _leave_out(found: Decoded, place: int, codes: Codes, tables: MergeTables, sources: Sequence[FrameSource]) -> None:
+    """Note which frames the codes of one make needless."""
+    name = sources[place].name
+    if int(np.max(codes)) < tables.any_clipped:
+        for shorter in range(int(tables.last[place]) + 1, len(sources)):
+            found.left_out.setdefault(shorter, f"nothing is clipped in {name}: this one would add too little")
+    elif int(np.min(codes)) >= tables.all_clipped:
+        for longer in range(place + 1):
+            found.left_out.setdefault(longer, f"every pixel is clipped in {name}" if longer < place else "all clipped")

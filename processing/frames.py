@@ -1,0 +1,322 @@
+"""Frames of a bracket, decoded when they are asked for: JPEG, 16-bit TIFF and PNG, camera raw, arrays.
+
+Only whole numbers of 8 or 16 bits: so no NaN or infinity can come in. Orientation tags are not applied: all frames of
+a bracket lie as the sensor saw them. A damaged file is refused with its name, never shown in part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+import simplejpeg
+
+from processing.errors import ParameterError, PictureFileError
+
+Codes: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+Reduce: TypeAlias = Literal[1, 2, 4, 8]
+MAX_PIXELS = 200_000_000
+"""More than any camera of today; a header that says more is a mistake or an attack."""
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """One exposure that can be decoded, as often as needed, from any thread."""
+
+    @property
+    def name(self) -> str:
+        """What reports and errors call it."""
+        ...
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height."""
+        ...
+
+    @property
+    def depth_bits(self) -> int:
+        """8 or 16."""
+        ...
+
+    @property
+    def linear(self) -> bool:
+        """Whether the codes are proportional to exposure (65535 at saturation); else a response curve is needed."""
+        ...
+
+    def decode(self, reduce: Reduce = 1) -> Codes:
+        """Return RGB (H, W, 3), or every side divided by ``reduce`` and rounded up (averages of the codes)."""
+        ...
+
+
+@dataclass(frozen=True)
+class ArrayFrame:
+    """A frame that is in memory already; see `array_frame`."""
+
+    array: Codes = field(repr=False)
+    name: str
+    linear: bool
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.array.shape[1], self.array.shape[0]
+
+    @property
+    def depth_bits(self) -> int:
+        """8 or 16."""
+        return 8 * int(self.array.itemsize)
+
+    def decode(self, reduce: Reduce = 1) -> Codes:
+        """Return the array itself, or reduced."""
+        return _reduced(self.array, reduce)
+
+
+@dataclass(frozen=True)
+class JpegFrame:
+    """An 8-bit JPEG; see `jpeg_frame`."""
+
+    source: Path | bytes = field(repr=False)
+    name: str
+    size_px: tuple[int, int]
+    depth_bits: int = 8
+    linear: bool = False
+
+    def decode(self, reduce: Reduce = 1) -> Codes:
+        """Decode exactly (no fast DCT, no fast upsampling: those are up to 26 codes off); reduced in the DCT."""
+        data = _bytes(self.source, self.name)
+        try:
+            # Strict: what libjpeg-turbo would only warn of (lost data, premature end) is an error.
+            rgb = simplejpeg.decode_jpeg(data, "RGB", min_factor=_checked(reduce), strict=True)
+        except (ValueError, MemoryError) as error:
+            raise _damaged(self.name, str(error)) from error
+        width, height = (-(-side // reduce) for side in self.size_px)
+        if rgb.shape != (height, width, 3):
+            raise _damaged(self.name, f"it decodes to {rgb.shape[1]} x {rgb.shape[0]}, not {width} x {height}")
+        return np.asarray(rgb, dtype=np.uint8)
+
+
+@dataclass(frozen=True)
+class LosslessFrame:
+    """A TIFF or PNG; see `lossless_frame`."""
+
+    path: Path
+    name: str
+    size_px: tuple[int, int]
+    depth_bits: int
+    linear: bool
+
+    def decode(self, reduce: Reduce = 1) -> Codes:
+        """Decode whole, then reduce."""
+        return _reduced(_lossless_pixels(self.path, self.name), reduce)
+
+
+@dataclass(frozen=True)
+class RawFrame:
+    """A camera's raw file; see `raw_frame`."""
+
+    path: Path
+    name: str
+    size_px: tuple[int, int]
+    depth_bits: int = 16
+    linear: bool = True
+
+    def decode(self, reduce: Reduce = 1) -> Codes:
+        """Develop linearly: camera white balance, Rec. 709 primaries, clipped at the sensor's own white level.
+
+        LibRaw's brightening and its guess of the white level from the picture are off: both differ between frames.
+        """
+        rawpy = _rawpy()
+        try:
+            with rawpy.imread(str(self.path)) as raw:
+                rgb = raw.postprocess(
+                    gamma=(1, 1),
+                    no_auto_bright=True,
+                    adjust_maximum_thr=0.0,
+                    use_camera_wb=True,
+                    output_color=rawpy.ColorSpace.sRGB,
+                    output_bps=16,
+                    highlight_mode=rawpy.HighlightMode.Clip,
+                    user_flip=0,
+                )
+        except rawpy.LibRawError as error:
+            raise _damaged(self.name, str(error)) from error
+        return _reduced(np.asarray(rgb, dtype=np.uint16), reduce)
+
+
+def array_frame(array: Codes, name: str = "array", *, linear: bool | None = None) -> ArrayFrame:
+    """Return a frame of uint8 or uint16 (H, W, 3) RGB in memory; ``linear`` by default: 16 bits are, 8 are not."""
+    if array.dtype not in (np.uint8, np.uint16) or array.ndim != 3 or array.shape[2] != 3 or not array.size:
+        raise ParameterError(
+            f"a frame is uint8 or uint16 of shape (height, width, 3), not {array.dtype} of {array.shape}", where=name
+        )
+    return ArrayFrame(_contiguous(array), name, array.dtype == np.uint16 if linear is None else linear)
+
+
+def jpeg_frame(source: Path | str | bytes, name: str | None = None) -> JpegFrame:
+    """Return a frame of a JPEG file or its bytes; the header is read and checked now, the rest when decoded."""
+    where = name or ("JPEG bytes" if isinstance(source, bytes) else Path(source).name)
+    kept = source if isinstance(source, bytes) else Path(source)
+    try:
+        height, width, space, _ = simplejpeg.decode_jpeg_header(_bytes(kept, where), strict=True)
+    except ValueError as error:
+        raise _damaged(where, str(error)) from error
+    if space.upper() in ("CMYK", "YCCK"):
+        raise PictureFileError(f"its colours are {space}, not RGB", where=where, likely="not a camera's picture")
+    return JpegFrame(kept, where, _size(width, height, where))
+
+
+def lossless_frame(path: Path | str, name: str | None = None) -> LosslessFrame:
+    """Return a frame of an RGB TIFF or PNG: 16 bits are linear, 8 bits need a response curve.
+
+    Checksums of a PNG and the strips of a TIFF are checked when it is decoded.
+    """
+    path = Path(path)
+    where = name or path.name
+    pixels = _lossless_pixels(path, where)
+    return LosslessFrame(
+        path, where, (pixels.shape[1], pixels.shape[0]), 8 * pixels.itemsize, pixels.dtype == np.uint16
+    )
+
+
+def raw_frame(path: Path | str, name: str | None = None) -> RawFrame:
+    """Return a frame of a camera raw file; needs the extra ``daylit[raw]``."""
+    rawpy, path = _rawpy(), Path(path)
+    where = name or path.name
+    _bytes(path, where)
+    try:
+        with rawpy.imread(str(path)) as raw:
+            return RawFrame(path, where, _size(raw.sizes.width, raw.sizes.height, where))
+    except rawpy.LibRawError as error:
+        raise _damaged(where, str(error)) from error
+
+
+def frame_of(path: Path | str, name: str | None = None) -> FrameSource:
+    """Return the frame of a file by its ending: .jpg .jpeg .tif .tiff .png, or a camera raw format."""
+    ending = Path(path).suffix.lower()
+    if ending in (".jpg", ".jpeg"):
+        return jpeg_frame(path, name)
+    if ending in (".tif", ".tiff", ".png"):
+        return lossless_frame(path, name)
+    if ending in (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".rw2", ".orf"):
+        return raw_frame(path, name)
+    raise PictureFileError(f"no frame format has the ending {ending or '(none)'}", where=name or Path(path).name)
+
+
+def same_file(a: FrameSource, b: FrameSource) -> bool:
+    """Return whether two frames come from the same bytes; told without decoding."""
+    first, second = (getattr(f, "source", getattr(f, "path", None)) for f in (a, b))
+    if not isinstance(first, Path | bytes) or not isinstance(second, Path | bytes):
+        return a is b
+    sizes = [s.stat().st_size if isinstance(s, Path) else len(s) for s in (first, second)]
+    return sizes[0] == sizes[1] and _bytes(first, a.name) == _bytes(second, b.name)
+
+
+def _lossless_pixels(path: Path, name: str) -> Codes:
+    import cv2
+
+    data = _bytes(path, name)
+    _size(*_lossless_size(data, name), name)
+    flags = cv2.IMREAD_UNCHANGED
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except (cv2.error, MemoryError) as error:
+        raise _damaged(name, str(error)) from error
+    if pixels is None:
+        raise _damaged(name, "it cannot be decoded")
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype not in (np.uint8, np.uint16):
+        raise PictureFileError(f"it holds {pixels.dtype} of shape {pixels.shape}, not RGB of 8 or 16 bits", where=name)
+    return _contiguous(pixels[..., ::-1])
+
+
+def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
+    """Return width and height that the file says it has, after what checks its format allows."""
+    import io
+    import warnings
+
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
+                size = image.size
+                if image.format == "PNG":
+                    image.verify()
+                else:
+                    _check_strips(image, len(data), name)
+    except Exception as error:  # noqa: BLE001 (Pillow raises nearly anything over damaged files)
+        if isinstance(error, PictureFileError):
+            raise
+        raise _damaged(name, str(error)) from error
+    return size
+
+
+def _check_strips(image: Any, length: int, name: str) -> None:
+    """Refuse a TIFF whose strips or tiles reach beyond the file: libtiff would leave them black."""
+    for offsets, sizes in ((273, 279), (324, 325)):
+        starts, counts = image.tag_v2.get(offsets, ()), image.tag_v2.get(sizes, ())
+        pairs = zip(np.atleast_1d(starts), np.atleast_1d(counts), strict=True)
+        if any(int(start) + int(count) > length for start, count in pairs):
+            raise _damaged(name, "it ends before its last strip")
+
+
+def _reduced(pixels: Codes, reduce: int) -> Codes:
+    if _checked(reduce) == 1:
+        return pixels
+    import cv2
+
+    height, width = (-(-side // reduce) for side in pixels.shape[:2])
+    edges = ((0, height * reduce - pixels.shape[0]), (0, width * reduce - pixels.shape[1]), (0, 0))
+    whole: Any = np.pad(pixels, edges, mode="edge")
+    smaller: Codes = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=pixels.dtype)
+    return smaller
+
+
+def _contiguous(pixels: Any) -> Codes:
+    kept: Codes = np.ascontiguousarray(pixels)
+    return kept
+
+
+def _checked(reduce: int) -> int:
+    if reduce not in (1, 2, 4, 8):
+        raise ParameterError(f"frames are reduced by 1, 2, 4 or 8, not by {reduce}")
+    return reduce
+
+
+def _bytes(source: Path | bytes, name: str) -> bytes:
+    if isinstance(source, bytes):
+        return source
+    try:
+        return source.read_bytes()
+    except OSError as error:
+        raise PictureFileError(f"cannot be read: {error.strerror}", where=name) from error
+
+
+def _size(width: int, height: int, name: str) -> tuple[int, int]:
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise PictureFileError(
+            f"its header says {width} x {height} pixels; a frame has 1 to {MAX_PIXELS:,}", where=name, likely="damage"
+        )
+    return int(width), int(height)
+
+
+def _damaged(name: str, what: str) -> PictureFileError:
+    return PictureFileError(
+        f"it is damaged or not what its name says: {what}",
+        where=name,
+        likely="a copy that was cut short, or a failing card",
+        advice="fetch the frame from the camera again, or leave it out of the bracket",
+    )
+
+
+def _rawpy() -> Any:
+    try:
+        import rawpy
+    except ImportError as error:
+        raise ParameterError(
+            "camera raw files need an optional part", advice="install daylit[raw], or give 16-bit TIFF instead"
+        ) from error
+    return rawpy
