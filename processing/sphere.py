@@ -2,65 +2,48 @@
 
 Pixel coordinates are continuous: the first pixel reaches from 0 to 1 and its centre is 0.5; x grows to the right,
 y downwards. World axes: x right, y ahead, z up (right-handed). Longitude is 0 ahead (+y) and grows to the right (+x),
-in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/coordinates.md states all of this.
+in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/coordinates.md states all of this, docs/sphere.md the rest.
+
+This is the front; the parts are `sphere_geometry` (types), `sphere_lens` (radial mappings), `sphere_maps` (pixels and
+directions) and `sphere_area`, `sphere_fisheye_area` (solid angles).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from enum import StrEnum
+
+from processing.errors import ParameterError
+from processing.sphere_area import projected_solid_angles, solid_angles
+from processing.sphere_geometry import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
+from processing.sphere_maps import directions, pixels, point_directions, view_axes
+
+__all__ = [
+    "CUBE_FACES",
+    "Equirectangular",
+    "Fisheye",
+    "Geometry",
+    "LensMapping",
+    "Perspective",
+    "cube_views",
+    "directions",
+    "pixels",
+    "point_directions",
+    "projected_solid_angles",
+    "solid_angles",
+    "view_axes",
+]
+
+CUBE_FACES = ("front", "right", "back", "left", "up", "down")
 
 
-class LensMapping(StrEnum):
-    """How the angle theta from a fisheye's axis becomes the distance r from its centre (r = 1 at the edge)."""
+def cube_views(size_px: int) -> tuple[Perspective, ...]:
+    """Return six square views of 90 degrees in the order of `CUBE_FACES`; together they see everything once.
 
-    EQUIDISTANT = "equidistant"
-    EQUISOLID = "equisolid"
-    STEREOGRAPHIC = "stereographic"
-    ORTHOGRAPHIC = "orthographic"
-    POLYNOMIAL = "polynomial"
-    """theta / half_field = c1 r + c2 r2 + ... (monotone in 0..1); coefficients as calibrated, sum 1."""
-
-
-@dataclass(frozen=True)
-class Equirectangular:
-    """The whole sphere: longitude across, latitude down; its middle column sees longitude ``yaw_rad``."""
-
-    width_px: int
-    height_px: int
-    yaw_rad: float = 0.0
-
-
-@dataclass(frozen=True)
-class Perspective:
-    """A pinhole view: horizontal field ``fov_x_rad``, square pixels, looking at (yaw, pitch), then rolled clockwise."""
-
-    width_px: int
-    height_px: int
-    fov_x_rad: float
-    yaw_rad: float = 0.0
-    pitch_rad: float = 0.0
-    roll_rad: float = 0.0
-
-
-@dataclass(frozen=True)
-class Fisheye:
-    """A circular picture that looks straight up.
-
-    The picture's up is the compass-like angle ``top_azimuth_rad`` (from +y towards +x), and, as in any photograph of
-    the sky from below with north at the top, east is on the left. ``radius_px`` is where ``half_field_rad`` falls.
+    The picture of ``up`` continues ``front`` upwards (its lower edge is the upper edge of ``front``),
+    ``down`` downwards.
     """
-
-    width_px: int
-    height_px: int
-    mapping: LensMapping
-    radius_px: float
-    half_field_rad: float = math.pi / 2
-    centre_px: tuple[float, float] | None = None
-    """Column and row of the axis; None: the middle of the picture."""
-    top_azimuth_rad: float = 0.0
-    polynomial: tuple[float, ...] = ()
-
-
-Geometry = Equirectangular | Perspective | Fisheye
+    if size_px < 1:
+        raise ParameterError(f"cube faces of {size_px} px", advice="give at least 1")
+    quarter = math.pi / 2
+    level = [Perspective(size_px, size_px, quarter, yaw_rad=yaw) for yaw in (0.0, quarter, math.pi, -quarter)]
+    return (*level, *(Perspective(size_px, size_px, quarter, pitch_rad=pitch) for pitch in (quarter, -quarter)))

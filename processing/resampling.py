@@ -1,0 +1,204 @@
+"""From one picture of the sphere to another: keeping energy, or fast.
+
+``area`` is for light: it keeps sums of radiance times solid angle (`processing.resampling_area`). ``bilinear`` and
+``cubic`` sample the source at the target's pixel centres: smoother where pixels grow, wrong where they shrink.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.resampling_area import area_resample
+from processing.sphere import Equirectangular, Fisheye, Geometry, directions, pixels
+
+Method = Literal["area", "bilinear", "cubic"]
+Floats = npt.NDArray[np.float32]
+Flags = npt.NDArray[np.bool_]
+
+PAD_PX = 2
+"""Pixels beyond seam and poles that cubic interpolation may ask for."""
+LARGEST_PX = 32_000
+"""Of a picture's sides: OpenCV's limit, less the padding."""
+PIXELS_AT_ONCE = 1 << 20
+
+
+def resample(
+    rgb: npt.ArrayLike,
+    source: Geometry,
+    target: Geometry,
+    *,
+    method: Method = "area",
+    weights: npt.ArrayLike | None = None,
+) -> tuple[Floats, Floats]:
+    """Return a picture in another geometry and how much of each pixel is covered.
+
+    Parameters
+    ----------
+    rgb
+        (H, W) or (H, W, C) of the source's size; finite.
+    method
+        ``area``: exact overlaps, keeps energy, never rings. ``bilinear``, ``cubic``: samples at pixel centres; cubic
+        is held within the range of the pixels around, so that it does not ring either.
+    weights
+        (H, W), 0..1: what each source pixel is worth (0: invalid, its value is not used). None: all that lies in the
+        field counts, pixels cut by a fisheye's edge too.
+
+    Returns
+    -------
+    The picture, float32 (h, w) or (h, w, C), 0 where nothing is known, and the coverage, float32 (h, w) in 0..1: the
+    share of the pixel that valid source pixels cover (``area``), or the weight found at its centre.
+
+    Raises
+    ------
+    ParameterError
+        Sizes that do not fit, values that are not finite, weights outside 0..1, an unknown method.
+    """
+    picture, flat = _checked(rgb, source)
+    known = _checked_weights(weights, source)
+    if method == "area":
+        values, coverage = area_resample(picture, source, target, known)
+    elif method in ("bilinear", "cubic"):
+        values, coverage = _sampled(picture, source, target, known, cubic=method == "cubic")
+    else:
+        raise ParameterError(f"no resampling method {method!r}", advice="choose area, bilinear or cubic")
+    return (values[..., 0] if flat else values), coverage
+
+
+def resample_labels(
+    labels: npt.NDArray[np.generic], source: Geometry, target: Geometry, *, outside: int = 0
+) -> npt.NDArray[np.generic]:
+    """Return a mask or class map (H, W) in another geometry, by the nearest pixel; ``outside`` where none is seen."""
+    if labels.shape != (source.height_px, source.width_px):
+        raise ParameterError(f"a mask of shape {labels.shape} for {source}", advice="give (H, W) of the source's size")
+    out = np.full((target.height_px, target.width_px), outside, dtype=labels.dtype)
+    for rows, x, y, seen in _centres(source, target):
+        column = np.clip(x.astype(np.intp), 0, source.width_px - 1)
+        row = np.clip(y.astype(np.intp), 0, source.height_px - 1)
+        out[rows] = np.where(seen, labels[row, column], out[rows])
+    return out
+
+
+def resample_uncertainty(
+    uncertainty: npt.ArrayLike, source: Geometry, target: Geometry, *, method: Method = "area"
+) -> Floats:
+    """Return relative standard uncertainties (H, W) in another geometry; inf where less than half is known.
+
+    Neighbours are taken to err together (demosaicing and JPEG make it so): variances are averaged, not reduced.
+    """
+    u = np.asarray(uncertainty, dtype=np.float32)
+    if np.isnan(u).any() or (u < 0).any():
+        raise ParameterError("uncertainties that are NaN or negative", advice="give inf where nothing is known")
+    known = np.isfinite(u)
+    # Squares of finite float32 may overflow; beyond 1e9 nothing is known anyway.
+    variance, share = resample(
+        np.minimum(np.where(known, u, 0.0), 1e9) ** 2, source, target, method=method, weights=known.astype(np.float32)
+    )
+    return np.where(share >= 0.5, np.sqrt(variance), np.float32(np.inf)).astype(np.float32)
+
+
+def padded_sphere(picture: npt.NDArray[np.generic], pad_px: int = PAD_PX) -> npt.NDArray[np.generic]:
+    """Return an equirectangular picture with what lies beyond its borders: round the seam, and over the poles."""
+    width = picture.shape[1]
+    half, rows = width // 2, min(pad_px, picture.shape[0])
+
+    def beyond(part: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        turned = np.roll(part[::-1], half, axis=1)
+        if width % 2:
+            # The other side lies between two columns.
+            between = (turned.astype(np.float64) + np.roll(turned, 1, axis=1)) / 2
+            turned = between.astype(picture.dtype)
+        missing = pad_px - rows
+        return turned if not missing else np.repeat(turned, pad_px, axis=0)[:pad_px]
+
+    tall = np.concatenate([beyond(picture[:rows]), picture, beyond(picture[picture.shape[0] - rows :])])
+    return tall[:, np.arange(-pad_px, width + pad_px) % width]
+
+
+def _sampled(
+    picture: Floats, source: Geometry, target: Geometry, weights: Floats, *, cubic: bool
+) -> tuple[Floats, Floats]:
+    if max(source.width_px, source.height_px) > LARGEST_PX:
+        raise ParameterError(f"a picture of {source.width_px} x {source.height_px} px", advice="use method='area'")
+    known = weights * _in_field(source)
+    whole = bool(known.all()) and float(known.min()) == 1.0
+    # Infinitely bright beside dark: products of value and weight keep invalid pixels out of the sums.
+    light = picture if whole else picture * known[..., None]
+    around = isinstance(source, Equirectangular)
+    pad = PAD_PX if around else 0
+    light, known = (padded_sphere(a) if around else a for a in (light, known))
+    out = np.zeros((target.height_px, target.width_px, picture.shape[2]), dtype=np.float32)
+    coverage = np.zeros(out.shape[:2], dtype=np.float32)
+    for rows, x, y, seen in _centres(source, target):
+        maps = (x + (pad - 0.5)).astype(np.float32), (y + (pad - 0.5)).astype(np.float32)
+        weight = np.ones(seen.shape, np.float32) if whole else _remap(known, maps, cubic=False)
+        value = _remap(light, maps, cubic=cubic)
+        if not whole:
+            # Cubic and linear weights differ; only their own kind normalises.
+            total = _remap(known, maps, cubic=True) if cubic else weight
+            value = value / np.maximum(total, 1e-6)[..., None]
+        ok = seen & (weight > 1e-4)
+        out[rows] = np.where(ok[..., None], value.reshape(*seen.shape, -1), 0.0)
+        coverage[rows] = np.where(ok, np.clip(weight, 0.0, 1.0), 0.0)
+    return out, coverage
+
+
+def _remap(array: npt.NDArray[np.generic], maps: tuple[Floats, Floats], *, cubic: bool) -> Floats:
+    flag = cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR
+    found = cv2.remap(array, *maps, flag, borderMode=cv2.BORDER_REPLICATE)
+    if cubic:
+        kernel = np.ones((3, 3), np.uint8)
+        for bound, limit in ((cv2.erode(array, kernel), np.maximum), (cv2.dilate(array, kernel), np.minimum)):
+            found = limit(found, cv2.remap(bound, *maps, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE))
+    return np.asarray(found, dtype=np.float32)
+
+
+def _centres(source: Geometry, target: Geometry) -> Iterator[tuple[slice, Floats, Floats, Flags]]:
+    """Yield bands of the target: rows, columns and rows of its pixel centres in the source, and which are seen."""
+    band = max(1, PIXELS_AT_ONCE // target.width_px)
+    for start in range(0, target.height_px, band):
+        rows = slice(start, min(start + band, target.height_px))
+        d, seen = directions(target, rows)
+        x, y, there = pixels(source, d)
+        yield rows, x, y, seen & there
+
+
+def _in_field(source: Geometry) -> Floats:
+    """Return 1 where a pixel's cell touches the field (H, W), else 0."""
+    if not isinstance(source, Fisheye):
+        return np.ones((source.height_px, source.width_px), dtype=np.float32)
+    column, row = source.axis_px
+    across, down = np.arange(source.width_px) + 0.5 - column, np.arange(source.height_px) + 0.5 - row
+    reach = source.radius_px + math.sqrt(0.5)
+    return (np.hypot(across[None, :], down[:, None]) <= reach).astype(np.float32)
+
+
+def _checked(rgb: npt.ArrayLike, source: Geometry) -> tuple[Floats, bool]:
+    picture = np.asarray(rgb, dtype=np.float32)
+    flat = picture.ndim == 2
+    picture = np.ascontiguousarray(picture[..., None] if flat else picture)
+    if picture.ndim != 3 or picture.shape[:2] != (source.height_px, source.width_px) or not picture.shape[2]:
+        raise ParameterError(
+            f"a picture of shape {np.shape(rgb)} for {source}", advice="give (H, W) or (H, W, C) of the source's size"
+        )
+    if not np.isfinite(picture).all():
+        raise ParameterError(
+            "a picture with NaN or Inf", advice="mark such pixels invalid by weights, and set them to 0"
+        )
+    return picture, flat
+
+
+def _checked_weights(weights: npt.ArrayLike | None, source: Geometry) -> Floats:
+    shape = (source.height_px, source.width_px)
+    if weights is None:
+        return np.ones(shape, dtype=np.float32)
+    found = np.ascontiguousarray(weights, dtype=np.float32)
+    if found.shape != shape or not ((found >= 0) & (found <= 1)).all():
+        raise ParameterError(f"weights of shape {found.shape}", advice=f"give {shape} of values from 0 to 1")
+    return found
