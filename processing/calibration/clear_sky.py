@@ -1,0 +1,123 @@
+"""Where the sun stands at a time and a place, and how much light it gives there from a clear sky.
+
+Positions: NREL's solar position algorithm (Reda, Andreas 2004, 0.0003 degrees) as pvlib has it, with refraction. Light:
+Ineichen and Perez's clear-sky model (2002) for the beam in W/m2, times Perez et al.'s efficacy (1990, Solar Energy 44,
+271-289, table 4, direct) in lm/W.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from processing.errors import ParameterError
+
+WATER_CM = 1.5
+"""Precipitable water, the usual mid-latitude value, where none is given."""
+_CLEARNESS_EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)
+_DIRECT_LM_W = (
+    (57.20, -4.55, -2.98, 117.12),
+    (98.99, -3.46, -1.21, 12.38),
+    (109.83, -4.90, -1.71, -8.81),
+    (110.34, -5.84, -1.99, -4.56),
+    (106.36, -3.97, -1.75, -6.16),
+    (107.19, -1.25, -1.51, -26.73),
+    (105.75, 0.77, -1.26, -34.44),
+    (101.18, 1.58, -1.10, -8.29),
+)
+"""a, b, c, d by bin of clearness: a + b W + c exp(5.73 Z - 5) + d brightness."""
+BEAM_UNCERTAINTY = 0.12
+"""Relative, standard: the clear-sky model by its turbidity (about 10 %) and the efficacy (about 5 %)."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where on Earth: degrees north and east, metres over the sea."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (abs(self.latitude_deg) <= 90 and abs(self.longitude_deg) <= 180 and -500 <= self.altitude_m <= 9000):
+            raise ParameterError(
+                f"no place on Earth: latitude {self.latitude_deg}, longitude {self.longitude_deg}, {self.altitude_m} m",
+                advice="degrees, north and east positive",
+            )
+
+
+@dataclass(frozen=True)
+class SunPlace:
+    """Where the sun stands: compass azimuth (clockwise from north) and apparent elevation, radians."""
+
+    azimuth_rad: float
+    elevation_rad: float
+
+
+def sun_place(time_utc: datetime, place: Place) -> SunPlace:
+    """Return where the sun's centre appears at a time with its zone. Raises `ParameterError` for one without."""
+    found = _solar_position(time_utc, place)
+    return SunPlace(math.radians(found["azimuth"]), math.radians(found["apparent_elevation"]))
+
+
+@dataclass(frozen=True)
+class Beam:
+    """The sun's light on a plane that faces it, from a clear sky."""
+
+    normal_lx: float
+    relative_uncertainty: float
+    normal_w_m2: float
+    linke_turbidity: float
+
+
+def clear_beam(time_utc: datetime, place: Place, linke_turbidity: float | None = None) -> Beam:
+    """Return the beam of a clear sky; a Linke turbidity of None is the place's and month's mean (SoDa's map).
+
+    0 lx with the sun below the horizon.
+    """
+    import pandas as pd
+    import pvlib
+
+    times = pd.DatetimeIndex([_checked(time_utc)])
+    if linke_turbidity is None:
+        means = pvlib.clearsky.lookup_linke_turbidity(times, place.latitude_deg, place.longitude_deg)
+        linke_turbidity = float(means.iloc[0])
+    if not 1 <= linke_turbidity <= 15:
+        raise ParameterError(f"a Linke turbidity of {linke_turbidity}", advice="1 (clean) to 8 (hazy)")
+    sun = _solar_position(time_utc, place)
+    zenith_deg = sun["apparent_zenith"]
+    if zenith_deg >= 90:
+        return Beam(0.0, 1.0, 0.0, linke_turbidity)
+    mass = float(pvlib.atmosphere.get_relative_airmass(zenith_deg))
+    absolute = float(pvlib.atmosphere.get_absolute_airmass(mass, pvlib.atmosphere.alt2pres(place.altitude_m)))
+    top = float(pvlib.irradiance.get_extra_radiation(times)[0])
+    light = pvlib.clearsky.ineichen(zenith_deg, absolute, linke_turbidity, place.altitude_m, top)
+    normal, diffuse = float(light["dni"]), float(light["dhi"])
+    efficacy = direct_efficacy_lm_w(math.radians(zenith_deg), normal, diffuse, diffuse * mass / top)
+    return Beam(normal * efficacy, BEAM_UNCERTAINTY, normal, linke_turbidity)
+
+
+def direct_efficacy_lm_w(
+    zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float, water_cm: float = WATER_CM
+) -> float:
+    """Return the luminous efficacy of the beam (Perez et al. 1990); ``brightness`` is their Delta."""
+    twist = 1.041 * zenith_rad**3
+    clearness = ((diffuse_w_m2 + normal_w_m2) / max(diffuse_w_m2, 1e-9) + twist) / (1 + twist)
+    a, b, c, d = _DIRECT_LM_W[sum(clearness >= edge for edge in _CLEARNESS_EDGES)]
+    return max(0.0, a + b * water_cm + c * math.exp(5.73 * zenith_rad - 5) + d * brightness)
+
+
+def _solar_position(time_utc: datetime, place: Place) -> dict[str, float]:
+    import pandas as pd
+    from pvlib.solarposition import spa_python
+
+    times = pd.DatetimeIndex([_checked(time_utc)])
+    found = spa_python(times, place.latitude_deg, place.longitude_deg, place.altitude_m)
+    return {str(name): float(found[name].iloc[0]) for name in found.columns}
+
+
+def _checked(time_utc: datetime) -> datetime:
+    if time_utc.tzinfo is None:
+        raise ParameterError("a time without its zone", advice="give UTC, such as 2023-05-19T15:54Z")
+    return time_utc.astimezone(UTC)
