@@ -98,7 +98,11 @@ STAGES: tuple[Stage, ...] = (
         ),
         parameters="processing.stages.parameters:MergeParameters",
         trades=("quality", "max_error"),
-        options=(CALIBRATION,),
+        options=(
+            CALIBRATION,
+            Option("--side", "parameter", "side", "Merge only indoor or outdoor.", "str"),
+            Option("--response", "parameter", "response_method", "Response method; daylit is the default.", "str"),
+        ),
     ),
 )
 

@@ -14,7 +14,8 @@ from station.session import DeviceRecord, FrameRecord, Side
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from processing.frames import Codes, FrameSource
+    from processing.calibration.response_samples import Codes as Codes8
+    from processing.frames import FrameSource
     from station.session import SessionManifest
 
 DECODERS = 2
@@ -65,10 +66,12 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
     return SideBracket(side, records, frames, device)
 
 
-def decoded(frames: Sequence[FrameSource]) -> list[Codes]:
-    """Decode all frames, in order, by a few threads."""
+def decoded(frames: Sequence[FrameSource]) -> list[Codes8]:
+    """Decode 8-bit frames, in order, by a few threads."""
+    import numpy as np
+
     with ThreadPoolExecutor(DECODERS) as pool:
-        return list(pool.map(lambda frame: frame.decode(), frames))
+        return list(pool.map(lambda frame: np.asarray(frame.decode(), dtype=np.uint8), frames))
 
 
 def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from processing.calibration.noise import NoiseModel
     from processing.calibration.profile import CameraProfile, RigProfile
     from processing.calibration.response_curve import ResponseCurve
-    from processing.frames import Codes
+    from processing.calibration.response_samples import Codes as Codes8
     from processing.stages.brackets import SideBracket
 
 DRIFTED = "drifted"
@@ -30,7 +30,7 @@ class CameraResponse:
     source: str
     """"profile" or "recovered"."""
     times_source: str
-    """"profile" (its shutter rule or measured times) or "estimated" from the bracket."""
+    """"profile" (its shutter rule or measured times), the camera model's rule, or "estimated" from the bracket."""
     check: dict[str, Any]
     """How the profile's curve fits this bracket; empty for a recovered one."""
     warnings: tuple[StageWarning, ...] = ()
@@ -54,7 +54,7 @@ class CameraResponse:
 
 
 def camera_response(
-    bracket: SideBracket, codes: Sequence[Codes], profile: RigProfile | None, method: str
+    bracket: SideBracket, codes: Sequence[Codes8], profile: RigProfile | None, method: str
 ) -> CameraResponse:
     """Return the profile's response where it has this camera's, else the one that the bracket tells.
 
@@ -66,16 +66,22 @@ def camera_response(
     return _recovered(bracket, codes, method)
 
 
-def _recovered(bracket: SideBracket, codes: Sequence[Codes], method: str) -> CameraResponse:
+def _recovered(bracket: SideBracket, codes: Sequence[Codes8], method: str) -> CameraResponse:
+    """Take what the bracket tells; its times too, unless the camera's rule is known."""
     from processing.calibration.response import Bracket8, recover_response
+    from processing.calibration.shutter import camera_rule, true_time_s
 
-    fit = recover_response([Bracket8(codes, bracket.nominal_s)], method, estimate_times=True)
+    rule = camera_rule(bracket.device.model) if bracket.device else None
+    times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
+    estimate = rule is None and method == "daylit"
+    fit = recover_response([Bracket8(codes, times_s)], method, estimate_times=estimate)
     warnings = tuple(StageWarning(code="response", message=f"{bracket.side}: {text}"[:500]) for text in fit.warnings)
-    return CameraResponse(fit.curve, fit.noise, fit.times_s, fit.time_sigma, "recovered", "estimated", {}, warnings)
+    times_source = f"rule of the camera: {rule}" if rule else "estimated" if estimate else "nominal"
+    return CameraResponse(fit.curve, fit.noise, fit.times_s, fit.time_sigma, "recovered", times_source, {}, warnings)
 
 
 def _from_profile(
-    bracket: SideBracket, codes: Sequence[Codes], profile: RigProfile, camera: CameraProfile
+    bracket: SideBracket, codes: Sequence[Codes8], profile: RigProfile, camera: CameraProfile
 ) -> CameraResponse:
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
     from processing.calibration.profile import profile_matches

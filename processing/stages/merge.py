@@ -38,17 +38,24 @@ def run(context: StageContext) -> StageOutput:
     Raises `BracketError` where it has no frames at all or they do not fit together, `ResponseError` where no response
     curve can be told, `ProfileError` for a calibration that cannot be read.
     """
+    parameters = context.parameters
+    assert isinstance(parameters, MergeParameters)
     profile = _profile(context)
     gathered = _Gathered()
     for number, side in enumerate(Side):
+        if parameters.side not in ("both", side.value):
+            gathered.left_out[side.value] = f"only {parameters.side} was asked for"
+            continue
         bracket = side_bracket(context.session, context.session_path, side)
         if bracket is None:
             gathered.left_out[side.value] = f"the session has no {side} frames"
         else:
-            _merge_side(context, bracket, profile, gathered, 3 * number)
+            _merge_side(context, bracket, profile, parameters.response_method, gathered, 3 * number)
     if not gathered.artifacts:
         raise BracketError(
-            "the session has no frames", where=context.session_path.name, advice="capture or import a bracket"
+            f"there is nothing to merge: {'; '.join(gathered.left_out.values())}",
+            where=context.session_path.name,
+            advice="capture or import a bracket",
         )
     return StageOutput(
         artifacts={**gathered.artifacts, "response": gathered.response},
@@ -68,18 +75,21 @@ def _profile(context: StageContext) -> RigProfile | None:
 
 
 def _merge_side(
-    context: StageContext, bracket: SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
+    context: StageContext,
+    bracket: SideBracket,
+    profile: RigProfile | None,
+    method: str,
+    gathered: _Gathered,
+    step: int,
 ) -> None:
     from processing.calibration.merge import MergeOptions, merge
     from processing.frames import array_frame
 
-    parameters = context.parameters
-    assert isinstance(parameters, MergeParameters)
     side = bracket.side.value
     context.progress((step + 0.2) / _STEPS, f"{side}: decoding")
     codes = decoded(bracket.frames)
     context.progress((step + 1) / _STEPS, f"{side}: response curve")
-    response = camera_response(bracket, codes, profile, parameters.response_method)
+    response = camera_response(bracket, codes, profile, method)
     context.progress((step + 2) / _STEPS, f"{side}: merging")
     merged = merge(
         [array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True)],

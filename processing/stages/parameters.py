@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from processing.stages.contract import StageParameters
 
 
 class MergeParameters(StageParameters):
-    """Of the stage merge; what can be given is the camera's profile (a file) and --max-error (common)."""
+    """Of the stage merge."""
 
-    response_method: str = "daylit"
-    """As `recover_response` knows them."""
+    response_method: Literal["daylit", "debevec", "mitsunaga", "robertson"] = "daylit"
+    """How a response curve is recovered where no profile has one."""
+    side: Literal["both", "indoor", "outdoor"] = "both"
+    """Which brackets are merged."""
