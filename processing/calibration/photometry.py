@@ -128,9 +128,13 @@ def _warning(computed: Illuminance, measured_lx: float, difference: float) -> st
         reasons.append(f"{computed.unseen_share:.0%} of the half space not shown")
     told = f" ({', '.join(reasons)})" if reasons else ""
     return (
-        f"the picture gives {computed.value_lx:.4g} lx{told}, "
-        f"{abs(difference):.1%} {where} the measured {measured_lx:.4g} lx"
+        f"the picture gives {_lux(computed.value_lx)}{told}, "
+        f"{abs(difference):.1%} {where} the measured {_lux(measured_lx)}"
     )
+
+
+def _lux(value: float) -> str:
+    return f"{value:.0f} lx" if value >= 1000 else f"{value:.4g} lx"
 
 
 def _unit(normal: Sequence[float]) -> tuple[float, float, float]:

@@ -1,0 +1,181 @@
+"""Plots of the report: PNG or SVG as bytes, of plain arrays. The same numbers give the same bytes.
+
+Colours of the channels are told apart by line style, too. No plot touches matplotlib's global state.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.false_colour import display_range, false_colour, legend, uncertainty_picture, with_legend
+from processing.images import Bytes, Floats
+from processing.picture_preview import png_bytes, preview_rgb8
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Reals = npt.NDArray[np.float64]
+
+CHANNELS = (("red", "#c92a2a", "-"), ("green", "#2b8a3e", "--"), ("blue", "#1864ab", ":"))
+_SIZE_IN = (7.2, 3.8)
+_COVERAGE = 2.0
+"""Bands are plus and minus two standard uncertainties."""
+
+
+def response_plot(log2_exposure: Reals, sigma_log2: Reals, low: Sequence[int], high: Sequence[int]) -> bytes:
+    """Return an SVG of response curves: exposure in stops (3, N) over codes, with a band of two standard uncertainties.
+
+    Outside ``low[c]..high[c]`` the curve is extrapolated and drawn faintly.
+    """
+    figure, axes = _figure()
+    codes = np.arange(log2_exposure.shape[1])
+    for channel, (name, colour, style) in enumerate(CHANNELS):
+        stops, sigma = log2_exposure[channel], _COVERAGE * sigma_log2[channel]
+        inside = slice(low[channel], high[channel] + 1)
+        axes.plot(codes, stops, color=colour, linewidth=0.6, alpha=0.4)
+        axes.plot(codes[inside], stops[inside], style, color=colour, linewidth=1.6, label=name)
+        axes.fill_between(codes[inside], (stops - sigma)[inside], (stops + sigma)[inside], color=colour, alpha=0.18)
+    shown = [log2_exposure[c, low[c] : high[c] + 1] for c in range(3)]
+    axes.set_ylim(min(float(s.min()) for s in shown) - 0.5, max(float(s.max()) for s in shown) + 0.5)
+    axes.set_xlabel("code")
+    axes.set_ylabel("exposure (stops)")
+    axes.legend(frameon=False)
+    return _svg(figure)
+
+
+def residual_plot(residual_stops: Reals) -> bytes:
+    """Return an SVG of the fit's root-mean-square residual by code, (3, N) in stops; NaN where there is no sample."""
+    figure, axes = _figure()
+    codes = np.arange(residual_stops.shape[1])
+    for channel, (name, colour, style) in enumerate(CHANNELS):
+        axes.plot(codes, residual_stops[channel], style, color=colour, linewidth=1.2, label=name)
+    axes.set_xlabel("code")
+    axes.set_ylabel("residual, rms (stops)")
+    axes.set_ylim(bottom=0)
+    axes.legend(frameon=False)
+    return _svg(figure)
+
+
+def frame_usage_plot(labels: Sequence[str], shares: Sequence[float], left_out: Sequence[bool]) -> bytes:
+    """Return an SVG of how much of the picture each frame serves, 0 to 1; frames that were left out say so."""
+    if not len(labels) == len(shares) == len(left_out) > 0:
+        raise ParameterError("frames, their shares and what was left out are of one length, above 0")
+    figure, axes = _figure(height_in=0.9 + 0.32 * len(labels))
+    places = np.arange(len(labels))[::-1]
+    axes.barh(places, [100 * share for share in shares], height=0.6, color="#1864ab")
+    for place, share, out in zip(places, shares, left_out, strict=True):
+        told = "left out" if out else f"{100 * share:.1f} %"
+        axes.text(100 * share + 1, place, told, va="center", fontsize=9, color="#868e96" if out else "#212529")
+    axes.set_yticks(places, labels)
+    axes.set_xlim(0, 112)
+    axes.set_xticks(range(0, 101, 20))
+    axes.set_xlabel("part of the picture that the frame serves (%)")
+    return _svg(figure)
+
+
+def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns: int = 3) -> bytes:
+    """Return a PNG of a bracket: each frame small, uint8 (h, w, 3), its histogram by channel below, and its label."""
+    if not thumbnails or len(thumbnails) != len(labels):
+        raise ParameterError("a contact sheet has frames, and as many labels")
+    rows = -(-len(thumbnails) // columns)
+    height, width = thumbnails[0].shape[:2]
+    figure = _empty_figure(3.0 * columns, rows * (3.0 * height / width + 1.05))
+    grid = figure.add_gridspec(2 * rows, columns, height_ratios=[3.0 * height / width, 0.7] * rows)
+    for number, (picture, label) in enumerate(zip(thumbnails, labels, strict=True)):
+        row, column = divmod(number, columns)
+        shown = figure.add_subplot(grid[2 * row, column])
+        shown.imshow(picture)
+        shown.set_title(label, fontsize=9)
+        shown.set_axis_off()
+        below = figure.add_subplot(grid[2 * row + 1, column])
+        for channel, (_, colour, _) in enumerate(CHANNELS):
+            counts = np.bincount(picture[..., channel].ravel(), minlength=256) / picture[..., channel].size
+            below.fill_between(np.arange(256), np.sqrt(counts), color=colour, alpha=0.35, linewidth=0)
+        below.set_xlim(-3, 258)
+        below.set_yticks([])
+        below.set_xticks([0, 128, 255])
+        below.tick_params(labelsize=7, pad=1)
+    return _png(figure)
+
+
+def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, *, size_px: int = 480) -> bytes:
+    """Return a PNG of where the meter looked: the linear picture around its spot, and the spot's circle.
+
+    The crop is sixteen spots wide, wraps around at the sides, and is cut at top and bottom.
+    """
+    import cv2
+
+    height, width = rgb.shape[:2]
+    if not (0 <= centre_px[0] <= width and 0 <= centre_px[1] <= height and radius_px > 0):
+        raise ParameterError(f"a spot at {centre_px} is not in a picture of {width} x {height}")
+    half = min(max(8, round(16 * radius_px)), height // 2, width // 2)
+    left = int(centre_px[0]) - half
+    top = min(max(0, int(centre_px[1]) - half), height - 2 * half)
+    crop = rgb[top : top + 2 * half, np.arange(left, left + 2 * half) % width]
+    scale = size_px / (2 * half)
+    shown = cv2.resize(preview_rgb8(crop), (size_px, size_px), interpolation=cv2.INTER_NEAREST)
+    # Drawn with four binary places: cv2 has the first pixel's centre at 0, we have it at 0.5.
+    place = [round(((c - corner) * scale - 0.5) * 16) for c, corner in zip(centre_px, (left, top), strict=True)]
+    for colour, thick in (((0, 0, 0), 4), ((255, 220, 0), 2)):
+        cv2.circle(shown, (place[0], place[1]), max(16, round(radius_px * scale * 16)), colour, thick, cv2.LINE_AA, 4)
+    return png_bytes(np.asarray(shown, dtype=np.uint8))
+
+
+def luminance_picture(luminance: Floats, *, width_px: int = 1200, limits: tuple[float, float] | None = None) -> bytes:
+    """Return a PNG of luminance (H, W) in false colours with its scale, at most ``width_px`` wide."""
+    small = _shrunk(luminance, width_px)
+    low, high = limits or display_range(small)
+    return png_bytes(with_legend(false_colour(small, low, high), legend(low, high, "cd/m2", small.shape[0])))
+
+
+def uncertainty_map(uncertainty: Floats, *, width_px: int = 1200) -> bytes:
+    """Return a PNG of relative standard uncertainty (H, W) in per cent with its scale; grey: nothing known."""
+    finite = np.where(np.isfinite(uncertainty), uncertainty, 0).astype(np.float32)
+    picture = uncertainty_picture(_shrunk(finite, width_px))
+    return png_bytes(with_legend(picture, legend(0.1, 100.0, "%", picture.shape[0], colours="viridis")))
+
+
+def _shrunk(values: Floats, width_px: int) -> Floats:
+    """Return every n-th pixel: numbers stay numbers of the picture, no means of valid and invalid."""
+    step = max(1, -(-values.shape[1] // width_px))
+    return values[step // 2 :: step, step // 2 :: step]
+
+
+def _empty_figure(width_in: float, height_in: float) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), dpi=100, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _figure(height_in: float = _SIZE_IN[1]) -> tuple[Figure, Any]:
+    figure = _empty_figure(_SIZE_IN[0], height_in)
+    axes = figure.add_subplot()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(visible=True, linewidth=0.4, alpha=0.5)
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def _svg(figure: Figure) -> bytes:
+    import matplotlib as mpl
+
+    out = io.BytesIO()
+    # Without the salt identifiers are random; without the date the bytes are those of the numbers.
+    with mpl.rc_context({"svg.hashsalt": "daylit", "svg.fonttype": "path"}):
+        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    return out.getvalue()
+
+
+def _png(figure: Figure) -> bytes:
+    out = io.BytesIO()
+    figure.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()

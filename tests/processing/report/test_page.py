@@ -1,0 +1,170 @@
+"""The page: everything told is there, text stays text, nothing is fetched."""
+
+from __future__ import annotations
+
+import base64
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.image_files import png_bytes
+from processing.report.data import (
+    FileLine,
+    Picture,
+    Quantity,
+    ReportData,
+    Section,
+    StageLine,
+    Table,
+    WarningLine,
+    number_text,
+    size_text,
+)
+from processing.report.page import build_page, write_page
+
+PIXEL = png_bytes(np.zeros((1, 1, 3), np.uint8))
+DATA = ReportData(
+    title="coda-320",
+    facts=(("Session", "2023-05-19T1554Z_coda-320"),),
+    summary=(Quantity("k1", 0.033981, "", 0.00042, "at 12°"), Quantity("Outdoor illuminance", 45_210.0, "lx", 820.0)),
+    stages=(StageLine("merge", "ran", "stop 9 left out", 8.21), StageLine("remove", "skipped", "nothing to remove")),
+    warnings=(WarningLine("12 % below the meter", "outdoor", "X-1"),),
+    sections=(
+        Section(
+            "Indoor",
+            "Nine frames.",
+            (Quantity("Median", 82.1, "cd/m²"),),
+            (Picture("Luminance", PIXEL, "a room", "log scale", wide=True), Picture("Curve", b"<svg/>", "a curve")),
+            (Table("Noise", ("channel", "photon"), (("red", "1e-4"),)),),
+        ),
+    ),
+    files=(FileLine("stages/calibrate/indoor.exr", 271_000_000, "the picture"),),
+    made_with="daylit 0.1.0",
+)
+
+
+class Links(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.ids: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found += [value or "" for name, value in attrs if name in ("src", "href", "data", "action", "srcset")]
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        if tag not in ("meta", "img", "link", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_all_is_there() -> None:
+    page = build_page(DATA)
+    for text in (
+        "coda-320",
+        "0.03398 ± 0.00042",
+        "45\u2009210 ± 820",
+        "stop 9 left out",
+        "nothing to remove",
+        "8.2",
+        "12 % below the meter",
+        "Nine frames.",
+        "82.1",
+        "log scale",
+        "1e-4",
+        "271 MB",
+        "daylit 0.1.0",
+    ):
+        assert text in page, text
+    assert base64.b64encode(PIXEL).decode() in page
+    assert "data:image/svg+xml;base64," in page
+    assert page == build_page(DATA)
+
+
+def test_nothing_is_fetched_and_tags_close() -> None:
+    links = Links()
+    page = build_page(DATA)
+    links.feed(page)
+    assert not links.open
+    assert all(link.startswith(("#", "data:image/")) for link in links.found), links.found
+    assert {link[1:] for link in links.found if link.startswith("#")} <= set(links.ids)
+    assert "default-src 'none'" in page
+    style = page.split("<style>")[1].split("</style>")[0]
+    assert not re.search(r"url\(|@import", style)
+    assert "<script" not in page
+
+
+def test_text_stays_text() -> None:
+    evil = '<script>alert("1")</script>'
+    data = replace(
+        DATA,
+        title=evil,
+        facts=((evil, evil),),
+        warnings=(WarningLine(evil, evil, evil),),
+        stages=(StageLine(evil, "ran", evil),),
+        files=(FileLine(evil, 1, evil),),
+        sections=(Section(evil, evil, (Quantity(evil, 1, evil, None, evil),), (Picture(evil, PIXEL, evil, evil),)),),
+    )
+    page = build_page(data)
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_an_empty_report_is_a_page() -> None:
+    page = build_page(ReportData("empty", (), (), (), (), (), (), "daylit"))
+    assert "No warnings." in page
+    assert 'id="files"' not in page
+
+
+def test_page_on_disk(tmp_path: Path) -> None:
+    write_page(tmp_path / "index.html", DATA)
+    assert (tmp_path / "index.html").read_text("utf-8") == build_page(DATA)
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "text"),
+    [
+        (31.4159, 0.57, "31.42 ± 0.57"),
+        (31.4159, 12.0, "31 ± 12"),
+        (45_213.7, 823.0, "45\u2009210 ± 820"),
+        (0.0339813, 0.00042, "0.03398 ± 0.00042"),
+        (2.0e9, 3.1e7, "2.000 × 10^9 ± 3.1 × 10^7"),
+        (100.0, None, "100"),
+        (0.92, None, "0.92"),
+        (1234567.0, None, "1\u2009235\u2009000"),
+        (1.6e9, None, "1.600 × 10^9"),
+        (1.5e-6, None, "1.500 × 10^-6"),
+        (0.0, None, "0"),
+        (0.0, 0.5, "0.00 ± 0.50"),
+        (5.0, 0.0, "5"),
+        (5.0, float("inf"), "5"),
+        (float("nan"), 1.0, "unknown"),
+        (-3.14159, 0.01, "-3.142 ± 0.010"),
+    ],
+)
+def test_numbers_for_people(value: float, uncertainty: float | None, text: str) -> None:
+    assert number_text(value, uncertainty) == text
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.floats(allow_nan=True, allow_infinity=True), st.none() | st.floats(0, 1e300))
+def test_any_number_can_be_told(value: float, uncertainty: float | None) -> None:
+    assert number_text(value, uncertainty)
+
+
+def test_sizes_for_people() -> None:
+    assert [size_text(n) for n in (0, 999, 1000, 271_000_000, 4_200_000_000)] == [
+        "0 B",
+        "999 B",
+        "1 kB",
+        "271 MB",
+        "4.2 GB",
+    ]
