@@ -1,25 +1,52 @@
-"""A camera's response curve from one bracket or several."""
+"""A camera's response curve and noise from one bracket or several."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.noise import NoiseModel
-from processing.calibration.response_basis import spline_basis
+from processing.calibration.noise_fit import fit_noise
+from processing.calibration.response_check import ResponseCheck, check_response
 from processing.calibration.response_curve import ResponseCurve
-from processing.calibration.response_daylit import ChannelFit, DaylitFit, fit_daylit
-from processing.calibration.response_samples import Bracket8, Samples, take_samples
+from processing.calibration.response_daylit import ChannelFit, DaylitFit, check_enough, fit_daylit, monotone, support
+from processing.calibration.response_debevec import debevec_malik
+from processing.calibration.response_fit import CodeNoise, FineCurve
+from processing.calibration.response_gauge import LEAST_HIGH, MIDDLE_CODE, WHITE_CODE, regauge, regauge_noise
+from processing.calibration.response_mitsunaga import mitsunaga_nayar
+from processing.calibration.response_residuals import residuals_by_code, sigma_from_residuals
+from processing.calibration.response_robertson import robertson
+from processing.calibration.response_samples import CHANNELS, Bracket8, ChannelSamples, Samples, take_samples
+from processing.calibration.response_uncertainty import curve_sigma
 from processing.calibration.shutter import ShutterRule
+from processing.errors import ParameterError
 
-__all__ = ["Bracket8", "ResponseFit", "recover_response"]
+__all__ = [
+    "METHODS",
+    "Bracket8",
+    "ResponseCheck",
+    "ResponseFit",
+    "check_response",
+    "estimate_noise",
+    "recover_response",
+    "regauge",
+    "regauge_noise",
+]
 
 Reals: TypeAlias = npt.NDArray[np.float64]
-GAUGE_CODE = 128
+
+_NAMED: dict[str, Callable[[ChannelSamples, Reals], Reals]] = {
+    "debevec-malik": debevec_malik,
+    "mitsunaga-nayar": mitsunaga_nayar,
+    "robertson": robertson,
+}
+METHODS = ("daylit", *_NAMED)
+_PIXELS = 9
+_ROUNDING = 1 / 12
 
 
 @dataclass(frozen=True)
@@ -36,6 +63,10 @@ class ResponseFit:
     rejected: dict[str, float] = field(default_factory=dict)
     """Shares of the patches left out, by reason."""
     warnings: tuple[str, ...] = ()
+    wrong_times: dict[int, float] = field(default_factory=dict)
+    """Frame: stops by which the time given for it is off."""
+    shutter_rule: ShutterRule | None = None
+    """The rule that the frames fit best, where they tell the rules apart."""
 
 
 def recover_response(
@@ -43,36 +74,130 @@ def recover_response(
 ) -> ResponseFit:
     """Return curve and noise of the camera that took ``brackets``.
 
+    ``method`` is one of `METHODS`. ``estimate_times`` (daylit only): times are nominal; the rule behind them is chosen
+    by what the frames say. A frame whose time contradicts all others gets the time that they imply, with a warning.
+
     Raises
     ------
     ResponseError
         Frames from which no curve can be told.
     BracketError
         Frames that are no bracket.
+    ParameterError
+        A method that is not known, or that cannot estimate times.
+    """
+    if method not in METHODS:
+        raise ParameterError(f"no response method {method!r}", advice=f"one of {', '.join(METHODS)}")
+    if estimate_times and method != "daylit":
+        raise ParameterError(f"{method} does not estimate shutter times", advice="use the method daylit")
+    samples = take_samples(brackets, seed)
+    if method == "daylit":
+        return _daylit(samples, free_times=estimate_times)
+    return _named(samples, method)
+
+
+def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:
+    """Return photon, read and code noise (of coding too: JPEG) of single pixels under a known curve.
+
+    Raises
+    ------
+    ResponseError
+        Too few patches.
+    BracketError
+        Frames that are no bracket.
     """
     samples = take_samples(brackets, seed)
-    fit = fit_daylit(samples, free_times=estimate_times)
-    channels = fit.channels
-    curve = ResponseCurve(
-        np.stack([one.log2 - one.log2[GAUGE_CODE] for one in channels]),
-        np.stack([_sigma(one) for one in channels]),
-        (channels[0].low, channels[1].low, channels[2].low),
-        (channels[0].high, channels[1].high, channels[2].high),
-        GAUGE_CODE,
-        "daylit",
-        sum(data.n_samples for data in samples.channels),
-        residual_stops(channels),
+    for data, name in zip(samples.channels, CHANNELS, strict=True):
+        check_enough(data, name)
+    found = [
+        fit_noise(data, FineCurve.of(log2), samples.log2_times, least_code_variance=_ROUNDING, pixels=_PIXELS)
+        for data, log2 in zip(samples.channels, curve.log2_exposure, strict=True)
+    ]
+    return _noise_model([one or CodeNoise(0.0, 0.0, 1.0) for one in found])
+
+
+def _noise_model(found: Sequence[CodeNoise]) -> NoiseModel:
+    red, green, blue = found
+    return NoiseModel(
+        (red.photon, green.photon, blue.photon),
+        (red.read2**0.5, green.read2**0.5, blue.read2**0.5),
+        (red.code, green.code, blue.code),
     )
-    photon, read, codes = zip(*(_noise(one) for one in channels), strict=True)
+
+
+def _daylit(samples: Samples, *, free_times: bool) -> ResponseFit:
+    fit = fit_daylit(samples, free_times=free_times)
+    channels = fit.channels
+    low, high = _limits([(one.low, one.high) for one in channels])
+    gauge = WHITE_CODE if min(high) >= LEAST_HIGH else MIDDLE_CODE
+    curve = ResponseCurve(
+        np.stack([one.log2 - one.log2[gauge] for one in channels]),
+        np.stack([curve_sigma(one, MIDDLE_CODE) for one in channels]),
+        low,
+        high,
+        gauge_code=gauge,
+        sigma_code=MIDDLE_CODE,
+        balance_sigma=_three([float(curve_sigma(one, MIDDLE_CODE)[gauge]) for one in channels]),
+        method="daylit",
+        n_samples=sum(data.n_samples for data in samples.channels),
+        residual_stops=_residual_stops(channels),
+    )
+    # The channels' own scale is 1 at code 255.
+    noise = _noise_model([one.noise.pixel for one in channels])
+    red, green, blue = (float(np.exp2(-one.log2[gauge])) for one in channels)
     times = tuple(float(t) for t in np.exp2(fit.log2_times))
+    estimate = fit.estimate
     return ResponseFit(
         curve,
-        NoiseModel(photon, read, codes),
+        regauge_noise(noise, (red, green, blue)),
         times,
-        fit.estimate.sigma if estimate_times else tuple(0.0 for _ in times),
+        estimate.sigma if free_times else tuple(0.0 for _ in times),
         {"moved": _moved_share(samples, channels)},
-        _warnings(samples, fit, times_free=estimate_times),
+        _warnings(samples, fit, gauge, free_times=free_times),
+        fit.wrong_times,
+        estimate.rule if estimate.decided else None,
     )
+
+
+def _named(samples: Samples, method: str) -> ResponseFit:
+    log2, limits = [], []
+    for data, name in zip(samples.channels, CHANNELS, strict=True):
+        check_enough(data, name)
+        limits.append(support(data.mean, name))
+        found = _NAMED[method](data, samples.log2_times)
+        log2.append(monotone(found, found, 0, 255))
+    low, high = _limits(limits)
+    bare = ResponseCurve(np.stack(log2), np.zeros((3, 256)), low, high, WHITE_CODE, method=method)
+    residuals = residuals_by_code(samples, bare)
+    curve = replace(
+        bare,
+        sigma_log2=sigma_from_residuals(residuals),
+        n_samples=sum(data.n_samples for data in samples.channels),
+        residual_stops=float(np.median(residuals.spread_stops[residuals.count > 0])),
+    )
+    noise = [
+        fit_noise(data, FineCurve.of(g), samples.log2_times, least_code_variance=_ROUNDING, pixels=_PIXELS)
+        for data, g in zip(samples.channels, log2, strict=True)
+    ]
+    times = tuple(float(t) for t in np.exp2(samples.log2_times))
+    return ResponseFit(
+        curve,
+        _noise_model([one or CodeNoise(0.0, 0.0, 1.0) for one in noise]),
+        times,
+        tuple(0.0 for _ in times),
+        {},
+        _duplicate_warnings(samples),
+    )
+
+
+def _limits(limits: Sequence[tuple[int, int]]) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+    red, green, blue = limits
+    return (red[0], green[0], blue[0]), (red[1], green[1], blue[1])
+
+
+def _three(values: Sequence[float]) -> tuple[float, float, float]:
+    red, green, blue = values
+    return red, green, blue
 
 
 def _moved_share(samples: Samples, channels: Sequence[ChannelFit]) -> float:
@@ -84,40 +209,28 @@ def _moved_share(samples: Samples, channels: Sequence[ChannelFit]) -> float:
     return float(np.mean(shares))
 
 
-def residual_stops(channels: Sequence[ChannelFit]) -> float:
-    """Return the robust rms residual of the patches."""
+def _residual_stops(channels: Sequence[ChannelFit]) -> float:
     sizes = np.concatenate([np.abs(fit.weighed.residual[fit.kept]) for fit in channels])
     return 1.4826 * float(np.median(sizes)) if sizes.size else 0.0
 
 
-def _warnings(samples: Samples, fit: DaylitFit, *, times_free: bool) -> tuple[str, ...]:
+def _duplicate_warnings(samples: Samples) -> tuple[str, ...]:
+    return tuple(f"frame {j} is the same picture as an earlier one: left out" for j in samples.duplicates)
+
+
+def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool) -> tuple[str, ...]:
     """Say what is odd about the frames."""
-    found = [f"frame {j} is the same picture as an earlier one: left out" for j in samples.duplicates]
+    found = list(_duplicate_warnings(samples))
     for j, stops in fit.wrong_times.items():
         given, implied = np.exp2(samples.log2_times[j]), np.exp2(fit.log2_times[j])
         found.append(
             f"frame {j}: its time {given:.6g} s contradicts the other frames by {stops:+.2f} stops; "
             f"{implied:.6g} s is used"
         )
-    best = fit.estimate.rule
-    if not times_free and best is not ShutterRule.NOMINAL:
-        chi2 = fit.estimate.chi2[ShutterRule.NOMINAL]
-        found.append(f"the frames fit the shutter rule '{best}' better than the times given (chi2 {chi2:.0f} lower)")
+    estimate = fit.estimate
+    if not free_times and estimate.decided and estimate.rule is not ShutterRule.NOMINAL:
+        chi2 = estimate.chi2[ShutterRule.NOMINAL]
+        found.append(f"the frames fit the shutter rule '{estimate.rule}' better than the times given (chi2 {chi2:.0f})")
+    if gauge != WHITE_CODE:
+        found.append("no frame comes near white: the channels are balanced at code 128, and colours are less sure")
     return tuple(found)
-
-
-def _noise(fit: ChannelFit) -> tuple[float, float, float]:
-    factor = float(np.exp2(-fit.log2[GAUGE_CODE]))
-    pixel = fit.noise.pixel
-    return pixel.photon * factor, float(np.sqrt(pixel.read2)) * factor, pixel.code
-
-
-def _sigma(fit: ChannelFit) -> Reals:
-    """Return the standard uncertainty (256,) relative to the gauge code; beyond the data it grows."""
-    rows = spline_basis().codes
-    rows = rows - rows[GAUGE_CODE]
-    variance = np.einsum("zi,ij,zj->z", rows, fit.solution.covariance, rows)
-    sigma = np.sqrt(np.maximum(variance, 0.0) * max(fit.solution.scale2, 1.0))
-    codes = np.arange(256)
-    beyond = np.maximum(np.maximum(fit.low - codes, codes - fit.high), 0)
-    return np.asarray(sigma + 0.02 * beyond)

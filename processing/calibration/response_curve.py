@@ -14,8 +14,9 @@ Reals = npt.NDArray[np.float64]
 class ResponseCurve:
     """Exposure that gives each code: ``log2_exposure[channel, code]`` in stops, strictly increasing in the code.
 
-    Gauge: the exposure is relative; ``log2_exposure[c, gauge_code]`` is fixed by the method, and ``sigma_log2`` is the
-    standard uncertainty relative to that point (0 there). The radiance of code z in a frame of t seconds is
+    Gauge: the exposure is relative; ``log2_exposure[c, gauge_code]`` is fixed by the method. ``sigma_log2`` is the
+    standard uncertainty of the shape, relative to the point ``sigma_code`` (0 there); ``balance_sigma`` that of each
+    channel as a whole, which matters for colour only. The radiance of code z in a frame of t seconds is
     ``2 ** log2_exposure[c, z] / t``. Codes outside ``low[c]..high[c]`` are extrapolated: not for merging.
     """
 
@@ -26,6 +27,9 @@ class ResponseCurve:
     low: tuple[int, int, int]
     high: tuple[int, int, int]
     gauge_code: int = 128
+    sigma_code: int = 128
+    balance_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Stops between ``sigma_code`` and the gauge."""
     method: str = "daylit"
     n_samples: int = 0
     """Pixel samples that the fit used."""

@@ -22,7 +22,7 @@ from processing.calibration.response_fit import (
     solve,
     weigh,
 )
-from processing.calibration.response_samples import ChannelSamples, Samples
+from processing.calibration.response_samples import CHANNELS, ChannelSamples, Samples
 from processing.calibration.shutter import TimeEstimate, TimeEvidence, estimate_times, find_wrong_time, refine_times
 from processing.errors import ResponseError
 
@@ -33,7 +33,6 @@ _QUICK_PATCHES = 1000
 """How many patches the first rounds use: they need only come near."""
 _MOST_WRONG = 3
 _REFINE = 3
-CHANNELS = ("red", "green", "blue")
 _BOUNDED = 3.0
 _OUTLIER = 5.0
 """Standard deviations beyond which a patch has moved."""
@@ -41,6 +40,8 @@ _LEAST_SAMPLES = 40
 _LEAST_CODES = 48
 _LEAST_NEAR = 5
 _LEAST_SLOPE = 1e-4
+_CONTINUED = 10
+"""Codes above the data in which the spline continues."""
 _PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005
 
 
@@ -152,7 +153,7 @@ def fit_round(
     fine = FineCurve.of(log2)
     found = weigh(data, fine, log2_times, noise)
     weight, kept = _robust(data, found, final=final)
-    low, high = _support(found.predicted[weight > 0], CHANNELS[channel])
+    low, high = support(found.predicted[weight > 0], CHANNELS[channel])
     solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients)
     coefficients = coefficients + solution.change
     log2 = monotone(start + basis.codes @ coefficients, start, low, high)
@@ -191,10 +192,10 @@ def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Reals
     return np.where(still, found.weight, 0.0), still
 
 
-def _support(predicted: Reals, name: str) -> tuple[int, int]:
+def support(predicted: Reals, name: str) -> tuple[int, int]:
     """Return the lowest and highest code near which the data say enough."""
-    near = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
-    near = np.convolve(near, np.ones(5), mode="same")
+    count = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
+    near = np.convolve(count, np.ones(5), mode="same")
     seen = np.flatnonzero(near >= _LEAST_NEAR)
     if seen.size < _LEAST_CODES:
         raise ResponseError(
@@ -209,8 +210,11 @@ def _support(predicted: Reals, name: str) -> tuple[int, int]:
 def monotone(log2: Reals, start: Reals, low: int, high: int) -> Reals:
     """Return the curve strictly increasing; beyond the data in the slopes of the starting curve."""
     slope = np.maximum(np.diff(log2), _LEAST_SLOPE)
-    slope[:low] = np.maximum(np.diff(start)[:low], _LEAST_SLOPE)
-    join = float(np.clip(slope[high - 3] / max(np.diff(start)[high - 3], _LEAST_SLOPE), 0.3, 3.0))
-    slope[high:] = np.maximum(join * np.diff(start)[high:], _LEAST_SLOPE)
+    usual = np.maximum(np.diff(start), _LEAST_SLOPE)
+    slope[:low] = usual[:low]
+    join = float(np.clip(slope[high - 3] / usual[high - 3], 0.3, 3.0)) * usual[high:]
+    # A few codes on, the fit's own bend is the better guess; over many it is none.
+    near = np.arange(high, 255) < high + _CONTINUED
+    slope[high:] = np.where(near, np.clip(slope[high:], 0.5 * join, 2 * join), join)
     out = np.concatenate([[0.0], np.cumsum(slope)])
     return np.asarray(out - out[255])

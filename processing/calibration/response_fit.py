@@ -26,6 +26,8 @@ _STEPS = 16
 _LOG_LAMBDAS = np.arange(1.0, 9.1, 0.5)
 """Of 1 / stops2: from a standard deviation of second differences of a third of a stop down to next to none."""
 _GAUGE_CODE = 128
+_MOST_SHIFT = 0.2
+"""Stops: a correction of the second order that is larger is none."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class FineCurve:
         from scipy.interpolate import PchipInterpolator
 
         codes = np.linspace(0, 255, 255 * _STEPS + 1)
-        log2 = np.log2(PchipInterpolator(np.arange(256), np.exp2(log2_exposure))(codes))
+        log2 = np.asarray(np.log2(PchipInterpolator(np.arange(256), np.exp2(log2_exposure))(codes)), dtype=np.float64)
         # Derivatives over whole codes: those of the interpolation itself jump.
         slope = np.interp(codes, np.arange(256), np.gradient(log2_exposure))
         bend = np.interp(codes, np.arange(256), np.gradient(np.gradient(log2_exposure)))
@@ -56,13 +58,13 @@ class FineCurve:
         first = np.minimum(place.astype(np.int64), len(self.log2) - 2)
         share = place - first
         nearest = np.rint(place).astype(np.int64)
-        log2 = self.log2[first] + share * (self.log2[first + 1] - self.log2[first])
+        log2 = np.asarray(self.log2[first] + share * (self.log2[first + 1] - self.log2[first]), dtype=np.float64)
         return log2, self.slope[nearest], self.bend[nearest]
 
     def code(self, log2_exposure: Reals) -> Reals:
         """Return the code of an exposure, 0..255."""
-        codes: Reals = np.interp(log2_exposure, self.log2, np.arange(len(self.log2)) / _STEPS)
-        return codes
+        codes = np.linspace(0, 255, len(self.log2))
+        return np.asarray(np.interp(log2_exposure, self.log2, codes), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class CodeNoise:
     def variance(self, log2_exposure: Reals, slope: Reals) -> Reals:
         """Return squared codes at exposures where the curve has a slope (stops a code)."""
         x = np.exp2(log2_exposure)
-        return (self.photon * x + self.read2) / (x * np.log(2.0) * slope) ** 2 + self.code
+        return np.asarray((self.photon * x + self.read2) / (x * np.log(2.0) * slope) ** 2 + self.code)
 
 
 FIRST_GUESS = CodeNoise(0.0, 0.0, 0.25)
@@ -116,9 +118,7 @@ def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Reals, noise: Patch
         variance = noise.mean.variance(at, at_slope)
         usable = (predicted >= FIRST_CODE) & (predicted <= LAST_CODE)
         weight = np.where(usable, 1 / (variance * at_slope**2), 0.0)
-        # The mean log light of a patch is not that of its mean code where the curve bends: texture adds, noise takes.
-        texture2 = data.spread2 - noise.pixel.variance(at, at_slope)
-        shift = 0.5 * bend * (texture2 - variance)
+        shift = _shift(data, noise.pixel.variance(at, at_slope), noise.pixel.code, variance, at_slope, bend)
         light = log2 + shift - offset
         level = _per_sample(data, weight * light) / np.maximum(_per_sample(data, weight), 1e-300)
         predicted = fine.code(level[data.sample] + offset)
@@ -128,6 +128,20 @@ def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Reals, noise: Patch
     residual = np.where(weight > 0, light - level[data.sample], 0.0)
     free = np.maximum(1 - weight / np.maximum(total, 1e-300), 1e-3)
     return Weighed(predicted, shift, weight, residual, residual * np.sqrt(weight / free))
+
+
+def _shift(
+    data: ChannelSamples, pixel_variance: Reals, code_variance: float, mean_variance: Reals, slope: Reals, bend: Reals
+) -> Reals:
+    """Return stops from the curve at a patch's mean code to the mean log light of the patch, to second order.
+
+    Where the curve bends, texture lifts it; noise that enters as light, before the curve, moves the mean code by half
+    the curve's second derivative over *linear* light; and the mean code's own noise counts once more.
+    """
+    texture2 = data.spread2 - pixel_variance
+    light2 = np.maximum(pixel_variance - code_variance, 0.0)
+    shift = 0.5 * (bend * (texture2 - mean_variance) + light2 * (slope**2 * np.log(2.0) + bend))
+    return np.asarray(np.clip(shift, -_MOST_SHIFT, _MOST_SHIFT))
 
 
 def _per_sample(data: ChannelSamples, values: Reals) -> Reals:
@@ -224,7 +238,7 @@ def solve(eq: Equations, start: Reals) -> Solution:
         score = max(eq.count - 2, 1) * np.log(fit) + sign_log - (k - 2) * np.log(strength)
         if score < best:
             best, chosen = score, strength
-    inverse: Reals = np.linalg.inv(data + chosen * basis.penalty + 1e-12 * scale * np.eye(k))
+    inverse = np.asarray(np.linalg.inv(data + chosen * basis.penalty + 1e-12 * scale * np.eye(k)), dtype=np.float64)
     answer = inverse @ (right - chosen * basis.penalty @ start)
     cross = eq.matrix[k:, :k]
     return Solution(

@@ -20,6 +20,7 @@ Reals: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 Flags: TypeAlias = npt.NDArray[np.bool_]
 
+CHANNELS = ("red", "green", "blue")
 PATCH_PX = 3
 CANDIDATES = 10_000
 """Patches looked at in all brackets together."""
