@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from processing.calibration.chart_patches import NEUTRALS, PATCH_NAMES, WHITE, FoundChart, Reals, read_chart
 from processing.calibration.chart_search import candidates, refined
-from processing.calibration.luminance import ScaleFactor
+from processing.calibration.luminance import CURVE_FRAC, ScaleFactor
 from processing.errors import ChartError
 from processing.images import RelativeImage
 
@@ -90,8 +90,8 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
     return _sure(best, "what looks like a chart has not its colours")
 
 
-def scale_from_charts(indoor: FoundChart, outdoor: FoundChart) -> ChartScale:
-    """Return k2 from the same chart in both pictures.
+def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: float = CURVE_FRAC) -> ChartScale:
+    """Return k2 from the same chart in both pictures; ``curve_frac``: relative uncertainty by each response curve.
 
     Raises
     ------
@@ -114,8 +114,8 @@ def scale_from_charts(indoor: FoundChart, outdoor: FoundChart) -> ChartScale:
     spread = 1.4826 * float(np.median(np.abs(residuals)))
     scale = ScaleFactor(
         value=fit.slope,
-        relative_uncertainty=math.sqrt(fit.sigma**2 + fit.common**2),
-        parts={"fit": fit.sigma, "pictures": fit.common},
+        relative_uncertainty=math.sqrt(fit.sigma**2 + 2 * curve_frac**2),
+        parts={"fit": fit.sigma, "curves": math.sqrt(2) * curve_frac},
         n_pixels=float(min(indoor.n_pixels[white], outdoor.n_pixels[white])),
         displayed=float(y_out[white]),
         measured=float(y_in[white]),
@@ -130,14 +130,11 @@ class _Line:
     offset: float
     sigma: float
     """Relative standard uncertainty of the slope, from the fit."""
-    common: float
-    """Relative uncertainty that all patches share."""
 
 
 def _line(x: Reals, y: Reals, sigma: Reals) -> _Line:
     """Return the robust line ``y = slope x + offset`` for relative errors; through 0 for three points."""
-    common = float(sigma.min())
-    relative = np.maximum(np.sqrt(np.maximum(sigma**2 - common**2, 0)), _MIN_SIGMA)
+    relative = np.maximum(sigma, _MIN_SIGMA)
     columns = np.stack([x, np.ones_like(x)], axis=1) if x.size > 3 else x[:, None]
     error, huber = relative * y, np.ones_like(y)
     for _ in range(30):
@@ -151,7 +148,7 @@ def _line(x: Reals, y: Reals, sigma: Reals) -> _Line:
     slope, offset = float(found[0]), float(found[1]) if columns.shape[1] > 1 else 0.0
     if not slope > 0:
         raise ChartError("the two pictures of the chart contradict each other", where="the neutral patches")
-    return _Line(slope, offset, math.sqrt(float(covariance[0, 0]) * excess) / slope, common)
+    return _Line(slope, offset, math.sqrt(float(covariance[0, 0]) * excess) / slope)
 
 
 def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> tuple[PatchPair, ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from processing.calibration.luminance import NEIGHBOURS
 from processing.errors import ChartError
 from processing.images import RelativeImage, Validity, luminance_cd_m2
 
@@ -44,7 +45,7 @@ class FoundChart:
     rgb: Reals
     """(24, 3): robust means."""
     uncertainty: Reals
-    """(24,): relative standard uncertainty of the luminances; inf where a patch is clipped or dark."""
+    """(24,): relative standard uncertainty of the luminances by noise; inf where a patch is clipped or dark."""
     n_pixels: npt.NDArray[np.intp]
     """(24,)."""
     mismatch: float
@@ -142,9 +143,8 @@ def _mean(view: RelativeImage, row: npt.NDArray[np.intp], column: npt.NDArray[np
     light = float(level[kept].mean())
     if invalid > MAX_INVALID_FRAC or not light > 0 or not np.all(np.isfinite(claimed)):
         return mean, float("inf")
-    scatter2 = float(np.mean((level[kept] / light - 1) ** 2))
-    # What of the claimed uncertainty does not show as scatter is common to the patch's pixels.
-    return mean, float(np.sqrt(scatter2 / kept.size + max(float(np.mean(claimed**2)) - scatter2, 0.0)))
+    noise2 = max(float(np.mean(claimed**2)), float(np.mean((level[kept] / light - 1) ** 2)))
+    return mean, float(np.sqrt(noise2 / max(kept.size / NEIGHBOURS, 1.0)))
 
 
 def _mismatch(rgb: Reals, usable: npt.NDArray[np.bool_]) -> float:

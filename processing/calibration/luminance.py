@@ -24,6 +24,10 @@ DRIFT_WARNING_FRAC = 0.05
 SPOT_WARNING_FRAC = 0.02
 MAX_GHOST_SHARE = 0.25
 """Of the spot: more means that something stood before the target."""
+CURVE_FRAC = 0.004
+"""Of 0.006 stop, what a recovered response curve is held to."""
+NEIGHBOURS = 4.0
+"""Pixels whose noise is one: JPEG and demosaicing share it among neighbours."""
 _USABLE = ("ok", "typed")
 
 
@@ -81,11 +85,13 @@ def scale_from_reading(
     *,
     frames: Sequence[FrameRecord] = (),
     meter: MeterAccuracy = LS160,
+    curve_frac: float = CURVE_FRAC,
 ) -> ScaleFactor:
     """Return k1 from the meter's readings of a target in the picture.
 
     ``frames`` (those the picture was merged from) tell its moment: between two readings the meter's value is
-    interpolated to it. Readings whose status is neither "ok" nor "typed" are not used.
+    interpolated to it. Readings whose status is neither "ok" nor "typed" are not used. ``curve_frac`` is the relative
+    standard uncertainty that pixels of equal codes share (the response curve's).
 
     Raises
     ------
@@ -102,7 +108,7 @@ def scale_from_reading(
     parts = {
         "meter": measured.meter_frac,
         "spot": _pointing_part(image, spot, displayed, meter.pointing_rad),
-        "picture": _picture_part(image, found, displayed),
+        "picture": _picture_part(image, found, displayed, curve_frac),
         "drift": measured.drift_part,
     }
     if parts["spot"] > SPOT_WARNING_FRAC:
@@ -235,10 +241,11 @@ def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_
     return math.sqrt(2 * float(np.mean(np.square(changes)))) if changes else 0.0
 
 
-def _picture_part(image: RelativeImage, found: SpotPixels, displayed: float) -> float:
-    """Return the merge's uncertainty of the mean: what shows as scatter averages out, the rest is common to all."""
+def _picture_part(image: RelativeImage, found: SpotPixels, displayed: float, curve_frac: float) -> float:
+    """Return the uncertainty of the spot's mean: noise, which averages out, and the curve's error, which does not."""
     values = luminance_cd_m2(image.rgb[found.row, found.column]).astype(np.float64)
     claimed = np.asarray(image.uncertainty[found.row, found.column], dtype=np.float64)
     claimed2 = float(np.where(np.isfinite(claimed), claimed, 1.0) ** 2 @ found.share)
     scatter2 = float(((values / displayed - 1) ** 2) @ found.share)
-    return math.sqrt(scatter2 / found.n_effective + max(claimed2 - scatter2, 0.0))
+    independent = max(found.n_effective / NEIGHBOURS, 1.0)
+    return math.sqrt(max(claimed2, scatter2) / independent + curve_frac**2)

@@ -35,7 +35,8 @@ MAX_PROFILE_BYTES = 32 << 20
 _REL_TOLERANCE = 0.01
 """Of f-numbers: cameras write 5.6 for 5.657."""
 
-Correction = Literal["vignetting", "nd"]
+Correction = Literal["panorama", "vignetting", "nd"]
+"""The panorama's fall-off, the fisheye's, and the tint of its filter."""
 
 
 class CameraState(Model):
@@ -105,7 +106,7 @@ class K2Record(Model):
     """Robust rms of the neutral patches about the fit."""
     patches: tuple[PatchRecord, ...] = ()
     corrections: tuple[Correction, ...] = ()
-    """What was undone in the outdoor picture before k2 was measured; the same must be done before it is used."""
+    """What was undone in the pictures before k2 was measured; the same must be done before it is used."""
     responses: dict[Side, SafeText] = Field(default={})
     """Digests of the response curves it was measured with (`ResponseRecord.digest`)."""
 

@@ -1,0 +1,155 @@
+"""Simulated rig and room sessions on disk, without waiting for shutters: frames rendered, manifest written beside."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from mocks.light import Site, Vector, World
+from mocks.optics import CANON_5D2, THETA_Z1, CameraOptics, Filter
+from mocks.pictures import RenderedShots
+from mocks.sensor import Exposure
+from mocks.shots import ShotRequest
+from mocks.world import meter_luminance_cd_m2
+from station.session import (
+    BracketRecord,
+    DeviceRecord,
+    FrameRecord,
+    MeterTarget,
+    ReadingRecord,
+    SessionManifest,
+    SettingRecord,
+    Side,
+)
+
+STOPS_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
+_BEGUN = datetime(2026, 6, 1, 12, 0, tzinfo=UTC)
+_NAMES = {Side.INDOOR: ("Ricoh Company, Ltd.", "RICOH THETA Z1"), Side.OUTDOOR: ("Canon Inc.", "Canon EOS 5D Mark II")}
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What a session is to be: the world, how small the pictures, which cameras, with the ND filter or without."""
+
+    world: World
+    divisor: int = 8
+    sides: tuple[Side, ...] = (Side.INDOOR, Side.OUTDOOR)
+    nd: bool = True
+    stops_s: Sequence[float] = STOPS_S
+    seed: int = 0
+
+    def optics(self, side: Side) -> CameraOptics:
+        """Return the camera."""
+        usual = THETA_Z1 if side is Side.INDOOR else CANON_5D2
+        return usual if self.nd else replace(usual, filter=Filter())
+
+    def size_px(self, side: Side) -> tuple[int, int]:
+        """Return the pictures' width and height."""
+        wide, high = self.optics(side).full_size
+        return wide // self.divisor // 2 * 2, high // self.divisor // 2 * 2
+
+
+def write_session(path: Path, taken: Taken) -> Path:
+    """Write the session and return its folder."""
+    frames = [record for side in taken.sides for record in _write_frames(path, taken, side)]
+    target = getattr(taken.world, "board_direction", (0.0, 1.0, 0.0))
+    manifest = SessionManifest(
+        session_id=hashlib.sha256(str((path.name, taken.seed, taken.world.key)).encode()).hexdigest()[:32],
+        name=path.name,
+        created_utc=_BEGUN,
+        simulated=True,
+        bracket=BracketRecord(mode="full", stops_s=tuple(taken.stops_s), sides=taken.sides),
+        devices=tuple(_device(taken, side) for side in taken.sides),
+        frames=tuple(frames),
+        target=_target(target),
+        readings=tuple(_readings(taken, target)) if Side.INDOOR in taken.sides else (),
+        readings_planned=2 if Side.INDOOR in taken.sides else 0,
+    ).assess()
+    (path / "session.json").write_text(manifest.model_dump_json(indent=1))
+    return path
+
+
+def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
+    folder = path / side.value
+    folder.mkdir(parents=True)
+    optics, (wide, high) = taken.optics(side), taken.size_px(side)
+    shots = RenderedShots(taken.world, optics, seed=taken.seed, workers=0)
+    usual, (maker, model) = optics.usual_settings, _NAMES[side]
+    settings = Exposure(1.0, usual.iso, usual.f_number)
+    shots.prepare(taken.stops_s, wide, high, settings=settings)
+    records = []
+    for stop, shutter_s in enumerate(taken.stops_s):
+        moment = _BEGUN + timedelta(seconds=10 + 2 * (len(taken.stops_s) - stop))
+        request = ShotRequest(
+            shutter_s, usual.iso, usual.f_number, 6500, wide, high, moment.replace(tzinfo=None), stop + 1, maker, model,
+            "1001", "1.0",
+        )  # fmt: skip
+        data = shots.jpeg(request)
+        name = f"{side.value}/{stop:02d}.jpg"
+        (path / name).write_bytes(data)
+        records.append(
+            FrameRecord(
+                side=side,
+                stop=stop,
+                file=name,
+                size_bytes=len(data),
+                sha256=hashlib.sha256(data).hexdigest(),
+                asked_s=shutter_s,
+                camera_s=shutter_s,
+                iso=usual.iso,
+                f_number=usual.f_number,
+                width_px=wide,
+                height_px=high,
+                taken_utc=moment,
+                release_monotonic_s=(moment - _BEGUN).total_seconds(),
+            )
+        )
+    return records
+
+
+def _device(taken: Taken, side: Side) -> DeviceRecord:
+    maker, model = _NAMES[side]
+    usual = taken.optics(side).usual_settings
+    outdoor = side is Side.OUTDOOR
+    return DeviceRecord(
+        role=side.value,
+        kind="canon_5d2" if outdoor else "theta_z1",
+        manufacturer=maker,
+        model=model,
+        serial="1001",
+        simulated=True,
+        lens="EF 8-15mm f/4L FISHEYE USM at 8 mm" if outdoor else "",
+        nd_filter="ND 3.0" if outdoor and taken.nd else "",
+        settings=(SettingRecord(name="colour temperature", asked="6500 K", got=f"{usual.color_temperature_k} K"),),
+    )
+
+
+def _target(way: Vector) -> MeterTarget:
+    x, y, z = way
+    return MeterTarget(longitude_rad=math.atan2(x, y), latitude_rad=math.asin(max(-1.0, min(1.0, z))))
+
+
+def _readings(taken: Taken, way: Vector) -> list[ReadingRecord]:
+    """Return the readings before and after, as an LS-160 shows them (four digits)."""
+    found = []
+    for when, at_s in (("before", 0.0), ("after", 40.0)):
+        true = meter_luminance_cd_m2(taken.world, way, at_s, site=Site.INDOOR)
+        digits = max(0, 3 - math.floor(math.log10(true)))
+        shown = f"{true:.{digits}f}"
+        found.append(
+            ReadingRecord(
+                when="before" if when == "before" else "after",
+                status="ok",
+                luminance_cd_m2=float(shown),
+                taken_utc=_BEGUN + timedelta(seconds=at_s),
+                taken_monotonic_s=at_s,
+                raw=shown,
+                dialect="ls160",
+                n_samples=3,
+            )
+        )
+    return found

@@ -1,0 +1,178 @@
+"""The whole of ``daylit rig calibrate``: both cameras, k2 between them, and the pictures that let a person check."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from processing.calibration.chart import ChartScale, scale_from_charts
+from processing.calibration.chart_views import ChartView, chart_at, find_chart_around
+from processing.calibration.meter_spot import Spot
+from processing.calibration.profile import Correction, K2Record, PatchRecord, RigProfile
+from processing.calibration.profile_records import ResponseRecord
+from processing.calibration.shutter import ShutterRule
+from processing.calibration.vignetting import published_vignetting
+from processing.errors import ChartError, ParameterError
+from processing.rig.camera_fit import CameraFit, fit_camera, with_filter, with_flat_field
+from processing.rig.session_side import SessionSide, read_side
+from station.session import Side
+
+_INDOOR_DATA = ("theta_z1",)
+"""Published fall-offs that belong to the indoor camera."""
+
+
+@dataclass(frozen=True)
+class RigRequest:
+    """What to calibrate from.
+
+    ``chart``: the session in which both cameras see the chart (k2). ``sessions``: more brackets of either camera, for
+    response and noise only. ``nd``: the outdoor camera's chart with and without the filter.
+    """
+
+    chart: Path
+    sessions: tuple[Path, ...] = ()
+    flats: tuple[Path, ...] = ()
+    nd: tuple[Path, Path] | None = None
+    lens_data: tuple[str, ...] = ()
+    corners: Mapping[Side, Sequence[float]] = field(default_factory=dict)
+    rules: Mapping[Side, ShutterRule] = field(default_factory=dict)
+    half_field_rad: float = math.pi / 2
+
+
+@dataclass(frozen=True)
+class RigResult:
+    """The profile, and what it was seen in."""
+
+    profile: RigProfile
+    views: Mapping[Side, ChartView]
+    cameras: Mapping[Side, CameraFit]
+
+
+def calibrate_rig(request: RigRequest, now: datetime, tell: Callable[[str], None] = lambda _text: None) -> RigResult:
+    """Return the rig's profile; ``tell`` hears what is being done.
+
+    Raises
+    ------
+    ChartError
+        The chart was not found in one camera's picture (name its corners).
+    ResponseError
+        A camera's frames tell no curve.
+    ParameterError
+        Sessions without the frames that are needed.
+    """
+    charts = {side: taken for side in Side if (taken := read_side(request.chart, side)) is not None}
+    if not charts:
+        raise ParameterError("the chart session has no frames", where=str(request.chart))
+    cameras, views = {}, {}
+    for side, taken in charts.items():
+        tell(f"{side}: response, noise, shutter times")
+        cameras[side] = _camera(request, side, taken)
+        tell(f"{side}: merging the chart, looking for it")
+        views[side] = _chart_view(cameras[side], taken, request.corners.get(side))
+    k2 = _k2(cameras, views, charts) if len(charts) == 2 else None
+    warnings = [w for camera in cameras.values() for w in camera.warnings]
+    profile = RigProfile(
+        created_utc=now,
+        software={"daylit": version("daylit")},
+        cameras={side: camera.profile(charts[side], now) for side, camera in cameras.items()},
+        k2=k2[0] if k2 else None,
+        warnings=tuple(text[:500] for text in (*warnings, *(k2[1].scale.warnings if k2 else ()))),
+    )
+    return RigResult(profile, views, cameras)
+
+
+def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
+    """Return everything about one camera that the sessions tell."""
+    nd = [read_side(path, side) for path in request.nd or ()] if side is Side.OUTDOOR else []
+    others = [read_side(path, side) for path in (*request.sessions, *request.flats)]
+    takes = _same_camera(chart, [taken for taken in (*others, *nd) if taken is not None])
+    camera = fit_camera(takes, chart, request.half_field_rad, request.rules.get(side))
+    for name in request.lens_data:
+        if (name in _INDOOR_DATA) == (side is Side.INDOOR):
+            camera = replace(camera, vignetting=published_vignetting(name))
+    flats = [taken for path in request.flats if (taken := read_side(path, side)) is not None]
+    if side is Side.OUTDOOR and flats:
+        camera = with_flat_field(camera, flats)
+    if request.nd and side is Side.OUTDOOR:
+        filtered, plain = nd
+        if filtered is None or plain is None:
+            raise ParameterError("a session without outdoor frames", where="--nd", advice="--nd WITH WITHOUT")
+        camera = with_filter(camera, filtered, plain)
+    return camera
+
+
+def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[SessionSide]:
+    """Return all sessions, the chart's first and each once; another camera or white balance among them is refused.
+
+    Aperture, filter and ISO do not change a response curve enough to matter.
+    """
+    found = {chart.session_id: chart}
+    for other in others:
+        differ = [
+            name
+            for name in ("model", "serial", "color_temperature_k")
+            if getattr(other.state, name) and getattr(chart.state, name) not in (None, "", getattr(other.state, name))
+        ]
+        if differ:
+            raise ParameterError(
+                f"another {', '.join(differ)} than in the chart session", where=str(other.path), advice="leave it out"
+            )
+        found.setdefault(other.session_id, other)
+    return list(found.values())
+
+
+def _chart_view(camera: CameraFit, taken: SessionSide, corners: Sequence[float] | None) -> ChartView:
+    image = camera.corrected(camera.merged(taken))
+    try:
+        if corners is not None:
+            return chart_at(image, np.asarray(corners).reshape(-1, 2))
+        towards = None
+        if camera.side is Side.INDOOR and taken.target is not None:
+            towards = Spot(taken.target.longitude_rad, taken.target.latitude_rad).direction()
+        return find_chart_around(image, towards)
+    except ChartError as error:
+        error.where = f"{taken.path} ({camera.side}){': ' + error.where if error.where else ''}"
+        raise
+
+
+def _k2(
+    cameras: Mapping[Side, CameraFit], views: Mapping[Side, ChartView], charts: Mapping[Side, SessionSide]
+) -> tuple[K2Record, ChartScale]:
+    found = scale_from_charts(views[Side.INDOOR].chart, views[Side.OUTDOOR].chart)
+    indoor, outdoor = cameras[Side.INDOOR], cameras[Side.OUTDOOR]
+    done: dict[Correction, object] = {
+        "panorama": indoor.vignetting,
+        "vignetting": outdoor.vignetting,
+        "nd": outdoor.filter,
+    }
+    chart = charts[Side.INDOOR]
+    record = K2Record(
+        value=found.scale.value,
+        relative_uncertainty=found.scale.relative_uncertainty,
+        measured_utc=chart.created_utc,
+        session=chart.session_id,
+        indoor=chart.state,
+        outdoor=charts[Side.OUTDOOR].state,
+        white_ratio=found.white_ratio,
+        n_patches=sum(p.fitted for p in found.patches),
+        residual_stops=found.residual_stops,
+        patches=tuple(
+            PatchRecord(
+                name=p.name,
+                indoor=max(p.indoor, 0.0),
+                outdoor=max(p.outdoor, 0.0),
+                residual_stops=p.residual_stops,
+                color_difference=p.color_difference,
+            )
+            for p in found.patches
+        ),
+        corrections=tuple(name for name, what in done.items() if what is not None),
+        responses={side: ResponseRecord.of(camera.response.curve).digest() for side, camera in cameras.items()},
+    )
+    return record, found

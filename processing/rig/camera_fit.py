@@ -1,0 +1,192 @@
+"""One camera from its rig sessions: shutter rule, response curve, noise, lens, fall-off, filter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.chart_views import chart_at, find_chart_around
+from processing.calibration.lens import LensModel
+from processing.calibration.merge import merge
+from processing.calibration.nd_filter import NdFilter, fit_nd_filter
+from processing.calibration.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
+from processing.calibration.panorama_falloff import correct_panorama
+from processing.calibration.profile import CameraProfile
+from processing.calibration.profile_records import (
+    LensRecord,
+    NdRecord,
+    NoiseRecord,
+    ResponseRecord,
+    ShutterRecord,
+    VignettingRecord,
+)
+from processing.calibration.response import ResponseFit, recover_response
+from processing.calibration.shutter import ShutterRule, camera_rule
+from processing.calibration.vignetting import Vignetting, fit_flat
+from processing.errors import ProfileError, ResponseError
+from processing.images import RelativeImage
+from processing.rig.session_side import SessionSide, outdoor_lens
+from processing.sphere import Equirectangular, Fisheye, Geometry
+from station.session import Side
+
+_RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
+_CLEAR_RATIO = 0.8
+"""Of the residuals of two rules: nearer to 1 the frames do not tell them apart."""
+
+
+@dataclass(frozen=True)
+class CameraFit:
+    """What is known of one camera so far."""
+
+    side: Side
+    response: ResponseFit
+    shutter: ShutterRecord
+    lens: LensModel | None = None
+    """Of the outdoor camera."""
+    vignetting: Vignetting | None = None
+    filter: NdFilter | None = None
+    sessions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = field(default_factory=tuple)
+
+    def merged(self, taken: SessionSide) -> RelativeImage:
+        """Return a session's bracket merged, in this camera's geometry, nothing corrected."""
+        geometry = self._geometry(taken)
+        times_s = taken.true_times_s(self.shutter)
+        fit = self.response
+        return merge(taken.sources(), times_s, fit.curve, fit.noise, geometry=geometry).image
+
+    def corrected(self, image: RelativeImage) -> RelativeImage:
+        """Return a merged picture with fall-off and the filter's tint undone, in its own geometry."""
+        if self.lens is None:
+            return image if self.vignetting is None else correct_panorama(image, self.vignetting)
+        optics = OutdoorOptics(self.lens, self.vignetting, self.filter)
+        return correct_colour(correct_vignetting(with_lens(image, optics), optics), optics)
+
+    def profile(self, chart: SessionSide, now: datetime) -> CameraProfile:
+        """Return the camera's part of the profile."""
+        return CameraProfile(
+            side=self.side,
+            state=chart.state,
+            created_utc=now,
+            sessions=self.sessions,
+            response=ResponseRecord.of(self.response.curve),
+            noise=NoiseRecord.of(self.response.noise),
+            shutter=self.shutter,
+            vignetting=VignettingRecord.of(self.vignetting) if self.vignetting else None,
+            lens=LensRecord.of(self.lens) if self.lens else None,
+            nd=NdRecord.of(self.filter) if self.filter else None,
+        )
+
+    def _geometry(self, taken: SessionSide) -> Geometry:
+        wide, high = taken.size_px
+        return Equirectangular(wide, high) if self.lens is None else self.lens.fisheye((wide, high))
+
+
+def fit_camera(
+    takes: Sequence[SessionSide], circle_of: SessionSide, half_field_rad: float, rule: ShutterRule | None = None
+) -> CameraFit:
+    """Return response, noise and shutter rule of the camera that took ``takes``; the lens of an outdoor one.
+
+    ``rule`` None: the camera model's, else the one under which the curve fits best.
+
+    Raises
+    ------
+    ResponseError
+        The frames of all sessions together tell no curve.
+    """
+    warnings: list[str] = []
+    rule = rule or camera_rule(takes[0].state.model)
+    if rule is None:
+        response, rule, doubt = _best_rule(takes)
+        warnings += doubt
+    else:
+        response = _response(takes, rule)
+    lens = None
+    if circle_of.side is Side.OUTDOOR:
+        frames = circle_of.bracket(circle_of.nominal_s).frames
+        lens = outdoor_lens(circle_of, [np.asarray(f) for f in frames], half_field_rad)
+    return CameraFit(
+        side=takes[0].side,
+        response=response,
+        shutter=ShutterRecord(rule=rule),
+        lens=lens,
+        sessions=tuple(t.session_id for t in takes),
+        warnings=(*warnings, *(f"{takes[0].side}: {w}" for w in response.warnings)),
+    )
+
+
+def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFit:
+    """Return the camera with the fall-off that pictures of an evenly lit field show.
+
+    Raises
+    ------
+    ProfileError
+        The indoor camera: its fall-off can be given only (`--lens-data`).
+    """
+    if camera.lens is None or not flats:
+        raise ProfileError("a flat field is fitted for the outdoor camera only", advice="--lens-data theta_z1")
+    pictures = [camera.merged(flat) for flat in flats]
+    geometry = camera.lens.fisheye(flats[0].size_px)
+    assert isinstance(geometry, Fisheye)
+    found = fit_flat([picture.rgb for picture in pictures], geometry)
+    f_number = flats[0].state.f_number
+    return replace(camera, vignetting=replace(found.vignetting, f_number=f_number))
+
+
+def with_filter(
+    camera: CameraFit, filtered: SessionSide, plain: SessionSide, corners: dict[str, npt.ArrayLike] | None = None
+) -> CameraFit:
+    """Return the camera with the filter that the chart with and without it shows."""
+    given = corners or {}
+    found = [_patches(camera, taken, given.get(name)) for name, taken in (("filtered", filtered), ("plain", plain))]
+    return replace(camera, filter=fit_nd_filter(*found, source="chart with and without the filter"))
+
+
+def _patches(camera: CameraFit, taken: SessionSide, corners: npt.ArrayLike | None) -> npt.NDArray[np.float64]:
+    """Return the chart's patches (24, 3) at equal exposure; those that are clipped or dark are not finite."""
+    image = replace(camera, filter=None).corrected(camera.merged(taken))
+    chart = (find_chart_around(image) if corners is None else chart_at(image, corners)).chart
+    state = taken.state
+    if state.iso is None or state.f_number is None:
+        raise ProfileError(
+            "ISO and f-number are needed to compare pictures with and without the filter",
+            where=str(taken.path),
+            advice="use sessions whose frames say them",
+        )
+    rgb = chart.rgb / (state.iso / state.f_number**2)
+    rgb[~chart.usable] = np.nan
+    return np.asarray(rgb)
+
+
+def _response(takes: Sequence[SessionSide], rule: ShutterRule) -> ResponseFit:
+    shutter = ShutterRecord(rule=rule)
+    return recover_response([take.bracket(take.true_times_s(shutter)) for take in takes])
+
+
+def _best_rule(takes: Sequence[SessionSide]) -> tuple[ResponseFit, ShutterRule, list[str]]:
+    """Return the fit and rule whose curve leaves the least residual, and a doubt where that is hardly less."""
+    tried: list[tuple[float, int, ResponseFit, ShutterRule]] = []
+    failed: ResponseError | None = None
+    for number, rule in enumerate(_RULES):
+        try:
+            fit = _response(takes, rule)
+        except ResponseError as error:
+            failed = error
+            continue
+        tried.append((fit.curve.residual_stops, number, fit, rule))
+    if not tried:
+        assert failed is not None
+        raise failed
+    tried.sort(key=lambda one: one[:2])
+    best = tried[0]
+    close = [one for one in tried[1:] if best[0] > _CLEAR_RATIO * one[0]]
+    doubt = [
+        f"{takes[0].side}: the frames do not tell whether shutter times are {best[3]} or {one[3]} "
+        f"(residuals {best[0]:.4f} and {one[0]:.4f} stops): {best[3]} is taken"
+        for one in close
+    ]
+    return best[2], best[3], doubt
