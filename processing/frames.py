@@ -247,7 +247,7 @@ def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
                     image.verify()
                 else:
                     _check_strips(image, len(data), name)
-    except Exception as error:  # noqa: BLE001 (Pillow raises nearly anything over damaged files)
+    except Exception as error:  # Pillow raises nearly anything over damaged files
         if isinstance(error, PictureFileError):
             raise
         raise _damaged(name, str(error)) from error
@@ -271,8 +271,7 @@ def _reduced(pixels: Codes, reduce: int) -> Codes:
     height, width = (-(-side // reduce) for side in pixels.shape[:2])
     edges = ((0, height * reduce - pixels.shape[0]), (0, width * reduce - pixels.shape[1]), (0, 0))
     whole: Any = np.pad(pixels, edges, mode="edge")
-    smaller: Codes = np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), dtype=pixels.dtype)
-    return smaller
+    return _contiguous(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _contiguous(pixels: Any) -> Codes:

@@ -22,14 +22,14 @@ from processing.calibration.consistency import Consistency, frame_consistency
 from processing.calibration.merge_kernel import RUN_PX, merge_runs
 from processing.calibration.merge_linear import LinearSamples, linear_samples, merge_linear
 from processing.calibration.merge_report import FrameUse, Merged, MergeReport, shares
-from processing.calibration.merge_tables import MergeTables, linear_curve, merge_tables
+from processing.calibration.merge_tables import MergeTables, coding_error, linear_curve, merge_tables
 from processing.calibration.motion import Planes, settle_ghosts
 from processing.calibration.noise import NoiseModel
 from processing.calibration.registration import frame_shifts
 from processing.calibration.response_curve import ResponseCurve
 from processing.calibration.stops import Decoded, decode_useful
 from processing.errors import BracketError, ParameterError
-from processing.frames import Codes, FrameSource
+from processing.frames import Codes, FrameSource, JpegFrame
 from processing.images import RelativeImage
 from processing.sphere import Geometry
 
@@ -41,6 +41,9 @@ WARN_STOPS = 0.05
 REFUSE_STOPS = 0.25
 MAX_GHOST_SHARE = 0.5
 BAND_PX = 128 * 2048
+CODED_CORRELATION = 0.15
+JPEG_TOP_CODE = 249
+"""Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +109,21 @@ class _Job:
     curve: ResponseCurve | None
     noise: NoiseModel
     options: MergeOptions
+    correlation: float = 0.0
 
     @property
     def workers(self) -> int:
         return self.options.workers or min(4, os.cpu_count() or 1)
+
+    @property
+    def coded(self) -> bool:
+        """Return whether the frames were JPEG, by their source or by what it does to noise."""
+        return self.correlation > CODED_CORRELATION or any(isinstance(f, JpegFrame) for f in self.order.frames)
+
+    def noise_shape(self) -> tuple[float, float]:
+        """Return the correlation of the channels' noise, and the squared error that all frames share."""
+        common = coding_error(self.curve, self.noise) if self.coded and self.curve else 0.0
+        return self.correlation, common
 
     def tables(self) -> MergeTables | None:
         """Return the tables of 8-bit frames; None for 16 bits."""
@@ -117,7 +131,12 @@ class _Job:
             return None
         order = self.order
         return merge_tables(
-            self.curve or linear_curve(), self.noise, order.times_s, order.time_sigma, self.options.error_bound()
+            self.curve or linear_curve(),
+            self.noise,
+            order.times_s,
+            order.time_sigma,
+            self.options.error_bound(),
+            JPEG_TOP_CODE if self.coded else 254,
         )
 
     def samples(self) -> MergeTables | LinearSamples:
@@ -129,24 +148,33 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     samples = job.samples()
     told = frame_consistency(codes, samples)
     warnings += _contradictions(told, job)
-    if np.any(np.abs(told.offset) > WARN_STOPS):
-        # What the frames disagree by is uncertainty of their times.
-        doubt = np.hypot(job.order.time_sigma, np.abs(told.offset) * math.log(2))
-        job = replace(job, order=replace(job.order, time_sigma=doubt))
-        samples = job.samples()
+    job = _honest(job, told)
+    samples = job.samples()
     if job.options.shifts:
         warnings += [
             f"{job.order.frames[s.place].name} is shifted against {job.order.frames[s.place - 1].name} by "
             f"{s.right_px:+.1f} px across and {s.down_px:+.1f} px down: was the camera touched?"
             for s in frame_shifts(codes, samples)
         ]
-    planes, uses = _fuse(codes, samples, job.workers)
+    planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers)
     ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
     found = shares(planes.validity, ghost)
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
     image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, {})
     return Merged(image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, told.offset.tolist()))
+
+
+def _honest(job: _Job, told: Consistency) -> _Job:
+    """Return the job with the noise that these frames show, and with what they disagree by as doubt of their times."""
+    factor, noise = told.noise_factor, job.noise
+    photon, read, codes = (np.array(part) for part in (noise.photon, noise.read, noise.code_variance))
+    scaled = NoiseModel(
+        tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12))
+    )
+    doubt = np.where(np.abs(told.offset) > WARN_STOPS, np.abs(told.offset) * math.log(2), 0.0)
+    order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
+    return replace(job, order=order, noise=scaled, correlation=told.correlation)
 
 
 def _contradictions(told: Consistency, job: _Job) -> list[str]:
@@ -174,7 +202,7 @@ def _contradictions(told: Consistency, job: _Job) -> list[str]:
 
 
 def _fuse(
-    codes: Sequence[Codes], samples: MergeTables | LinearSamples, workers: int
+    codes: Sequence[Codes], samples: MergeTables | LinearSamples, shape: tuple[float, float], workers: int
 ) -> tuple[Planes, npt.NDArray[np.float64]]:
     """Return the merged planes, and what part of the picture used each frame."""
     height, width = codes[0].shape[:2]
@@ -188,10 +216,10 @@ def _fuse(
     if isinstance(samples, MergeTables):
         # A picture smaller than one run is lengthened by its own pixels.
         flat = [np.resize(frame, (padded, 3)) if pixels < padded else frame for frame in flat]
-        uses = _fuse_runs(flat, samples, planes, padded, workers)
+        uses = _fuse_runs(flat, samples, shape, planes, workers)
     else:
         addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
-        model = (samples.times_s, samples.time_sigma, samples.noise)
+        model = (samples.times_s, samples.time_sigma, samples.noise, shape[0])
         out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
         _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, *out), pixels, BAND_PX, workers)
         uses = np.ones(len(flat))
@@ -203,12 +231,13 @@ def _fuse(
 
 
 def _fuse_runs(
-    flat: Sequence[Codes], tables: MergeTables, planes: Planes, pixels: int, workers: int
+    flat: Sequence[Codes], tables: MergeTables, shape: tuple[float, float], planes: Planes, workers: int
 ) -> npt.NDArray[np.float64]:
     addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
     clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
     limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise])
     out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
+    pixels = len(flat[0])
     runs = -(-pixels // RUN_PX)
     counts: list[npt.NDArray[np.int64]] = []
 
@@ -216,7 +245,7 @@ def _fuse_runs(
         uses = np.zeros(len(flat), dtype=np.int64)
         counts.append(uses)
         merge_runs(
-            addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits,
+            addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits, *shape,
             tables.last, *out, uses,
         )  # fmt: skip
 

@@ -20,7 +20,7 @@ _PIXEL = np.uint64(48)
 _CHANNEL = np.uint64(256 * 16)
 _FRAME = np.uint64(3 * 256 * 16)
 _TWICE = np.uint64(32)
-TRIGGER_CHI2 = np.float32(26.0)
+TRIGGER_CHI2 = 26.0
 """Of a pixel's sums: one in 100,000 of two frames by chance (3 degrees of freedom). Then all frames are looked at."""
 CLIPPED_SNR2 = np.float32(1e-3)
 DARK_UNCERTAINTY = np.float32(0.5)
@@ -68,8 +68,12 @@ def accumulate(addresses, offset, first, end, lanes_at, sums_at):
 
 
 @compiled
-def resolve(sums_at, start, rgb, uncertainty, validity, suspect):
-    """Turn a run's sums into means, relative uncertainty of luminance and validity; return how many disagree."""
+def resolve(sums_at, start, shared, common, trigger, rgb, uncertainty, validity, suspect):
+    """Turn a run's sums into means, relative uncertainty of luminance and validity; return how many disagree.
+
+    ``shared``: correlation of the channels' noise. ``common``: squared relative error that all frames share.
+    """
+    apart = _ONE - shared
     s = carray(floats_at(sums_at), 12 * RUN_PX)
     disagreeing = 0
     for i in range(RUN_PX):
@@ -80,13 +84,16 @@ def resolve(sums_at, start, rgb, uncertainty, validity, suspect):
         chi2 = (s[k + 2] - s[k + 1] * m0) + (s[k + 6] - s[k + 5] * m1) + (s[k + 10] - s[k + 9] * m2)
         rgb[p, 0], rgb[p, 1], rgb[p, 2] = m0, m1, m2
         y = _R * m0 + _G * m1 + _B * m2
-        sigma = np.sqrt(_R * _R * i0 + _G * _G * i1 + _B * _B * i2)
-        u = sigma / max(y, _TINY)
+        variance = _R * _R * i0 + _G * _G * i1 + _B * _B * i2
+        if shared > 0:
+            together = _R * np.sqrt(i0) + _G * np.sqrt(i1) + _B * np.sqrt(i2)
+            variance = apart * variance + shared * together * together
+        u = np.sqrt(variance / max(y * y, _TINY) + common)
         uncertainty[p] = u
         known = min(w0 * m0 * m0, w1 * m1 * m1, w2 * m2 * m2)
         state = DARK if u > DARK_UNCERTAINTY else VALID
         validity[p] = CLIPPED if known < CLIPPED_SNR2 else state
-        odd = chi2 > TRIGGER_CHI2
+        odd = chi2 > trigger
         suspect[p] = np.uint8(odd)
         disagreeing += odd
     return disagreeing
@@ -120,13 +127,22 @@ def suspicion(addresses, pixel, samples, saturation, clip):
 
 
 @compiled
-def judge_run(addresses, start, every, samples, saturation, clip, uncertainty, suspect):
+def chi2_limit(freedom, shared):
+    """Return what chance exceeds once in 100,000, and half as much again, since noise is not quite Gaussian.
+
+    Where channels share their noise (``shared`` is its correlation), deviations come in threes.
+    """
+    return 1.5 * (freedom + (1.0 + 2.0 * shared) * (6.0 * np.sqrt(2.0 * freedom) + 8.0))
+
+
+@compiled
+def judge_run(addresses, start, every, samples, saturation, clip, shared, uncertainty, suspect):
     """Judge the suspect pixels of a run (``every``: all its pixels): 0 fine, 1 odd, 2 surely something moved."""
     for p in range(start, start + RUN_PX):
         if not every and suspect[p] == 0:
             continue
         chi2, freedom = suspicion(addresses, p, samples, saturation, clip)
-        limit = 1.5 * (freedom + 6.0 * np.sqrt(2.0 * freedom) + 8.0)
+        limit = chi2_limit(freedom, shared)
         suspect[p] = 0
         if freedom > 0 and chi2 > limit:
             suspect[p] = 2 if chi2 > 4.0 * limit else 1
@@ -136,7 +152,22 @@ def judge_run(addresses, start, every, samples, saturation, clip, uncertainty, s
 
 @compiled
 def merge_runs(
-    addresses, runs, pixels, lanes, samples, saturation, clip, limits, last, rgb, uncertainty, validity, suspect, uses
+    addresses,
+    runs,
+    pixels,
+    lanes,
+    samples,
+    saturation,
+    clip,
+    limits,
+    shared,
+    common,
+    last,
+    rgb,
+    uncertainty,
+    validity,
+    suspect,
+    uses,
 ):
     """Merge runs ``runs[0]..runs[1]-1`` of ``pixels`` (at least `RUN_PX`); ``uses`` counts runs by frame.
 
@@ -145,6 +176,8 @@ def merge_runs(
     """
     count = addresses.shape[0]
     low, high, rise = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
+    together, trigger = np.float32(shared), np.float32(TRIGGER_CHI2 * (1.0 + 2.0 * shared))
+    floor = np.float32(common)
     sums = np.zeros(12 * RUN_PX, np.float32)
     sums_at, lanes_at = np.uint64(sums.ctypes.data), np.uint64(lanes.ctypes.data)
     for run in range(runs[0], runs[1]):
@@ -163,6 +196,6 @@ def merge_runs(
             moved |= rise[f] > limits[2]
             uses[f] += first <= f < end
         accumulate(addresses, offset, first, end, lanes_at, sums_at)
-        odd = resolve(sums_at, start, rgb, uncertainty, validity, suspect)
+        odd = resolve(sums_at, start, together, floor, trigger, rgb, uncertainty, validity, suspect)
         if moved or odd:
-            judge_run(addresses, start, moved, samples, saturation, clip, uncertainty, suspect)
+            judge_run(addresses, start, moved, samples, saturation, clip, shared, uncertainty, suspect)

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from numba import carray
 
 from processing.calibration.compiled import bytes_at, compiled
+from processing.calibration.merge_kernel import chi2_limit
 from processing.calibration.noise import NoiseModel
 
 Reals = npt.NDArray[np.float64]
@@ -92,7 +93,7 @@ def _channel(addresses, pixel, c, times, sigma, noise):
 
 
 @compiled
-def merge_linear(addresses, pixels, times, sigma, noise, rgb, uncertainty, validity, suspect):
+def merge_linear(addresses, pixels, times, sigma, noise, shared, rgb, uncertainty, validity, suspect):
     """Merge pixels ``pixels[0]..pixels[1]-1`` of little-endian uint16 frames into the planes (flat)."""
     for p in range(pixels[0], pixels[1]):
         r, var_r, chi2_r, free_r, bound_r = _channel(addresses, p, 0, times, sigma, noise)
@@ -100,9 +101,11 @@ def merge_linear(addresses, pixels, times, sigma, noise, rgb, uncertainty, valid
         b, var_b, chi2_b, free_b, bound_b = _channel(addresses, p, 2, times, sigma, noise)
         rgb[p, 0], rgb[p, 1], rgb[p, 2] = r, g, b
         y = _R * r + _G * g + _B * b
-        u = np.sqrt(_R * _R * var_r + _G * _G * var_g + _B * _B * var_b) / max(y, 1e-30)
+        together = _R * np.sqrt(var_r) + _G * np.sqrt(var_g) + _B * np.sqrt(var_b)
+        apart = _R * _R * var_r + _G * _G * var_g + _B * _B * var_b
+        u = np.sqrt((1.0 - shared) * apart + shared * together * together) / max(y, 1e-30)
         freedom, chi2 = free_r + free_g + free_b, chi2_r + chi2_g + chi2_b
-        limit = 1.5 * (freedom + 6.0 * np.sqrt(2.0 * freedom) + 8.0)
+        limit = chi2_limit(freedom, shared)
         suspect[p] = 0
         if freedom > 0 and chi2 > limit:
             suspect[p] = 2 if chi2 > 4.0 * limit else 1

@@ -10,7 +10,8 @@ frame's clipped codes stand for the saturation level with a weight (`TRACE_SNR2`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +19,7 @@ import numpy.typing as npt
 
 from processing.calibration.noise import NoiseModel
 from processing.calibration.response_curve import ResponseCurve
+from processing.images import LUMINANCE_WEIGHTS
 
 Reals = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.float32]
@@ -27,6 +29,7 @@ TRACE_SNR2 = 1e-6
 TAPER_CODES = 6
 """Below the clipping code weights fall to a quarter: whether a sample there counts must not hang on its own noise."""
 RISE_SIGMAS = 6.0
+COMMON_SHARE = 0.45
 
 
 @dataclass(frozen=True)
@@ -75,12 +78,18 @@ def linear_curve() -> ResponseCurve:
 
 
 def merge_tables(
-    curve: ResponseCurve, noise: NoiseModel, times_s: Reals, time_sigma: Reals, max_error: float
+    curve: ResponseCurve, noise: NoiseModel, times_s: Reals, time_sigma: Reals, max_error: float, top_code: int = 254
 ) -> MergeTables:
     """Return the tables of frames with ``times_s`` (falling) of relative standard uncertainty ``time_sigma``.
 
-    ``max_error``: by what part the uncertainty may grow where frames are left out.
+    ``max_error``: by what part the uncertainty may grow where frames are left out. ``top_code``: above it, codes count as
+    clipped; as do those that a clipped pixel's coding noise (5 sigma) may reach.
     """
+    reach = [math.floor(253.5 - 5.0 * math.sqrt(variance)) for variance in noise.code_variance]
+    red, green, blue = (
+        max(low + 1, min(high, top_code, top)) for low, high, top in zip(curve.low, curve.high, reach, strict=True)
+    )
+    curve = replace(curve, high=(red, green, blue))
     x = curve.exposure
     own = noise.relative_variance(curve) + (np.log(2) * curve.sigma_log2) ** 2
     codes = np.arange(CODES)[None, :]
@@ -106,6 +115,17 @@ def merge_tables(
         _last_useful(curve, own, times_s, max_error),
         _rise(curve, noise),
     )
+
+
+def coding_error(curve: ResponseCurve, noise: NoiseModel) -> float:
+    """Return the squared relative error that coding leaves alike in all frames, so that differences do not show it.
+
+    JPEG smooths chroma and fine detail of every frame in the same way. Measured on simulated frames with and without
+    noise (quality 95, 4:2:0): 0.45 of what the coding noise of one frame is at middle codes.
+    """
+    slope = np.median(curve.log2_slope[:, 60:200]) * math.log(2)
+    codes = float(np.dot(LUMINANCE_WEIGHTS, noise.code_variance))
+    return float((COMMON_SHARE * slope) ** 2 * codes)
 
 
 def _taper(codes: npt.NDArray[np.int64], high: npt.NDArray[np.int64]) -> Reals:
