@@ -39,6 +39,8 @@ class ResponseRecord(Model):
     low: tuple[int, int, int]
     high: tuple[int, int, int]
     gauge_code: Annotated[int, Field(ge=0)] = 128
+    sigma_code: Annotated[int, Field(ge=0)] = 128
+    balance_sigma: tuple[NonNegative, NonNegative, NonNegative] = (0.0, 0.0, 0.0)
     method: SafeText = "daylit"
     n_samples: Annotated[int, Field(ge=0)] = 0
     residual_stops: NonNegative = 0.0
@@ -53,8 +55,8 @@ class ResponseRecord(Model):
         if min(map(min, self.sigma_log2)) < 0:
             raise ValueError("an uncertainty is not negative")
         ends_ok = all(0 <= a < b < n for a, b in zip(self.low, self.high, strict=True))
-        if not ends_ok or self.gauge_code >= n:
-            raise ValueError(f"low, high and gauge_code are codes of 0..{n - 1}, low below high")
+        if not ends_ok or max(self.gauge_code, self.sigma_code) >= n:
+            raise ValueError(f"low, high, gauge_code and sigma_code are codes of 0..{n - 1}, low below high")
         return self
 
     @classmethod
@@ -66,6 +68,8 @@ class ResponseRecord(Model):
             low=tuple(map(int, curve.low)),
             high=tuple(map(int, curve.high)),
             gauge_code=int(curve.gauge_code),
+            sigma_code=int(curve.sigma_code),
+            balance_sigma=tuple(map(float, curve.balance_sigma)),
             method=curve.method,
             n_samples=int(curve.n_samples),
             residual_stops=float(curve.residual_stops),
@@ -74,14 +78,16 @@ class ResponseRecord(Model):
     def curve(self) -> ResponseCurve:
         """Return the curve; the same numbers that were recorded."""
         return ResponseCurve(
-            np.array(self.log2_exposure),
-            np.array(self.sigma_log2),
-            self.low,
-            self.high,
-            self.gauge_code,
-            self.method,
-            self.n_samples,
-            self.residual_stops,
+            log2_exposure=np.array(self.log2_exposure),
+            sigma_log2=np.array(self.sigma_log2),
+            low=self.low,
+            high=self.high,
+            gauge_code=self.gauge_code,
+            sigma_code=self.sigma_code,
+            balance_sigma=self.balance_sigma,
+            method=self.method,
+            n_samples=self.n_samples,
+            residual_stops=self.residual_stops,
         )
 
     def digest(self) -> str:
