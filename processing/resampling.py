@@ -17,9 +17,11 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.resampling_area import area_resample
 from processing.sphere import Equirectangular, Fisheye, Geometry, directions, pixels
+from processing.sphere_cubic import cubic_samples
 
 Method = Literal["area", "bilinear", "cubic"]
 Floats = npt.NDArray[np.float32]
+Reals = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 PAD_PX = 2
@@ -45,7 +47,7 @@ def resample(
         (H, W) or (H, W, C) of the source's size; finite.
     method
         ``area``: exact overlaps, keeps energy, never rings. ``bilinear``, ``cubic``: samples at pixel centres; cubic
-        is held within the range of the pixels around, so that it does not ring either.
+        is held within the range of the 16 pixels around, and is linear where weights differ from 1.
     weights
         (H, W), 0..1: what each source pixel is worth (0: invalid, its value is not used). None: all that lies in the
         field counts, pixels cut by a fisheye's edge too.
@@ -103,17 +105,16 @@ def resample_uncertainty(
     return np.where(share >= 0.5, np.sqrt(variance), np.float32(np.inf)).astype(np.float32)
 
 
-def padded_sphere(picture: npt.NDArray[np.generic], pad_px: int = PAD_PX) -> npt.NDArray[np.generic]:
+def padded_sphere(picture: Floats, pad_px: int = PAD_PX) -> Floats:
     """Return an equirectangular picture with what lies beyond its borders: round the seam, and over the poles."""
     width = picture.shape[1]
     half, rows = width // 2, min(pad_px, picture.shape[0])
 
-    def beyond(part: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    def beyond(part: Floats) -> Floats:
         turned = np.roll(part[::-1], half, axis=1)
         if width % 2:
             # The other side lies between two columns.
-            between = (turned.astype(np.float64) + np.roll(turned, 1, axis=1)) / 2
-            turned = between.astype(picture.dtype)
+            turned = np.asarray((turned + np.roll(turned, 1, axis=1)) / 2, dtype=np.float32)
         missing = pad_px - rows
         return turned if not missing else np.repeat(turned, pad_px, axis=0)[:pad_px]
 
@@ -132,34 +133,32 @@ def _sampled(
     light = picture if whole else picture * known[..., None]
     around = isinstance(source, Equirectangular)
     pad = PAD_PX if around else 0
-    light, known = (padded_sphere(a) if around else a for a in (light, known))
+    if around:
+        light, known = padded_sphere(light), padded_sphere(known)
     out = np.zeros((target.height_px, target.width_px, picture.shape[2]), dtype=np.float32)
     coverage = np.zeros(out.shape[:2], dtype=np.float32)
     for rows, x, y, seen in _centres(source, target):
         maps = (x + (pad - 0.5)).astype(np.float32), (y + (pad - 0.5)).astype(np.float32)
-        weight = np.ones(seen.shape, np.float32) if whole else _remap(known, maps, cubic=False)
-        value = _remap(light, maps, cubic=cubic)
-        if not whole:
-            # Cubic and linear weights differ; only their own kind normalises.
-            total = _remap(known, maps, cubic=True) if cubic else weight
-            value = value / np.maximum(total, 1e-6)[..., None]
+        weight = np.ones(seen.shape, np.float32) if whole else _remap(known, maps)
+        value = (_cubic if cubic and whole else _remap)(light, maps).reshape(*seen.shape, -1)
         ok = seen & (weight > 1e-4)
-        out[rows] = np.where(ok[..., None], value.reshape(*seen.shape, -1), 0.0)
+        # The values were multiplied by their weights.
+        if not whole:
+            value /= np.maximum(weight, 1e-4)[..., None]
+        out[rows] = np.where(ok[..., None], value, 0.0)
         coverage[rows] = np.where(ok, np.clip(weight, 0.0, 1.0), 0.0)
     return out, coverage
 
 
-def _remap(array: npt.NDArray[np.generic], maps: tuple[Floats, Floats], *, cubic: bool) -> Floats:
-    flag = cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR
-    found = cv2.remap(array, *maps, flag, borderMode=cv2.BORDER_REPLICATE)
-    if cubic:
-        kernel = np.ones((3, 3), np.uint8)
-        for bound, limit in ((cv2.erode(array, kernel), np.maximum), (cv2.dilate(array, kernel), np.minimum)):
-            found = limit(found, cv2.remap(bound, *maps, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE))
-    return np.asarray(found, dtype=np.float32)
+def _remap(array: Floats, maps: tuple[Floats, Floats]) -> Floats:
+    return np.asarray(cv2.remap(array, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
 
 
-def _centres(source: Geometry, target: Geometry) -> Iterator[tuple[slice, Floats, Floats, Flags]]:
+def _cubic(array: Floats, maps: tuple[Floats, Floats]) -> Floats:
+    return cubic_samples(array, *maps)
+
+
+def _centres(source: Geometry, target: Geometry) -> Iterator[tuple[slice, Reals, Reals, Flags]]:
     """Yield bands of the target: rows, columns and rows of its pixel centres in the source, and which are seen."""
     band = max(1, PIXELS_AT_ONCE // target.width_px)
     for start in range(0, target.height_px, band):
@@ -176,7 +175,7 @@ def _in_field(source: Geometry) -> Floats:
     column, row = source.axis_px
     across, down = np.arange(source.width_px) + 0.5 - column, np.arange(source.height_px) + 0.5 - row
     reach = source.radius_px + math.sqrt(0.5)
-    return (np.hypot(across[None, :], down[:, None]) <= reach).astype(np.float32)
+    return np.asarray(np.hypot(across[None, :], down[:, None]) <= reach, dtype=np.float32)
 
 
 def _checked(rgb: npt.ArrayLike, source: Geometry) -> tuple[Floats, bool]:

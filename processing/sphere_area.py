@@ -83,7 +83,7 @@ def _grid(view: Perspective) -> tuple[Reals, Reals]:
     """Return the plane's coordinates (focal length 1) of the lines between columns (W+1,) and rows (H+1,)."""
     right = (np.arange(view.width_px + 1) - view.width_px / 2) / view.focal_px
     up = (view.height_px / 2 - np.arange(view.height_px + 1)) / view.focal_px
-    return right, up
+    return np.asarray(right, dtype=np.float64), np.asarray(up, dtype=np.float64)
 
 
 def _perspective_solid_angles(view: Perspective) -> Reals:
@@ -105,7 +105,7 @@ def _perspective_projected(view: Perspective, n: Reals) -> Reals:
     far = np.sqrt(1 + right**2)[None, :]
     angle = -np.diff(np.arctan2(up[:, None], far), axis=0)
     along = angle * ((local[0] - right * local[2]) / far[0])[None, :] / 2
-    return -(np.diff(across, axis=0) + np.diff(along, axis=1))
+    return np.asarray(-(np.diff(across, axis=0) + np.diff(along, axis=1)))
 
 
 def _crossed_cells(geometry: Geometry, n: Reals) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,13 +33,13 @@ def fisheye_solid_angles(lens: Fisheye) -> Reals:
     """Return the solid angle of each cell's part inside the circle (H, W), in steradians."""
     found = _cells(lens, lambda sine, cosine, _c, _s: _cap(sine, cosine), _rim_solid(lens), None)
     # A cell that the circle only touches may come out as minus a rounding error.
-    return np.maximum(found, 0.0)
+    return np.asarray(np.maximum(found, 0.0))
 
 
 def fisheye_areas(lens: Fisheye) -> Reals:
     """Return the area of each cell's part inside the circle (H, W), in square pixels."""
     whole = replace(lens, mapping=LensMapping.EQUISOLID, half_field_rad=math.pi, polynomial=())
-    return fisheye_solid_angles(whole) * (lens.radius_px**2 / 4)
+    return np.asarray(fisheye_solid_angles(whole) * (lens.radius_px**2 / 4))
 
 
 def fisheye_projected(lens: Fisheye, normal: Reals) -> Reals:
@@ -48,13 +49,13 @@ def fisheye_projected(lens: Fisheye, normal: Reals) -> Reals:
     axial = float(normal[2])
 
     def integral(sine: Reals, cosine: Reals, cos_phi: Reals, sin_phi: Reals) -> Reals:
-        return (right * cos_phi + up * sin_phi) * _level(sine, cosine) + axial * sine * sine / 2
+        return np.asarray((right * cos_phi + up * sin_phi) * _level(sine, cosine) + axial * sine * sine / 2)
 
     sine, cosine = (np.asarray(v) for v in polar_of_radius(lens, np.array(1.0)))
     level, cap = float(_level(sine, cosine)), float(sine * sine / 2)
 
     def rim(phi: Reals) -> Reals:
-        return level * (right * np.sin(phi) - up * np.cos(phi)) + axial * cap * phi
+        return np.asarray(level * (right * np.sin(phi) - up * np.cos(phi)) + axial * cap * phi)
 
     return _cells(lens, integral, rim, (right, up, axial))
 
@@ -87,9 +88,9 @@ def _cells(
     """Return all cells' integrals: inside by Gauss's rule where the picture is large, else and at the rim by edges."""
     out = np.zeros((lens.height_px, lens.width_px))
     column, row = lens.axis_px
-    u = (np.arange(lens.width_px) + 0.5 - column) / lens.radius_px
+    u = _relative(np.arange(lens.width_px) + 0.5 - column, lens)
     for y in range(0, lens.height_px, band := max(1, CELLS_AT_ONCE // lens.width_px)):
-        v = (row - (np.arange(y, min(y + band, lens.height_px)) + 0.5)) / lens.radius_px
+        v = _relative(row - (np.arange(y, min(y + band, lens.height_px)) + 0.5), lens)
         radius = np.hypot(u[None, :], v[:, None])
         inner = radius < 1 - RIM_PX / lens.radius_px
         if lens.radius_px < LARGE_RADIUS_PX:
@@ -124,8 +125,8 @@ def _by_gauss(lens: Fisheye, u: Reals, v: Reals, normal: tuple[float, float, flo
 def _by_edges(lens: Fisheye, row: Places, column: Places, integral: Integral) -> Reals:
     """Return the integrals along the four edges of cells, as far as they lie inside the circle, anticlockwise."""
     centre_x, centre_y = lens.axis_px
-    left, right = ((column + k - centre_x) / lens.radius_px for k in (0, 1))
-    upper, lower = ((centre_y - row - k) / lens.radius_px for k in (0, 1))
+    left, right = _relative(column - centre_x, lens), _relative(column + 1 - centre_x, lens)
+    upper, lower = _relative(centre_y - row, lens), _relative(centre_y - row - 1, lens)
 
     def across(v: Reals) -> Reals:
         return -_line(lens, v, left, right, integral)
@@ -153,7 +154,11 @@ def _line(lens: Fisheye, fixed: Reals, start: Reals, end: Reals, integral: Integ
         sine, cosine = polar_of_radius(lens, np.minimum(radius, 1.0))
         r = np.maximum(radius, 1e-150)
         total += weight * integral(sine, cosine, place / r, fixed / r) / (r * r) * chord * np.cos(a)
-    return fixed * total * (a1 - a0) / 2
+    return np.asarray(fixed * total * (a1 - a0) / 2)
+
+
+def _relative(distance_px: npt.NDArray[Any], lens: Fisheye) -> Reals:
+    return np.asarray(distance_px / lens.radius_px, dtype=np.float64)
 
 
 def _order(radius_px: float) -> int:

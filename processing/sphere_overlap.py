@@ -147,8 +147,8 @@ def scatter(
 ) -> None:
     """Hand each source cell's light to the plane's pixels: the net is the source, the plane the target.
 
-    A cell that lies in the plane's field gives away exactly its ``solid`` angle (h, w); one that the field cuts gives by
-    the plane's ``density`` (H, W). Added to ``light`` (H, W, C) and ``weight`` (H, W).
+    A cell that lies in the plane's field gives away exactly its ``solid`` angle (h, w); one that the field cuts gives
+    by the plane's ``density`` (H, W). Added to ``light`` (H, W, C) and ``weight`` (H, W).
     """
     height, width, channels = light.shape
     px, py = np.empty(4), np.empty(4)

@@ -1,0 +1,179 @@
+"""Maps between a panorama and its views, made once and kept; the least recently used go when they take too much room."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.sphere import Equirectangular, Perspective, directions, pixels, point_directions
+
+Floats = npt.NDArray[np.float32]
+Reals = npt.NDArray[np.float64]
+Places = npt.NDArray[np.intp]
+
+CACHE_BYTES = 384 << 20
+EDGE_SAMPLES = 65
+
+
+@dataclass(frozen=True)
+class PolarPixels:
+    """A view's pixels within half a row of a pole: their four neighbours lie on both sides of it."""
+
+    view_rows: Places
+    view_columns: Places
+    rows: Places
+    """(n, 4) in the panorama."""
+    columns: Places
+    weights: Reals
+    """(n, 4)."""
+
+
+@dataclass(frozen=True)
+class CutMap:
+    """For OpenCV's remap with a wrapping border; ``polar`` is to be set right afterwards."""
+
+    first: npt.NDArray[Any]
+    second: npt.NDArray[Any]
+    polar: PolarPixels | None
+
+
+@dataclass(frozen=True)
+class StitchMap:
+    """Where a block of the panorama lies in a view: rows first..first + h, columns (counted on over the seam)."""
+
+    first_row: int
+    first_column: int
+    x: Floats
+    y: Floats
+    weight: Floats
+    """Feathered, 0 where the view does not see."""
+
+
+class MapCache:
+    """A bounded store of maps, safe between threads."""
+
+    def __init__(self, most_bytes: int = CACHE_BYTES) -> None:
+        self._most_bytes = most_bytes
+        self._held: OrderedDict[object, CutMap | StitchMap] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    @property
+    def held_bytes(self) -> int:
+        """Return what the maps take."""
+        return self._bytes
+
+    def get(self, key: object, make: Callable[[], CutMap | StitchMap]) -> CutMap | StitchMap:
+        """Return the map of a key, made where it is not there."""
+        with self._lock:
+            if key in self._held:
+                self._held.move_to_end(key)
+                return self._held[key]
+        made = make()
+        with self._lock:
+            if key not in self._held:
+                self._held[key] = made
+                self._bytes += map_bytes(made)
+            while self._bytes > self._most_bytes and len(self._held) > 1:
+                self._bytes -= map_bytes(self._held.popitem(last=False)[1])
+        return made
+
+
+MAPS = MapCache()
+
+
+def map_bytes(found: CutMap | StitchMap) -> int:
+    """Return the size of a map's large arrays."""
+    arrays = (getattr(found, field.name) for field in fields(found))
+    return sum(array.nbytes for array in arrays if isinstance(array, np.ndarray))
+
+
+def cut_map(panorama: Equirectangular, view: Perspective, *, fixed: bool) -> CutMap:
+    """Return the map that cuts a view; ``fixed``: in OpenCV's fixed-point form, faster for integer pictures."""
+    found = MAPS.get(("cut", panorama, view, fixed), lambda: _make_cut(panorama, view, fixed=fixed))
+    assert isinstance(found, CutMap)
+    return found
+
+
+def stitch_map(view: Perspective, target: Equirectangular) -> StitchMap:
+    """Return where the target's pixels lie in a view, for the block of it that the view may see."""
+    found = MAPS.get(("stitch", view, target), lambda: _make_stitch(view, target))
+    assert isinstance(found, StitchMap)
+    return found
+
+
+def _make_cut(panorama: Equirectangular, view: Perspective, *, fixed: bool) -> CutMap:
+    x, y, _ = pixels(panorama, directions(view)[0])
+    x, y = x - 0.5, y - 0.5
+    polar = _polar_pixels(panorama, x, y)
+    first, second = x.astype(np.float32), y.astype(np.float32)
+    if fixed:
+        return CutMap(*cv2.convertMaps(first, second, cv2.CV_16SC2), polar)
+    return CutMap(first, second, polar)
+
+
+def _polar_pixels(panorama: Equirectangular, x: Reals, y: Reals) -> PolarPixels | None:
+    view_rows, view_columns = np.nonzero((y < 0) | (y > panorama.height_px - 1))
+    if not view_rows.size:
+        return None
+    at_x, at_y = x[view_rows, view_columns], y[view_rows, view_columns]
+    low = np.floor(at_y).astype(np.intp)
+    share = at_y - low
+    rows, columns, weights = [], [], []
+    for row, weight in ((low, 1 - share), (low + 1, share)):
+        beyond = (row < 0) | (row >= panorama.height_px)
+        # Over the pole one comes down half way round.
+        across = at_x + np.where(beyond, panorama.width_px / 2, 0.0)
+        left = np.floor(across).astype(np.intp)
+        inside = np.where(row < 0, -1 - row, np.where(beyond, 2 * panorama.height_px - 1 - row, row))
+        for step, part in ((0, 1 - (across - left)), (1, across - left)):
+            rows.append(inside)
+            columns.append((left + step) % panorama.width_px)
+            weights.append(weight * part)
+    return PolarPixels(view_rows, view_columns, *(np.stack(a, axis=1) for a in (rows, columns, weights)))
+
+
+def _make_stitch(view: Perspective, target: Equirectangular) -> StitchMap:
+    first_row, last_row, first_column, last_column = _block(view, target)
+    d, _ = point_directions(
+        target, np.arange(first_column, last_column) + 0.5, (np.arange(first_row, last_row) + 0.5)[:, None]
+    )
+    x, y, seen = pixels(view, d)
+    weight = np.where(seen, _tent(x / view.width_px) * _tent(y / view.height_px), 0.0)
+    in_x, in_y = (np.where(seen, value - 0.5, -1.0).astype(np.float32) for value in (x, y))
+    return StitchMap(first_row, first_column, in_x, in_y, weight.astype(np.float32))
+
+
+def _tent(share: Reals) -> Reals:
+    """Return 1 in the middle, falling to a little above 0 at the edges: who alone sees a pixel must fill it."""
+    return np.asarray(np.maximum(1 - np.abs(2 * share - 1), 1e-4))
+
+
+def _block(view: Perspective, target: Equirectangular) -> tuple[int, int, int, int]:
+    """Return first and last (exclusive) row and column that hold all the view sees; columns may pass the seam."""
+    width, height = target.width_px, target.height_px
+    along = np.linspace(0, 1, EDGE_SAMPLES)
+    zero, one = np.zeros_like(along), np.ones_like(along)
+    edge_x = np.concatenate([along, one, along, zero]) * view.width_px
+    edge_y = np.concatenate([zero, along, one, along]) * view.height_px
+    x, y, _ = pixels(target, point_directions(view, edge_x, edge_y)[0])
+    # Between two samples an edge bulges by less than the step between them.
+    slack = 2 + math.ceil(np.abs(np.diff(y)).max())
+    first_row, last_row = max(0, math.floor(y.min()) - slack), min(height, math.ceil(y.max()) + slack)
+    up, down = (pixels(view, np.array([0.0, 0.0, z]))[2].item() for z in (1, -1))
+    first_row, last_row = (0 if up else first_row), (height if down else last_row)
+    from_axis = (x - (math.remainder(view.yaw_rad - target.yaw_rad, 2 * math.pi) / (2 * math.pi) + 0.5) * width) % width
+    from_axis = np.where(from_axis > width / 2, from_axis - width, from_axis)
+    reach = np.abs(from_axis).max() + 2 + np.abs(np.diff(from_axis)).max()
+    if up or down or 2 * reach >= width - 1:
+        return first_row, last_row, 0, width
+    middle = (math.remainder(view.yaw_rad - target.yaw_rad, 2 * math.pi) / (2 * math.pi) + 0.5) * width
+    return first_row, last_row, math.floor(middle - reach), math.ceil(middle + reach)
