@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import zlib
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -176,7 +178,8 @@ def _read(path: Path) -> tuple[dict[str, Any], Channels]:
     if len(parts) != 1 or not parts[0].whole or not parts[0].sampled_everywhere:
         raise refused(path, "has several parts, or is cropped or subsampled; one whole picture is taken")
     try:
-        with OpenEXR.File(str(path), num_threads=THREADS) as file:
+        # The library tells of damage on standard output, where commands write their JSON.
+        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), num_threads=THREADS) as file:
             if len(file.parts) != 1:
                 raise refused(path, "cannot be decoded", likely=_DAMAGED, advice=_AGAIN)
             header = dict(file.header())

@@ -30,18 +30,26 @@ def to_rgbe(rgb: Floats, first_row: int = 0) -> Bytes:
     A channel of 0 beside a brighter one reads as half a step: the format has no other way.
     """
     height, width = rgb.shape[:2]
-    largest = rgb.max(axis=2)
-    _, exponent = np.frexp(np.maximum(largest, np.float32(_SMALLEST)))
-    scaled = rgb * np.ldexp(np.float32(1), 8 - exponent)[..., None]
-    rows = np.arange(first_row, first_row + height)[:, None] * _STEPS[1]
-    threshold = ((rows + np.arange(width) * _STEPS[0]) % 1.0).astype(np.float32)
-    scaled += threshold[..., None] - np.float32(0.5)
+    largest = np.maximum(np.maximum(rgb[..., 0], rgb[..., 1]), rgb[..., 2])
+    # The exponent of IEEE 754 as it lies in the bits; from it, in the same way, 2 to the power of 8 - exponent.
+    stored = np.maximum(largest, np.float32(_SMALLEST)).view(np.int32) >> 23
+    scale = ((261 - stored) << 23).view(np.float32)
+    threshold = _fractions(first_row, height, _STEPS[1])[:, None] + _fractions(0, width, _STEPS[0])
+    threshold -= threshold >= 1
+    threshold -= np.float32(0.5)
     out = np.empty((height, width, 4), dtype=np.uint8)
-    # A mantissa that the pattern would lift to 256 stays at 255; one that it would push below 0 stays at 0.
-    out[..., :3] = np.clip(scaled, 0, 255)
-    out[..., 3] = np.clip(exponent + _EXPONENT_BIAS, 0, 255)
+    for channel in range(3):
+        mantissa = rgb[..., channel] * scale
+        mantissa += threshold
+        # One that the pattern would lift to 256 stays at 255; one that it would push below 0 stays at 0.
+        out[..., channel] = np.clip(mantissa, 0, 255, out=mantissa)
+    out[..., 3] = np.clip(stored + (_EXPONENT_BIAS - 126), 0, 255)
     out[largest < _SMALLEST] = 0
     return out
+
+
+def _fractions(first: int, count: int, step: float) -> Floats:
+    return np.asarray(np.arange(first, first + count) * step % 1.0, dtype=np.float32)
 
 
 def from_rgbe(rgbe: Bytes) -> Floats:

@@ -191,6 +191,18 @@ def test_no_file_another_file_and_a_folder(tmp_path: Path) -> None:
             read_exr(tmp_path / name)
 
 
+def test_damage_is_not_told_on_standard_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Commands write their JSON there."""
+    path = tmp_path / "picture.exr"
+    write_exr(path, noise(24, 48))
+    data = bytearray(path.read_bytes())
+    data[-200:-100] = bytes(100)
+    path.write_bytes(data)
+    with pytest.raises(PictureFileError, match="cannot be decoded"):
+        read_exr(path)
+    assert capsys.readouterr().out == ""
+
+
 def test_every_cut_is_found(tmp_path: Path) -> None:
     path = tmp_path / "picture.exr"
     write_exr(path, noise(24, 48))
