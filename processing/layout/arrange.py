@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 from processing.errors import ItemError, NoDoorError, RoomTooSmallError
 from processing.layout.arrangement import Arrangement, Arrangements, NotPlaced, PlacedItem
 from processing.layout.canonical import Frame, Pose, canonical_plan
-from processing.layout.choose import Candidate, Chosen, choose
+from processing.layout.choose import BIG_M2, Candidate, Chosen, choose
 from processing.layout.field import make_field
-from processing.layout.grouping import Packing, packings
+from processing.layout.grouping import LAST_SPLIT, Packing, packings
 from processing.layout.items import Item
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
@@ -18,15 +18,15 @@ from processing.layout.poses import Stand, in_room, stands
 from processing.layout.reach import reachable_doors
 from processing.layout.refusals import not_placed, too_small
 from processing.layout.rules import Rules, RuleSet, built_in_rules
-from processing.layout.scores import soft_scores, weighted
+from processing.layout.scores import floor_samples, soft_scores, weighted
 from processing.layout.search import Effort, Found, Search
-from processing.layout.verify import Piece, verify
+from processing.layout.verify import Judge, Piece
 
 MOST_ALTERNATIVES = 50
 
 
 @dataclass(frozen=True)
-class _Final:
+class Final:
     """A final state and the packing it belongs to."""
 
     found: Found
@@ -35,6 +35,17 @@ class _Final:
     def left_out(self) -> list[Item]:
         """Return the items that found no place."""
         return [item for number in self.found.dropped for item in self.packing.units[number].items]
+
+    def kind(self) -> tuple[object, ...]:
+        """Return what tells arrangements apart at a glance: the wall and the metre of each large unit."""
+        units = self.packing.units
+        return tuple(
+            sorted(
+                (units[c.unit].items[0].id, c.line[5], int(c.s_m), round(c.line[0]), round(c.line[1]))
+                for c in self.found.choices
+                if units[c.unit].footprint_m2 >= BIG_M2
+            )
+        )
 
 
 def arrange(
@@ -98,9 +109,13 @@ def _solve(
 ) -> Arrangements:  # fmt: skip
     search = Search(make_field(inner, rules), doors)
     finals = run_search(search, free, rules, n, seed)
-    candidates = _candidates(finals, frame, plan, book, n)
+    judges = {name: Judge(plan, other) for name, other in {**book.sets, rules.name: rules}.items()}
     main = finals[0].packing.units[0].items[0].id if finals else ""
-    chosen = choose(candidates, n, main, lambda c: not judged(plan, c.placed, rules).violations, most_checks=6 * n + 24)
+    chosen: list[Chosen] = []
+    for candidates in _candidates(finals, frame, plan, book, n):
+        chosen = choose(candidates, n, main, lambda c: judges[rules.name].passes(pieces(c.placed)), 6 * n + 24)
+        if chosen:
+            break
     notes = list(plan.notes)
     unreached = [k + 1 for k in range(len(inner.doors)) if k not in doors]
     if unreached:
@@ -108,7 +123,9 @@ def _solve(
             f"{len(unreached)} of {len(inner.doors)} doors cannot be reached on {rules.path:g} m even in the empty room"
         )
     by_id = {item.id: item for item in free}
-    made = [_arrangement(k, one, by_id, too_tall, plan, search, frame, rules, book) for k, one in enumerate(chosen, 1)]
+    made = [
+        _arrangement(k, one, by_id, too_tall, plan, search, frame, rules, judges) for k, one in enumerate(chosen, 1)
+    ]
     asked = tuple(i.id for i in (*pinned, *free, *too_tall))
     return Arrangements(
         plan=plan_to_mapping(plan),
@@ -120,55 +137,91 @@ def _solve(
     )
 
 
-def run_search(search: Search, items: Sequence[Item], rules: RuleSet, n: int, seed: int) -> list[_Final]:
-    """Return final states, those that leave the least out first; harder and harder tries until some leave nothing out."""
-    wide = 16 if n == 1 else min(96, 6 * n + 6)
-    efforts = [
-        (Effort(wide, 4, max(2, wide // 6), 4 * wide), (None,)),
-        (Effort(24, 3, 4, 120, (0.0, 0.25, 0.5, 0.75, 1.0), 0.15), (None, 0, 1)),
-        (Effort(24, 3, 4, 120, (0.0, 0.2, 0.5, 0.8, 1.0), 0.15, optimistic=True), (None, 2)),
-    ]
-    finals: list[_Final] = []
-    for effort, restarts in efforts:
-        for packing in packings(items, rules):
-            for restart in restarts:
-                finals += [_Final(f, packing) for f in search.run(packing, effort, seed, restart)]
-            if any(not f.found.dropped for f in finals):
-                break
-        if any(not f.found.dropped for f in finals):
+def run_search(search: Search, items: Sequence[Item], rules: RuleSet, n: int, seed: int) -> list[Final]:
+    """Return final states; ever harder tries, until nothing is left out and there are enough different ones."""
+    wide = 12 if n == 1 else 32
+    plain = Effort(wide, 4, max(2, wide // 6), 5 * wide)
+    fine = Effort(24, 3, 4, 140, (0.0, 0.25, 0.5, 0.75, 1.0), 0.15, optimistic=True)
+    divisions = Divisions(items, rules)
+    last = len(divisions) - 1
+    tries: list[tuple[Effort, int, int | None]] = [(plain, k, None) for k in range(last + 1)]
+    if n > 1:
+        tries[1:1] = [(plain, 0, 0), (plain, 0, 1)]
+        tries += [(plain, k, 2) for k in range(1, last + 1)]
+    whole = len(tries)
+    tries += [(fine, last, None), (fine, max(0, last - 1), 1), (fine, last, 2), (fine, 0, None)]
+    finals: list[Final] = []
+    kinds: set[tuple[object, ...]] = set()
+    for number, (effort, k, restart) in enumerate(tries):
+        packing = divisions[k]
+        made = [Final(f, packing) for f in search.run(packing, effort, seed, restart)]
+        finals += made
+        kinds |= {final.kind() for final in made if not final.found.dropped}
+        if len(kinds) >= (1 if n == 1 else 3 * n) or (kinds and number + 1 >= whole):
             break
-    finals.sort(key=lambda f: -f.found.score)
-    return finals
+    return sorted(finals, key=lambda f: -f.found.score)
 
 
-def _candidates(finals: Sequence[_Final], frame: Frame, plan: FloorPlan, book: Rules, n: int) -> list[Candidate]:
-    """Return the best states with their soft scores, those that leave least out first."""
-    if not finals:
-        return []
-    least = min(_loss(f) for f in finals)
-    kept = [f for f in finals if _loss(f) <= least + 1e-9][: 8 if n == 1 else 12 * n]
-    made = []
-    for final in kept:
-        placed = tuple(in_room(s, frame) for s in stands(final.found, final.packing))
-        scores = soft_scores(plan, placed)
-        left = tuple(sorted(item.id for item in final.left_out()))
-        made.append(Candidate(placed, left, weighted(scores, book.weights), scores))
-    return sorted(made, key=lambda c: -c.score)
+class Divisions:
+    """The divisions of the items into units, made when first asked for."""
+
+    def __init__(self, items: Sequence[Item], rules: RuleSet) -> None:
+        self._source = packings(items, rules)
+        self._made: list[Packing] = []
+
+    def __len__(self) -> int:
+        return LAST_SPLIT + 1
+
+    def __getitem__(self, number: int) -> Packing:
+        while len(self._made) <= number:
+            made = next(self._source, None)
+            if made is None:
+                return self._made[-1]
+            self._made.append(made)
+        return self._made[number]
 
 
-def _loss(final: _Final) -> float:
+def _candidates(
+    finals: Sequence[Final], frame: Frame, plan: FloorPlan, book: Rules, n: int
+) -> Iterator[list[Candidate]]:
+    """Yield the best states with their soft scores, best first: those that leave least out, then the next."""
+    samples = floor_samples(plan)
+    losses = sorted({round(_loss(f), 9) for f in finals})
+    for least in losses:
+        alike = [f for f in finals if round(_loss(f), 9) == least]
+        kept = _varied(alike, 4 if n == 1 else 6 * n)
+        made = []
+        for final in kept:
+            placed = tuple(in_room(s, frame) for s in stands(final.found, final.packing))
+            scores = soft_scores(plan, placed, samples)
+            left = tuple(sorted(item.id for item in final.left_out()))
+            made.append(Candidate(placed, left, weighted(scores, book.weights), scores))
+        yield sorted(made, key=lambda c: -c.score)
+
+
+def _varied(finals: Sequence[Final], most: int) -> list[Final]:
+    """Return the best of each kind, then the second best of each."""
+    rounds: dict[tuple[object, ...], int] = {}
+    ranked = []
+    for place, final in enumerate(finals):
+        kind = final.kind()
+        rounds[kind] = rounds.get(kind, -1) + 1
+        ranked.append((rounds[kind], place))
+    return [finals[place] for _, place in sorted(ranked)[:most]]
+
+
+def _loss(final: Final) -> float:
     return sum(1 + item.spec.footprint_m2 for item in final.left_out())
 
 
-def judged(plan: FloorPlan, placed: Sequence[Stand], rules: RuleSet):  # type: ignore[no-untyped-def]
-    """Return the verifier's verdict on pieces in the room."""
-    pieces = [Piece(s.item.id, s.item.spec, s.x_m, s.y_m, s.theta_rad, s.group) for s in placed]
-    return verify(plan, pieces, rules)
+def pieces(placed: Sequence[Stand]) -> list[Piece]:
+    """Return pieces in the room as the judge takes them."""
+    return [Piece(s.item.id, s.item.spec, s.x_m, s.y_m, s.theta_rad, s.group) for s in placed]
 
 
 def _arrangement(
     rank: int, chosen: Chosen, items: Mapping[str, Item], too_tall: Sequence[Item], plan: FloorPlan, search: Search,
-    frame: Frame, rules: RuleSet, book: Rules,
+    frame: Frame, rules: RuleSet, judges: Mapping[str, Judge],
 ) -> Arrangement:  # fmt: skip
     candidate = chosen.candidate
     refused = [
@@ -180,10 +233,8 @@ def _arrangement(
         for i in too_tall
     ]  # fmt: skip
     refused += [not_placed(items[name], candidate.placed, search, frame) for name in candidate.left_out]
-    meets = [
-        name for name, other in book.sets.items()
-        if name == rules.name or not judged(plan, candidate.placed, other).violations
-    ]  # fmt: skip
+    stood = pieces(candidate.placed)
+    meets = [n for n, judge in judges.items() if n == rules.name or judge.passes(stood)]
     return Arrangement(
         rank=rank,
         items=tuple(placed_item(s) for s in candidate.placed),
@@ -212,6 +263,3 @@ def placed_item(stand: Stand) -> PlacedItem:
         use_zones_m=tuple(tuple(round(v, 6) for v in zone) for zone in stand.zones),  # type: ignore[misc]
         pinned=stand.pinned,
     )
-
-
-__all__ = ["arrange", "judged", "replace"]

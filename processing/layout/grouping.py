@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from processing.layout.items import Item
 from processing.layout.rules import RuleSet
-from processing.layout.units import Member, Unit, Variant, beside, desk_and_chair, dining, seating, single, zone_choices
+from processing.layout.units import (
+    Member,
+    Unit,
+    Variant,
+    beside,
+    desk_and_chair,
+    dining,
+    seating,
+    sideways,
+    single,
+    zone_choices,
+)
 
 GAP_M = 0.05
 """Between a bed and its nightstands."""
@@ -29,6 +40,7 @@ ROLES = {
     "rug": "rug",
 }
 HUNG_TV_M = 1.0
+LAST_SPLIT = 3
 
 
 @dataclass(frozen=True)
@@ -40,21 +52,15 @@ class Packing:
     """How many items stand away from the group they belong to."""
 
 
-def packings(items: Sequence[Item], rules: RuleSet, apart_from: Sequence[Item] = ()) -> list[Packing]:
-    """Return the divisions to try, whole groups first.
-
-    `apart_from` are items that are placed already (pinned): who belongs to them stands by itself.
-    """
-    found: list[Packing] = []
-    for split in range(4):
+def packings(items: Sequence[Item], rules: RuleSet) -> Iterator[Packing]:
+    """Yield the divisions to try, whole groups first, at last every piece in every position that is legal."""
+    shapes: list[list[tuple[str, ...]]] = []
+    for split in range(LAST_SPLIT + 1):
         packing = _packing(list(items), rules, split)
-        if not any(_shape(packing) == _shape(other) for other in found):
-            found.append(packing)
-    return found
-
-
-def _shape(packing: Packing) -> list[tuple[str, ...]]:
-    return [tuple(item.id for item in unit.items) for unit in packing.units]
+        shape = [tuple(item.id for item in unit.items) for unit in packing.units]
+        if shape not in shapes or split == LAST_SPLIT:
+            shapes.append(shape)
+            yield packing
 
 
 def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
@@ -63,7 +69,7 @@ def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
     for build in (_beds, _sofas, _tvs, _desks, _tables):
         units += build(left, rules, split)
     total = len(items)
-    units += [_alone(item, rules) for item in left]
+    units += [_alone(item, rules, split) for item in left]
     apart = sum(1 for item in left if item.spec.group_with) if total else 0
     units.sort(key=lambda u: (-_priority(u), -u.footprint_m2, u.items[0].id))
     return Packing(tuple(units), apart)
@@ -97,7 +103,7 @@ def _beds(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
 
 def _bed_variants(bed: Item, tables: Sequence[Item], rules: RuleSet) -> list[Variant]:
     if not tables:
-        return single(bed, rules, at_wall=True)
+        return [*single(bed, rules, at_wall=True), *sideways(bed, rules, bonus=-1.0)]
     if len(tables) == 1:
         return [*beside(bed, tables, (), rules, GAP_M), *beside(bed, (), tables, rules, GAP_M)]
     return beside(bed, tables[:1], tables[1:2], rules, GAP_M)
@@ -165,7 +171,7 @@ def _tables(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     return [Unit(tuple(members), tuple(variants), "dining")]
 
 
-def _alone(item: Item, rules: RuleSet) -> Unit:
+def _alone(item: Item, rules: RuleSet, split: int) -> Unit:
     at_wall = item.spec.placement == "wall" or item.spec.category in {"desk chair", "dining chair"}
     role = ROLES.get(
         item.spec.category, "tall" if item.spec.size_m[2] > 1.2 and item.spec.footprint_m2 > 0.2 else "small"
@@ -173,4 +179,6 @@ def _alone(item: Item, rules: RuleSet) -> Unit:
     variants = single(item, rules, at_wall=at_wall)
     if at_wall and item.spec.footprint_m2 < 0.35 and item.spec.base_m == 0:
         variants += single(item, rules, at_wall=False, bonus=-1.5)
+    if split == LAST_SPLIT and at_wall and item.spec.base_m == 0 and item.spec.footprint_m2 >= 0.35:
+        variants += sideways(item, rules, bonus=-1.0)
     return Unit((item,), tuple(variants), role)

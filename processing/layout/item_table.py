@@ -8,7 +8,7 @@ _BED_ZONES = (UseZone("left", "bed_side"), UseZone("right", "bed_side"), UseZone
 
 
 def _bed(name: str, width_m: float, length_m: float, sides_rule: str) -> ItemSpec:
-    return ItemSpec(name, (width_m, length_m, 1.0), zones=_BED_ZONES, sides_rule=sides_rule)
+    return ItemSpec(name, (width_m, length_m, 0.85), zones=_BED_ZONES, sides_rule=sides_rule)
 
 
 def _front(rule: str, less_m: float = 0.0) -> tuple[UseZone, ...]:
@@ -40,7 +40,7 @@ _ALL = (
     ),
     ItemSpec("rug", (2.0, 1.4, 0.012), placement="free"),
     ItemSpec("floor lamp", (0.35, 0.35, 1.6), placement="wall"),
-    ItemSpec("plant", (0.40, 0.40, 1.0), placement="wall"),
+    ItemSpec("plant", (0.40, 0.40, 0.8), placement="wall"),
 )
 
 KINDS: dict[str, ItemSpec] = {spec.category: spec for spec in _ALL}

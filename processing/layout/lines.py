@@ -38,34 +38,41 @@ def wall_directions(plan: FloorPlan) -> list[float]:
     return [angle for _, angle in ranked[:MOST_DIRECTIONS]]
 
 
-def free_lines(plan: FloorPlan, depth_m: float, step_m: float = 0.25) -> Array:
-    """Return (n, 6) lines for a unit `depth_m` deep: along each wall direction, both ways and across, at offsets where
-    it touches a corner's level with its near or far side, and every `step_m` between."""
-    rows: list[list[float]] = []
-    for angle in wall_directions(plan):
-        for quarter in range(4):
-            turn = angle + quarter * np.pi / 2
-            u = np.array([np.cos(turn), np.sin(turn)])
-            v = np.array([-u[1], u[0]])
-            points = np.concatenate([plan.corners, *plan.holes]) if plan.holes else plan.corners
-            along, away = points @ u, points @ v
-            low, high = float(away.min()), float(away.max())
-            for offset in _offsets(away, low, high - depth_m, depth_m, step_m):
-                origin = u * float(along.min()) + v * offset
-                rows.append([*origin, *u, float(along.max() - along.min()), NO_EDGE])
-    return np.array(rows).reshape(-1, 6)
+class FreeLines:
+    """Lines for what stands free: along each wall direction, both ways and across."""
+
+    def __init__(self, plan: FloorPlan) -> None:
+        points = np.concatenate([plan.corners, *plan.holes])
+        self._frames = []
+        for angle in wall_directions(plan):
+            for quarter in range(4):
+                turn = angle + quarter * np.pi / 2
+                u = np.array([np.cos(turn), np.sin(turn)])
+                along, away = points @ u, np.sort(points @ np.array([-u[1], u[0]]))
+                self._frames.append((u, float(along.min()), float(along.max() - along.min()), away))
+
+    def lines(self, depth_m: float, step_m: float = 0.25) -> Array:
+        """Return (n, 6) lines for a unit `depth_m` deep, at offsets where its near or far side is level with a corner,
+        and every `step_m` between."""
+        found = []
+        for u, start_m, length_m, away in self._frames:
+            offsets = _offsets(away, depth_m, step_m)
+            rows = np.empty((len(offsets), 6))
+            rows[:, 0] = u[0] * start_m - u[1] * offsets
+            rows[:, 1] = u[1] * start_m + u[0] * offsets
+            rows[:, 2:] = (u[0], u[1], length_m, NO_EDGE)
+            found.append(rows)
+        return np.concatenate(found)
 
 
-def _offsets(levels: Array, low: float, high: float, depth_m: float, step_m: float) -> list[float]:
+def _offsets(levels: Array, depth_m: float, step_m: float) -> Array:
+    low, high = levels[0], levels[-1] - depth_m
     if high < low - 1e-7:
-        return []
+        return np.empty(0)
     steps = np.arange(low, high + 1e-9, step_m)
-    wanted = np.concatenate([levels, levels - depth_m, [0.5 * (low + high), high], steps])
-    wanted = np.sort(wanted[(wanted >= low - 1e-9) & (wanted <= high + 1e-9)])
-    kept = [float(wanted[0])]
-    for offset in wanted[1:]:
-        if offset - kept[-1] > 0.02:
-            kept.append(float(offset))
-    if len(kept) > MOST_OFFSETS:
-        kept = [kept[i] for i in np.unique(np.linspace(0, len(kept) - 1, MOST_OFFSETS).round().astype(int))]
-    return kept
+    wanted = np.sort(np.concatenate([levels, levels - depth_m, [0.5 * (low + high), high], steps]))
+    wanted = wanted[(wanted >= low - 1e-9) & (wanted <= high + 1e-9)]
+    wanted = wanted[np.concatenate([[True], np.diff(wanted) > 0.02])]
+    if len(wanted) > MOST_OFFSETS:
+        wanted = wanted[np.unique(np.linspace(0, len(wanted) - 1, MOST_OFFSETS).round().astype(int))]
+    return wanted

@@ -10,14 +10,19 @@ import numpy as np
 
 from processing.layout.grouping import ROLES
 from processing.layout.plan import FloorPlan
+from processing.layout.polygons import Array
 from processing.layout.poses import Stand
 
 Pair: TypeAlias = tuple[float, float]
+Samples: TypeAlias = tuple[Array, Array]
+"""Points (n, 2) on the floor and their distances (n,) to the walls."""
 SEATS = ("sofa", "armchair")
+SAMPLES = 18
 
 
-def soft_scores(plan: FloorPlan, placed: Sequence[Stand]) -> dict[str, float]:
-    """Return the scores that apply to what is placed."""
+def soft_scores(plan: FloorPlan, placed: Sequence[Stand], samples: Samples | None = None) -> dict[str, float]:
+    """Return the scores that apply to what is placed; `samples` (of the same plan) spare time where there are many."""
+    samples = samples or floor_samples(plan)
     found: dict[str, float | None] = {
         "conversation": _conversation(placed),
         "viewing": _viewing(placed),
@@ -27,7 +32,7 @@ def soft_scores(plan: FloorPlan, placed: Sequence[Stand]) -> dict[str, float]:
         "wall_use": _wall_use(placed),
         "alignment": _alignment(placed),
         "balance": _balance(plan, placed),
-        "openness": _openness(plan, placed),
+        "openness": _openness(plan, placed, samples),
         "daylight": _daylight(plan, placed),
         "together": _together(placed),
     }
@@ -181,27 +186,33 @@ def _balance(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
     return 1 - float(np.hypot(*(at - middle))) / (0.5 * math.sqrt(plan.area_m2))
 
 
-def _openness(plan: FloorPlan, placed: Sequence[Stand]) -> float:
-    """Return how large a free circle is left, against the largest that furniture of this area could leave."""
+def floor_samples(plan: FloorPlan) -> Samples:
+    """Return points over the floor and their distance to the nearest wall."""
     low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
-    xs, ys = np.meshgrid(np.linspace(low[0], high[0], 24), np.linspace(low[1], high[1], 24))
+    xs, ys = np.meshgrid(np.linspace(low[0], high[0], SAMPLES), np.linspace(low[1], high[1], SAMPLES))
     points = np.stack([xs.ravel(), ys.ravel()], axis=1)
     clear = _wall_distance(plan, points)
-    for s in placed:
-        if s.item.spec.is_rug:
-            continue
-        c, n = math.cos(s.theta_rad), math.sin(s.theta_rad)
-        dx, dy = points[:, 0] - s.x_m, points[:, 1] - s.y_m
-        u = np.abs(dx * c + dy * n) - s.item.spec.size_m[0] / 2
-        v = np.abs(dy * c - dx * n) - s.item.spec.size_m[1] / 2
-        gap = np.hypot(np.maximum(u, 0), np.maximum(v, 0)) + np.minimum(0, np.maximum(u, v))
-        clear = np.minimum(clear, gap)
-    covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
+    return points[clear > 0.1], clear[clear > 0.1]
+
+
+def _openness(plan: FloorPlan, placed: Sequence[Stand], samples: Samples) -> float:
+    """Return how large a free circle is left, against the largest that furniture of this area could leave."""
+    solid = [s for s in placed if not s.item.spec.is_rug]
+    points, clear = samples
+    if solid and len(points):
+        at = np.array([(s.x_m, s.y_m, math.cos(s.theta_rad), math.sin(s.theta_rad)) for s in solid])
+        half = np.array([s.item.spec.size_m[:2] for s in solid]) / 2
+        dx, dy = points[:, :1] - at[:, 0], points[:, 1:] - at[:, 1]
+        u = np.abs(dx * at[:, 2] + dy * at[:, 3]) - half[:, 0]
+        v = np.abs(dy * at[:, 2] - dx * at[:, 3]) - half[:, 1]
+        gap = np.sqrt(np.maximum(u, 0) ** 2 + np.maximum(v, 0) ** 2) + np.minimum(0, np.maximum(u, v))
+        clear = np.minimum(clear, gap.min(axis=1))
+    covered = sum(s.item.spec.footprint_m2 for s in solid)
     best = 0.5 * math.sqrt(max(0.5, plan.area_m2 - covered))
-    return float(max(0.0, clear.max()) / (0.8 * best))
+    return float(max(0.0, clear.max(initial=0.0)) / (0.8 * best))
 
 
-def _wall_distance(plan: FloorPlan, points: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def _wall_distance(plan: FloorPlan, points: Array) -> Array:
     """Return the distance to the nearest wall, negative outside."""
     best = np.full(len(points), np.inf)
     odd = np.zeros(len(points), dtype=bool)

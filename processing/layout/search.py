@@ -15,7 +15,7 @@ from processing.layout.expand import KEPT_INTERVALS, MOST_ROWS, expand, standing
 from processing.layout.field import PERSON_M, Field
 from processing.layout.free_sets import BODY, MEETS, RUG, ZONE
 from processing.layout.grouping import Packing
-from processing.layout.lines import free_lines, wall_lines
+from processing.layout.lines import FreeLines, wall_lines
 from processing.layout.polygons import Array
 from processing.layout.reach import PATH_SLACK_M
 from processing.layout.soft import ROLE
@@ -97,8 +97,10 @@ class Search:
     def __init__(self, field: Field, doors: Sequence[int]) -> None:
         self.field = field
         self._walls = wall_lines(field.plan)
+        self._free = FreeLines(field.plan)
         self._units: dict[tuple[str, ...], _Unit] = {}
         self._clearance: tuple[Array, Array] | None = None
+        self._rows = np.empty((MOST_ROWS, 3), dtype=np.int64), np.empty(MOST_ROWS), np.empty(MOST_ROWS)
         self._windows = _window_rows(field)
         ways = np.array([d.corners for d in field.doorways]).reshape(-1, 4, 2)
         self._doors = np.ascontiguousarray(ways[list(doors)])
@@ -149,7 +151,7 @@ class Search:
         n_rects = np.array([len(_rows(v)) for v in unit.variants], dtype=np.int64)
         lines = [self._walls]
         depths = sorted({round(v.depth_m, 6) for v in unit.variants if not v.at_wall})
-        lines += [free_lines(self.field.plan, depth) for depth in depths]
+        lines += [self._free.lines(depth) for depth in depths]
         allowed = np.zeros((n, sum(len(rows) for rows in lines)), dtype=np.bool_)
         for v, variant in enumerate(unit.variants):
             at = 0
@@ -182,8 +184,7 @@ class Search:
 
     def _step(self, beam: _Beam, packing: Packing, number: int, effort: Effort, rng: np.random.Generator) -> _Beam:
         unit = self.arrays(packing.units[number])
-        index, place = np.empty((MOST_ROWS, 3), dtype=np.int64), np.empty(MOST_ROWS)
-        score = np.empty(MOST_ROWS)
+        index, place, score = self._rows
         b = beam.size
         count = expand(
             self.field.walls, unit.rects, unit.kinds, unit.n_rects, unit.widths, unit.bonus, unit.anchor_at,
@@ -196,7 +197,7 @@ class Search:
         total = beam.scores[index[:, 0]] + gained
         order = np.argsort(-total, kind="stable")
         strata = beam.strata[index[:, 0]] if beam.placed else _strata(index, place)
-        after = beam.next(effort)
+        after = beam.other()
         accepted = np.empty(effort.beam, dtype=np.int64)
         kept = select(
             order, index, place, strata, effort.beam, effort.per_parent, effort.per_stratum, effort.most_checks,
@@ -232,6 +233,7 @@ class _Beam:
     dropped: list[list[int]]
     size: int
     placed: bool
+    spare: _Beam | None = None
 
     @classmethod
     def start(cls, search: Search, packing: Packing, effort: Effort) -> _Beam:
@@ -266,9 +268,11 @@ class _Beam:
             False,
         )
 
-    def next(self, effort: Effort) -> _Beam:
-        """Return an empty beam for the next depth."""
-        return self._empty(self.walk, effort.beam, self.dyn.shape[1], self.anchors.shape[1])
+    def other(self) -> _Beam:
+        """Return the beam for the next depth: the one before this, whose arrays are used again."""
+        after = self.spare or self._empty(self.walk, len(self.choices), self.dyn.shape[1], self.anchors.shape[1])
+        after.spare, after.size = self, 0
+        return after
 
     def adopt(self, new: int, old: _Beam, parent: int, score: float, choice: Choice, stratum: int, unit: _Unit) -> None:
         """Write what the compiled step left to Python for one new state."""

@@ -113,6 +113,16 @@ def single(item: Item, rules: RuleSet, *, at_wall: bool, bonus: float = 0.0) -> 
     ]
 
 
+def sideways(item: Item, rules: RuleSet, *, bonus: float) -> list[Variant]:
+    """Return the variants of an item with its left or right side to the wall."""
+    width_m, depth_m, _ = item.spec.size_m
+    return [
+        Variant((Member(item, depth_m / 2, width_m / 2, quarters, zones),), depth_m, width_m, at_wall=True, bonus=bonus)
+        for zones in zone_choices(item, rules)
+        for quarters in (1, 3)
+    ]
+
+
 def beside(bed: Item, left: Sequence[Item], right: Sequence[Item], rules: RuleSet, gap_m: float) -> list[Variant]:
     """Return the variants of a bed with nightstands on its left and right, backs to the same line."""
     variants = []

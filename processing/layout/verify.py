@@ -7,10 +7,11 @@ builds all geometry itself. Tolerances: overlaps count from 1 um deep (by area o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import shapely
@@ -29,6 +30,11 @@ TOUCH_M = 0.05
 CAMERA_M = 0.3
 SILL_GAP_M = 0.05
 DOOR_TOP_M = 2.1
+_QUARTER = np.linspace(0, np.pi / 2, 33)
+
+
+_Reached: TypeAlias = tuple[str, list[Polygon], list[Polygon], int]
+"""A piece's id, the zones it always needs, its free side zones, and how many of those it needs."""
 
 
 @dataclass(frozen=True)
@@ -65,32 +71,99 @@ class Verdict:
     """Doors that no path of the rule's width reaches even in the empty room: not the furniture's fault."""
 
 
+class Judge:
+    """Judges pieces in one room by one rule set; what does not depend on the pieces is made once."""
+
+    def __init__(self, plan: FloorPlan, rules: RuleSet) -> None:
+        self._plan, self._rules = plan, rules
+        self._room = Polygon(plan.corners, list(plan.holes))
+        shapely.prepare(self._room)
+        self._doors = [(n, area) for n, door in enumerate(plan.doors) for area in _door_areas(plan, door, rules)]
+        self._windows = [_strip(plan, w.edge, w.start_m, w.end_m, rules.window_band) for w in plan.windows]
+        self._kept = [(n, shapely.Point(at).buffer(CAMERA_M)) for n, at in enumerate(plan.keep_free)]
+        self._radius = (rules.path - PATH_M) / 2
+
+    @cached_property
+    def _ways(self) -> list[Polygon]:
+        """The floor before each door, where a path through it begins."""
+        deep = max(self._rules.door_approach, self._rules.path / 2 + 0.1)
+        return [_strip(self._plan, door.edge, door.start_m, door.end_m, deep) for door in self._plan.doors]
+
+    @cached_property
+    def _needed(self) -> set[int]:
+        """The doors that one part of the empty floor serves, the most there can be."""
+        parts = _walkable(self._room, self._radius)
+        return max(({n for n, w in enumerate(self._ways) if p.intersects(w)} for p in parts), key=len, default=set())
+
+    def judge(self, pieces: Sequence[Piece]) -> Verdict:
+        """Check every hard rule (H1 to H6, H8, H9 of docs/arrangement.md)."""
+        found = tuple(self._violations(pieces))
+        return Verdict(found, tuple(n for n in range(len(self._ways)) if n not in self._needed))
+
+    def passes(self, pieces: Sequence[Piece]) -> bool:
+        """Tell whether no rule is broken; ends at the first that is."""
+        return next(self._violations(pieces), None) is None
+
+    def _violations(self, pieces: Sequence[Piece]) -> Iterator[Violation]:
+        shapes = _boxes(pieces, [(-s[0] / 2, s[0] / 2, -s[1] / 2, s[1] / 2) for s in (p.spec.size_m for p in pieces)])
+        yield from _outside(self._room, pieces, shapes)
+        yield from _overlaps(pieces, shapes)
+        yield from _under_ceiling(self._plan, pieces)
+        yield from self._openings(pieces, shapes)
+        zones, clashes = _zones(self._room, pieces, shapes, [_asked(piece, self._rules) for piece in pieces])
+        yield from clashes
+        yield from self._paths(pieces, shapes, zones)
+
+    def _openings(self, pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violation]:
+        found = []
+        for piece, shape in zip(pieces, shapes, strict=True):
+            if piece.spec.base_m < DOOR_TOP_M:
+                found += _within("door free", "door", piece, shape, self._doors)
+            found += _within("place kept free", "place", piece, shape, self._kept)
+            for number, (window, area) in enumerate(zip(self._plan.windows, self._windows, strict=True)):
+                low = max(0.0, window.sill_m - SILL_GAP_M)
+                tall = piece.spec.top_m > low + DEEP_M and piece.spec.base_m < window.head_m - DEEP_M
+                if tall and not piece.spec.is_rug:
+                    found += _within("window free", "window", piece, shape, [(number, area)])
+        return found
+
+    def _paths(self, pieces: Sequence[Piece], shapes: Sequence[Polygon], zones: Sequence[_Reached]) -> list[Violation]:
+        solid = [s for p, s in zip(pieces, shapes, strict=True) if not p.spec.is_rug and p.spec.base_m < HEAD_ROOM_M]
+        parts = _walkable(self._room.difference(shapely.union_all(solid)), self._radius)
+        best: list[Violation] | None = None
+        for part in parts:
+            failed = _unserved(part, self._ways, self._needed, zones, self._radius, self._rules)
+            if best is None or len(failed) < len(best):
+                best = failed
+            if not failed:
+                break
+        return [Violation("path", ("nowhere to walk",), self._rules.path)] if best is None else best
+
+
 def verify(plan: FloorPlan, pieces: Sequence[Piece], rules: RuleSet) -> Verdict:
-    """Check every hard rule (H1 to H6, H8, H9 of docs/arrangement.md)."""
-    room = Polygon(plan.corners, [hole for hole in plan.holes])
-    shapes = [
-        _box(p, -p.spec.size_m[0] / 2, p.spec.size_m[0] / 2, -p.spec.size_m[1] / 2, p.spec.size_m[1] / 2)
-        for p in pieces
-    ]
-    found = [
-        *_outside(room, pieces, shapes),
-        *_overlaps(pieces, shapes),
-        *_under_ceiling(plan, pieces),
-        *_doors(plan, pieces, shapes, rules),
-        *_windows(plan, pieces, shapes, rules),
-        *_kept_free(plan, pieces, shapes),
-    ]
-    zones, clashes = _zones(room, pieces, shapes, rules)
-    found += clashes
-    paths, unreachable = _paths(plan, room, pieces, shapes, zones, rules)
-    return Verdict(tuple([*found, *paths]), unreachable)
+    """Judge pieces once; `Judge` is for many."""
+    return Judge(plan, rules).judge(pieces)
 
 
-def _box(piece: Piece, x0: float, x1: float, y0: float, y1: float) -> Polygon:
-    c, s = math.cos(piece.theta_rad), math.sin(piece.theta_rad)
-    return Polygon(
-        [(piece.x_m + x * c - y * s, piece.y_m + x * s + y * c) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
-    )
+def _boxes(pieces: Sequence[Piece], extents: Sequence[tuple[float, float, float, float]]) -> list[Polygon]:
+    """Return rectangles x0, x1, y0, y1 of pieces' own frames in the room."""
+    if not pieces:
+        return []
+    pose = np.array([(p.x_m, p.y_m, math.cos(p.theta_rad), math.sin(p.theta_rad)) for p in pieces])
+    x, y = np.array(extents)[:, [0, 1, 1, 0]], np.array(extents)[:, [2, 2, 3, 3]]
+    c, s = pose[:, 2:3], pose[:, 3:4]
+    corners = np.stack([pose[:, 0:1] + x * c - y * s, pose[:, 1:2] + x * s + y * c], axis=2)
+    return list(shapely.polygons(corners))
+
+
+def _within(rule: str, what: str, piece: Piece, shape: Polygon, areas: Sequence[tuple[int, Any]]) -> list[Violation]:
+    found = []
+    for number, area in areas:
+        if area.intersects(shape):
+            shared = shape.intersection(area)
+            if _deep(shared):
+                found.append(Violation(rule, (piece.id, f"{what} {number + 1}"), shared.area))
+    return found
 
 
 def _deep(shape: Any) -> bool:
@@ -130,12 +203,17 @@ def _under_ceiling(plan: FloorPlan, pieces: Sequence[Piece]) -> list[Violation]:
     ]
 
 
+def _edge(plan: FloorPlan, edge: int) -> tuple[float, float, float, float]:
+    """Return an edge's first corner and unit direction."""
+    (ax, ay), (bx, by) = plan.corners[edge].tolist(), plan.corners[(edge + 1) % len(plan.corners)].tolist()
+    length_m = math.hypot(bx - ax, by - ay)
+    return ax, ay, (bx - ax) / length_m, (by - ay) / length_m
+
+
 def _strip(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: float) -> Polygon:
-    a = plan.corners[edge]
-    b = plan.corners[(edge + 1) % len(plan.corners)]
-    u = (b - a) / math.dist(a, b)
-    n = np.array([-u[1], u[0]])
-    return Polygon([a + u * start_m, a + u * end_m, a + u * end_m + n * deep_m, a + u * start_m + n * deep_m])
+    ax, ay, ux, uy = _edge(plan, edge)
+    rim = ((start_m, 0.0), (end_m, 0.0), (end_m, deep_m), (start_m, deep_m))
+    return Polygon([(ax + t * ux - d * uy, ay + t * uy + d * ux) for t, d in rim])
 
 
 def _door_areas(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
@@ -149,88 +227,51 @@ def _door_areas(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
         return areas
     leaf = wide / 2 if pair else wide
     hands = ("left", "right") if door.hinge == "unknown" or pair else (door.hinge,)
-    a = plan.corners[door.edge]
-    b = plan.corners[(door.edge + 1) % len(plan.corners)]
-    u = (b - a) / math.dist(a, b)
-    inward = np.array([-u[1], u[0]])
+    ax, ay, ux, uy = _edge(plan, door.edge)
     for hand in hands:
-        pivot, closed = (a + u * door.end_m, -u) if hand == "left" else (a + u * door.start_m, u)
-        turns = np.linspace(0, np.pi / 2, 33)
-        areas.append(Polygon([pivot, *(pivot + leaf * (math.cos(t) * closed + math.sin(t) * inward) for t in turns)]))
+        at, sign = (door.end_m, -1.0) if hand == "left" else (door.start_m, 1.0)
+        arc = np.stack([at + sign * leaf * np.cos(_QUARTER), leaf * np.sin(_QUARTER)], axis=1)
+        rim = np.concatenate([[[at, 0.0]], arc])
+        areas.append(Polygon(rim @ np.array([[ux, uy], [-uy, ux]]) + (ax, ay)))
     return areas
-
-
-def _doors(plan: FloorPlan, pieces: Sequence[Piece], shapes: Sequence[Polygon], rules: RuleSet) -> list[Violation]:
-    found = []
-    for number, door in enumerate(plan.doors):
-        area = shapely.union_all(_door_areas(plan, door, rules))
-        for piece, shape in zip(pieces, shapes, strict=True):
-            if piece.spec.base_m < DOOR_TOP_M and shape.intersects(area):
-                shared = shape.intersection(area)
-                if _deep(shared):
-                    found.append(Violation("door free", (piece.id, f"door {number + 1}"), shared.area))
-    return found
-
-
-def _windows(plan: FloorPlan, pieces: Sequence[Piece], shapes: Sequence[Polygon], rules: RuleSet) -> list[Violation]:
-    found = []
-    for number, window in enumerate(plan.windows):
-        area = _strip(plan, window.edge, window.start_m, window.end_m, rules.window_band)
-        low = max(0.0, window.sill_m - SILL_GAP_M)
-        for piece, shape in zip(pieces, shapes, strict=True):
-            tall = piece.spec.top_m > low + DEEP_M and piece.spec.base_m < window.head_m - DEEP_M
-            if tall and not piece.spec.is_rug and shape.intersects(area):
-                shared = shape.intersection(area)
-                if _deep(shared):
-                    found.append(Violation("window free", (piece.id, f"window {number + 1}"), shared.area))
-    return found
-
-
-def _kept_free(plan: FloorPlan, pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violation]:
-    found = []
-    for x, y in plan.keep_free:
-        place = shapely.Point(x, y).buffer(CAMERA_M)
-        for piece, shape in zip(pieces, shapes, strict=True):
-            shared = shape.intersection(place)
-            if _deep(shared):
-                found.append(Violation("place kept free", (piece.id,), shared.area))
-    return found
 
 
 def _asked(piece: Piece, rules: RuleSet) -> tuple[list[Polygon], list[Polygon], int]:
     """Return the use zones that a piece always needs, its side zones, and how many of those it needs."""
     w, d, _ = (v / 2 for v in piece.spec.size_m)
-    always, sides = [], []
+    rows = []
     for zone in piece.spec.zones:
         deep = float(getattr(rules, zone.rule)) - zone.less_m
         if deep < 1e-6:
             continue
         extent = {"front": (-w, w, d, d + deep), "back": (-w, w, -d - deep, -d)}
         extent |= {"left": (-w - deep, -w, -d, d), "right": (w, w + deep, -d, d)}
-        shape = _box(piece, *extent[zone.side])
-        optional = bool(piece.spec.sides_rule) and zone.side in ("left", "right")
-        (sides if optional else always).append(shape)
+        rows.append((bool(piece.spec.sides_rule) and zone.side in ("left", "right"), extent[zone.side]))
+    shapes = _boxes([piece] * len(rows), [extent for _, extent in rows])
+    always = [shape for shape, (optional, _) in zip(shapes, rows, strict=True) if not optional]
+    sides = [shape for shape, (optional, _) in zip(shapes, rows, strict=True) if optional]
     need = int(getattr(rules, piece.spec.sides_rule)) if piece.spec.sides_rule else 0
     return always, sides, min(need, len(sides))
 
 
 def _zones(
-    room: Polygon, pieces: Sequence[Piece], shapes: Sequence[Polygon], rules: RuleSet
-) -> tuple[list[tuple[str, list[Polygon], list[Polygon], int]], list[Violation]]:
+    room: Polygon,
+    pieces: Sequence[Piece],
+    shapes: Sequence[Polygon],
+    asked: Sequence[tuple[list[Polygon], list[Polygon], int]],
+) -> tuple[list[_Reached], list[Violation]]:
     """Return for each piece (id, zones always asked, free side zones, how many of these); and what clashes."""
-    asked, found = [], []
-    for piece in pieces:
-        always, sides, need = _asked(piece, rules)
-        for zone in always:
-            clash = _clash(room, piece, zone, pieces, shapes)
-            if clash is not None:
-                found.append(clash)
-        clashes = [_clash(room, piece, zone, pieces, shapes) for zone in sides]
-        free = [zone for zone, clash in zip(sides, clashes, strict=True) if clash is None]
+    reached: list[_Reached] = []
+    found = []
+    for piece, (always, sides, need) in zip(pieces, asked, strict=True):
+        clashes = [_clash(room, piece, zone, pieces, shapes) for zone in always]
+        found += [clash for clash in clashes if clash is not None]
+        side_clashes = [_clash(room, piece, zone, pieces, shapes) for zone in sides]
+        free = [zone for zone, clash in zip(sides, side_clashes, strict=True) if clash is None]
         if len(free) < need:
-            found.append(next(clash for clash in clashes if clash is not None))
-        asked.append((piece.id, always, free, need))
-    return asked, found
+            found.append(next(clash for clash in side_clashes if clash is not None))
+        reached.append((piece.id, always, free, need))
+    return reached, found
 
 
 def _clash(
@@ -251,34 +292,6 @@ def _clash(
     return None
 
 
-def _paths(
-    plan: FloorPlan,
-    room: Polygon,
-    pieces: Sequence[Piece],
-    shapes: Sequence[Polygon],
-    asked: Sequence[tuple[str, list[Polygon], list[Polygon], int]],
-    rules: RuleSet,
-) -> tuple[list[Violation], tuple[int, ...]]:
-    radius = (rules.path - PATH_M) / 2
-    deep = max(rules.door_approach, rules.path / 2 + 0.1)
-    ways = [_strip(plan, door.edge, door.start_m, door.end_m, deep) for door in plan.doors]
-    served = [{n for n, way in enumerate(ways) if part.intersects(way)} for part in _walkable(room, radius)]
-    needed = max(served, key=len, default=set())
-    unreachable = tuple(n for n in range(len(ways)) if n not in needed)
-    solid = [s for p, s in zip(pieces, shapes, strict=True) if not p.spec.is_rug and p.spec.base_m < HEAD_ROOM_M]
-    parts = _walkable(room.difference(shapely.union_all(solid)), radius)
-    best: list[Violation] | None = None
-    for part in parts:
-        failed = _unserved(part, ways, needed, asked, radius, rules)
-        if best is None or len(failed) < len(best):
-            best = failed
-        if not failed:
-            break
-    if best is None:
-        best = [Violation("path", ("nowhere to walk",), rules.path)]
-    return best, unreachable
-
-
 def _walkable(floor: Any, radius: float) -> list[Polygon]:
     """Return the parts of the floor where the middle of a walker may be."""
     eroded = floor.buffer(-radius, quad_segs=32)
@@ -290,7 +303,7 @@ def _unserved(
     part: Polygon,
     ways: Sequence[Polygon],
     needed: set[int],
-    asked: Sequence[tuple[str, list[Polygon], list[Polygon], int]],
+    asked: Sequence[_Reached],
     radius: float,
     rules: RuleSet,
 ) -> list[Violation]:
