@@ -39,6 +39,7 @@ Quality = Literal["draft", "standard", "reference"]
 MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.0}
 WARN_STOPS = 0.05
 REFUSE_STOPS = 0.25
+WARN_NOISE = 2.0
 MAX_GHOST_SHARE = 0.5
 BAND_PX = 128 * 2048
 CODED_CORRELATION = 0.15
@@ -148,6 +149,9 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     samples = job.samples()
     told = frame_consistency(codes, samples)
     warnings += _contradictions(told, job)
+    if told.noise_factor > WARN_NOISE:
+        times = math.sqrt(told.noise_factor)
+        warnings.append(f"noise is {times:.1f} times what the noise model says: it is stated as these frames show it")
     job = _honest(job, told)
     samples = job.samples()
     if job.options.shifts:
@@ -245,8 +249,8 @@ def _fuse_runs(
         uses = np.zeros(len(flat), dtype=np.int64)
         counts.append(uses)
         merge_runs(
-            addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits, *shape,
-            tables.last, *out, uses,
+            addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits,
+            *shape, tables.last, *out, uses,
         )  # fmt: skip
 
     _in_bands(band, runs, BAND_PX // RUN_PX, workers)

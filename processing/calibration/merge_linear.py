@@ -40,6 +40,11 @@ class LinearSamples:
         """(F, 3): radiance at which each frame clips."""
         return np.repeat((CLIP_CODE / FULL / self.times_s).astype(np.float32)[:, None], 3, axis=1)
 
+    @property
+    def every(self) -> npt.NDArray[np.int64]:
+        """Codes over the whole range, (n, 3), rising."""
+        return np.repeat(np.unique(np.geomspace(1, FULL, 512).astype(np.int64))[:, None], 3, axis=1)
+
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
         """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
         code = np.asarray(codes, dtype=np.float64)

@@ -51,6 +51,11 @@ class MergeTables:
     rise: int
     """A code that grows by more from one frame to the next shorter one is not noise."""
 
+    @property
+    def every(self) -> npt.NDArray[np.int64]:
+        """All codes, (256, 3)."""
+        return np.repeat(np.arange(CODES)[:, None], 3, axis=1)
+
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
         """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
         entry = self.samples[place, np.arange(3), codes]
@@ -63,6 +68,11 @@ class Samples(Protocol):
     @property
     def saturation(self) -> Floats:
         """(F, 3): radiance at which each frame clips."""
+        ...
+
+    @property
+    def every(self) -> npt.NDArray[np.int64]:
+        """Codes over the whole range, (n, 3), rising."""
         ...
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
@@ -82,8 +92,8 @@ def merge_tables(
 ) -> MergeTables:
     """Return the tables of frames with ``times_s`` (falling) of relative standard uncertainty ``time_sigma``.
 
-    ``max_error``: by what part the uncertainty may grow where frames are left out. ``top_code``: above it, codes count as
-    clipped; as do those that a clipped pixel's coding noise (5 sigma) may reach.
+    ``max_error``: by what part the uncertainty may grow where frames are left out. ``top_code``: above it, codes count
+    as clipped; as do those that a clipped pixel's coding noise (5 sigma) may reach.
     """
     reach = [math.floor(253.5 - 5.0 * math.sqrt(variance)) for variance in noise.code_variance]
     red, green, blue = (

@@ -56,7 +56,7 @@ def _windows(frame: Codes, tables: Samples, place: int) -> list[tuple[slice, sli
     tall, wide = min(WINDOW_PX, height // 2), min(WINDOW_PX, width // 2)
     if min(tall, wide) < MIN_PX:
         return []
-    low, high = _range(tables, place, frame)
+    low, high = _range(tables, place)
     candidates = []
     for top in np.linspace(0, height - tall, min(6, height // tall)).astype(int):
         for left in np.linspace(0, width - wide, min(8, width // wide)).astype(int):
@@ -67,10 +67,9 @@ def _windows(frame: Codes, tables: Samples, place: int) -> list[tuple[slice, sli
     return [window for detail, _, _, window in candidates[:WINDOWS] if detail > MIN_DETAIL_STOPS]
 
 
-def _range(tables: Samples, place: int, frame: Codes) -> tuple[float, float]:
+def _range(tables: Samples, place: int) -> tuple[float, float]:
     """Return the log2 radiances between which both green channels measure."""
-    every = np.arange(256) * (257 if frame.dtype == np.uint16 else 1)
-    v, w = tables.sample(place, np.repeat(every[:, None], 3, axis=1))
+    v, w = tables.sample(place, tables.every)
     good = w[:, 1] * v[:, 1].astype(np.float64) ** 2 > MIN_SNR2
     low = float(np.log2(v[good, 1].min())) if good.any() else np.inf
     return low, float(np.log2(tables.saturation[place - 1, 1]))
@@ -84,7 +83,7 @@ def _log2(codes: Codes, tables: Samples, place: int, low: float, high: float) ->
 
 def _shift(before: Codes, after: Codes, tables: Samples, place: int) -> tuple[float, float] | None:
     """Return (right, down) between two windows, or None where they hold too little in common."""
-    low, high = _range(tables, place, before)
+    low, high = _range(tables, place)
     if not low < high:
         return None
     a, b = (_log2(w, tables, p, low, high) for w, p in ((before, place - 1), (after, place)))
