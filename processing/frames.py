@@ -87,12 +87,12 @@ class JpegFrame:
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Decode exactly (no fast DCT, no fast upsampling: those are up to 26 codes off); reduced in the DCT."""
         data = _bytes(self.source, self.name)
+        width, height = (-(-side // _checked(reduce)) for side in self.size_px)
         try:
             # Strict: what libjpeg-turbo would only warn of (lost data, premature end) is an error.
-            rgb = simplejpeg.decode_jpeg(data, "RGB", min_factor=_checked(reduce), strict=True)
+            rgb = simplejpeg.decode_jpeg(data, "RGB", min_height=height, min_width=width, strict=True)
         except (ValueError, MemoryError) as error:
             raise _damaged(self.name, str(error)) from error
-        width, height = (-(-side // reduce) for side in self.size_px)
         if rgb.shape != (height, width, 3):
             raise _damaged(self.name, f"it decodes to {rgb.shape[1]} x {rgb.shape[0]}, not {width} x {height}")
         return np.asarray(rgb, dtype=np.uint8)

@@ -104,6 +104,44 @@ STAGES: tuple[Stage, ...] = (
             Option("--response", "parameter", "response_method", "Response method; daylit is the default.", "str"),
         ),
     ),
+    Stage(
+        name="calibrate",
+        version=1,
+        title="scale to cd/m2",
+        function="processing.stages.calibrate:run",
+        needs=("merge",),
+        reads=("site", "heading_rad", "target", "readings", "frames", "devices", "rig"),
+        makes=(
+            Artifact("indoor", "picture"),
+            Artifact("outdoor", "picture", optional=True),
+            Artifact("calibration", "json"),
+        ),
+        parameters="processing.stages.calibrate_parameters:CalibrateParameters",
+        options=(
+            CALIBRATION,
+            Option("--k1", "parameter", "k1", "Scale of the indoor picture, instead of meter and target."),
+            Option("--k2", "parameter", "k2", "Scale between the cameras, instead of the rig profile's."),
+            Option("--target", "parameter", "target", "LON,LAT (degrees) where the meter looked.", "str"),
+            Option("--outdoor-lux", "parameter", "outdoor_lux", "Horizontal illuminance measured outside."),
+            Option("--repair-sun", "parameter", "repair_sun", "A clipped sun: no, illuminance or clear-sky.", "str"),
+            Option(
+                "--outdoor-view", "parameter", "outdoor_view", "equidistant, hemispherical, equirectangular.", "str"
+            ),
+            Option("--outdoor-field", "parameter", "outdoor_field_deg", "Degrees within the outdoor image circle."),
+            Option("--outdoor-top", "parameter", "outdoor_top_deg", "Compass azimuth of the outdoor picture's top."),
+            Option("--falloff", "parameter", "falloff", "Vignetting correction: auto or off.", "str"),
+            Option("--glare", "parameter", "glare", "Veil around the outdoor image circle: auto or keep.", "str"),
+        ),
+    ),
+    Stage(
+        name="report",
+        version=1,
+        title="write the report",
+        function="processing.report.stage:run",
+        needs=("verify", "merge", "calibrate"),
+        reads=("name", "site", "frames", "devices"),
+        makes=(Artifact("page", "file", file_name="index.html"),),
+    ),
 )
 
 

@@ -1,0 +1,153 @@
+"""Sections of the report on calibrated pictures, light and cameras."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from processing.false_colour import validity_overlay
+from processing.frames import jpeg_frame
+from processing.images import LuminanceImage, luminance_cd_m2
+from processing.picture_preview import jpeg_bytes, png_bytes, preview_rgb8
+from processing.report.data import Picture, Quantity, Section, Table, number_text
+from processing.report.plots import (
+    contact_sheet,
+    frame_usage_plot,
+    luminance_picture,
+    residual_plot,
+    response_plot,
+    spot_picture,
+    uncertainty_map,
+)
+from processing.sphere import Equirectangular
+from station.session import FrameRecord, Side, shutter_label
+
+SPOT_RAD = math.radians(1 / 3)
+WIDTH_PX = 1200
+_PLANES = {
+    "up": "level, facing up",
+    "ahead": "upright, facing ahead",
+    "right": "upright, facing right",
+    "back": "upright, facing back",
+    "left": "upright, facing left",
+}
+
+
+def indoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
+    """Return the room: how it looks, its luminance, how sure that is, and where the scale is from."""
+    parts = ", ".join(f"{name} {100 * value:.2f} %" for name, value in facts["k1_parts"].items())
+    target = facts["target"]
+    pictures = _pictures(image, "Room")
+    if "longitude_deg" in target and isinstance(image.geometry, Equirectangular):
+        pictures.append(_spot(image, image.geometry, target))
+    quantities = [
+        Quantity("k1", facts["k1"], "", facts["k1"] * facts["k1_relative_uncertainty"], f"uncertainty from {parts}"),
+    ]
+    if facts["meter_cd_m2"]:
+        quantities.append(Quantity("Meter at the moment of the picture", facts["meter_cd_m2"], "cd/m2"))
+    if facts["meter_drift_frac"] is not None:
+        quantities.append(Quantity("Change of light between the readings", 100 * facts["meter_drift_frac"], "%"))
+    text = f"Target: {target['source']}. Vignetting: {facts['falloff']}."
+    return Section("Room", text, tuple(quantities), tuple(pictures))
+
+
+def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
+    """Return the sky: the same, and lens, filter, north and sun."""
+    lens, north, veil = facts["lens"], facts["north"], facts["veil"]
+    rows = (
+        ("Lens", f"{lens['mapping']}, field {lens['field_deg']:.1f}°; {lens['source']}"),
+        ("Vignetting", facts["falloff"]),
+        ("ND filter's colour", facts["nd_colour"]),
+        ("Veiling glare", _veil(veil)),
+        ("North", f"{north['source']}, within {north['uncertainty_deg']:.2f}°"),
+        ("Sun", f"{facts['sun']['found']}; repair: {facts['sun']['repair']}"),
+    )
+    tables = (Table("From the camera's picture to the sky", ("step", "what was done"), rows),)
+    return Section("Sky", "", (), tuple(_pictures(image, "Sky")), tables)
+
+
+def light_section(facts: Mapping[str, Any]) -> Section:
+    """Return illuminances on planes through the cameras."""
+    rows = [
+        (f"{side}: {_PLANES[plane]}", number_text(found["value"], found["uncertainty"]) + " lx")
+        for side, one in facts.items()
+        for plane, found in one["illuminance_lx"].items()
+    ]
+    text = "Integrals of the calibrated pictures; standard uncertainties include the common scale."
+    return Section("Illuminance", text, tables=(Table("At the cameras", ("plane", "illuminance"), tuple(rows)),))
+
+
+def camera_section(
+    side: Side, response: Mapping[str, Any], metrics: Mapping[str, Any], taken: tuple[Path, Sequence[FrameRecord]]
+) -> Section:
+    """Return a camera's response curve, its fit's residuals, its frames and what each of them served."""
+    curve = response["curve"]
+    folder, frames = taken
+    log2_exposure, sigma = np.array(curve["log2_exposure"]), np.array(curve["sigma_log2"])
+    pictures = [
+        Picture(
+            "Response curve",
+            response_plot(log2_exposure, sigma, curve["low"], curve["high"]),
+            f"response curves of the {side} camera by channel",
+            f"{curve['method']}, {response['source']}; robust rms residual {curve['residual_stops']:.3f} stops",
+        )
+    ]
+    if residuals := response.get("residual_stops"):
+        values = np.array([[math.nan if v is None else v for v in channel] for channel in residuals])
+        pictures.append(Picture("Residuals of the fit", residual_plot(values), f"residuals of the {side} response fit"))
+    ordered = sorted(frames, key=lambda frame: frame.stop)
+    labels = [shutter_label(frame.camera_s) for frame in ordered]
+    shares = [float(frame["used_share"]) for frame in metrics["frames"]]
+    pictures.append(
+        Picture("What each frame served", frame_usage_plot(labels, shares, [share == 0 for share in shares]), "bars")
+    )
+    thumbnails = [np.asarray(jpeg_frame(folder / frame.file, frame.file).decode(8), np.uint8) for frame in ordered]
+    pictures.append(
+        Picture("Bracket", contact_sheet(thumbnails, labels), f"frames of the {side} bracket, histograms", wide=True)
+    )
+    text = f"Exposure times: {response['times_source']}."
+    return Section(f"Camera {side}", text, pictures=tuple(pictures))
+
+
+def _pictures(image: LuminanceImage, name: str) -> list[Picture]:
+    luminance = luminance_cd_m2(image.rgb)
+    step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
+    small = preview_rgb8(image.rgb[step // 2 :: step, step // 2 :: step])
+    wide = isinstance(image.geometry, Equirectangular)
+    found = [
+        Picture(name, jpeg_bytes(small), f"{name}, toned for the screen", wide=wide),
+        Picture(f"{name}: luminance", luminance_picture(luminance), "false colours of luminance", wide=wide),
+        Picture(
+            f"{name}: relative standard uncertainty",
+            uncertainty_map(image.uncertainty),
+            "false colours of uncertainty",
+            f"of each pixel by itself; the common scale adds {100 * image.scale_uncertainty:.2f} %",
+            wide=wide,
+        ),
+    ]
+    marked = (image.validity != 0).any() or (image.ghost is not None and (image.ghost != 0).any())
+    if marked:
+        rows = slice(step // 2, None, step)
+        ghost = None if image.ghost is None else image.ghost[rows, rows]
+        overlay = validity_overlay(small, image.validity[rows, rows], ghost)
+        found.append(Picture(f"{name}: validity", png_bytes(overlay), "clipped, dark, repaired, moved", wide=wide))
+    return found
+
+
+def _spot(image: LuminanceImage, geometry: Equirectangular, target: Mapping[str, Any]) -> Picture:
+    x = (target["longitude_deg"] / 360 + 0.5) * geometry.width_px
+    y = (0.5 - target["latitude_deg"] / 180) * geometry.height_px
+    radius_px = SPOT_RAD / 2 / (2 * math.pi) * geometry.width_px
+    return Picture(
+        "Where the meter looked", spot_picture(image.rgb, (x, y), radius_px), "the target and the meter's spot"
+    )
+
+
+def _veil(veil: Mapping[str, Any]) -> str:
+    if veil["taken_off"]:
+        return f"{100 * veil['index']:.2f} % of the mean light, taken off"
+    return f"not taken off: {veil['why']}"

@@ -1,0 +1,116 @@
+"""The stage report: gathers what the stages before it made into one page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
+from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
+from processing.report.page import write_page
+from processing.stages.contract import StageContext, StageOutput
+from station.session import SessionManifest, Side
+
+BEFORE = ("verify", "merge", "calibrate")
+"""Stages that the report tells of; each of them is also in its row's ``needs``."""
+FILES = {
+    ("merge", "indoor.exr"): "room before calibration, relative",
+    ("merge", "outdoor.exr"): "sky before calibration, relative",
+    ("merge", "response.json"): "response curves, noise and exposure times used",
+    ("calibrate", "indoor.exr"): "room in cd/m2, uncertainty, validity",
+    ("calibrate", "outdoor.exr"): "sky in cd/m2, uncertainty, validity",
+    ("calibrate", "calibration.json"): "scale factors, lens, north, sun, illuminances",
+}
+
+
+def run(context: StageContext) -> StageOutput:
+    """Write index.html."""
+    data = report_data(context)
+    write_page(context.folder / "index.html", data)
+    return StageOutput(artifacts={"page": True}, metrics={"sections": len(data.sections)})
+
+
+def report_data(context: StageContext) -> ReportData:
+    """Return what the page shows, from the session, the stages' summaries and their artifacts."""
+    facts = context.artifact("calibrate", "calibration")
+    return ReportData(
+        title=context.session.name,
+        facts=session_facts(context.session),
+        summary=_summary(facts),
+        stages=tuple(_stage_line(name, context.summary(name)) for name in BEFORE),
+        warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))),
+        sections=_sections(context, facts),
+        files=_files(context),
+        made_with=f"daylit {version('daylit')}",
+    )
+
+
+def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
+    """Return what a reader wants to know of the session first: label and text."""
+    site = session.site
+    found = [("Session", session.session_id), ("Taken", f"{session.created_utc:%Y-%m-%d %H:%M} UTC")]
+    if site.name:
+        found.append(("Place", site.name))
+    if site.latitude_deg is not None and site.longitude_deg is not None:
+        found.append(("Position", f"{site.latitude_deg:.4f}°, {site.longitude_deg:.4f}° (north, east)"))
+    for device in session.devices:
+        parts = (device.model, device.lens, device.nd_filter, "simulated" if device.simulated else "")
+        found.append((device.role.capitalize(), ", ".join(part for part in parts if part)))
+    return tuple(found)
+
+
+def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
+    room = facts["indoor"]
+    light = room["illuminance_lx"]["up"]
+    found = [
+        Quantity("k1", room["k1"], "", room["k1"] * room["k1_relative_uncertainty"], "indoor scale, eq. 1"),
+        Quantity("Indoors, on a level plane at the camera", light["value"], "lx", light["uncertainty"]),
+    ]
+    if sky := facts.get("outdoor"):
+        relative = sky.get("k2_relative_uncertainty")
+        uncertainty = None if relative is None else sky["k2"] * relative
+        level = sky["illuminance_lx"]["up"]
+        found += [
+            Quantity("k2", sky["k2"], "", uncertainty, f"outdoor scale, eq. 2; {sky['k2_source']}"),
+            Quantity("Outdoors, on level ground", level["value"], "lx", level["uncertainty"]),
+        ]
+    return tuple(found)
+
+
+def _stage_line(name: str, summary: Mapping[str, Any]) -> StageLine:
+    if reason := summary.get("skipped"):
+        return StageLine(name, "skipped", str(reason))
+    left_out = [f"left out {what}: {why}" for what, why in summary["left_out"].items()]
+    honoured = [f"{what}: {how}" for what, how in summary["honoured"].items()]
+    return StageLine(name, "ran", "; ".join([*honoured, *left_out]))
+
+
+def _warnings(name: str, summary: Mapping[str, Any]) -> list[WarningLine]:
+    return [WarningLine(one["message"], name, one["code"]) for one in summary["warnings"]]
+
+
+def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section, ...]:
+    response = context.artifact("merge", "response")
+    metrics = context.summary("merge")["metrics"]
+    found = [indoor_section(context.artifact("calibrate", "indoor"), facts["indoor"])]
+    sky = context.optional_artifact("calibrate", "outdoor")
+    if sky is not None:
+        found.append(outdoor_section(sky, facts["outdoor"]))
+    found.append(light_section(facts))
+    for side in Side:
+        if side.value in response:
+            frames = [frame for frame in context.session.frames if frame.side is side and frame.format == "jpeg"]
+            found.append(
+                camera_section(side, response[side.value], metrics[side.value], (context.session_path, frames))
+            )
+    return tuple(found)
+
+
+def _files(context: StageContext) -> tuple[FileLine, ...]:
+    lines = []
+    for (stage, name), what in FILES.items():
+        path = context.session_path / "stages" / stage / name
+        if path.exists():
+            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, what))
+    return tuple(lines)
