@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from processing.errors import PictureFileError
 from processing.images import LUMINANCE_WEIGHTS, Floats, LuminanceImage
 from processing.picture_checks import check_image, check_light, check_size, refused
 from processing.picture_writing import write_bytes
 from processing.radiance_rgbe import RunLengthError, decode_rows, encode_rows, from_rgbe, to_rgbe
-from processing.sphere import Equirectangular, Geometry, LensMapping, Perspective
+from processing.radiance_views import geometry_of, view_of
+from processing.sphere import Geometry
 
 WHITE_EFFICACY_LM_W = 179.0
 RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)
@@ -29,7 +29,6 @@ MARK = "daylit_luminance=radiance-weights"
 _MAX_FILE_BYTES = 1 << 31
 _MAX_HEADER_BYTES = 1 << 20
 _ROWS = 128
-_FIT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -40,6 +39,8 @@ class RadiancePicture:
     """(H, W, 3): cd/m2 (value x 179, EXPOSURE divided out), Rec. 709."""
     view: str
     """The last VIEW line without its name, or empty."""
+    geometry: Geometry | None
+    """What the view says, where it is a fisheye that looks up."""
     exposure: float
     header: tuple[str, ...]
     """All lines of the header."""
@@ -90,56 +91,8 @@ def read_radiance_hdr(path: Path) -> RadiancePicture:
     if MARK in lines:
         rgb *= _ratio(rgb, RADIANCE_WEIGHTS, LUMINANCE_WEIGHTS)[..., None]
     views = [line.partition("=")[2].strip() for line in lines if line.startswith("VIEW=")]
-    return RadiancePicture(rgb, views[-1] if views else "", exposure, tuple(lines))
-
-
-def view_of(geometry: Geometry, where: Path | str) -> str:
-    """Return the options of Radiance's VIEW line for a geometry; empty for the whole sphere, which has none.
-
-    Raises `PictureFileError` where Radiance has no such view.
-    """
-    if isinstance(geometry, Equirectangular):
-        return ""
-    if isinstance(geometry, Perspective):
-        return _perspective_view(geometry, where)
-    middle = (geometry.width_px / 2, geometry.height_px / 2)
-    centre = geometry.centre_px or middle
-    if max(abs(c - m) for c, m in zip(centre, middle, strict=True)) > 1e-3 or geometry.width_px != geometry.height_px:
-        raise _no_view(where, "a fisheye that is not centred in a square")
-    reach = geometry.width_px / 2 / geometry.radius_px
-    if geometry.mapping is LensMapping.EQUIDISTANT and reach * geometry.half_field_rad <= math.pi:
-        kind, degrees = "-vta", math.degrees(2 * reach * geometry.half_field_rad)
-    elif geometry.mapping is LensMapping.ORTHOGRAPHIC and reach * math.sin(geometry.half_field_rad) <= 1 + _FIT:
-        kind = "-vth"
-        degrees = math.degrees(2 * math.asin(min(1.0, reach * math.sin(geometry.half_field_rad))))
-    else:
-        raise _no_view(where, f"this {geometry.mapping} fisheye")
-    up = _vector(math.sin(geometry.top_azimuth_rad), math.cos(geometry.top_azimuth_rad), 0.0)
-    return f"{kind} -vp 0 0 0 -vd 0 0 1 -vu {up} -vh {degrees:.9g} -vv {degrees:.9g}"
-
-
-def _perspective_view(geometry: Perspective, where: Path | str) -> str:
-    level = math.cos(geometry.pitch_rad)
-    if geometry.roll_rad or level < _FIT:
-        raise _no_view(where, "a perspective view that is rolled or looks straight up or down")
-    ahead = _vector(
-        level * math.sin(geometry.yaw_rad), level * math.cos(geometry.yaw_rad), math.sin(geometry.pitch_rad)
-    )
-    tall = 2 * math.atan(math.tan(geometry.fov_x_rad / 2) * geometry.height_px / geometry.width_px)
-    angles = f"-vh {math.degrees(geometry.fov_x_rad):.9g} -vv {math.degrees(tall):.9g}"
-    return f"-vtv -vp 0 0 0 -vd {ahead} -vu 0 0 1 {angles}"
-
-
-def _vector(*values: float) -> str:
-    return " ".join(f"{round(value, 12) + 0.0:.12g}" for value in values)
-
-
-def _no_view(where: Path | str, what: str) -> PictureFileError:
-    return refused(
-        where,
-        f"Radiance has no view for {what}",
-        advice="project it to an equidistant or orthographic fisheye that fills a square first",
-    )
+    view = views[-1] if views else ""
+    return RadiancePicture(rgb, view, geometry_of(view, width, height), exposure, tuple(lines))
 
 
 def _ratio(rgb: Floats, above: tuple[float, ...], below: tuple[float, ...]) -> Floats:
@@ -157,7 +110,7 @@ def _header(data: bytes, path: Path) -> tuple[list[str], int, int, int]:
     if end < 0 or stop < 0:
         raise refused(path, "has a damaged header", likely="cut short or overwritten")
     lines = data[:end].decode("utf-8", "replace").split("\n")
-    size = re.fullmatch(rb"-Y ([0-9]{1,9}) \+X ([0-9]{1,9})", data[end + 2 : stop].strip())
+    size = re.fullmatch(rb"-Y +([0-9]{1,9}) +\+X +([0-9]{1,9})", data[end + 2 : stop].strip())
     if size is None:
         raise refused(path, f"has the size {data[end + 2 : stop]!r}; '-Y height +X width' is taken")
     height, width = (int(value) for value in size.groups())

@@ -7,7 +7,6 @@ spread by a fixed pattern, so that an even surface keeps its mean: without it a 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.images import Bytes, Floats
 
@@ -107,8 +106,9 @@ def decode_rows(data: bytes, width: int, height: int) -> Bytes:
         if data[place : place + 4] != mark:
             raise RunLengthError("a row does not begin as rows begin")
         place += 4
-        for line in row:
-            place = _decode_line(data, place, line)
+        for component in row:
+            line, place = _decode_line(data, place, width)
+            component[:] = np.frombuffer(line, dtype=np.uint8)
     if place != len(data):
         raise RunLengthError(f"{len(data) - place} bytes follow the last row")
     return np.ascontiguousarray(out.transpose(0, 2, 1))
@@ -123,17 +123,20 @@ def _flat(data: bytes, width: int, height: int) -> Bytes:
     return out
 
 
-def _decode_line(data: bytes, place: int, line: npt.NDArray[np.uint8]) -> int:
-    """Fill one component of one row; return where the next begins."""
-    filled, width = 0, line.size
-    while filled < width:
-        code = data[place] if place < len(data) else 0
-        count = code - 128 if code > 128 else code
-        size = 1 if code > 128 else count
-        piece = data[place + 1 : place + 1 + size]
-        if count == 0 or filled + count > width or len(piece) < size:
-            raise RunLengthError("a row ends early or overruns its width")
-        line[filled : filled + count] = piece[0] if code > 128 else np.frombuffer(piece, dtype=np.uint8)
-        filled += count
-        place += 1 + size
-    return place
+def _decode_line(data: bytes, place: int, width: int) -> tuple[bytearray, int]:
+    """Return one component of one row, and where the next begins."""
+    line = bytearray()
+    end = len(data)
+    while len(line) < width:
+        code = data[place] if place < end else 0
+        if code > 128:
+            line += data[place + 1 : place + 2] * (code - 128)
+            place += 2
+        elif code:
+            line += data[place + 1 : place + 1 + code]
+            place += 1 + code
+        if code == 0 or place > end:
+            raise RunLengthError("a row ends early")
+    if len(line) != width:
+        raise RunLengthError("a row overruns its width")
+    return line, place

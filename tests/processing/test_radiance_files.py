@@ -18,11 +18,23 @@ from processing.calibration.photometry import illuminance_lx
 from processing.errors import PictureFileError
 from processing.image_files import read_radiance_hdr, write_radiance_hdr
 from processing.images import LuminanceImage, luminance_cd_m2
-from processing.radiance_files import WHITE_EFFICACY_LM_W, view_of
+from processing.radiance_files import RADIANCE_WEIGHTS, WHITE_EFFICACY_LM_W
 from processing.radiance_rgbe import RunLengthError, decode_rows, encode_rows, from_rgbe, to_rgbe
-from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective, directions
+from processing.radiance_views import geometry_of, view_of
+from processing.sphere import (
+    Equirectangular,
+    Fisheye,
+    Geometry,
+    LensMapping,
+    Perspective,
+    directions,
+    projected_solid_angles,
+)
 from tests.processing.picture_strategies import luminance_image
 
+REFERENCE = (
+    Path(__file__).resolve().parents[3] / "shared/data/brackets/canon5d2_8mm_bracket/pipeline-output-1000x1000.hdr"
+)
 LIGHT = st.floats(0, 2.0**30, width=32, allow_subnormal=True)
 BYTES = st.integers(0, 255) | st.sampled_from([0, 1, 2, 128, 255])
 
@@ -87,6 +99,56 @@ def test_views_of_other_geometries() -> None:
 @pytest.mark.parametrize(
     "geometry",
     [
+        Fisheye(16, 16, LensMapping.EQUIDISTANT, 8.0),
+        Fisheye(16, 16, LensMapping.EQUIDISTANT, 8.0, math.radians(93), None, -2.0),
+        Fisheye(16, 16, LensMapping.ORTHOGRAPHIC, 8.0, math.pi / 2, None, 1.25),
+    ],
+    ids=str,
+)
+def test_views_come_back(geometry: Fisheye) -> None:
+    back = geometry_of(view_of(geometry, "x"), 16, 16)
+    assert back is not None
+    assert (back.mapping, back.radius_px) == (geometry.mapping, 8.0)
+    assert back.half_field_rad == pytest.approx(geometry.half_field_rad, abs=1e-9)
+    assert back.top_azimuth_rad == pytest.approx(geometry.top_azimuth_rad, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        "",
+        "-vta",
+        "-vta -vh 180",
+        "-vta -vh 180 -vv",
+        "-vta -vh 180 -vv 90",
+        "-vta -vh 400 -vv 400",
+        "-vth -vh 190 -vv 190",
+        "-vta -vh x -vv x",
+        "-vtv -vh 60 -vv 60",
+        "-vta -vd 0 1 0 -vh 180 -vv 180",
+        "-vta -vd 0 0 -1 -vh 180 -vv 180",
+        "-vta -vd 0 0 -vh 180 -vv 180",
+    ],
+)
+def test_views_that_are_no_fisheye_upwards(view: str) -> None:
+    assert geometry_of(view, 16, 16) is None
+    assert geometry_of("-vta -vh 180 -vv 180", 16, 12) is None
+
+
+@pytest.mark.shared
+@pytest.mark.skipif(not REFERENCE.exists(), reason="needs the shared data folder beside the checkout")
+def test_reference_map_of_others() -> None:
+    """Their own tool's value, by Radiance's weights; ours are those of Rec. 709."""
+    found = read_radiance_hdr(REFERENCE)
+    assert isinstance(found.geometry, Fisheye)
+    luminance = found.rgb @ np.array(RADIANCE_WEIGHTS, np.float32)
+    weights = projected_solid_angles(found.geometry, (0, 0, 1))
+    assert float((weights * luminance).sum()) == pytest.approx(900.936, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "geometry",
+    [
         Fisheye(16, 16, LensMapping.EQUISOLID, 8.0),
         Fisheye(20, 16, LensMapping.EQUIDISTANT, 8.0),
         Fisheye(16, 16, LensMapping.EQUIDISTANT, 7.0, centre_px=(7.5, 8.0)),
@@ -136,7 +198,11 @@ def test_files_of_others_exposure_and_size(tmp_path: Path) -> None:
     data = path.read_bytes()
     plain = read_radiance_hdr(path)
     np.testing.assert_allclose(plain.rgb, rgb * WHITE_EFFICACY_LM_W, rtol=0.02)
-    path.write_bytes(data.replace(b"FORMAT", b"EXPOSURE=2.0\nEXPOSURE= 4\nVIEW= -vta -vv 180 -vh 180\nFORMAT", 1))
+    path.write_bytes(
+        data.replace(b"FORMAT", b"EXPOSURE=2.0\nEXPOSURE= 4\nVIEW= -vta -vv 180 -vh 180\nFORMAT", 1)
+        # As Radiance's own tools write it.
+        .replace(b"-Y 9 +X 33", b"-Y        9 +X       33")
+    )
     twice = read_radiance_hdr(path)
     assert (twice.exposure, twice.view) == (8.0, "-vta -vv 180 -vh 180")
     np.testing.assert_allclose(twice.rgb, plain.rgb / 8, rtol=1e-6)
