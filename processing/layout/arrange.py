@@ -109,11 +109,13 @@ def _solve(
 ) -> Arrangements:  # fmt: skip
     search = Search(make_field(inner, rules), doors)
     finals = run_search(search, free, rules, n, seed)
-    judges = {name: Judge(plan, other) for name, other in {**book.sets, rules.name: rules}.items()}
+    judge = Judge(plan, rules)
+    judges = {name: judge if name == rules.name else Judge(plan, other, judge) for name, other in book.sets.items()}
+    judges.setdefault(rules.name, judge)
     main = finals[0].packing.units[0].items[0].id if finals else ""
     chosen: list[Chosen] = []
     for candidates in _candidates(finals, frame, plan, book, n):
-        chosen = choose(candidates, n, main, lambda c: judges[rules.name].passes(pieces(c.placed)), 6 * n + 24)
+        chosen = choose(candidates, n, main, lambda c: judge.passes(pieces(c.placed)), 6 * n + 24)
         if chosen:
             break
     notes = list(plan.notes)
@@ -234,7 +236,7 @@ def _arrangement(
     ]  # fmt: skip
     refused += [not_placed(items[name], candidate.placed, search, frame) for name in candidate.left_out]
     stood = pieces(candidate.placed)
-    meets = [n for n, judge in judges.items() if n == rules.name or judge.passes(stood)]
+    meets = [n for n, judge in judges.items() if n == rules.name or judge.passes(stood, fits=True)]
     return Arrangement(
         rank=rank,
         items=tuple(placed_item(s) for s in candidate.placed),

@@ -74,11 +74,18 @@ class Verdict:
 class Judge:
     """Judges pieces in one room by one rule set; what does not depend on the pieces is made once."""
 
-    def __init__(self, plan: FloorPlan, rules: RuleSet) -> None:
+    def __init__(self, plan: FloorPlan, rules: RuleSet, like: Judge | None = None) -> None:
+        """Make what does not depend on the pieces; `like` is another judge of the same plan, to share from."""
         self._plan, self._rules = plan, rules
-        self._room = Polygon(plan.corners, list(plan.holes))
+        self._room = like._room if like else Polygon(plan.corners, list(plan.holes))
         shapely.prepare(self._room)
-        self._doors = [(n, area) for n, door in enumerate(plan.doors) for area in _door_areas(plan, door, rules)]
+        if like and like._rules.door_reach == rules.door_reach:
+            self._swings = like._swings
+        else:
+            self._swings = [(n, area) for n, door in enumerate(plan.doors) for area in _swings(plan, door, rules)]
+        side, deep = rules.door_side, rules.door_approach
+        approaches = [_strip(plan, d.edge, d.start_m - side, d.end_m + side, deep) for d in plan.doors]
+        self._doors = [*enumerate(approaches), *self._swings]
         self._windows = [_strip(plan, w.edge, w.start_m, w.end_m, rules.window_band) for w in plan.windows]
         self._kept = [(n, shapely.Point(at).buffer(CAMERA_M)) for n, at in enumerate(plan.keep_free)]
         self._radius = (rules.path - PATH_M) / 2
@@ -100,15 +107,16 @@ class Judge:
         found = tuple(self._violations(pieces))
         return Verdict(found, tuple(n for n in range(len(self._ways)) if n not in self._needed))
 
-    def passes(self, pieces: Sequence[Piece]) -> bool:
-        """Tell whether no rule is broken; ends at the first that is."""
-        return next(self._violations(pieces), None) is None
+    def passes(self, pieces: Sequence[Piece], *, fits: bool = False) -> bool:
+        """Tell whether no rule is broken; ends at the first that is. `fits`: no need to look for overlaps again."""
+        return next(self._violations(pieces, fits=fits), None) is None
 
-    def _violations(self, pieces: Sequence[Piece]) -> Iterator[Violation]:
+    def _violations(self, pieces: Sequence[Piece], *, fits: bool = False) -> Iterator[Violation]:
         shapes = _boxes(pieces, [(-s[0] / 2, s[0] / 2, -s[1] / 2, s[1] / 2) for s in (p.spec.size_m for p in pieces)])
-        yield from _outside(self._room, pieces, shapes)
-        yield from _overlaps(pieces, shapes)
-        yield from _under_ceiling(self._plan, pieces)
+        if not fits:
+            yield from _outside(self._room, pieces, shapes)
+            yield from _overlaps(pieces, shapes)
+            yield from _under_ceiling(self._plan, pieces)
         yield from self._openings(pieces, shapes)
         zones, clashes = _zones(self._room, pieces, shapes, [_asked(piece, self._rules) for piece in pieces])
         yield from clashes
@@ -188,6 +196,9 @@ def _overlaps(pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violat
         a, b = pieces[i].spec, pieces[j].spec
         if a.is_rug != b.is_rug or min(a.top_m, b.top_m) - max(a.base_m, b.base_m) <= DEEP_M:
             continue
+        reach = math.hypot(*a.size_m[:2]) + math.hypot(*b.size_m[:2])
+        if 2 * math.hypot(pieces[i].x_m - pieces[j].x_m, pieces[i].y_m - pieces[j].y_m) > reach:
+            continue
         if shapes[i].intersects(shapes[j]):
             shared = shapes[i].intersection(shapes[j])
             if _deep(shared):
@@ -216,9 +227,9 @@ def _strip(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: flo
     return Polygon([(ax + t * ux - d * uy, ay + t * uy + d * ux) for t, d in rim])
 
 
-def _door_areas(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
-    """Return the approach and the swept area of the leaf, for both hands where the hand is not known."""
-    areas = [_strip(plan, door.edge, door.start_m - rules.door_side, door.end_m + rules.door_side, rules.door_approach)]
+def _swings(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
+    """Return what the leaf sweeps, for both hands where the hand is not known; a pair of leaves where it is too wide."""
+    areas: list[Polygon] = []
     wide = door.end_m - door.start_m
     if door.swing in ("sliding", "out"):
         return areas
