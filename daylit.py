@@ -29,6 +29,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     },
     "Offline": {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
+        "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
     },
     "Try it": {

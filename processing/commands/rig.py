@@ -1,0 +1,173 @@
+"""``daylit rig``: what belongs to the instruments rather than to a room; ``daylit rig calibrate``."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from processing.calibration.profile import RigProfile
+    from processing.calibration.shutter import ShutterRule
+    from processing.rig.calibrate import RigRequest, RigResult
+    from station.session import Side
+
+_SESSION = click.Path(path_type=Path, file_okay=False)
+
+
+@click.group()
+def rig() -> None:
+    """Calibrate the instruments of a rig."""
+
+
+@rig.command()
+@click.argument("sessions", type=_SESSION, nargs=-1, required=True)
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=Path("calibration.json"))
+@click.option("--chart", type=_SESSION, help="The session with the colour chart (default: the first of SESSIONS).")
+@click.option("--flat", "flats", type=_SESSION, multiple=True, help="Outdoor camera before an evenly lit field.")
+@click.option("--nd", type=_SESSION, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
+@click.option("--lens-data", multiple=True, metavar="NAME", help="A published fall-off: theta_z1, canon_8mm_f11 ...")
+@click.option(
+    "--corners", multiple=True, metavar="SIDE:X,Y,...", help="The chart's four corners in the frames, pixels."
+)
+@click.option("--shutter", multiple=True, metavar="SIDE:RULE", help="True times: nominal, thirds or halves (of stops).")
+@click.option("--half-field", type=click.FloatRange(45, 110), default=90.0, show_default=True, help="Degrees, fisheye.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
+    """Find the rig's response curves, noise, lens data and k2 from SESSIONS; write a profile for `daylit process`.
+
+    The first of SESSIONS (or --chart) shows a 24-patch colour chart to both cameras in a closed room under constant
+    light. Further SESSIONS only help to find the response curves: take some with much light and shade. Beside the
+    profile, pictures show where the chart was found: look at them.
+
+    \b
+    Examples:
+      daylit rig calibrate rig/chart rig/room --lens-data theta_z1
+      daylit rig calibrate rig/chart rig/room --flat rig/sphere --nd rig/chart rig/chart-no-nd --out lab.json
+      daylit rig calibrate rig/chart --corners outdoor:812,604,1003,610,999,742,809,733
+    """
+    from drivers.clock import SystemClock
+    from processing.calibration.profile import save_profile
+    from processing.rig.calibrate import calibrate_rig
+
+    tell = (lambda _text: None) if as_json else (lambda text: click.echo(text, err=True))
+    result = calibrate_rig(_request(options), SystemClock().utc_now(), tell)
+    save_profile(out, result.profile)
+    pictures = _save_pictures(out, result)
+    if as_json:
+        click.echo(json.dumps({"ok": True, "profile": str(out), "pictures": pictures, **_summary(result)}))
+        return 0
+    for line in _lines(result):
+        click.echo(line)
+    click.echo(f"wrote {out}; look at {', '.join(pictures)}")
+    return 0
+
+
+def _request(options: dict[str, Any]) -> RigRequest:
+    from processing.calibration.shutter import ShutterRule
+    from processing.rig.calibrate import RigRequest
+
+    first, *rest = options["sessions"]
+    chart = options["chart"] or first
+    others = (first, *rest) if options["chart"] else tuple(rest)
+    return RigRequest(
+        chart=chart,
+        sessions=others,
+        flats=options["flats"],
+        nd=options["nd"] or None,
+        lens_data=options["lens_data"],
+        corners={side: _corners(text) for side, text in map(_sided, options["corners"])},
+        rules={side: _rule(text, tuple(ShutterRule)) for side, text in map(_sided, options["shutter"])},
+        half_field_rad=math.radians(options["half_field"]),
+    )
+
+
+def _sided(text: str) -> tuple[Side, str]:
+    """Return the side and the rest of SIDE:REST."""
+    from processing.errors import ParameterError
+    from station.session import Side
+
+    name, colon, rest = text.partition(":")
+    if not colon or name not in tuple(Side):
+        raise ParameterError(f"{text!r} does not name a camera", advice="write indoor:... or outdoor:...")
+    return Side(name), rest
+
+
+def _corners(text: str) -> tuple[float, ...]:
+    from processing.errors import ParameterError
+
+    try:
+        numbers = tuple(float(v) for v in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 8 or not all(math.isfinite(v) for v in numbers):
+        raise ParameterError(f"{text!r} is not four corners", where="--corners", advice="write X,Y four times")
+    return numbers
+
+
+def _rule(text: str, rules: tuple[ShutterRule, ...]) -> ShutterRule:
+    from processing.errors import ParameterError
+
+    found = next((rule for rule in rules if rule.value == text), None)
+    if found is None:
+        raise ParameterError(f"no rule is called {text!r}", where="--shutter", advice=f"one of {', '.join(rules)}")
+    return found
+
+
+def _save_pictures(out: Path, result: RigResult) -> list[str]:
+    from processing.rig.chart_picture import chart_png
+    from station.folder import Folder, write_file
+
+    folder = Folder.open(out.parent)
+    try:
+        names = []
+        for side, view in result.views.items():
+            name = f"{out.stem}-chart-{side}.png"
+            write_file(folder, name, chart_png(view))
+            names.append(str(out.parent / name))
+    finally:
+        folder.close()
+    return names
+
+
+def _summary(result: RigResult) -> dict[str, Any]:
+    profile: RigProfile = result.profile
+    cameras = {}
+    for side, camera in profile.cameras.items():
+        response = camera.response
+        cameras[str(side)] = {
+            "shutter": str(camera.shutter.rule),
+            "response_residual_stops": response.residual_stops if response else None,
+            "vignetting": camera.vignetting.source if camera.vignetting else None,
+            "lens": camera.lens.source if camera.lens else None,
+            "nd_density": camera.nd.density if camera.nd else None,
+            "chart_mismatch": result.views[side].chart.mismatch,
+            "chart_found_by": result.views[side].chart.how,
+        }
+    k2 = profile.k2.model_dump(mode="json", exclude={"patches", "indoor", "outdoor"}) if profile.k2 else None
+    return {"cameras": cameras, "k2": k2, "warnings": list(profile.warnings)}
+
+
+def _lines(result: RigResult) -> list[str]:
+    found = _summary(result)
+    lines = []
+    for side, facts in found["cameras"].items():
+        lines.append(
+            f"{side}: response to {facts['response_residual_stops']:.4f} stop, shutter times {facts['shutter']}, "
+            f"chart by {facts['chart_found_by']} (colours differ by {facts['chart_mismatch']:.1%})"
+        )
+        lines += [f"  fall-off: {facts['vignetting']}"] if facts["vignetting"] else []
+        lines += [f"  lens: {facts['lens']}"] if facts["lens"] else []
+        lines += [f"  ND filter: density {facts['nd_density']:.3f}"] if facts["nd_density"] is not None else []
+    k2 = result.profile.k2
+    if k2 is not None:
+        lines.append(
+            f"k2 = {k2.value:.5g} +- {k2.relative_uncertainty:.1%} from {k2.n_patches} neutral patches "
+            f"(they scatter by {k2.residual_stops:.4f} stop); the white patch alone: {k2.white_ratio:.5g}"
+        )
+        worst = max((p for p in k2.patches), key=lambda p: p.color_difference)
+        lines.append(f"colours of both cameras differ by up to {worst.color_difference:.1f} (L*a*b*, {worst.name})")
+    return [*lines, *(f"warning: {text}" for text in found["warnings"])]
