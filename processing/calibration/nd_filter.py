@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from processing.calibration.lens_data import lens_data
 from processing.errors import LensError
 from processing.images import LUMINANCE_WEIGHTS, Floats
 
@@ -108,6 +109,15 @@ class NdFilter:
         after = np.sqrt(np.einsum("...c,c->...", rgb * rgb, corrected**2)) / np.maximum(rgb @ corrected, tiny)
         gain = after / np.maximum(before, tiny)
         return np.asarray(np.clip(gain, 1, 1e3), dtype=np.float32)
+
+
+def published_nd_filter(name: str) -> NdFilter:
+    """Return a published filter: lumilab_3 (`lens_data.toml`), known by a factor for each channel."""
+    known = lens_data()["nd_filter"]
+    if name not in known:
+        raise LensError(f"no published filter is called {name!r}", advice=f"one of {', '.join(known)}")
+    red, green, blue = known[name]["factors"]
+    return NdFilter.of_factors((red, green, blue), source=known[name]["source"])
 
 
 def without_negatives(rgb: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:

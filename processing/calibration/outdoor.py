@@ -83,7 +83,7 @@ def uncorrect_outdoor(
 
 
 def with_lens(image: RelativeImage, optics: OutdoorOptics, top_azimuth_rad: float | None = None) -> RelativeImage:
-    """Return the picture with the lens's calibrated geometry; what is not wholly inside its field is marked and black."""
+    """Return the picture with the lens's calibrated geometry; pixels not wholly inside its field are black."""
     height, width = image.rgb.shape[:2]
     if top_azimuth_rad is None:
         top_azimuth_rad = image.geometry.top_azimuth_rad if isinstance(image.geometry, Fisheye) else 0.0
@@ -142,7 +142,7 @@ def project(image: RelativeImage, target: Geometry) -> RelativeImage:
     rgb, coverage = resample(image.rgb, source, target, method="area", weights=weights)
     light = luminance_cd_m2(image.rgb)
     marks = [image.validity == code for code in (Validity.CLIPPED, Validity.REPAIRED, Validity.DARK)]
-    known = light * np.minimum(np.nan_to_num(image.uncertainty, posinf=_MOST_UNCERTAIN), _MOST_UNCERTAIN)
+    known = light * np.minimum(image.uncertainty, _MOST_UNCERTAIN)
     planes = np.stack([known, marks[0] | marks[1], marks[2]], axis=-1).astype(np.float32)
     carried, _ = resample(planes, source, target, method="area", weights=weights)
     rgb = np.maximum(rgb, 0)

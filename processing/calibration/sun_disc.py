@@ -73,7 +73,8 @@ class Window:
 
     def angle_from(self, direction: Reals) -> Reals:
         """Return the angle (h, w) of each pixel's centre from a direction."""
-        return 2 * np.arcsin(np.clip(np.linalg.norm(self.ways - direction, axis=-1) / 2, 0, 1))
+        chord = np.linalg.norm(self.ways - direction, axis=-1)
+        return np.asarray(2 * np.arcsin(np.clip(chord / 2, 0, 1)))
 
 
 def find_sun(image: RelativeImage | LuminanceImage) -> Sun:
@@ -120,14 +121,16 @@ def window_at(image: RelativeImage | LuminanceImage, row: int, column: int) -> W
 
 def _near_pole(image: RelativeImage | LuminanceImage, row: int) -> bool:
     """Return whether a row of a panorama lies where pixels are narrow."""
-    return abs(0.5 - (row + 0.5) / image.rgb.shape[0]) * math.pi > math.radians(60)
+    height = int(image.rgb.shape[0])
+    return abs(0.5 - (row + 0.5) / height) * math.pi > math.radians(60)
 
 
 def _brightest(luminance: npt.NDArray[np.float32], inside: Flags, clipped: Flags) -> tuple[int, int]:
     """Return row and column of the sun's candidate: in the clipped spot with most light, else the brightest pixel."""
     if not (clipped & inside).any():
         at = int(np.where(inside, luminance, -1).argmax())
-        return divmod(at, luminance.shape[1])
+        width = int(luminance.shape[1])
+        return at // width, at % width
     import cv2
 
     _, labels = cv2.connectedComponents((clipped & inside).astype(np.uint8), connectivity=8)
@@ -230,7 +233,7 @@ def _sun(window: Window, centre: Reals, sigma: float, given: float, *, clipped: 
 
 def _pixel_rad(image: RelativeImage | LuminanceImage, row: int, column: int) -> float:
     """Return the angle from a pixel to the next row's."""
-    height = image.rgb.shape[0]
+    height = int(image.rgb.shape[0])
     first = min(max(row - 1, 0), max(height - 2, 0))
     ways, _ = directions(image.geometry, slice(first, min(first + 2, height)))
     if len(ways) < 2:

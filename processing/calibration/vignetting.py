@@ -5,17 +5,14 @@ Paper, section 3, step (1); Inanici 2006. V(r) = 1 + sum c_i r^p_i; a picture is
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.calibration.lens_data import lens_data
 from processing.errors import LensError
 from processing.images import Floats, luminance_cd_m2
 from processing.sphere import Fisheye, pixels
@@ -70,7 +67,7 @@ class Vignetting:
         # A fine table is right to 1e-7 and ten times cheaper than powers or angles of every pixel.
         knots = np.linspace(0, 1, 2049)
         values = self.evaluate(_angle_share(geometry, knots) if self.in_angle else knots)
-        return np.interp(r, knots, values).astype(np.float32)
+        return np.asarray(np.interp(r, knots, values), dtype=np.float32)
 
     def correct(self, rgb: Floats, geometry: Fisheye) -> Floats:
         """Return the picture (H, W, 3) as a lens without fall-off would have given it."""
@@ -94,12 +91,6 @@ def published_vignetting(name: str) -> Vignetting:
         in_angle=values.get("in_angle", False),
         source=values["source"],
     )
-
-
-@cache
-def lens_data() -> dict[str, Any]:
-    """Return the published calibrations that come with the program."""
-    return tomllib.loads(files("processing.calibration").joinpath("lens_data.toml").read_text("utf-8"))
 
 
 @dataclass(frozen=True)

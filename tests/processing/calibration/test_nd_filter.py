@@ -1,0 +1,118 @@
+"""ND filters: tint and density apart, both ways, and fitted to the chart of the simulated room."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocks.light import Site, luminance_cd_m2
+from mocks.optics import CANON_5D2, ND3_TINT
+from mocks.world import ChartRoom
+from processing.calibration.nd_filter import NdFilter, fit_nd_filter, published_nd_filter, without_negatives
+from processing.errors import LensError
+
+AUTHORS_CCM = (
+    (0.8231062763960264, -0.009380978128196818, 0.028053498683342944),
+    (0.05770939940134331, 1.044068294475107, -0.08135607274422213),
+    (-0.30403935326915676, -0.38305971490838997, 2.081816623296674),
+)
+"""As the paper's authors publish it: picture @ matrix is the light before the filter."""
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    rgb=st.tuples(*[st.floats(2**-10, 2**20, width=32)] * 3),
+    off=st.lists(st.floats(-0.12, 0.12), min_size=9, max_size=9),
+    density=st.floats(0, 5),
+)
+def test_apply_and_correct_are_inverse(rgb: tuple[float, float, float], off: list[float], density: float) -> None:
+    nd = NdFilter.of_matrix((np.eye(3) + np.array(off).reshape(3, 3)) * 10**-density)
+    picture = np.array([[rgb]], dtype=np.float32)
+    for with_density in (False, True):
+        back = nd.correct(nd.apply(picture, density=with_density), density=with_density)
+        assert np.abs(back - picture).max() < 3e-5 * picture.max()
+
+
+def test_the_tint_leaves_white_as_bright_as_it_was() -> None:
+    nd = NdFilter.of_correction(AUTHORS_CCM)
+    white = np.ones((1, 3), dtype=np.float32)
+    assert luminance_cd_m2(nd.apply(white))[0] == pytest.approx(1.0, abs=1e-6)
+    # Applied as published, the matrix takes a quarter of white's luminance: that goes into the density.
+    assert nd.transmittance == pytest.approx(1 / 0.8739, rel=1e-3)
+    assert np.allclose(nd.tint, ND3_TINT, atol=1e-5)
+
+
+def test_factors_by_channel() -> None:
+    nd = published_nd_filter("lumilab_3")
+    assert nd.density == pytest.approx(2.917, abs=1e-3)
+    seen = np.array([[1 / 793.2549, 1 / 811.7736, 1 / 1196.992]], dtype=np.float32)
+    assert np.allclose(nd.correct(seen, density=True), 1.0, rtol=1e-5)
+    with pytest.raises(LensError, match="no published filter"):
+        published_nd_filter("nd64")
+
+
+def chart(noise: float, seed: int = 0) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    room = ChartRoom()
+    patches = room.radiance(Site.INDOOR, room.patch_directions(Site.INDOOR))
+    filtered = CANON_5D2.filter.apply(patches)
+    rng = np.random.default_rng(seed)
+    noises = rng.normal(1, noise, (2, *patches.shape)) if noise else np.ones((2, *patches.shape))
+    return patches * noises[0], filtered * noises[1]
+
+
+@pytest.mark.parametrize("method", ["Cheung 2004", "Finlayson 2015"])
+def test_the_filter_is_fitted_to_the_chart(method: str) -> None:
+    plain, filtered = chart(0.0)
+    nd = fit_nd_filter(filtered, plain, method=method)  # type: ignore[arg-type]
+    assert nd.density == pytest.approx(3.0, abs=1e-5)
+    assert np.abs(np.array(nd.tint) - ND3_TINT).max() < 1e-4
+
+
+def test_the_fit_states_its_uncertainty() -> None:
+    plain, filtered = chart(0.01, seed=3)
+    nd = fit_nd_filter(filtered, plain)
+    assert nd.density == pytest.approx(3.0, abs=0.004)
+    assert np.abs(np.array(nd.tint) - ND3_TINT).max() < 0.03
+    assert 0.003 < nd.relative_uncertainty < 0.03
+    clean, through = chart(0.0)
+    restored = luminance_cd_m2(nd.correct(through.astype(np.float32), density=True))
+    assert np.abs(restored / luminance_cd_m2(clean.astype(np.float32)) - 1).max() < 4 * nd.relative_uncertainty
+
+
+def test_black_patches_are_left_out_and_few_are_refused() -> None:
+    plain, filtered = chart(0.0)
+    filtered[5] = 0.0
+    plain[7] = np.nan
+    assert fit_nd_filter(filtered, plain).density == pytest.approx(3.0, abs=1e-4)
+    with pytest.raises(LensError, match="patches above 0"):
+        fit_nd_filter(filtered[:5], plain[:5])
+    with pytest.raises(LensError, match="same patches"):
+        fit_nd_filter(filtered[:5], plain[:6])
+
+
+def test_negative_channels_move_to_zero_at_the_same_luminance() -> None:
+    rgb = np.array([[2.0, 1.0, -0.4], [1.0, 1.0, 1.0], [-1.0, -2.0, -3.0], [0.0, 0.0, 0.0]], dtype=np.float32)
+    out, moved = without_negatives(rgb)
+    assert moved.tolist() == [True, False, True, False]
+    assert out.min() >= 0
+    assert luminance_cd_m2(out)[0] == pytest.approx(float(luminance_cd_m2(rgb)[0]), rel=1e-5)
+    assert out[2].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_noise_grows_where_the_matrix_subtracts() -> None:
+    nd = NdFilter.of_correction(AUTHORS_CCM)
+    gain = nd.noise_gain(nd.apply(np.array([[1, 1, 1], [0.2, 0.2, 3.0], [0, 0, 0]], dtype=np.float32)))
+    assert gain[0] == pytest.approx(1.185, abs=0.01)
+    assert gain[1] > gain[0]
+    assert np.isfinite(gain).all()
+
+
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), np.full((3, 3), np.nan), np.ones((3, 3)), np.eye(2), -np.eye(3)])
+def test_matrices_that_no_filter_has_are_refused(matrix: npt.NDArray[np.float64]) -> None:
+    with pytest.raises(LensError):
+        NdFilter.of_matrix(matrix)
+    with pytest.raises(LensError):
+        NdFilter.of_factors((1.0, 0.0, 2.0))

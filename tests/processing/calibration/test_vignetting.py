@@ -1,0 +1,120 @@
+"""Fall-off: published polynomials, both ways, and fitted to flat fields and to turned captures of one scene."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mocks.optics import CANON_5D2
+from processing.calibration.vignetting import Vignetting, fit_flat, fit_rotated, published_vignetting
+from processing.errors import LensError
+from processing.sphere import Fisheye, LensMapping, directions
+
+Floats = npt.NDArray[np.float32]
+SIZE = (240, 160)
+RADIUS = 240 * 16 / 36 * math.sin(math.pi / 4)
+GEOMETRY = Fisheye(*SIZE, LensMapping.EQUISOLID, RADIUS)
+TRUE = Vignetting((2, 4, 6, 8), (0.11, -0.92, 1.38, -0.82))
+
+
+@pytest.mark.parametrize(
+    ("name", "edge"),
+    [("canon_8mm_f5_6", 0.647), ("canon_8mm_f8", 0.699), ("canon_8mm_f11", 0.726), ("theta_z1", 0.901)],
+)
+def test_published_falloff(name: str, edge: float) -> None:
+    found = published_vignetting(name)
+    assert float(found.evaluate(0.0)) == pytest.approx(1.0, abs=5e-4)
+    assert float(found.evaluate(1.0)) == pytest.approx(edge, abs=1e-3)
+    assert found.source
+    with pytest.raises(LensError, match="no published fall-off"):
+        published_vignetting("pinhole")
+
+
+def test_the_simulated_lens_has_this_falloff() -> None:
+    x, y = np.arange(SIZE[0]) + 0.5, np.arange(SIZE[1])[:, None] + 0.5
+    theirs = CANON_5D2.lens.falloff(x, y, SIZE)
+    inside = theirs > 0
+    assert np.abs(TRUE.map(GEOMETRY)[inside] - theirs[inside]).max() < 2e-6
+
+
+def test_measured_in_angle() -> None:
+    """f/5.6 is published by angle: at half the field's angle the picture is at r = 0.541."""
+    found = published_vignetting("canon_8mm_f5_6")
+    assert found.in_angle
+    half = math.sin(math.pi / 8) / math.sin(math.pi / 4)
+    row = found.map(Fisheye(2001, 3, LensMapping.EQUISOLID, 1000.0))[1]
+    assert row[round(1000 + 1000 * half)] == pytest.approx(float(found.evaluate(0.5)), abs=1e-4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    coefficients=st.tuples(st.floats(-0.25, 0.25), st.floats(-0.25, 0.1)),
+    level=st.floats(-6, 9),
+    seed=st.integers(0, 99),
+)
+def test_correct_and_apply_are_inverse(coefficients: tuple[float, float], level: float, seed: int) -> None:
+    falloff = Vignetting((2, 4), coefficients)
+    picture = (10**level * np.random.default_rng(seed).random((*SIZE[::-1], 3))).astype(np.float32)
+    back = falloff.apply(falloff.correct(picture, GEOMETRY), GEOMETRY)
+    assert np.abs(back - picture).max() <= 1e-6 * picture.max()
+
+
+def test_fitted_to_flat_fields() -> None:
+    rng = np.random.default_rng(2)
+    flat = TRUE.map(GEOMETRY)[..., None] * np.array([0.5, 1.0, 0.7], dtype=np.float32)
+    frames = [(level * flat * rng.normal(1, 0.02, flat.shape)).astype(np.float32) for level in (3.0, 400.0)]
+    frames[0][50:60, 40:60] = 0.0
+    found = fit_flat(frames, GEOMETRY, powers=(2, 4, 6, 8))
+    r = np.linspace(0, 1, 50)
+    assert np.abs(found.vignetting.evaluate(r) / TRUE.evaluate(r) - 1).max() < 0.01
+    assert found.vignetting.relative_uncertainty < 0.01
+
+
+def turned(axis: int, angle_rad: float) -> npt.NDArray[np.float64]:
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    i, j = [k for k in range(3) if k != axis]
+    out = np.eye(3)
+    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
+    return out
+
+
+def capture(rotation: npt.NDArray[np.float64], noise: float, seed: int) -> Floats:
+    """Return a picture of a smooth scene with bright and dark parts, through the lens turned by a rotation."""
+    ways, seen = directions(GEOMETRY)
+    world = ways @ rotation.T
+    light = np.exp(1.5 * np.sin(2.1 * world[..., 0] + 0.4) + np.cos(3 * world[..., 1]) * world[..., 2])
+    light = light * TRUE.map(GEOMETRY) * seen * np.random.default_rng(seed).normal(1, noise, light.shape)
+    return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
+
+
+def test_fitted_to_turned_captures_of_one_scene() -> None:
+    rotations = [turned(1, math.radians(20 * i)) for i in range(-3, 4)]
+    captures = [capture(rotation, 0.01, i) for i, rotation in enumerate(rotations)]
+    found = fit_rotated(captures, rotations, GEOMETRY, powers=(2, 4, 6, 8))
+    r = np.linspace(0, 0.97, 50)
+    assert np.abs(found.vignetting.evaluate(r) / TRUE.evaluate(r) - 1).max() < 0.015
+
+
+def test_turning_about_the_lenss_own_axis_tells_nothing() -> None:
+    rotations = [turned(2, math.radians(40 * i)) for i in range(4)]
+    captures = [capture(rotation, 0.0, i) for i, rotation in enumerate(rotations)]
+    with pytest.raises(LensError, match="do not tell the fall-off from the scene"):
+        fit_rotated(captures, rotations, GEOMETRY)
+    with pytest.raises(LensError, match="1 captures"):
+        fit_rotated(captures[:1], rotations[:1], GEOMETRY)
+
+
+def test_dark_frames_and_wrong_coefficients_are_refused() -> None:
+    with pytest.raises(LensError, match="usable samples"):
+        fit_flat([np.zeros((*SIZE[::-1], 3), np.float32)], GEOMETRY)
+    with pytest.raises(LensError, match="another radius unit"):
+        Vignetting((2,), (-1.5,))
+    with pytest.raises(LensError, match="as many coefficients"):
+        Vignetting((2, 4), (0.1,))
+    with pytest.raises(LensError):
+        Vignetting((2,), (math.nan,))
