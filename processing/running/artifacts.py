@@ -5,6 +5,8 @@ Either way a stage sees the same: pictures are float32 in an EXR without loss, J
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -66,6 +68,15 @@ def read_json(path: Path) -> Any:
         raise ProcessingError(str(exc), where=str(path), advice="correct the file") from exc
 
 
+def _read_only(value: object) -> object:
+    """Return a picture whose arrays refuse writing: what one stage was handed, the next one gets unchanged."""
+    for part in vars(value).values() if dataclasses.is_dataclass(value) else ():
+        set_flags = getattr(part, "setflags", None)
+        if set_flags:
+            set_flags(write=False)
+    return value
+
+
 class Shelf:
     """Artifacts in memory, by stage and name; what is not there is read from disk once and kept."""
 
@@ -76,7 +87,7 @@ class Shelf:
 
     def put(self, stage: str, name: str, value: object) -> None:
         """Hand on what was just made."""
-        self._held[stage, name] = value
+        self._held[stage, name] = _read_only(value)
 
     def get(self, stage: str, name: str) -> object | None:
         """Return an artifact; None where the stage left it out."""
@@ -85,8 +96,9 @@ class Shelf:
             value = self._read(stage, name)
             if value is None:
                 return None
-            self._held[key] = value
-        return self._held[key]
+            self._held[key] = _read_only(value)
+        held = self._held[key]
+        return copy.deepcopy(held) if isinstance(held, dict | list) else held
 
     def drop_unneeded(self, later: tuple[Stage, ...]) -> None:
         """Let go of what none of the ``later`` stages needs."""

@@ -12,14 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from processing.images import RelativeImage
 from processing.pipeline import Artifact, Stage
-from processing.running.artifacts import Shelf
+from processing.running.artifacts import Shelf, load, save
 from processing.running.digest_memory import DigestMemory
 from processing.running.requests import RunRequest
 from processing.running.result_store import ResultStore
 from processing.running.results import parse_result
 from processing.running.run_report import Action, RunReport
 from processing.running.runner import process
+from processing.sphere import Equirectangular
 from station import durable
 from station.errors import DiskFullError, IntegrityError, SessionLockedError, SessionNotFoundError
 from station.folder import Folder
@@ -274,11 +276,26 @@ def test_shelf_holds_only_what_is_still_needed() -> None:
     assert shelf.held == ()
 
 
-def test_pictures_and_values_are_the_same_from_memory_and_from_disk(tmp_path: Path) -> None:
-    from processing.images import RelativeImage
-    from processing.running.artifacts import load, save
-    from processing.sphere import Equirectangular
+def test_what_is_handed_on_cannot_be_changed_on_the_way() -> None:
+    picture = RelativeImage(
+        np.ones((2, 4, 3), np.float32),
+        np.ones((2, 4), np.float32),
+        np.zeros((2, 4), np.uint8),
+        Equirectangular(4, 2),
+    )
+    shelf = Shelf(lambda _stage, _name: None)
+    shelf.put("merge", "indoor", picture)
+    shelf.put("merge", "response", {"curve": [1]})
+    handed_on = shelf.get("merge", "indoor")
+    assert isinstance(handed_on, RelativeImage)
+    for plane in (handed_on.rgb, handed_on.uncertainty, handed_on.validity):
+        with pytest.raises(ValueError, match="read-only"):
+            plane[0, 0] = 0
+    shelf.get("merge", "response")["curve"].append(2)  # type: ignore[index]
+    assert shelf.get("merge", "response") == {"curve": [1]}
 
+
+def test_pictures_and_values_are_the_same_from_memory_and_from_disk(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     picture = RelativeImage(
         rgb=rng.random((8, 16, 3), np.float32),
