@@ -13,7 +13,15 @@ from processing.calibration.noise import NoiseModel
 from processing.calibration.noise_fit import fit_noise
 from processing.calibration.response_check import ResponseCheck, check_response
 from processing.calibration.response_curve import ResponseCurve
-from processing.calibration.response_daylit import ChannelFit, DaylitFit, check_enough, fit_daylit, monotone, support
+from processing.calibration.response_daylit import (
+    ChannelFit,
+    DaylitFit,
+    check_enough,
+    check_order,
+    fit_daylit,
+    monotone,
+    support,
+)
 from processing.calibration.response_debevec import debevec_malik
 from processing.calibration.response_fit import CodeNoise, FineCurve
 from processing.calibration.response_gauge import LEAST_HIGH, MIDDLE_CODE, WHITE_CODE, regauge, regauge_noise
@@ -23,7 +31,7 @@ from processing.calibration.response_robertson import robertson
 from processing.calibration.response_samples import CHANNELS, Bracket8, ChannelSamples, Samples, take_samples
 from processing.calibration.response_uncertainty import curve_sigma
 from processing.calibration.shutter import ShutterRule
-from processing.errors import ParameterError
+from processing.errors import ParameterError, ResponseError
 
 __all__ = [
     "METHODS",
@@ -46,6 +54,7 @@ _NAMED: dict[str, Callable[[ChannelSamples, Reals], Reals]] = {
 }
 METHODS = ("daylit", *_NAMED)
 _PIXELS = 9
+_DEEPEST_STOPS, _WORST_STOPS = 24.0, 0.3
 _ROUNDING = 1 / 12
 
 
@@ -161,19 +170,29 @@ def _daylit(samples: Samples, *, free_times: bool) -> ResponseFit:
 
 def _named(samples: Samples, method: str) -> ResponseFit:
     log2, limits = [], []
+    check_order(samples)
     for data, name in zip(samples.channels, CHANNELS, strict=True):
         check_enough(data, name)
         limits.append(support(data.mean, name))
         found = _NAMED[method](data, samples.log2_times)
+        found = np.maximum(found, found[255] - _DEEPEST_STOPS)
         log2.append(monotone(found, found, 0, 255))
     low, high = _limits(limits)
     bare = ResponseCurve(np.stack(log2), np.zeros((3, 256)), low, high, WHITE_CODE, method=method)
     residuals = residuals_by_code(samples, bare)
+    misfit = float(np.median(residuals.spread_stops[residuals.count > 0])) if residuals.count.any() else np.inf
+    if misfit > _WORST_STOPS:
+        raise ResponseError(
+            f"{method} finds no curve: frames differ from it by {misfit:.2g} stops",
+            where="response",
+            likely="few or moving frames, or wrong times",
+            advice="use the method daylit, which says what is wrong",
+        )
     curve = replace(
         bare,
         sigma_log2=sigma_from_residuals(residuals),
         n_samples=sum(data.n_samples for data in samples.channels),
-        residual_stops=float(np.median(residuals.spread_stops[residuals.count > 0])),
+        residual_stops=misfit,
     )
     noise = [
         fit_noise(data, FineCurve.of(g), samples.log2_times, least_code_variance=_ROUNDING, pixels=_PIXELS)

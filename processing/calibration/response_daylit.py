@@ -32,6 +32,9 @@ Flags: TypeAlias = npt.NDArray[np.bool_]
 _QUICK_PATCHES = 1000
 """How many patches the first rounds use: they need only come near."""
 _MOST_WRONG = 3
+_SAME_TIME = 0.1
+_LEAST_RISING = 0.5
+_WIDEST_STOPS = 4.5
 _REFINE = 3
 _BOUNDED = 3.0
 _OUTLIER = 5.0
@@ -86,6 +89,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None)
     """
     for data, name in zip(samples.channels, CHANNELS, strict=True):
         check_enough(data, name)
+    check_order(samples)
     start = np.tile(srgb_log2_exposure(), (3, 1)) if base is None else base
     given = samples.log2_times
     times, wrong = given.copy(), dict[int, float]()
@@ -96,6 +100,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None)
         for _ in range(_REFINE):
             fits, evidence = _quick(samples, times, start)
             times += refine_times(evidence, tuple(wrong))
+    check_consistent(evidence, wrong, len(times))
     nominal = tuple(float(t) for t in np.exp2(given))
     estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
     if free_times:
@@ -158,6 +163,51 @@ def fit_round(
     coefficients = coefficients + solution.change
     log2 = monotone(start + basis.codes @ coefficients, start, low, high)
     return ChannelFit(log2, coefficients, noise, solution, low, high, found, kept & (found.weight > 0))
+
+
+def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], n_frames: int) -> None:
+    """Refuse frames of which so many contradict their times that none can be believed."""
+    more = find_wrong_time(evidence)
+    if more is None and len(wrong) <= n_frames / 3:
+        return
+    named = sorted({*wrong, *([more[0]] if more else [])})
+    raise ResponseError(
+        f"the frames and their times contradict each other (frames {', '.join(map(str, named))} most)",
+        where="response",
+        likely="times in another order than the frames, frames of several scenes, or light that changed",
+        advice="check that each frame has its own time",
+    )
+
+
+def check_order(samples: Samples) -> None:
+    """Refuse frames that do not grow brighter with their times, or are all too far apart to tell a curve."""
+    gaps = [
+        np.diff(np.unique(samples.log2_times[samples.bracket_of_frame == bracket]))
+        for bracket in np.unique(samples.bracket_of_frame)
+    ]
+    steps = np.concatenate(gaps)
+    steps = steps[steps > _SAME_TIME]
+    if steps.size and steps.min() > _WIDEST_STOPS:
+        raise ResponseError(
+            f"all frames are {steps.min():.1f} stops apart or more",
+            where="response",
+            likely="a bracket with most of its stops missing",
+            advice=f"give frames at most {_WIDEST_STOPS:g} stops apart, or use a profile's curve",
+        )
+    data = samples.channels[1]
+    if data.n_samples == 0:
+        return
+    order = np.lexsort((samples.log2_times[data.frame], data.sample))
+    same = np.diff(data.sample[order]) == 0
+    longer = np.diff(samples.log2_times[data.frame[order]]) > _SAME_TIME
+    rises = np.diff(data.mean[order])[same & longer]
+    if rises.size >= _LEAST_SAMPLES and float(np.mean(rises > 0)) < _LEAST_RISING:
+        raise ResponseError(
+            "frames do not grow brighter with their exposure times",
+            where="response",
+            likely="times in another order than the frames, or one picture several times",
+            advice="check that each frame has its own time",
+        )
 
 
 def check_enough(data: ChannelSamples, name: str) -> None:

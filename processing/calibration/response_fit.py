@@ -23,8 +23,10 @@ Flags: TypeAlias = npt.NDArray[np.bool_]
 FIRST_CODE, LAST_CODE = 3.0, 252.0
 """Predicted codes that a fit uses: beyond, noise is cut off by black or white and its mean is no longer the signal."""
 _STEPS = 16
-_LOG_LAMBDAS = np.arange(1.0, 9.1, 0.5)
-"""Of 1 / stops2: from a standard deviation of second differences of a third of a stop down to next to none."""
+_LOG_LAMBDAS = np.arange(2.5, 4.6, 0.25)
+"""Of 1 / stops2. The weakest prior: second differences between knots of 0.06 stop; without it frames whose times form
+few ratios leave ripples of that period free. The strongest: 0.006 stop; beyond, the stated uncertainty would be the
+prior's boast."""
 _GAUGE_CODE = 128
 _MOST_SHIFT = 0.2
 """Stops: a correction of the second order that is larger is none."""

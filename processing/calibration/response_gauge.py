@@ -21,7 +21,7 @@ from processing.errors import ParameterError
 Reals: TypeAlias = npt.NDArray[np.float64]
 
 WHITE_CODE, MIDDLE_CODE = 255, 128
-LEAST_HIGH = 245
+LEAST_HIGH = 235
 """Code that the frames must reach in all channels for the white gauge."""
 
 

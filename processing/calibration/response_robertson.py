@@ -11,8 +11,8 @@ from processing.calibration.response_samples import ChannelSamples
 
 Reals: TypeAlias = npt.NDArray[np.float64]
 
-_ROUNDS, _ENOUGH = 100, 1e-4
-_PIXELS = (4, 0, 8)
+_ROUNDS, _ENOUGH = 200, 1e-5
+_PIXELS = (4, 0, 8, 2, 6)
 """Of each patch."""
 
 
@@ -33,13 +33,20 @@ def robertson(data: ChannelSamples, log2_times: Reals) -> Reals:
     for _ in range(_ROUNDS):
         light = np.add.reduceat(weight * times * curve[codes], data.starts, axis=0) / bottom
         total = np.bincount(codes.ravel(), (times * light[data.sample]).ravel(), minlength=256)
-        fresh = np.interp(every, seen, total[seen] / count[seen])
+        fresh = _filled(total[seen] / count[seen], seen, every)
         fresh /= max(float(fresh[128]), 1e-300)
         change = float(np.abs(fresh - curve)[16:240].max())
         curve = fresh
         if change < _ENOUGH:
             break
     return np.asarray(np.log2(np.maximum(curve, 1e-9)), dtype=np.float64)
+
+
+def _filled(values: Reals, seen: npt.NDArray[np.int64], every: npt.NDArray[np.int64]) -> Reals:
+    """Return values at every code: interpolated between those seen, in proportion to the code beyond."""
+    inside = np.interp(every, seen, values)
+    beyond = np.where(every < seen[0], (every + 0.5) / (seen[0] + 0.5), (every + 0.5) / (seen[-1] + 0.5))
+    return np.asarray(np.where((every < seen[0]) | (every > seen[-1]), inside * beyond, inside))
 
 
 def bell(codes: Reals) -> Reals:

@@ -24,11 +24,13 @@ CHANNELS = ("red", "green", "blue")
 PATCH_PX = 3
 CANDIDATES = 10_000
 """Patches looked at in all brackets together."""
-MAX_SAMPLES = 4_000
+MAX_SAMPLES = 3_200
 """Patches kept for a channel."""
 FLAT_SPREAD = 0.03
 """Greatest standard deviation within a patch over its mean code where it is exposed well: about a tenth of a stop."""
 _WELL_EXPOSED = 235.0
+_CLEAR_BELOW, _CLEAR_ABOVE = 1.5, 2.5
+"""Standard deviations of its codes by which a patch must be clear of black and of white."""
 _SPREAD_BINS = 12
 _NOISY, _NOISE_CODES = 1.8, 6.0
 """Times the usual spread of equally bright patches, and codes at most, that still pass as noise."""
@@ -207,7 +209,8 @@ def _moments(codes: Codes) -> tuple[Reals, Reals]:
 
 def _usable(mean: Reals, spread2: Reals) -> Flags:
     """Return (frames, patches): neither clipped nor dark as a whole, of patches that are smooth where best exposed."""
-    seen = (mean > 0.5) & (mean < 254.5)
+    spreads = np.sqrt(spread2)
+    seen = (mean > np.maximum(0.5, _CLEAR_BELOW * spreads)) & (mean + _CLEAR_ABOVE * spreads < 254.5)
     best = np.argmax(np.where(mean < _WELL_EXPOSED, mean, 0.0), axis=0)
     each = np.arange(mean.shape[1])
     able = seen.sum(axis=0) >= 2
