@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from processing.calibration.response_samples import Codes as Codes8
-    from processing.frames import FrameSource
+    from processing.frames import FrameSource, Reduce
     from station.session import SessionManifest
 
 DECODERS = 2
+COARSE_PX = 800
 
 
 @dataclass(frozen=True)
@@ -66,12 +67,19 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
     return SideBracket(side, records, frames, device)
 
 
-def decoded(frames: Sequence[FrameSource]) -> list[Codes8]:
+def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Codes8]:
     """Decode 8-bit frames, in order, by a few threads."""
     import numpy as np
 
     with ThreadPoolExecutor(DECODERS) as pool:
-        return list(pool.map(lambda frame: np.asarray(frame.decode(), dtype=np.uint8), frames))
+        return list(pool.map(lambda frame: np.asarray(frame.decode(reduce), dtype=np.uint8), frames))
+
+
+def coarse(frames: Sequence[FrameSource]) -> Reduce:
+    """Return by how much frames can be reduced and still show enough for a check."""
+    width_px = frames[0].size_px[0]
+    factors: tuple[Reduce, ...] = (8, 4, 2)
+    return next((factor for factor in factors if width_px // factor >= COARSE_PX), 1)
 
 
 def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:

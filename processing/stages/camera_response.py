@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from processing.errors import ResponseError
+from processing.stages.brackets import SideBracket, coarse, decoded
 from processing.stages.contract import StageWarning
 
 if TYPE_CHECKING:
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from processing.calibration.profile import CameraProfile, RigProfile
     from processing.calibration.response_curve import ResponseCurve
     from processing.calibration.response_samples import Codes as Codes8
-    from processing.stages.brackets import SideBracket
+    from processing.frames import FrameSource
 
 DRIFTED = "drifted"
 
@@ -54,16 +56,21 @@ class CameraResponse:
 
 
 def camera_response(
-    bracket: SideBracket, codes: Sequence[Codes8], profile: RigProfile | None, method: str
-) -> CameraResponse:
-    """Return the profile's response where it has this camera's, else the one that the bracket tells.
+    bracket: SideBracket, profile: RigProfile | None, method: str
+) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
+    """Return the profile's response where it has this camera's, else the one that the bracket tells; and the frames.
 
-    Raises `ResponseError` where neither can be had.
+    The frames are in memory already where all of them were looked at. Raises `ResponseError` where no response can
+    be had.
     """
     camera = profile.cameras.get(bracket.side) if profile else None
-    if profile and camera and camera.response and camera.noise:
-        return _from_profile(bracket, codes, profile, camera)
-    return _recovered(bracket, codes, method)
+    if profile and camera and camera.response:
+        return _from_profile(bracket, profile, camera), bracket.frames
+    from processing.frames import array_frame
+
+    codes = decoded(bracket.frames)
+    held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
+    return _recovered(bracket, codes, method), held
 
 
 def _recovered(bracket: SideBracket, codes: Sequence[Codes8], method: str) -> CameraResponse:
@@ -75,36 +82,39 @@ def _recovered(bracket: SideBracket, codes: Sequence[Codes8], method: str) -> Ca
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
     estimate = rule is None and method == "daylit"
     fit = recover_response([Bracket8(codes, times_s)], method, estimate_times=estimate)
-    warnings = tuple(StageWarning(code="response", message=f"{bracket.side}: {text}"[:500]) for text in fit.warnings)
     times_source = f"rule of the camera: {rule}" if rule else "estimated" if estimate else "nominal"
+    warnings = _warnings("response", bracket, fit.warnings)
     return CameraResponse(fit.curve, fit.noise, fit.times_s, fit.time_sigma, "recovered", times_source, {}, warnings)
 
 
-def _from_profile(
-    bracket: SideBracket, codes: Sequence[Codes8], profile: RigProfile, camera: CameraProfile
-) -> CameraResponse:
+def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
     from processing.calibration.profile import profile_matches
-    from processing.calibration.response import Bracket8, check_response
+    from processing.calibration.response import Bracket8, check_response, estimate_noise
 
     assert camera.response
-    assert camera.noise
-    curve, noise = camera.response.curve(), camera.noise.model()
+    curve = camera.response.curve()
     times_s, time_sigma = profile_times(camera, bracket.nominal_s)
-    told = check_response(curve, noise, Bracket8(codes, times_s))
-    warnings = [
-        StageWarning(code="profile", message=text[:500])
-        for text in profile_matches(profile, bracket.side, bracket.device, bracket.records)
-    ]
-    if told.drifted:
-        text = f"{bracket.side}: the response curve is off by {told.drift_stops:.3f} stop from the profile's"
-        warnings.append(StageWarning(code=DRIFTED, message=f"{text}: calibrate the rig anew"))
-    check = {
-        "drifted": bool(told.drifted),
-        "drift_stops": float(told.drift_stops),
-        "sigma_stops": float(told.sigma_stops),
-    }
-    return CameraResponse(curve, noise, times_s, time_sigma, "profile", "profile", check, tuple(warnings))
+    if camera.noise:
+        noise = camera.noise.model()
+    else:
+        noise = estimate_noise([Bracket8(decoded(bracket.frames), times_s)], curve)
+    warnings = _warnings("profile", bracket, profile_matches(profile, bracket.side, bracket.device, bracket.records))
+    check: dict[str, Any] = {}
+    try:
+        told = check_response(curve, noise, Bracket8(decoded(bracket.frames, coarse(bracket.frames)), times_s))
+    except ResponseError as error:
+        warnings += _warnings("unchecked", bracket, [f"the profile's response cannot be checked: {error.message}"])
+    else:
+        check = {name: getattr(told, name) for name in ("drifted", "drift_stops", "sigma_stops", "noise_ratio")}
+        warnings += _warnings(DRIFTED if told.drifted else "response", bracket, told.warnings)
+    return CameraResponse(curve, noise, times_s, time_sigma, "profile", "profile", check, warnings)
+
+
+def _warnings(code: str, bracket: SideBracket, texts: Iterable[str]) -> tuple[StageWarning, ...]:
+    side = bracket.side.value
+    named = (text if text.startswith(f"{side}:") else f"{side}: {text}" for text in texts)
+    return tuple(StageWarning(code=code, message=text[:500]) for text in named)
 
 
 def profile_times(camera: CameraProfile, nominal_s: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from processing.errors import BracketError
-from processing.stages.brackets import SideBracket, decoded, merge_geometry, side_bracket
+from processing.stages.brackets import SideBracket, merge_geometry, side_bracket
 from processing.stages.camera_response import CameraResponse, camera_response
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from processing.calibration.merge import Merged
     from processing.calibration.profile import RigProfile
 
-_STEPS = 2 * 3
-"""Decoding, response and merging of two sides: for the progress."""
+_STEPS = 2 * 2
+"""Response and merge of two sides: for the progress."""
 
 
 @dataclass
@@ -50,7 +50,7 @@ def run(context: StageContext) -> StageOutput:
         if bracket is None:
             gathered.left_out[side.value] = f"the session has no {side} frames"
         else:
-            _merge_side(context, bracket, profile, parameters.response_method, gathered, 3 * number)
+            _merge_side(context, bracket, profile, parameters.response_method, gathered, 2 * number)
     if not gathered.artifacts:
         raise BracketError(
             f"there is nothing to merge: {'; '.join(gathered.left_out.values())}",
@@ -83,16 +83,13 @@ def _merge_side(
     step: int,
 ) -> None:
     from processing.calibration.merge import MergeOptions, merge
-    from processing.frames import array_frame
 
     side = bracket.side.value
-    context.progress((step + 0.2) / _STEPS, f"{side}: decoding")
-    codes = decoded(bracket.frames)
-    context.progress((step + 1) / _STEPS, f"{side}: response curve")
-    response = camera_response(bracket, codes, profile, method)
-    context.progress((step + 2) / _STEPS, f"{side}: merging")
+    context.progress((step + 0.1) / _STEPS, f"{side}: response curve")
+    response, frames = camera_response(bracket, profile, method)
+    context.progress((step + 1) / _STEPS, f"{side}: merging")
     merged = merge(
-        [array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True)],
+        frames,
         response.times_s,
         response.curve,
         response.noise,
@@ -100,7 +97,7 @@ def _merge_side(
         options=MergeOptions(quality=context.quality.value, max_error=context.max_error),
         time_sigma=response.time_sigma,
     )
-    context.progress((step + 3) / _STEPS, f"{side}: merged")
+    context.progress((step + 2) / _STEPS, f"{side}: merged")
     _gather(context, bracket, response, merged, gathered)
 
 
@@ -115,7 +112,7 @@ def _gather(
     gathered.response[side] = response.to_dict(bracket)
     gathered.metrics[side] = _metrics(response, merged)
     gathered.warnings += response.warnings
-    gathered.warnings += [StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings]
+    gathered.warnings += (StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings)
     for use in report.frames:
         if use.used_share == 0:
             label = shutter_label(bracket.records[use.number].camera_s)
