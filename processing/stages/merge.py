@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from processing.errors import BracketError
+from processing.errors import BracketError, ProcessingError, ResponseError
 from processing.stages.brackets import SideBracket, merge_geometry, side_bracket
 from processing.stages.camera_response import CameraResponse, camera_response
 from processing.stages.contract import StageContext, StageOutput, StageWarning
@@ -31,12 +31,20 @@ class _Gathered:
     warnings: list[StageWarning] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
 
+    def refuse(self, side: Side, error: ProcessingError) -> None:
+        """Leave a side out that cannot be told; the other one stands."""
+        text = f"{error.message} ({error.advice})"
+        self.left_out[side.value] = text[:500]
+        self.warnings.append(StageWarning(code=f"{side}-refused", message=f"{side}: {text}"[:500]))
+
 
 def run(context: StageContext) -> StageOutput:
     """Merge what the session has.
 
-    Raises `BracketError` where it has no frames at all or they do not fit together, `ResponseError` where no response
-    curve can be told, `ProfileError` for a calibration that cannot be read.
+    An outdoor bracket that cannot be merged is left out with the reason and a warning where the indoor one could: it
+    often shows too little of its camera's curve, and then needs the rig's profile. Raises `BracketError` where there
+    are no frames at all or they do not fit together, `ResponseError` where no response curve can be told,
+    `ProfileError` for a calibration that cannot be read.
     """
     parameters = context.parameters
     assert isinstance(parameters, MergeParameters)
@@ -49,8 +57,13 @@ def run(context: StageContext) -> StageOutput:
         bracket = side_bracket(context.session, context.session_path, side)
         if bracket is None:
             gathered.left_out[side.value] = f"the session has no {side} frames"
-        else:
+            continue
+        try:
             _merge_side(context, bracket, profile, parameters.response_method, gathered, 2 * number)
+        except (ResponseError, BracketError) as error:
+            if not gathered.artifacts:
+                raise
+            gathered.refuse(side, error)
     if not gathered.artifacts:
         raise BracketError(
             f"there is nothing to merge: {'; '.join(gathered.left_out.values())}",

@@ -79,14 +79,18 @@ def test_toy_stages_killed_at_random_instants(ask: Ask, tmp_path: Path) -> None:
         assert ask(session=str(session), scale=scale)["code"] == 0
         want[scale] = contents(session)
     typical_s = ask(session=str(session), scale=2.0)["seconds"]
-    problems, killed, scale = [], 0, 1.0
-    for index in range(count):
-        told = ask(session=str(session), scale=scale, delay_s=rng.uniform(0, 1.1 * typical_s))
+    problems, tries, killed, scale = [], 0, 0, 1.0
+    while killed < count:
+        tries += 1
+        assert tries <= 10 * count, "the runs end before they are killed"
+        told = ask(session=str(session), scale=scale, delay_s=rng.uniform(0, typical_s))
+        if not told["killed"]:
+            typical_s = max(0.9 * typical_s, 0.02)
         killed += told["killed"]
-        problems += [f"kill {index}: {problem}" for problem in not_whole(session, TOY_NAMES)]
+        problems += [f"kill {killed}: {problem}" for problem in not_whole(session, TOY_NAMES)]
         assert ask(session=str(session), scale=scale)["code"] == 0
         if contents(session) != want[scale]:
-            problems.append(f"kill {index}: not the same bytes")
+            problems.append(f"kill {killed}: not the same bytes")
         scale = 3.0 - scale
     record(
         "kill -9 of daylit process, toy stages",
@@ -98,7 +102,6 @@ def test_toy_stages_killed_at_random_instants(ask: Ask, tmp_path: Path) -> None:
         notes="random instants; every result old or new and whole; the rerun's bytes compared",
     )
     assert problems == []
-    assert killed >= count // 2, "most kills come before the end"
 
 
 def daylit(session: Path, state: Path, *arguments: str) -> subprocess.Popen[bytes]:

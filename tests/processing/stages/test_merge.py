@@ -18,7 +18,7 @@ from mocks.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, syntheti
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, save_profile
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
 from processing.calibration.response import METHODS, Bracket8, recover_response
-from processing.errors import BracketError
+from processing.errors import BracketError, ProcessingError
 from processing.image_files import read_exr
 from processing.images import RelativeImage, luminance_cd_m2
 from processing.pipeline import STAGES
@@ -168,6 +168,18 @@ def test_a_known_camera_rule_gives_the_times(truth: SyntheticBracket, tmp_path: 
     told = json.loads((session / "stages" / "merge" / "response.json").read_text())
     assert told["indoor"]["times_source"] == "rule of the camera: thirds"
     assert "outdoor" not in told
+
+
+def test_an_outdoor_bracket_that_tells_nothing_is_left_out_and_told(truth: SyntheticBracket, tmp_path: Path) -> None:
+    dark = [frame // 200 for frame in truth.frames]
+    sides: dict[Side, Any] = {Side.INDOOR: truth.frames, Side.OUTDOOR: dark}
+    session = bracket_session(tmp_path, sides, truth.nominal_s)
+    report = run(session)
+    assert "outdoor-refused" in warnings(report)
+    assert report.stages[-1].summary["left_out"]["outdoor"]
+    assert picture(session, "indoor").rgb.max() > 0
+    with pytest.raises(ProcessingError):
+        run(session, options={"--side": "outdoor"})
 
 
 def test_a_session_without_frames_and_one_of_two_settings_are_refused(truth: SyntheticBracket, tmp_path: Path) -> None:
