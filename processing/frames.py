@@ -159,13 +159,15 @@ def jpeg_frame(source: Path | str | bytes, name: str | None = None) -> JpegFrame
     """Return a frame of a JPEG file or its bytes; the header is read and checked now, the rest when decoded."""
     where = name or ("JPEG bytes" if isinstance(source, bytes) else Path(source).name)
     kept = source if isinstance(source, bytes) else Path(source)
+    data = _bytes(kept, where)
+    size = _jpeg_size(data, where)
     try:
-        height, width, space, _ = simplejpeg.decode_jpeg_header(_bytes(kept, where), strict=True)
+        height, width, _, _ = simplejpeg.decode_jpeg_header(data, strict=True)
     except ValueError as error:
         raise _damaged(where, str(error)) from error
-    if space.upper() in ("CMYK", "YCCK"):
-        raise PictureFileError(f"its colours are {space}, not RGB", where=where, likely="not a camera's picture")
-    return JpegFrame(kept, where, _size(width, height, where))
+    if (width, height) != size:
+        raise _damaged(where, "it says two sizes")
+    return JpegFrame(kept, where, size)
 
 
 def lossless_frame(path: Path | str, name: str | None = None) -> LosslessFrame:
@@ -229,6 +231,33 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype not in (np.uint8, np.uint16):
         raise PictureFileError(f"it holds {pixels.dtype} of shape {pixels.shape}, not RGB of 8 or 16 bits", where=name)
     return _contiguous(pixels[..., ::-1])
+
+
+def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
+    """Return width and height of a JPEG of the kinds that cameras write: Huffman coded, 8 bits, grey or YCbCr.
+
+    Others (lossless, arithmetic, four colours) are refused before the decoder sees them: reduced decoding of lossless
+    ones writes beyond its buffer (libjpeg-turbo 3, found with damaged files).
+    """
+    if data[:2] != b"\xff\xd8":
+        raise _damaged(name, "it does not begin as a JPEG does")
+    at = 2
+    while at + 10 <= len(data):
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4], "big")
+        if data[at] != 0xFF:
+            break
+        if marker == 0xFF:  # fill bytes
+            at += 1
+            continue
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            height, width = (int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7))
+            if marker > 0xC2 or data[at + 4] != 8 or data[at + 9] not in (1, 3):
+                raise _damaged(name, f"a JPEG of a kind that cameras do not write (frame type {marker:#x})")
+            return _size(width, height, name)
+        if marker in (0xD8, 0xD9, 0xDA) or length < 2:
+            break
+        at += 2 + length
+    raise _damaged(name, "it has no frame header")
 
 
 def _lossless_size(data: bytes, name: str) -> tuple[int, int]:

@@ -145,17 +145,3 @@ def _noise(scatter: Sequence[Reals]) -> tuple[float, float]:
 def _robust_variance(values: Reals) -> Reals:
     """Return the variance (3,) by the median of absolute values: what moved does not count."""
     return np.asarray((1.4826 * np.median(np.abs(values), axis=0)) ** 2)
-
-
-def _by_code(stops: Reals, codes: Codes) -> float:
-    """Return the spread of the median offset over bins of the code."""
-    edges = np.quantile(codes, np.linspace(0, 1, BINS + 1)[1:-1])
-    bins = np.searchsorted(edges, codes)
-    medians = [float(np.median(stops[bins == k])) for k in range(BINS) if np.sum(bins == k) >= MIN_SAMPLES // 4]
-    return max(medians) - min(medians) if len(medians) > 1 else 0.0
-
-
-def _offsets(pairs: Sequence[float | None]) -> Reals:
-    """Return each frame's offset from the median of all, given each pair's difference (None: unknown, taken as 0)."""
-    down = np.concatenate([[0.0], np.cumsum([-(p or 0.0) for p in pairs])])
-    return np.asarray(down - np.median(down))

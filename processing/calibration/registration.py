@@ -108,7 +108,7 @@ def _range(tables: Samples, place: int) -> _Range | None:
 def _looked_up(codes: npt.NDArray[np.unsignedinteger[Any]], known: npt.NDArray[np.int64], values: Floats) -> Floats:
     if codes.dtype == np.uint8 and len(known) == 256:
         return np.asarray(values[codes])
-    return np.interp(codes, known, values).astype(np.float32)
+    return np.asarray(np.interp(codes, known, values), dtype=np.float32)
 
 
 def _shift(before: Codes, after: Codes, both: _Range) -> tuple[float, float] | None:
