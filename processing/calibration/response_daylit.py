@@ -18,6 +18,7 @@ from processing.calibration.response_fit import (
     PatchNoise,
     Solution,
     Weighed,
+    dispersion,
     equations,
     solve,
     weigh,
@@ -158,6 +159,8 @@ def fit_round(
     fine = FineCurve.of(log2)
     found = weigh(data, fine, log2_times, noise)
     weight, kept = _robust(data, found, final=final)
+    if final:
+        weight = weight / dispersion(data, found, weight)
     low, high = support(found.predicted[weight > 0], CHANNELS[channel])
     solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients)
     coefficients = coefficients + solution.change

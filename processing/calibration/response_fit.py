@@ -23,11 +23,11 @@ Flags: TypeAlias = npt.NDArray[np.bool_]
 FIRST_CODE, LAST_CODE = 3.0, 252.0
 """Predicted codes that a fit uses: beyond, noise is cut off by black or white and its mean is no longer the signal."""
 _STEPS = 16
-_LOG_LAMBDAS = np.arange(2.5, 4.6, 0.25)
-"""Of 1 / stops2. The weakest prior: second differences between knots of 0.06 stop; without it frames whose times form
-few ratios leave ripples of that period free. The strongest: 0.006 stop; beyond, the stated uncertainty would be the
-prior's boast."""
+_LOG_LAMBDAS = np.arange(3.5, 5.1, 0.25)
+"""Of 1 / stops2. The weakest prior: second differences between knots of 0.018 stop; frames exactly two stops apart
+leave ripples of that period free, which only the prior holds down. The strongest: 0.003 stop."""
 _GAUGE_CODE = 128
+_CELLS, _CELL_PATCHES = 16, 8
 _MOST_SHIFT = 0.2
 """Stops: a correction of the second order that is larger is none."""
 
@@ -144,6 +144,21 @@ def _shift(
     light2 = np.maximum(pixel_variance - code_variance, 0.0)
     shift = 0.5 * (bend * (texture2 - mean_variance) + light2 * (slope**2 * np.log(2.0) + bend))
     return np.asarray(np.clip(shift, -_MOST_SHIFT, _MOST_SHIFT))
+
+
+def dispersion(data: ChannelSamples, found: Weighed, weight: Reals) -> float:
+    """Return how much more the means over cells of frames and codes vary than independent patches would; at least 1.
+
+    Light that changes, a shutter that is off and processing that looks at the whole picture move many patches alike:
+    then they are worth as much less.
+    """
+    cell = data.frame * _CELLS + np.minimum(found.predicted * (_CELLS / 256), _CELLS - 1).astype(np.int64)
+    total = np.bincount(cell, weight)
+    mean = np.bincount(cell, weight * found.residual)
+    full = (np.bincount(cell, weight > 0) >= _CELL_PATCHES) & (total > 0)
+    if full.sum() < _CELLS / 2:
+        return 1.0
+    return max(1.0, float(np.mean(mean[full] ** 2 / total[full])))
 
 
 def _per_sample(data: ChannelSamples, values: Reals) -> Reals:
