@@ -65,5 +65,6 @@ def _leave_out(found: Decoded, place: int, codes: Codes, tables: MergeTables, so
         for shorter in range(int(tables.last[place]) + 1, len(sources)):
             found.left_out.setdefault(shorter, f"nothing is clipped in {name}: this one would add too little")
     elif int(np.min(codes)) >= tables.all_clipped:
-        for longer in range(place + 1):
-            found.left_out.setdefault(longer, f"every pixel is clipped in {name}" if longer < place else "all clipped")
+        # The shortest frame stays: it is the bound.
+        for longer in range(min(place + 1, len(sources) - 1)):
+            found.left_out.setdefault(longer, f"every pixel is clipped in {name}")
