@@ -250,7 +250,7 @@ def _fuse_runs(
         counts.append(uses)
         merge_runs(
             addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits,
-            *shape, tables.last, *out, uses,
+            *shape, tables.last, *out, uses, np.empty(12 * RUN_PX, np.float32),
         )  # fmt: skip
 
     _in_bands(band, runs, BAND_PX // RUN_PX, workers)

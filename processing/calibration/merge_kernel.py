@@ -168,17 +168,18 @@ def merge_runs(
     validity,
     suspect,
     uses,
+    sums,
 ):
     """Merge runs ``runs[0]..runs[1]-1`` of ``pixels`` (at least `RUN_PX`); ``uses`` counts runs by frame.
 
     ``limits``: code from which any channel is clipped, all are, and the rise that is not noise. The last run begins
-    earlier, so that it is whole.
+    earlier, so that it is whole. ``sums``: scratch of 12 `RUN_PX` float32 for this call; the caller's, since what is
+    used by its address only would be freed.
     """
     count = addresses.shape[0]
     low, high, rise = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
     together, trigger = np.float32(shared), np.float32(TRIGGER_CHI2 * (1.0 + 2.0 * shared))
     floor = np.float32(common)
-    sums = np.zeros(12 * RUN_PX, np.float32)
     sums_at, lanes_at = np.uint64(sums.ctypes.data), np.uint64(lanes.ctypes.data)
     for run in range(runs[0], runs[1]):
         start = min(run * RUN_PX, pixels - RUN_PX)
