@@ -4,25 +4,46 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
-from processing.errors import ItemError, NoDoorError, RoomTooSmallError
+from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError
 from processing.layout.arrangement import Arrangement, Arrangements, NotPlaced, PlacedItem
 from processing.layout.canonical import Frame, Pose, canonical_plan
 from processing.layout.choose import BIG_M2, Candidate, Chosen, choose
-from processing.layout.field import make_field
-from processing.layout.grouping import LAST_SPLIT, Packing, packings
+from processing.layout.field import Field, make_field
+from processing.layout.grouping import LAST_SPLIT, ROLES, Packing, packings
 from processing.layout.items import Item
+from processing.layout.pins import in_frame, pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
 from processing.layout.poses import Stand, in_room, stands
 from processing.layout.reach import reachable_doors
-from processing.layout.refusals import not_placed, too_small
+from processing.layout.refusals import not_placed, outline_rows, refuse_too_small
 from processing.layout.rules import Rules, RuleSet, built_in_rules
 from processing.layout.scores import floor_samples, soft_scores, weighted
 from processing.layout.search import Effort, Found, Search
+from processing.layout.soft import ROLE
+from processing.layout.units import loss_of
 from processing.layout.verify import Judge, Piece
 
 MOST_ALTERNATIVES = 50
+_ENDS, _THREE, _FIVE = (0.0, 1.0), (0.0, 0.5, 1.0), (0.0, 0.25, 0.5, 0.75, 1.0)
+_NARROW = Effort(12, 4, 2, 60)
+_WIDE = Effort(32, 4, 5, 160)
+_LOOSE = Effort(16, 2, 2, 90, _ENDS, 0.9, optimistic=True)
+_SCATTER = Effort(16, 1, 2, 90, _FIVE, 0.7, optimistic=True)
+_QUICK = Effort(8, 2, 2, 50, _THREE, 0.6, optimistic=True)
+_BROAD = Effort(40, 3, 6, 240, _FIVE, 0.3, optimistic=True)
+_HARD: tuple[tuple[Effort, int, int | None], ...] = (
+    (_LOOSE, 2, 2), (_SCATTER, 3, 2), (_QUICK, 0, 4), (_SCATTER, 1, 2), (_LOOSE, 3, 1), (_NARROW, 3, 4), (_BROAD, 2, 3),
+)  # fmt: skip
+"""Tries for crowded rooms (effort, division, restart), chosen on half of the rooms so that few of them solve most."""
+ONE_TRIES = ((_NARROW, 0, None), (_NARROW, 1, None), *_HARD)
+MANY_TRIES = (
+    (_WIDE, 0, None), (_WIDE, 0, 0), (_WIDE, 0, 1), (_WIDE, 1, None), (_WIDE, 2, None), (_WIDE, 3, None),
+    (_WIDE, 1, 2), (_WIDE, 2, 2), (_WIDE, 3, 2), *_HARD,
+)  # fmt: skip
+PLAIN_TRIES = len(MANY_TRIES) - len(_HARD)
 
 
 @dataclass(frozen=True)
@@ -84,82 +105,97 @@ def arrange(
         raise ItemError(f"{n} alternatives; 1 to {MOST_ALTERNATIVES} can be asked for")
     if not plan.doors:
         raise NoDoorError("the plan has no door", where=plan.name)
-    pinned, free = _split_pins(items, pins or {})
+    stood, free = pinned_stands(items, pins or {}, plan, rules)
+    judge = Judge(plan, rules)
+    broken = judge.judge(pieces(stood)).violations if stood else ()
+    if broken:
+        raise PinError(f"what is pinned breaks a rule of '{rules.name}': {broken[0]}", where=plan.name)
     too_tall = [item for item in free if item.spec.top_m > plan.ceiling_height_m]
     free = [item for item in free if item not in too_tall]
-    handed = any(item.spec.handed for item in items)
-    stand_at = {i.id: (pins or {})[i.id] for i in pinned}
-    inner, frame = canonical_plan(plan, list(stand_at.values()), mirror=not handed)
-    doors = reachable_doors(make_field(inner, rules))
+    inner, frame = canonical_plan(
+        plan,
+        [(s.x_m, s.y_m, s.theta_rad) for s in stood],
+        mirror=not any(item.spec.handed for item in items),
+    )
+    held = [in_frame(s, frame) for s in stood]
+    field = make_field(inner, rules, [row for s in held for row in outline_rows(s)])
+    doors = reachable_doors(field)
     if not doors:
         raise RoomTooSmallError(
             f"no path of {rules.path:g} m begins at any door, even in the empty room", where=plan.name
         )
-    too_small(inner, free, rules)
-    return _solve(plan, inner, frame, free, too_tall, pinned, stand_at, rules, book, n, seed, doors)
-
-
-def _split_pins(items: Sequence[Item], pins: Mapping[str, Pose]) -> tuple[list[Item], list[Item]]:
-    return [i for i in items if i.id in pins], [i for i in items if i.id not in pins]
-
-
-def _solve(
-    plan: FloorPlan, inner: FloorPlan, frame: Frame, free: list[Item], too_tall: list[Item], pinned: list[Item],
-    stand_at: Mapping[str, Pose], rules: RuleSet, book: Rules, n: int, seed: int, doors: list[int],
-) -> Arrangements:  # fmt: skip
-    search = Search(make_field(inner, rules), doors)
-    finals = run_search(search, free, rules, n, seed)
-    judge = Judge(plan, rules)
-    judges = {name: judge if name == rules.name else Judge(plan, other, judge) for name, other in book.sets.items()}
-    judges.setdefault(rules.name, judge)
-    main = finals[0].packing.units[0].items[0].id if finals else ""
-    chosen: list[Chosen] = []
-    for candidates in _candidates(finals, frame, plan, book, n):
-        chosen = choose(candidates, n, main, lambda c: judge.passes(pieces(c.placed)), 6 * n + 24)
-        if chosen:
-            break
-    notes = list(plan.notes)
-    unreached = [k + 1 for k in range(len(inner.doors)) if k not in doors]
-    if unreached:
-        notes.append(
-            f"{len(unreached)} of {len(inner.doors)} doors cannot be reached on {rules.path:g} m even in the empty room"
-        )
-    by_id = {item.id: item for item in free}
-    made = [
-        _arrangement(k, one, by_id, too_tall, plan, search, frame, rules, judges) for k, one in enumerate(chosen, 1)
-    ]
-    asked = tuple(i.id for i in (*pinned, *free, *too_tall))
+    search = Search(field, doors, [anchor(s) for s in held])
+    finals = run_search(search, free, rules, n, seed) if free else []
+    if any(f.found.dropped for f in finals[:1]):
+        refuse_too_small(make_field(inner, rules), free)
+    task = _Task(plan, items, tuple(stood), tuple(too_tall), field, frame, rules, book, judge)
+    chosen = _chosen(task, finals, n)
+    notes = list(dict.fromkeys(plan.notes))
+    if len(doors) < len(inner.doors):
+        lost = len(inner.doors) - len(doors)
+        notes.append(f"{lost} of {len(inner.doors)} doors cannot be reached on {rules.path:g} m even in the empty room")
+    if len(chosen) < n:
+        notes.append(f"{len(chosen)} different arrangements were found of {n} asked for")
     return Arrangements(
         plan=plan_to_mapping(plan),
         rule_set=rules.name,
-        asked=asked,
+        asked=tuple(i.id for i in items),
         seed=seed,
-        arrangements=tuple(made),
+        arrangements=tuple(_arrangement(k, one, task) for k, one in enumerate(chosen, 1)),
         notes=tuple(notes),
     )
 
 
+@dataclass(frozen=True)
+class _Task:
+    """What an arrangement is made from."""
+
+    plan: FloorPlan
+    items: Sequence[Item]
+    stood: tuple[Stand, ...]
+    too_tall: tuple[Item, ...]
+    field: Field
+    frame: Frame
+    rules: RuleSet
+    book: Rules
+    judge: Judge
+
+    @cached_property
+    def judges(self) -> dict[str, Judge]:
+        """A judge for each rule set."""
+        made = {
+            n: self.judge if n == self.rules.name else Judge(self.plan, r, self.judge)
+            for n, r in self.book.sets.items()
+        }
+        return {self.rules.name: self.judge, **made}
+
+
+def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
+    """Return the arrangements to give: of those that leave the least out, good and different ones that pass the judge."""
+    if not finals:
+        scores = soft_scores(task.plan, task.stood)
+        only = Candidate(task.stood, (), weighted(scores, task.book.weights), scores)
+        return [Chosen(only, "")] if task.stood else []
+    main = finals[0].packing.units[0].items[0].id
+    for candidates in _candidates(finals, task, n):
+        chosen = choose(candidates, n, main, lambda c: task.judge.passes(pieces(c.placed)), 6 * n + 24)
+        if chosen:
+            return chosen
+    return []
+
+
 def run_search(search: Search, items: Sequence[Item], rules: RuleSet, n: int, seed: int) -> list[Final]:
     """Return final states; ever harder tries, until nothing is left out and there are enough different ones."""
-    wide = 12 if n == 1 else 32
-    plain = Effort(wide, 4, max(2, wide // 6), 5 * wide)
-    fine = Effort(24, 3, 4, 140, (0.0, 0.25, 0.5, 0.75, 1.0), 0.15, optimistic=True)
     divisions = Divisions(items, rules)
-    last = len(divisions) - 1
-    tries: list[tuple[Effort, int, int | None]] = [(plain, k, None) for k in range(last + 1)]
-    if n > 1:
-        tries[1:1] = [(plain, 0, 0), (plain, 0, 1)]
-        tries += [(plain, k, 2) for k in range(1, last + 1)]
-    whole = len(tries)
-    tries += [(fine, last, None), (fine, max(0, last - 1), 1), (fine, last, 2), (fine, 0, None)]
+    tries = list(ONE_TRIES if n == 1 else MANY_TRIES)
     finals: list[Final] = []
     kinds: set[tuple[object, ...]] = set()
-    for number, (effort, k, restart) in enumerate(tries):
-        packing = divisions[k]
+    for number, (effort, split, restart) in enumerate(tries):
+        packing = divisions[split]
         made = [Final(f, packing) for f in search.run(packing, effort, seed, restart)]
         finals += made
         kinds |= {final.kind() for final in made if not final.found.dropped}
-        if len(kinds) >= (1 if n == 1 else 3 * n) or (kinds and number + 1 >= whole):
+        if len(kinds) >= (1 if n == 1 else 3 * n) or (kinds and number + 1 >= PLAIN_TRIES):
             break
     return sorted(finals, key=lambda f: -f.found.score)
 
@@ -183,21 +219,19 @@ class Divisions:
         return self._made[number]
 
 
-def _candidates(
-    finals: Sequence[Final], frame: Frame, plan: FloorPlan, book: Rules, n: int
-) -> Iterator[list[Candidate]]:
+def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[list[Candidate]]:
     """Yield the best states with their soft scores, best first: those that leave least out, then the next."""
-    samples = floor_samples(plan)
+    samples = floor_samples(task.plan)
     losses = sorted({round(_loss(f), 9) for f in finals})
     for least in losses:
         alike = [f for f in finals if round(_loss(f), 9) == least]
         kept = _varied(alike, 4 if n == 1 else 6 * n)
         made = []
         for final in kept:
-            placed = tuple(in_room(s, frame) for s in stands(final.found, final.packing))
-            scores = soft_scores(plan, placed, samples)
+            placed = (*task.stood, *(in_room(s, task.frame) for s in stands(final.found, final.packing)))
+            scores = soft_scores(task.plan, placed, samples)
             left = tuple(sorted(item.id for item in final.left_out()))
-            made.append(Candidate(placed, left, weighted(scores, book.weights), scores))
+            made.append(Candidate(placed, left, weighted(scores, task.book.weights), scores))
         yield sorted(made, key=lambda c: -c.score)
 
 
@@ -213,7 +247,7 @@ def _varied(finals: Sequence[Final], most: int) -> list[Final]:
 
 
 def _loss(final: Final) -> float:
-    return sum(1 + item.spec.footprint_m2 for item in final.left_out())
+    return sum(loss_of(item) for item in final.left_out())
 
 
 def pieces(placed: Sequence[Stand]) -> list[Piece]:
@@ -221,32 +255,42 @@ def pieces(placed: Sequence[Stand]) -> list[Piece]:
     return [Piece(s.item.id, s.item.spec, s.x_m, s.y_m, s.theta_rad, s.group) for s in placed]
 
 
-def _arrangement(
-    rank: int, chosen: Chosen, items: Mapping[str, Item], too_tall: Sequence[Item], plan: FloorPlan, search: Search,
-    frame: Frame, rules: RuleSet, judges: Mapping[str, Judge],
-) -> Arrangement:  # fmt: skip
-    candidate = chosen.candidate
-    refused = [
-        NotPlaced(
-            id=i.id, category=i.spec.category, rule="under the ceiling", obstacle="ceiling",
-            missing_m=round(i.spec.top_m - plan.ceiling_height_m, 4),
-            reason=f"its top is at {i.spec.top_m:.2f} m, the ceiling at {plan.ceiling_height_m:.2f} m",
-        )
-        for i in too_tall
-    ]  # fmt: skip
-    refused += [not_placed(items[name], candidate.placed, search, frame) for name in candidate.left_out]
-    stood = pieces(candidate.placed)
-    meets = [n for n, judge in judges.items() if n == rules.name or judge.passes(stood, fits=True)]
+def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
+    candidate, by_id = chosen.candidate, {item.id: item for item in task.items}
+    refused = [_too_tall(item, task.plan) for item in task.too_tall]
+    inner = [in_frame(s, task.frame) for s in candidate.placed]
+    bare = make_field(task.field.plan, task.rules)
+    refused += [not_placed(by_id[name], inner, bare) for name in candidate.left_out]
+    known = pieces(candidate.placed)
+    meets = [n for n, judge in task.judges.items() if n == task.rules.name or judge.passes(known, fits=True)]
     return Arrangement(
         rank=rank,
         items=tuple(placed_item(s) for s in candidate.placed),
         score=candidate.score,
         scores=candidate.scores,
-        rule_set=rules.name,
+        rule_set=task.rules.name,
         meets=tuple(meets),
         not_placed=tuple(refused),
         differs_by=chosen.differs_by,
     )
+
+
+def _too_tall(item: Item, plan: FloorPlan) -> NotPlaced:
+    top_m, ceiling_m = item.spec.top_m, plan.ceiling_height_m
+    return NotPlaced(
+        id=item.id,
+        category=item.spec.category,
+        rule="under the ceiling",
+        obstacle="ceiling",
+        missing_m=round(top_m - ceiling_m, 4),
+        reason=f"its top is at {top_m:.2f} m, the ceiling at {ceiling_m:.2f} m",
+    )
+
+
+def anchor(stand: Stand) -> list[float]:
+    """Return a piece as an anchor of the search's score."""
+    role = ROLE[ROLES.get(stand.item.spec.category, "small")]
+    return [stand.x_m, stand.y_m, *stand.facing(), float(role), stand.item.spec.size_m[0] / 2]
 
 
 def placed_item(stand: Stand) -> PlacedItem:

@@ -86,7 +86,8 @@ def _svg_shape(shape: Shape, sheet: Sheet) -> str:
         turn = f' transform="rotate({-math.degrees(shape.turn_rad):.2f} {x} {y})"' if shape.turn_rad else ""
         return (
             f'<text x="{x}" y="{y}" font-size="{shape.size_m:.3f}" fill="{shape.fill}" text-anchor="{shape.anchor}" '
-            f'dominant-baseline="central"{turn}>{escape(shape.text)}</text>'
+            f'dominant-baseline="central" paint-order="stroke" stroke="#fdfcfa" '
+            f'stroke-width="{0.3 * shape.size_m:.3f}" stroke-linejoin="round"{turn}>{escape(shape.text)}</text>'
         )
     if isinstance(shape, Line):
         dash = f' stroke-dasharray="{shape.dash_m[0]} {shape.dash_m[1]}"' if shape.dash_m else ""
@@ -139,9 +140,12 @@ def _draw(picture: Image.Image, draw: ImageDraw.ImageDraw, shape: Shape, sheet: 
 
 def _draw_text(picture: Image.Image, shape: Text, at: Point, scale: float) -> None:
     font = ImageFont.load_default(size=max(8.0, shape.size_m * scale))
-    left, top, right, bottom = font.getbbox(shape.text)
-    label = Image.new("RGBA", (int(right - left) + 4, int(bottom - top) + 4), (255, 255, 255, 0))
-    ImageDraw.Draw(label).text((2 - left, 2 - top), shape.text, font=font, fill=shape.fill)
+    halo = max(1, round(0.15 * shape.size_m * scale))
+    left, top, right, bottom = font.getbbox(shape.text, stroke_width=halo)
+    label = Image.new("RGBA", (int(right - left) + 4, int(bottom - top) + 4), (253, 252, 250, 0))
+    ImageDraw.Draw(label).text(
+        (2 - left, 2 - top), shape.text, font=font, fill=shape.fill, stroke_width=halo, stroke_fill="#fdfcfa"
+    )
     shift = {"middle": 0.5, "start": 0.0, "end": 1.0}[shape.anchor]
     if shape.turn_rad:
         label = label.rotate(math.degrees(shape.turn_rad), expand=True, resample=Image.Resampling.BICUBIC)

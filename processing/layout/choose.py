@@ -11,6 +11,8 @@ from processing.layout.poses import Stand
 MOVED_M = 1.0
 TURNED_RAD = 0.6
 BIG_M2 = 0.25
+SAME_MAIN_COSTS = 0.05
+"""So much better must one be that leaves the main piece where it was."""
 
 
 @dataclass(frozen=True)
@@ -40,20 +42,28 @@ def choose(
     """
     chosen: list[Chosen] = []
     known: dict[int, bool] = {}
-    for same_main in (False, True):
+    while len(chosen) < count:
+        best: tuple[float, int, str] | None = None
         for number, candidate in enumerate(candidates):
-            if len(chosen) == count or len(known) >= most_checks:
+            if not known.get(number, True) or (best is not None and candidate.score <= best[0]):
+                continue
+            for same_main, cost in ((False, 0.0), (True, SAME_MAIN_COSTS)):
+                told = _difference(candidate, [c.candidate for c in chosen], main, same_main=same_main)
+                if told is not None:
+                    if best is None or candidate.score - cost > best[0]:
+                        best = candidate.score - cost, number, told
+                    break
+        if best is None:
+            break
+        number = best[1]
+        if number not in known:
+            if len(known) >= most_checks:
                 break
-            if any(c.candidate is candidate for c in chosen):
-                continue
-            told = _difference(candidate, [c.candidate for c in chosen], main, same_main=same_main)
-            if told is None:
-                continue
-            if number not in known:
-                known[number] = valid(candidate)
-            if known[number]:
-                chosen.append(Chosen(candidate, told))
-    return chosen
+            known[number] = valid(candidates[number])
+        if known[number]:
+            chosen.append(Chosen(candidates[number], best[2]))
+            known[number] = False  # taken
+    return sorted(chosen, key=lambda c: (len(c.candidate.left_out), -c.candidate.score))
 
 
 def _difference(new: Candidate, before: Sequence[Candidate], main: str, *, same_main: bool) -> str | None:

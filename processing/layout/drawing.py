@@ -180,10 +180,6 @@ def _labels(items: Sequence[PlacedItem]) -> list[Shape]:
             item,
             (0.0, 0.22 * deep_way if "bed" in item.category else -0.42 * deep_way if item.category == "rug" else 0.0),
         )
-        wide = 0.58 * size * len(item.category)
-        c, s = math.cos(turn), math.sin(turn)
-        half = [(-wide / 2, -size * 0.62), (wide / 2, -size * 0.62), (wide / 2, size * 0.62), (-wide / 2, size * 0.62)]
-        shapes.append(Area([(at[0] + x * c - y * s, at[1] + x * s + y * c) for x, y in half], "#fdfcfa"))
         shapes.append(Text(at, item.category, size, INK, turn_rad=turn))
     return shapes
 
@@ -203,7 +199,7 @@ def _sizes(plan: FloorPlan) -> list[Shape]:
 def _caption(plan: FloorPlan, arrangement: Arrangement, x: float, top: float) -> list[Shape]:
     meets = ", ".join(arrangement.meets) or arrangement.rule_set
     first = f"Layout {arrangement.rank}   ·   score {arrangement.score:.2f}"
-    second = f"{plan.area_m2:.1f} m²   ·   meets {meets}"
+    second = f"{plan.area_m2:.1f} m2   ·   meets {meets}"
     if arrangement.not_placed:
         second += f"   ·   not placed: {', '.join(n.id for n in arrangement.not_placed)}"
     return [

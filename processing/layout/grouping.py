@@ -69,7 +69,7 @@ def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
     for build in (_beds, _sofas, _tvs, _desks, _tables):
         units += build(left, rules, split)
     total = len(items)
-    units += [_alone(item, rules, split) for item in left]
+    units += [alone(item, rules, split) for item in left]
     apart = sum(1 for item in left if item.spec.group_with) if total else 0
     units.sort(key=lambda u: (-_priority(u), -u.footprint_m2, u.items[0].id))
     return Packing(tuple(units), apart)
@@ -171,7 +171,8 @@ def _tables(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     return [Unit(tuple(members), tuple(variants), "dining")]
 
 
-def _alone(item: Item, rules: RuleSet, split: int) -> Unit:
+def alone(item: Item, rules: RuleSet, split: int) -> Unit:
+    """Return the unit of a piece that stands by itself; the last split allows every legal position."""
     at_wall = item.spec.placement == "wall" or item.spec.category in {"desk chair", "dining chair"}
     role = ROLES.get(
         item.spec.category, "tall" if item.spec.size_m[2] > 1.2 and item.spec.footprint_m2 > 0.2 else "small"

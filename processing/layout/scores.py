@@ -250,7 +250,8 @@ def _daylight(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
 
 def _together(placed: Sequence[Stand]) -> float | None:
     present = {s.item.spec.category for s in placed} | {ROLES.get(s.item.spec.category, "") for s in placed}
-    bound = [s for s in placed if s.item.spec.group_with and s.item.spec.group_with in present]
+    rugs = {"sofa", "dining"} & present
+    bound = [s for s in placed if s.item.spec.group_with in present or (rugs and s.item.spec.is_rug)]
     if not bound:
         return None
     return sum(1.0 for s in bound if s.group != s.item.id) / len(bound)

@@ -23,7 +23,7 @@ from processing.layout.units import Unit, Variant
 from processing.layout.walk_grid import TOUCH_M, stamp, wall_clearance2
 
 DROPPED = 1000.0
-"""Taken off the score for each m2 of furniture left out, and for each piece."""
+"""Taken off the score for what is left out, times its loss (`units.loss_of`)."""
 Ints: TypeAlias = npt.NDArray[np.int64]
 
 
@@ -94,7 +94,9 @@ class _Walk:
 class Search:
     """Searches in one field; keeps what does not change between runs."""
 
-    def __init__(self, field: Field, doors: Sequence[int]) -> None:
+    def __init__(self, field: Field, doors: Sequence[int], stood: Sequence[Array] = ()) -> None:
+        """Prepare for a field: `doors` are those that paths must reach (none: paths are not looked at), `stood` the
+        anchors (`soft`) of pieces that stand already."""
         self.field = field
         self._walls = wall_lines(field.plan)
         self._free = FreeLines(field.plan)
@@ -106,6 +108,7 @@ class Search:
         self._doors = np.ascontiguousarray(ways[list(doors)])
         self._door_middles = np.ascontiguousarray(0.5 * (ways[:, 0] + ways[:, 1]))
         self._middle = _middle(field)
+        self.stood = [np.asarray(row, dtype=np.float64) for row in stood]
 
     def run(self, packing: Packing, effort: Effort, seed: int, first: int | None = None) -> list[Found]:
         """Return the final states, best first; `first` shuffles the order of the units (a restart)."""
@@ -240,12 +243,15 @@ class _Beam:
         """Return the beam that holds the empty room."""
         rows = sum(max(len(_rows(v)) for v in u.variants) for u in packing.units) + 1
         walk = search.walk(optimistic=effort.optimistic)
-        beam = cls._empty(walk, effort.beam, rows, len(packing.units) + 1)
+        beam = cls._empty(walk, effort.beam, rows, len(packing.units) + 1 + len(search.stood))
         beam.blocked[0] = walk.blocked
         fixed = search.field.fixed
         for corners, (low, _), kind in zip(fixed.corners, fixed.heights_m, fixed.classes, strict=True):
             if kind == BODY and low < PERSON_M:
                 stamp(beam.blocked[0], corners, *walk.grid, walk.radius2)
+        for number, row in enumerate(search.stood):
+            beam.anchors[0, number] = row
+        beam.n_anchors[0] = len(search.stood)
         beam.size = 1
         return beam
 
@@ -304,7 +310,7 @@ class _Beam:
                 (self.n_anchors, old.n_anchors), (self.strata, old.strata),
             ):  # fmt: skip
                 mine[new] = theirs[parent]
-            self.scores[new] = old.scores[parent] - DROPPED * (len(unit.items) + unit.footprint_m2)
+            self.scores[new] = old.scores[parent] - DROPPED * unit.loss
             self.choices[new] = list(old.choices[parent])
             self.dropped[new] = [*old.dropped[parent], number]
             self.size += 1

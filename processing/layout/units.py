@@ -17,6 +17,8 @@ from processing.layout.rules import RuleSet
 Rect: TypeAlias = tuple[float, float, float, float]
 """x0, x1, y0, y1 in metres."""
 LEAST_ZONE_M = 1e-6
+MAIN = ("bed", "single bed", "king bed", "sofa", "dining table", "desk")
+"""What rooms are for: left out last."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,16 @@ class Unit:
     def footprint_m2(self) -> float:
         """Return what its items cover together."""
         return sum(item.spec.footprint_m2 for item in self.items if not item.spec.is_rug)
+
+    @property
+    def loss(self) -> float:
+        """Return how much is lost where it is left out."""
+        return sum(loss_of(item) for item in self.items)
+
+
+def loss_of(item: Item) -> float:
+    """Return how much is lost without a piece: one, its footprint, and more for what a room is for."""
+    return 1.0 + item.spec.footprint_m2 + (3.0 if item.spec.category in MAIN else 0.0)
 
 
 def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:

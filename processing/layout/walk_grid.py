@@ -118,10 +118,12 @@ def flood(grid, corners, x0, y0, cell, stack):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def connected(blocked, work, stack, doors, n_doors, zones, n_zones, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
-    """Return the cells reached where one connected patch serves all doors and zones, else -1.
+    """Return the cells reached where one connected patch serves all doors and zones, else -1; 0 for no doors to reach.
 
     blocked (rows, columns) uint8, doors (n, 4, 2), zones (m, 4, 2), reach: how near a walker's middle must come to a zone.
     """
+    if n_doors == 0:
+        return 0
     work[:, :] = blocked
     for _ in range(4):
         count = flood(work, doors[0], x0, y0, cell, stack)
