@@ -81,7 +81,9 @@ def clear_beam(time_utc: datetime, place: Place, linke_turbidity: float | None =
 
     times = pd.DatetimeIndex([_checked(time_utc)])
     if linke_turbidity is None:
-        means = pvlib.clearsky.lookup_linke_turbidity(times, place.latitude_deg, place.longitude_deg)
+        means = pvlib.clearsky.lookup_linke_turbidity(
+            times, place.latitude_deg, place.longitude_deg, interp_turbidity=False
+        )
         linke_turbidity = float(means.iloc[0])
     if not 1 <= linke_turbidity <= 15:
         raise ParameterError(f"a Linke turbidity of {linke_turbidity}", advice="1 (clean) to 8 (hazy)")
@@ -91,7 +93,7 @@ def clear_beam(time_utc: datetime, place: Place, linke_turbidity: float | None =
         return Beam(0.0, 1.0, 0.0, linke_turbidity)
     mass = float(pvlib.atmosphere.get_relative_airmass(zenith_deg))
     absolute = float(pvlib.atmosphere.get_absolute_airmass(mass, pvlib.atmosphere.alt2pres(place.altitude_m)))
-    top = float(pvlib.irradiance.get_extra_radiation(times)[0])
+    top = float(pvlib.irradiance.get_extra_radiation(_checked(time_utc).timetuple().tm_yday))
     light = pvlib.clearsky.ineichen(zenith_deg, absolute, linke_turbidity, place.altitude_m, top)
     normal, diffuse = float(light["dni"]), float(light["dhi"])
     efficacy = direct_efficacy_lm_w(math.radians(zenith_deg), normal, diffuse, diffuse * mass / top)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from processing.errors import SunError
 from processing.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.sphere import Equirectangular, directions
+from processing.sphere import Equirectangular, Fisheye, directions
 
 Reals = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -83,7 +83,7 @@ def find_sun(image: RelativeImage | LuminanceImage) -> Sun:
     Raises `SunError` where there is none: overcast, at night, hidden, or clipped together with half of the sky.
     """
     luminance = luminance_cd_m2(image.rgb)
-    inside = image.validity != Validity.OUTSIDE
+    inside = (image.validity != Validity.OUTSIDE) & _field(image)
     if not inside.any():
         raise _no_sun("nothing of the picture lies inside the field")
     clipped = image.validity == Validity.CLIPPED
@@ -119,6 +119,16 @@ def window_at(image: RelativeImage | LuminanceImage, row: int, column: int) -> W
     )
 
 
+def _field(image: RelativeImage | LuminanceImage) -> Flags:
+    """Return which pixels (H, W) a fisheye's field holds; of other pictures all."""
+    lens = image.geometry
+    if not isinstance(lens, Fisheye):
+        return np.ones(image.validity.shape, dtype=bool)
+    x, y = lens.axis_px
+    across, down = np.arange(lens.width_px) + 0.5 - x, np.arange(lens.height_px) + 0.5 - y
+    return np.asarray(across[None, :] ** 2 + down[:, None] ** 2 < lens.radius_px**2)
+
+
 def _near_pole(image: RelativeImage | LuminanceImage, row: int) -> bool:
     """Return whether a row of a panorama lies where pixels are narrow."""
     height = int(image.rgb.shape[0])
@@ -150,8 +160,9 @@ def _open_sun(window: Window, sky: float, at: tuple[int, int]) -> Sun:
     light = np.where(window.inside, np.maximum(window.luminance - surround, 0), 0) * window.pixel_sr
     for _ in range(4):
         weight = np.where(window.angle_from(centre) < reach, light, 0)
-        centre = np.einsum("hw,hwc->c", weight, window.ways)
-        centre = centre / np.linalg.norm(centre)
+        if weight.sum() <= 0:
+            raise _no_sun("nothing in the picture is brighter than its surroundings")
+        centre = _unit(np.einsum("hw,hwc->c", weight, window.ways))
     angle = window.angle_from(centre)
     given = float(light[angle < reach].sum())
     around = float(light[angle < 3 * reach].sum())

@@ -1,0 +1,59 @@
+"""Merged sky pictures of the simulated outdoor camera without noise, and what is true of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mocks.light import luminance_cd_m2
+from mocks.optics import CANON_5D2, ND3_TINT, image_rows
+from mocks.simple_room import SimpleRoom
+from mocks.sky import SimpleSky
+from processing.calibration.lens import ImageCircle, LensModel
+from processing.calibration.nd_filter import NdFilter
+from processing.calibration.outdoor import OutdoorOptics
+from processing.calibration.vignetting import Vignetting
+from processing.images import LuminanceImage, RelativeImage, Validity
+from processing.sphere import LensMapping
+
+
+def optics_of(width: int) -> OutdoorOptics:
+    """Return the simulated camera's true optics for pictures of a width."""
+    circle = ImageCircle((width / 2, width / 3), width * 16 / 36 * math.sin(math.pi / 4), (width, width * 2 // 3))
+    lens = LensModel(LensMapping.EQUISOLID, circle)
+    return OutdoorOptics(lens, Vignetting((2, 4, 6, 8), (0.11, -0.92, 1.38, -0.82)), NdFilter(ND3_TINT, 3.0))
+
+
+def sky_picture(sky: SimpleSky, width: int, *, clip: float | None = None) -> RelativeImage:
+    """Return what a perfect merge gives, times the filter's density, without glare; values above ``clip`` clipped."""
+    size = (width, width * 2 // 3)
+    rgb = image_rows(SimpleRoom(sky=sky), CANON_5D2, size, range(size[1])) * np.float32(10**CANON_5D2.filter.density)
+    geometry = optics_of(width).lens.fisheye()
+    x, y = np.arange(size[0]) + 0.5, np.arange(size[1])[:, None] + 0.5
+    inside = CANON_5D2.lens.falloff(x, y, size) > 0
+    validity = np.where(inside, Validity.VALID, Validity.OUTSIDE).astype(np.uint8)
+    if clip is not None:
+        validity[(rgb.max(axis=-1) >= clip) & inside] = Validity.CLIPPED
+        rgb = np.minimum(rgb, np.float32(clip))
+    rgb[~inside] = 0
+    uncertainty = np.where(inside, np.float32(0.01), np.float32(np.inf))
+    return RelativeImage(rgb.astype(np.float32), uncertainty.astype(np.float32), validity, geometry)
+
+
+def in_cd_m2(image: RelativeImage) -> LuminanceImage:
+    """Return a picture whose scale is already absolute."""
+    return LuminanceImage(image.rgb, image.uncertainty, image.validity, image.geometry, 0.02)
+
+
+def true_horizontal_lx(sky: SimpleSky) -> tuple[float, float]:
+    """Return the illuminance on level ground: of sky and hedges, and of the sun."""
+    rows = 400
+    sine = np.sqrt((np.arange(rows) + 0.5) / rows)[:, None]
+    azimuth = (np.arange(2 * rows) + 0.5) * (math.pi / rows)
+    flat = np.sqrt(1 - sine**2)
+    parts = np.broadcast_arrays(flat * np.sin(azimuth), flat * np.cos(azimuth), sine)
+    even = luminance_cd_m2(sky.radiance(np.stack(parts, axis=-1).astype(np.float32)))
+    sun = sky.sun
+    normal = float(luminance_cd_m2(np.array(sun.radiance_rgb, dtype=np.float32))) * sun.solid_angle_sr
+    return float(even.mean(dtype=np.float64)) * math.pi, normal * math.sin(sky.sun_elevation_rad)
