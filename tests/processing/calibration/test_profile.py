@@ -1,0 +1,183 @@
+"""The calibration profile: what is written is read, and what cannot be right is named."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from processing.calibration.image_circle import ImageCircle
+from processing.calibration.lens import LensModel
+from processing.calibration.nd_filter import NdFilter
+from processing.calibration.noise import NoiseModel
+from processing.calibration.profile import (
+    CameraProfile,
+    CameraState,
+    K2Record,
+    RigProfile,
+    camera_state,
+    load_profile,
+    profile_matches,
+    require_k2,
+    save_profile,
+)
+from processing.calibration.profile_records import (
+    LensRecord,
+    NdRecord,
+    NoiseRecord,
+    ResponseRecord,
+    ShutterRecord,
+    ShutterTime,
+    VignettingRecord,
+)
+from processing.calibration.response_curve import ResponseCurve
+from processing.calibration.shutter import ShutterRule
+from processing.calibration.vignetting import Vignetting
+from processing.errors import ProfileError
+from processing.sphere import LensMapping
+from station.session import DeviceRecord, SettingRecord, Side
+
+NOW = datetime(2026, 6, 1, tzinfo=UTC)
+INDOOR = CameraState(kind="theta_z1", model="RICOH THETA Z1", serial="1", f_number=5.6, iso=100)
+OUTDOOR = CameraState(
+    kind="canon_5d2", serial="2", lens="8 mm", nd_filter="ND 3.0", f_number=16, iso=200, color_temperature_k=6500
+)
+
+
+def curve() -> ResponseCurve:
+    rows = np.linspace(-9, 2, 256)[None] + np.array([[0.0], [0.01], [0.02]])
+    sigma = np.full((3, 256), 0.003)
+    sigma[:, 0] = np.inf
+    return ResponseCurve(rows, sigma, (4, 4, 4), (250, 251, 252), n_samples=5000, residual_stops=0.004)
+
+
+def profile() -> RigProfile:
+    circle = ImageCircle((700.0, 468.0), 441.0, (1404, 936), 0.02)
+    outdoor = CameraProfile(
+        side=Side.OUTDOOR,
+        state=OUTDOOR,
+        created_utc=NOW,
+        response=ResponseRecord.of(curve()),
+        noise=NoiseRecord.of(NoiseModel((1e-4, 1e-4, 1e-4), (1e-3, 1e-3, 1e-3))),
+        shutter=ShutterRecord(rule=ShutterRule.THIRDS, times=(ShutterTime(nominal_s=1 / 8000, true_s=1.21e-4),)),
+        vignetting=VignettingRecord.of(Vignetting((2, 4), (0.1, -0.4), 0.002, 16.0)),
+        lens=LensRecord.of(LensModel(LensMapping.EQUISOLID, circle, 1.6, (), "test")),
+        nd=NdRecord.of(NdFilter.of_factors((793.0, 811.0, 1197.0))),
+    )
+    k2 = K2Record(
+        value=2.117,
+        relative_uncertainty=0.01,
+        measured_utc=NOW,
+        indoor=INDOOR,
+        outdoor=OUTDOOR,
+        white_ratio=2.12,
+        n_patches=6,
+        residual_stops=0.004,
+        corrections=("vignetting", "nd"),
+    )
+    indoor = CameraProfile(side=Side.INDOOR, state=INDOOR, created_utc=NOW)
+    return RigProfile(created_utc=NOW, cameras={Side.INDOOR: indoor, Side.OUTDOOR: outdoor}, k2=k2)
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    path, made = tmp_path / "calibration.json", profile()
+    save_profile(path, made)
+    save_profile(path, made)  # an old one is replaced
+    found = load_profile(path)
+    assert found == made
+    assert [p.name for p in tmp_path.iterdir()] == ["calibration.json"]
+
+
+def test_records_give_back_what_they_were_made_of() -> None:
+    made, outdoor = curve(), profile().cameras[Side.OUTDOOR]
+    assert outdoor.response is not None
+    assert outdoor.lens is not None
+    assert outdoor.vignetting is not None
+    assert outdoor.nd is not None
+    back = outdoor.response.curve()
+    np.testing.assert_array_equal(back.log2_exposure, made.log2_exposure)
+    np.testing.assert_array_equal(back.sigma_log2[:, 1:], made.sigma_log2[:, 1:])
+    assert np.all(back.sigma_log2[:, 0] > 50)  # unknown stays unknown, in a number that JSON has
+    assert (back.low, back.high) == (made.low, made.high)
+    lens = outdoor.lens.lens()
+    np.testing.assert_allclose((*lens.circle.centre_px, lens.circle.radius_px), (700, 468, 441))
+    assert outdoor.vignetting.vignetting() == Vignetting((2, 4), (0.1, -0.4), 0.002, 16.0)
+    assert outdoor.nd.nd_filter() == NdFilter.of_factors((793.0, 811.0, 1197.0))
+
+
+def test_shutter_takes_the_measured_time_else_the_rule() -> None:
+    shutter = profile().cameras[Side.OUTDOOR].shutter
+    assert shutter.true_s(1 / 8000) == 1.21e-4
+    assert shutter.true_s(1 / 60) == 2**-6
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (lambda d: d["k2"].update(value=-1), "k2.value"),
+        (lambda d: d["k2"].update(surprise=1), "k2.surprise"),
+        (lambda d: d["cameras"]["outdoor"]["response"]["log2_exposure"][0].reverse(), "increases"),
+        (lambda d: d["cameras"]["outdoor"]["response"]["log2_exposure"][0].pop(), "same number"),
+        (lambda d: d["cameras"]["outdoor"]["vignetting"].update(powers=[2]), "as many powers"),
+        (lambda d: d.update(schema_version=2), "schema 2"),
+        (lambda d: d["cameras"].update(sideways={}), "cameras"),
+    ],
+)
+def test_what_cannot_be_right_is_named(tmp_path: Path, change: object, named: str) -> None:
+    path = tmp_path / "calibration.json"
+    data = json.loads(profile().model_dump_json())
+    change(data)  # type: ignore[operator]
+    path.write_text(json.dumps(data))
+    with pytest.raises(ProfileError, match=named) as caught:
+        load_profile(path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"{nonsense", b'{"k2": NaN}', b"\xff\xfe", b"[" * 5000])
+def test_damage_is_a_profile_error(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "calibration.json"
+    path.write_bytes(content)
+    with pytest.raises(ProfileError, match=r"calibration\.json"):
+        load_profile(path)
+
+
+def test_a_missing_profile_or_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ProfileError, match="no such profile"):
+        load_profile(tmp_path / "none.json")
+    with pytest.raises(ProfileError, match="nowhere"):
+        load_profile(tmp_path / "nowhere" / "none.json")
+    with pytest.raises(ProfileError, match="folder"):
+        save_profile(tmp_path / "nowhere" / "x.json", profile())
+
+
+def test_k2_holds_for_its_settings_only() -> None:
+    made = profile()
+    assert require_k2(made, {Side.INDOOR: INDOOR, Side.OUTDOOR: OUTDOOR}).value == 2.117
+    for change in ({"iso": 400}, {"f_number": 8.0}, {"serial": "3"}, {"nd_filter": ""}, {"color_temperature_k": 5000}):
+        other = OUTDOOR.model_copy(update=change)
+        with pytest.raises(ProfileError, match=next(iter(change))):
+            require_k2(made, {Side.OUTDOOR: other})
+    require_k2(made, {Side.OUTDOOR: OUTDOOR.model_copy(update={"f_number": 16.05, "lens": "8 MM"})})
+    require_k2(made, {Side.OUTDOOR: CameraState()})  # nothing known, nothing to compare
+    with pytest.raises(ProfileError, match="no k2"):
+        require_k2(made.model_copy(update={"k2": None}), {})
+
+
+def test_disagreements_are_listed() -> None:
+    device = DeviceRecord(
+        role="outdoor",
+        kind="canon_5d2",
+        serial="2",
+        lens="8 mm",
+        nd_filter="ND 3.0",
+        settings=(SettingRecord(name="colour temperature", asked="5200 K", got="5200 K"),),
+    )
+    assert camera_state(device).color_temperature_k == 5200
+    found = profile_matches(profile(), Side.OUTDOOR, device)
+    assert len(found) == 1
+    assert "5200" in found[0]
+    empty = RigProfile(created_utc=NOW)
+    assert profile_matches(empty, Side.INDOOR, None) == ["indoor: the profile has no such camera"]
