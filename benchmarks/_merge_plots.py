@@ -128,6 +128,7 @@ def _lines(x: Sequence[float], lines: dict[str, list[float]], name: str, title: 
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     for (method, values), marker in zip(lines.items(), "osD^", strict=False):
@@ -135,9 +136,10 @@ def _lines(x: Sequence[float], lines: dict[str, list[float]], name: str, title: 
     axes.set(xscale="log", yscale="log", xlabel=label, ylabel="median error, stops", title=title)
     axes.set_xticks(list(x), [f"{v:g}" for v in x])
     axes.xaxis.minorticks_off()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}")
-    axes.grid(visible=True, which="both", color="0.92")
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.grid(visible=True, which="major", color="0.92")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=9)
     target = IMAGES / name
