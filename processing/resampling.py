@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.resampling_area import area_resample
+from processing.resampling_linear import linear_samples
 from processing.sphere import Equirectangular, Fisheye, Geometry, directions, pixels
 from processing.sphere_cubic import cubic_samples
 
@@ -29,6 +30,8 @@ PAD_PX = 2
 LARGEST_PX = 32_000
 """Of a picture's sides: OpenCV's limit, less the padding."""
 PIXELS_AT_ONCE = 1 << 20
+LEAST_WEIGHT = 1e-3
+"""Of what is known around a sample, below which it is taken as unknown."""
 
 
 def resample(
@@ -47,7 +50,7 @@ def resample(
         (H, W) or (H, W, C) of the source's size; finite.
     method
         ``area``: exact overlaps, keeps energy, never rings. ``bilinear``, ``cubic``: samples at pixel centres; cubic
-        is held within the range of the 16 pixels around, and is linear where weights differ from 1.
+        is held within the range of the 16 pixels around, and is linear beside invalid ones.
     weights
         (H, W), 0..1: what each source pixel is worth (0: invalid, its value is not used). None: all that lies in the
         field counts, pixels cut by a fisheye's edge too.
@@ -137,25 +140,22 @@ def _sampled(
         light, known = padded_sphere(light), padded_sphere(known)
     out = np.zeros((target.height_px, target.width_px, picture.shape[2]), dtype=np.float32)
     coverage = np.zeros(out.shape[:2], dtype=np.float32)
+    # Cubic needs 16 whole pixels; beside holes and edges linear takes its place.
+    clear = cv2.erode(known, np.ones((5, 5), np.uint8)) if cubic and not whole else None
     for rows, x, y, seen in _centres(source, target):
-        maps = (x + (pad - 0.5)).astype(np.float32), (y + (pad - 0.5)).astype(np.float32)
-        weight = np.ones(seen.shape, np.float32) if whole else _remap(known, maps)
-        value = (_cubic if cubic and whole else _remap)(light, maps).reshape(*seen.shape, -1)
-        ok = seen & (weight > 1e-4)
-        # The values were multiplied by their weights.
+        at_x, at_y = (x + (pad - 0.5)).astype(np.float32), (y + (pad - 0.5)).astype(np.float32)
+        weight = np.ones(seen.shape, np.float32) if whole else linear_samples(known, at_x, at_y)
+        value = (cubic_samples if cubic and whole else linear_samples)(light, at_x, at_y)
+        ok = seen & (weight > LEAST_WEIGHT)
         if not whole:
-            value /= np.maximum(weight, 1e-4)[..., None]
+            # The values were multiplied by their weights.
+            value /= np.maximum(weight, LEAST_WEIGHT)[..., None]
+        if clear is not None:
+            inner = cv2.remap(clear, at_x, at_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) >= 1
+            value = np.where(inner[..., None], cubic_samples(light, at_x, at_y), value)
         out[rows] = np.where(ok[..., None], value, 0.0)
         coverage[rows] = np.where(ok, np.clip(weight, 0.0, 1.0), 0.0)
     return out, coverage
-
-
-def _remap(array: Floats, maps: tuple[Floats, Floats]) -> Floats:
-    return np.asarray(cv2.remap(array, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32)
-
-
-def _cubic(array: Floats, maps: tuple[Floats, Floats]) -> Floats:
-    return cubic_samples(array, *maps)
 
 
 def _centres(source: Geometry, target: Geometry) -> Iterator[tuple[slice, Reals, Reals, Flags]]:

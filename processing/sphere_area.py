@@ -20,9 +20,10 @@ from processing.sphere_maps import directions, point_directions, view_axes
 
 Reals = npt.NDArray[np.float64]
 
-CROSSED_SAMPLES = 8192
+CROSSED_SAMPLES = 2048
 """A cell that the plane's horizon crosses is divided until this many parts would lie across the picture."""
-SAMPLES_AT_ONCE = 1 << 21
+MOST_PARTS = 64
+SAMPLES_AT_ONCE = 1 << 18
 
 
 def solid_angles(geometry: Geometry) -> Reals:
@@ -42,8 +43,8 @@ def projected_solid_angles(geometry: Geometry, normal: npt.ArrayLike) -> Reals:
     """Return the integral of max(0, normal . direction) over each pixel's cell (H, W), in steradians.
 
     The illuminance on a plane with that ``normal`` (3,), of any length, is the sum of these times luminance. Closed
-    form per cell, but for those that the plane's own horizon crosses, which are divided finely: below 1e-6 of the
-    whole (docs/sphere.md).
+    form per cell, but for those that the plane's own horizon crosses, which are divided finely: 2e-6 of the whole at
+    16 rows, less above (docs/sphere.md).
     """
     n = np.asarray(normal, dtype=np.float64)
     if n.shape != (3,) or not np.isfinite(n).all() or not n.any():
@@ -150,7 +151,7 @@ def _steepest(lens: Fisheye) -> float:
 def _mean_positive(geometry: Geometry, n: Reals, cells: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]) -> Reals:
     """Return the mean of max(0, n . direction) over cells, weighted by solid angle, from a fine division of each."""
     across = max(geometry.width_px, geometry.height_px)
-    parts = max(2, min(128, math.ceil(CROSSED_SAMPLES / across)))
+    parts = max(2, min(MOST_PARTS, math.ceil(CROSSED_SAMPLES / across)))
     offset = (np.arange(parts) + 0.5) / parts
     out = np.empty(cells[0].size)
     step = max(1, SAMPLES_AT_ONCE // parts**2)

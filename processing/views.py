@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.resampling import LARGEST_PX, resample
+from processing.resampling_linear import linear_samples
 from processing.sphere import Equirectangular, Perspective
 from processing.views_maps import CutMap, cut_map
 
@@ -88,7 +89,11 @@ def cut_view(panorama: Panorama | Picture, view: Perspective, *, method: ViewMet
 
 
 def _remapped(picture: Picture, maps: CutMap) -> Picture:
-    view: Picture = cv2.remap(picture, maps.first, maps.second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    if picture.dtype == np.float32:
+        view: Picture = linear_samples(picture, maps.first, maps.second, cv2.BORDER_WRAP)
+    else:
+        view = cv2.remap(picture, maps.first, maps.second, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        view = view.reshape(*view.shape[:2], *picture.shape[2:])
     polar = maps.polar
     if polar is not None:
         corners = picture[polar.rows, polar.columns].astype(np.float64)

@@ -1,4 +1,4 @@
-"""Maps between a panorama and its views, made once and kept; the least recently used go when they take too much room."""
+"""Maps between a panorama and its views, made once and kept; the least recently used go when they take too much."""
 
 from __future__ import annotations
 

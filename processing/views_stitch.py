@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
+from processing.resampling_linear import linear_samples
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere_cubic import cubic_samples
 from processing.views_maps import StitchMap, stitch_map
@@ -61,7 +62,8 @@ def stitch_views(
             total[rows, columns] += mixed[:, part]
             known[rows, columns] += share[:, part]
             seen[rows, columns] += found.weight[:, part]
-    some = known > 1e-6 * seen
+    # Less than that of known pixels around is no basis for a value.
+    some = known > 1e-3 * seen
     total /= np.where(some, known, 1.0)[..., None]
     total[~some] = 0.0
     return (total[..., 0] if flat else total), np.where(some, known / np.maximum(seen, 1e-30), 0.0).astype(np.float32)
@@ -123,9 +125,7 @@ def _view_part(
 
 
 def _linear(picture: Floats, found: StitchMap) -> Floats:
-    return np.asarray(
-        cv2.remap(picture, found.x, found.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32
-    )
+    return linear_samples(picture, found.x, found.y)
 
 
 def _pieces(found: StitchMap, target: Equirectangular) -> Iterator[tuple[slice, slice, slice]]:
