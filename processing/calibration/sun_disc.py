@@ -172,8 +172,9 @@ def _open_sun(window: Window, sky: float, at: tuple[int, int]) -> Sun:
         raise _no_sun("the brightest spot is wider than the sun")
     cut = bool((~window.inside & (angle < SUN_RADIUS_RAD + pixel_rad)).any())
     if cut:
-        centre = _fit_disc(window, centre, np.where(angle < 2 * reach, light / window.pixel_sr, 0), free_radius=False)
-    sigma = _centroid_sigma(pixel_rad) * (4 if cut else 1)
+        over = np.where(angle < 2 * reach, light / np.maximum(window.pixel_sr, 1e-12), 0)
+        centre = _fit_disc(window, centre, over, free_radius=False)
+    sigma = _cut_sigma(pixel_rad) if cut else _centroid_sigma(pixel_rad)
     return _sun(window, centre, sigma, given, clipped=False, cut=cut)
 
 
@@ -200,7 +201,7 @@ def _clipped_sun(window: Window) -> Sun:
     glare = max(0.0, math.sqrt(area / math.pi) - SUN_RADIUS_RAD)
     sigma = 0.2 * pixel_rad + 0.1 * glare
     given = float((window.luminance * window.pixel_sr)[spot].sum())
-    return _sun(window, centre, sigma * (4 if touches else 1), given, clipped=True, cut=touches)
+    return _sun(window, centre, sigma + touches * _cut_sigma(pixel_rad), given, clipped=True, cut=touches)
 
 
 def _fit_disc(window: Window, start: Reals, shape: Reals, *, free_radius: bool) -> Reals:
@@ -235,6 +236,11 @@ def _centroid_sigma(pixel_rad: float) -> float:
     """Return the uncertainty of a centroid of pixels: small where the disc covers several, else that of one pixel."""
     across = 2 * SUN_RADIUS_RAD / pixel_rad
     return pixel_rad * (0.29 * max(0.0, 1 - across) + 0.05 / max(across, 1.0) + 0.01)
+
+
+def _cut_sigma(pixel_rad: float) -> float:
+    """Return the uncertainty of a disc of which a part is seen: of half its radius, or a pixel's half."""
+    return max(SUN_RADIUS_RAD / 2, 0.6 * pixel_rad)
 
 
 def _sun(window: Window, centre: Reals, sigma: float, given: float, *, clipped: bool, cut: bool) -> Sun:
