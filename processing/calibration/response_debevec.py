@@ -23,7 +23,7 @@ def debevec_malik(data: ChannelSamples, log2_times: Reals, smoothness: float = S
     run from 0 to 1, which keeps the condition near 3000 instead of 90,000. Codes 0 and 255 weigh nothing and are
     continued in a straight line.
     """
-    from scipy.linalg import lstsq
+    from scipy.linalg import qr
 
     part = data.part(PATCHES)
     codes = part.pixels[:, 4].astype(np.int64)
@@ -42,8 +42,10 @@ def debevec_malik(data: ChannelSamples, log2_times: Reals, smoothness: float = S
         smooth[z - 1, z - 1 : z + 2] = smoothness * weight[z] * np.array([1.0, -2.0, 1.0])
     gauge = np.zeros((1, 256))
     gauge[0, 128] = 1.0
-    matrix = np.concatenate([rows, smooth, gauge])
-    answer = lstsq(matrix, np.concatenate([right, np.zeros(255)]), lapack_driver="gelsy")[0]
+    both = np.column_stack([np.concatenate([rows, smooth, gauge]), np.concatenate([right, np.zeros(255)])])
+    triangle = qr(both, mode="r", overwrite_a=True, check_finite=False)[0][:257]
+    # Of the least norm: codes 0 and 255 are in no row.
+    answer = np.linalg.lstsq(triangle[:, :256], triangle[:, 256], rcond=1e-12)[0]
     answer[0], answer[255] = 2 * answer[1] - answer[2], 2 * answer[254] - answer[253]
     return np.asarray(answer - answer[128], dtype=np.float64)
 

@@ -27,6 +27,7 @@ _CLEAR_CHI2 = 100.0
 """Gain in chi2 that a wrong time must explain: patches are many, the curve is smooth, small misfits are certain."""
 _DECISIVE_CHI2 = 10.0
 _STIFF = 1e3
+_SAME_STOPS = 1e-6
 
 
 class ShutterRule(StrEnum):
@@ -134,7 +135,9 @@ def estimate_times(
         change[list(known)] = 0.0
     chi2 = {rule: -evidence.gain(change) for rule, change in by_rule.items()}
     best = min(chi2, key=lambda rule: chi2[rule])
-    decided = sorted(chi2.values())[1] - chi2[best] > _DECISIVE_CHI2
+    # Rules that give these frames the same times are one.
+    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[best]).max() > _SAME_STOPS]
+    decided = bool(others) and min(chi2[r] for r in others) - chi2[best] > _DECISIVE_CHI2
     rule = best if chi2[prior] - chi2[best] > _DECISIVE_CHI2 else prior
     extra, covariance = _off_rule(evidence, by_rule[rule], now)
     gain = evidence.gain(by_rule[rule] + extra) - evidence.gain(by_rule[rule])

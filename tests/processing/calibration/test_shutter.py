@@ -1,0 +1,113 @@
+"""Shutter rules: the powers of two behind dial times, and choosing among rules by evidence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.calibration.shutter import (
+    ShutterRule,
+    TimeEvidence,
+    camera_rule,
+    estimate_times,
+    find_wrong_time,
+    refine_times,
+    true_time_s,
+)
+from processing.errors import ParameterError
+
+NOMINAL = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000)
+
+
+def evidence(true_log2: np.ndarray, given_log2: np.ndarray, weight: float = 1e6) -> TimeEvidence:
+    """Frames whose neighbours are compared with the precision ``weight``; no curve to hide behind."""
+    count = len(true_log2)
+    step = np.diff(np.eye(count), axis=0)
+    matrix = weight * step.T @ step
+    return TimeEvidence(matrix, matrix @ (true_log2 - given_log2), np.zeros(count, dtype=np.int64))
+
+
+@pytest.mark.parametrize(
+    ("nominal", "true"),
+    [
+        (1 / 60, 1 / 64),
+        (13.0, 2 ** (11 / 3)),
+        (3.2, 2 ** (5 / 3)),
+        (1 / 4000, 1 / 4096),
+        (1 / 15, 1 / 16),
+        (0.8, 2 ** -(1 / 3)),
+    ],
+)
+def test_thirds(nominal: float, true: float) -> None:
+    assert true_time_s(nominal, ShutterRule.THIRDS) == pytest.approx(true, rel=1e-12)
+    assert true_time_s(nominal, ShutterRule.NOMINAL) == nominal
+
+
+def test_halves_and_cameras() -> None:
+    assert true_time_s(1 / 45, ShutterRule.HALVES) == pytest.approx(2**-5.5)
+    assert camera_rule("canon eos 5d mark II ") is ShutterRule.THIRDS
+    assert camera_rule("another camera") is None
+
+
+@given(st.floats(1e-6, 1e4))
+@settings(max_examples=40)
+def test_true_time_is_near_and_stays(time_s: float) -> None:
+    for rule, most in ((ShutterRule.THIRDS, 1 / 6), (ShutterRule.HALVES, 1 / 4)):
+        true = true_time_s(time_s, rule)
+        assert abs(np.log2(true / time_s)) <= most + 1e-9
+        assert true_time_s(true, rule) == pytest.approx(true, rel=1e-12)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf")])
+def test_no_time(bad: float) -> None:
+    with pytest.raises(ParameterError):
+        true_time_s(bad, ShutterRule.THIRDS)
+
+
+def test_the_rule_is_chosen_by_evidence() -> None:
+    given_log2 = np.log2(NOMINAL)
+    for rule in (ShutterRule.NOMINAL, ShutterRule.THIRDS):
+        true = np.log2([true_time_s(t, rule) for t in NOMINAL])
+        found = estimate_times(evidence(true, given_log2), NOMINAL)
+        assert found.rule is rule
+        assert found.decided
+        assert not found.off_rule
+        assert found.times_s == pytest.approx(tuple(np.exp2(true)))
+        assert all(0 <= s < 0.01 for s in found.sigma)
+
+
+def test_without_evidence_the_rule_asked_for_stays() -> None:
+    count = len(NOMINAL)
+    nothing = TimeEvidence(np.zeros((count, count)), np.zeros(count), np.zeros(count, dtype=np.int64))
+    for prior in (ShutterRule.NOMINAL, ShutterRule.THIRDS):
+        found = estimate_times(nothing, NOMINAL, prior=prior)
+        assert found.rule is prior
+        assert not found.decided
+        assert not found.off_rule
+        assert np.isfinite(found.sigma).all()
+
+
+def test_a_shutter_off_its_rule_is_followed() -> None:
+    given_log2 = np.log2(NOMINAL)
+    off = np.zeros(len(NOMINAL))
+    off[[1, 5]] = 0.03, -0.03
+    found = estimate_times(evidence(given_log2 + off, given_log2), NOMINAL)
+    assert found.off_rule
+    assert np.log2(np.array(found.times_s) / NOMINAL)[[1, 5]] == pytest.approx(off[[1, 5]], abs=0.012)
+
+
+def test_a_wrong_time_is_found_and_small_ones_are_not() -> None:
+    given_log2 = np.log2(NOMINAL)
+    wrong = given_log2.copy()
+    wrong[2] += 1.0
+    found = find_wrong_time(evidence(given_log2, wrong))
+    assert found is not None
+    assert found[0] == 2
+    assert found[1] == pytest.approx(-1.0, abs=1e-6)
+    assert refine_times(evidence(given_log2, wrong), (2,))[2] == pytest.approx(-1.0, abs=1e-6)
+    wrong[2] = given_log2[2] + 0.05
+    assert find_wrong_time(evidence(given_log2, wrong)) is None
+    assert find_wrong_time(evidence(given_log2[:3], given_log2[:3] + np.array([0.0, 1.0, 0.0]))) is None
+    assert not refine_times(evidence(given_log2, wrong), ()).any()
