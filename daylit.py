@@ -31,9 +31,10 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
         "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
+        "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),
     },
     "Try it": {
-        "demo": Entry("station.commands.demo", "demo", "Capture on simulated instruments and verify."),
+        "demo": Entry("processing.commands.demo", "demo", "Calibrate, capture and process on simulated instruments."),
         "simulate": Entry("station.commands.simulate", "simulate", "Make a data set of simulated rooms, with truth."),
     },
 }
