@@ -25,8 +25,8 @@ Floats = npt.NDArray[np.float32]
 Reals = npt.NDArray[np.float64]
 States = npt.NDArray[np.int8]
 
-CELL_RAD = 0.006
-"""Cells of the net are divided until they are smaller: their straight sides then miss the true ones by 5e-6 rad."""
+CELL_RAD = 0.01
+"""Cells of the net are divided until they are smaller: their straight sides then miss the true ones by 1.3e-5 rad."""
 CORNERS_AT_ONCE = 1 << 19
 THREADS = 2
 

@@ -44,7 +44,7 @@ def test_the_sun_keeps_its_illuminance(source, target):
 @pytest.mark.parametrize(("source", "target"), PAIRS)
 def test_a_constant_stays_that_constant(source, target):
     there, back = one_of_each(40)[source], one_of_each(55)[target]
-    for method in ("area", "bilinear", "cubic"):
+    for method in ("area", "cubic"):
         moved, coverage = resample(np.full((there.height_px, there.width_px), 7.5), there, back, method=method)
         np.testing.assert_allclose(moved[coverage > 0], 7.5, rtol=1e-5)
         assert coverage.min() >= 0

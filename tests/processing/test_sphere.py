@@ -20,7 +20,7 @@ from processing.sphere import (
 from tests.processing.sphere_pictures import equirectangulars, fisheye, geometries, one_of_each
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(geometries)
 def test_pixel_to_direction_to_pixel(geometry):
     d, seen = directions(geometry)
@@ -35,7 +35,7 @@ def test_pixel_to_direction_to_pixel(geometry):
     np.testing.assert_allclose(y[seen], row[seen], atol=1e-6)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(geometries, st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=20))
 def test_direction_to_pixel_to_direction(geometry, given_directions):
     d = np.array(given_directions)
