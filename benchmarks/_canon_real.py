@@ -72,6 +72,8 @@ class CanonBracket:
 
 def read_bracket(reduce: int) -> CanonBracket:
     """Return the nine frames, every side divided by ``reduce`` (averages of codes)."""
+    if not FOLDER.is_dir():
+        raise FileNotFoundError(f"no shared bracket at {FOLDER.name}")
     size = FULL_SIZE[0] // reduce, FULL_SIZE[1] // reduce
     frames = []
     for path in sorted(FOLDER.glob("*.JPG")):
