@@ -64,7 +64,7 @@ class Final:
             sorted(
                 (units[c.unit].items[0].id, c.line[5], int(c.s_m), round(c.line[0]), round(c.line[1]))
                 for c in self.found.choices
-                if units[c.unit].footprint_m2 >= BIG_M2
+                if units[c.unit].footprint_m2 >= BIG_M2 and units[c.unit].role != "rug"
             )
         )
 
@@ -167,7 +167,7 @@ class _Task:
             n: self.judge if n == self.rules.name else Judge(self.plan, r, self.judge)
             for n, r in self.book.sets.items()
         }
-        return {self.rules.name: self.judge, **made}
+        return made if self.rules.name in made else {self.rules.name: self.judge, **made}
 
 
 def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:

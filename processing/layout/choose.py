@@ -76,7 +76,8 @@ def _difference(new: Candidate, before: Sequence[Candidate], main: str, *, same_
         theirs = {s.item.id: s for s in old.placed}
         found = ""
         for stand in new.placed:
-            if stand.item.id != main and (not same_main or stand.item.spec.footprint_m2 < BIG_M2):
+            spec = stand.item.spec
+            if stand.item.id != main and (not same_main or spec.footprint_m2 < BIG_M2 or spec.is_rug):
                 continue
             other = theirs.get(stand.item.id)
             found = found or (_moved(stand, other) if other is not None else "")

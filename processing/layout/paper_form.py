@@ -1,0 +1,155 @@
+"""The paper's own form of a position (section 5): an item, a floor edge, ratios along it and away from it, what it faces.
+
+Its ratios run over an edge's length whatever stands there. Ours run over the free set of that edge, so that every pair
+in [0, 1] is a legal position: `away` over the distances at which the item has a place at all, `along` over the places
+at that distance. 0 away is against the edge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from shapely.geometry import LineString
+from shapely.geometry.base import BaseGeometry
+
+from processing.errors import PinError
+from processing.layout.canonical import Pose, wrapped
+from processing.layout.field import PERSON_M, make_field
+from processing.layout.free_region import free_region
+from processing.layout.free_sets import BODY, RUG, ZONE
+from processing.layout.items import Item
+from processing.layout.pins import pinned_stands
+from processing.layout.plan import FloorPlan
+from processing.layout.refusals import outline_rows
+from processing.layout.rules import RuleSet
+from processing.layout.units import zone_choices
+
+INSIDE_M = 1e-6
+"""Positions are taken this far inside the free set, so that rounding cannot carry them out."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """One item's position as the paper gives it."""
+
+    item: str
+    edge: str
+    """A wall's number, `wall` (the longest without a window) or `window` (the one with the widest)."""
+    along: float
+    away: float
+    facing: str
+    """`in`: its back to the edge; `wall`: its front to the edge (the paper's `facewindow` at a window)."""
+
+
+def parse_place(text: str) -> Place:
+    """Return the place of ``"sofa=window,0.5,0,in"``; raise `PinError` for other forms and ratios outside [0, 1]."""
+    name, _, rest = text.partition("=")
+    parts = [p.strip() for p in rest.split(",")]
+    try:
+        edge, along, away, facing = parts[0], float(parts[1]), float(parts[2]), parts[3] if len(parts) > 3 else "in"
+    except (IndexError, ValueError):
+        raise PinError(f"'{text[:60]}' is not ITEM=EDGE,ALONG,AWAY,FACING") from None
+    if not (0 <= along <= 1 and 0 <= away <= 1) or facing not in {"in", "wall"}:
+        raise PinError(f"'{text[:60]}': ratios lie in 0 to 1, facing is 'in' or 'wall'")
+    return Place(name.strip().replace(" ", "-"), edge, along, away, facing)
+
+
+def placed_by_ratios(
+    plan: FloorPlan, items: Sequence[Item], rules: RuleSet, places: Sequence[Place], pins: Mapping[str, Pose]
+) -> dict[str, Pose]:
+    """Return `pins` and a pose for each place, one after the other, each legal beside those before it.
+
+    Raises `PinError` for unknown items and edges, and where an edge has no legal position for an item at all.
+    """
+    known = {item.id: item for item in items}
+    poses = dict(pins)
+    for place in places:
+        if place.item not in known:
+            raise PinError(f"'{place.item}' is not among the items", advice=f"place one of: {', '.join(known)}")
+        stood, _ = pinned_stands(items, poses, plan, rules)
+        rows = [row for stand in stood for row in outline_rows(stand)]
+        poses[place.item] = position(plan, known[place.item], rules, place, rows)
+    return poses
+
+
+def position(plan: FloorPlan, item: Item, rules: RuleSet, place: Place, extra: Sequence[tuple[Any, ...]] = ()) -> Pose:
+    """Return the pose (x, y, theta) of one place in the room's frame."""
+    edge = _edge(plan, place.edge)
+    corner, along, length_m = plan.edge(edge)
+    inward = np.array([-along[1], along[0]])
+    theta = math.atan2(along[1], along[0]) + (math.pi if place.facing == "wall" else 0.0)
+    field = make_field(plan, rules)
+    for zones in zone_choices(item, rules):
+        width_m, depth_m, height_m = item.spec.size_m
+        body = (-width_m / 2, width_m / 2, -depth_m / 2, depth_m / 2, item.spec.base_m, item.spec.base_m + height_m)
+        rows = [(body, RUG if item.spec.is_rug else BODY), *(((*zone, 0.0, PERSON_M), ZONE) for zone in zones)]
+        region = free_region(field, rows, theta, extra)
+        found = _pick(region, corner, along, inward, length_m, place)
+        if found is not None:
+            return found[0], found[1], wrapped(theta)
+    raise PinError(f"edge {edge} has no legal position for {item.id} under '{rules.name}'", where=plan.name)
+
+
+def _pick(
+    region: BaseGeometry, corner: Any, along: Any, inward: Any, length_m: float, place: Place
+) -> tuple[float, float] | None:
+    """Return the position in a region at the two ratios; None where the region is empty."""
+    region = region.buffer(-INSIDE_M, join_style="mitre")
+    parts = [p for p in getattr(region, "geoms", [region]) if not p.is_empty]
+    if not parts:
+        return None
+    levels = []
+    for part in parts:
+        away = (np.asarray(part.exterior.coords) - corner) @ inward
+        levels.append((float(away.min()), float(away.max())))
+    distance_m = _at_ratio(_joined(levels), place.away)
+    reach_m = 4 * (length_m + sum(abs(b - a) for a, b in levels)) + 100.0
+    middle = corner + inward * distance_m
+    cut = LineString([middle - along * reach_m, middle + along * reach_m]).intersection(region)
+    pieces = [g for g in getattr(cut, "geoms", [cut]) if not g.is_empty]
+    spans = []
+    for piece in pieces:
+        at = (np.asarray(piece.coords) - corner) @ along
+        spans.append((float(at.min()), float(at.max())))
+    if not spans:  # a level that touches the region in a point only
+        point = parts[0].representative_point()
+        return point.x, point.y
+    s_m = _at_ratio(_joined(spans), place.along)
+    at_point = middle + along * s_m
+    return float(at_point[0]), float(at_point[1])
+
+
+def _joined(spans: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    joined: list[tuple[float, float]] = []
+    for low, high in sorted(spans):
+        if joined and low <= joined[-1][1]:
+            joined[-1] = joined[-1][0], max(high, joined[-1][1])
+        else:
+            joined.append((low, high))
+    return joined
+
+
+def _at_ratio(spans: Sequence[tuple[float, float]], ratio: float) -> float:
+    """Return the value at a ratio of the spans' whole length."""
+    left = ratio * sum(high - low for low, high in spans)
+    for low, high in spans:
+        if left <= high - low:
+            return low + left
+        left -= high - low
+    return spans[-1][1]
+
+
+def _edge(plan: FloorPlan, name: str) -> int:
+    count = len(plan.corners)
+    if name.isdecimal() and int(name) < count:
+        return int(name)
+    if name == "window" and plan.windows:
+        return max(plan.windows, key=lambda w: w.width_m).edge
+    if name == "wall":
+        bare = [i for i in range(count) if all(w.edge != i for w in plan.windows)]
+        return max(bare or list(range(count)), key=lambda i: plan.edge(i)[2])
+    raise PinError(f"'{name}' is no edge of the room", advice=f"0 to {count - 1}, 'wall', or 'window' where it has one")
