@@ -15,7 +15,15 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.chart_patches import NEUTRALS, PATCH_NAMES, WHITE, FoundChart, Reals, read_chart
+from processing.calibration.chart_patches import (
+    NEUTRALS,
+    PATCH_NAMES,
+    WHITE,
+    FoundChart,
+    Reals,
+    checked_corners,
+    read_chart,
+)
 from processing.calibration.chart_search import candidates, refined
 from processing.calibration.luminance import CURVE_FRAC, ScaleFactor
 from processing.errors import ChartError
@@ -67,8 +75,7 @@ def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> 
         No chart was found, or what lies at the corners is none; also patches under four pixels.
     """
     if corners_px is not None:
-        corners = np.asarray(corners_px, dtype=np.float64)
-        chart = read_chart(view, refined(view, corners) if corners.shape == (4, 2) else corners, "corners")
+        chart = read_chart(view, refined(view, checked_corners(corners_px)), "corners")
         return _sure(chart, "the corners do not enclose the 24-patch chart")
     best: FoundChart | None = None
     for corners in islice(candidates(view), 8):

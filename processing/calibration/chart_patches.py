@@ -76,10 +76,18 @@ def homography(corners_px: Reals) -> Reals:
     rows = []
     for (u, v), (x, y) in zip(grid, np.asarray(corners_px, dtype=np.float64), strict=True):
         rows += [[u, v, 1, 0, 0, 0, -u * x, -v * x, -x], [0, 0, 0, u, v, 1, -u * y, -v * y, -y]]
-    system = np.array(rows)
-    if np.linalg.matrix_rank(system) < 8:
+    _, sizes, ways = np.linalg.svd(np.array(rows))
+    if sizes[-1] < 1e-9 * sizes[0]:
         raise ChartError("the four corners do not span a chart", where="corners", advice="give them in order around it")
-    return np.asarray(np.linalg.svd(system)[2][-1].reshape(3, 3))
+    return np.asarray(ways[-1].reshape(3, 3))
+
+
+def checked_corners(corners_px: npt.ArrayLike) -> Reals:
+    """Return four corners (4, 2); `ChartError` for anything else."""
+    corners = np.asarray(corners_px, dtype=np.float64)
+    if corners.shape != (4, 2) or not np.all(np.isfinite(corners)):
+        raise ChartError("four corners of two numbers are needed", where="corners", advice="give X,Y four times")
+    return corners
 
 
 def chart_points(mapping: Reals, window: float, grid: int) -> Reals:
@@ -100,9 +108,7 @@ def read_chart(view: RelativeImage, corners_px: Reals, how: str) -> FoundChart:
     ChartError
         The corners lie outside, patches are smaller than four pixels, or what is there is no such chart.
     """
-    corners = np.asarray(corners_px, dtype=np.float64)
-    if corners.shape != (4, 2) or not np.all(np.isfinite(corners)):
-        raise ChartError("four corners of two numbers are needed", where="corners", advice="give X,Y four times")
+    corners = checked_corners(corners_px)
     ways = [np.roll(corners, turn, axis=0) for turn in range(4)]
     read = [_read(view, way, how) for way in ways]
     best = min(read, key=lambda chart: chart.mismatch)

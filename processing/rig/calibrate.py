@@ -32,7 +32,8 @@ class RigRequest:
     """What to calibrate from.
 
     ``chart``: the session in which both cameras see the chart (k2). ``sessions``: more brackets of either camera, for
-    response and noise only. ``nd``: the outdoor camera's chart with and without the filter.
+    response and noise only; without any the chart has to do. ``nd``: the outdoor camera's chart with and without the
+    filter (the latter is used for its response too).
     """
 
     chart: Path
@@ -90,8 +91,10 @@ def calibrate_rig(request: RigRequest, now: datetime, tell: Callable[[str], None
 def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
     """Return everything about one camera that the sessions tell."""
     nd = [read_side(path, side) for path in request.nd or ()] if side is Side.OUTDOOR else []
-    others = [read_side(path, side) for path in (*request.sessions, *request.flats)]
-    takes = _same_camera(chart, [taken for taken in (*others, *nd) if taken is not None])
+    others = [read_side(path, side) for path in request.sessions]
+    # Even fields and a chart behind a dark filter show few codes: a curve from them would be worse, not better.
+    varied = [taken for taken in (*others, *nd[1:]) if taken is not None]
+    takes = _same_camera(chart, varied)
     camera = fit_camera(takes, chart, request.half_field_rad, request.rules.get(side))
     for name in request.lens_data:
         if (name in _INDOOR_DATA) == (side is Side.INDOOR):
@@ -108,11 +111,11 @@ def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
 
 
 def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[SessionSide]:
-    """Return all sessions, the chart's first and each once; another camera or white balance among them is refused.
+    """Return the sessions, each once (the chart's where there are none); another camera or white balance is refused.
 
     Aperture, filter and ISO do not change a response curve enough to matter.
     """
-    found = {chart.session_id: chart}
+    found: dict[str, SessionSide] = {}
     for other in others:
         differ = [
             name
@@ -124,7 +127,7 @@ def _same_camera(chart: SessionSide, others: Sequence[SessionSide]) -> list[Sess
                 f"another {', '.join(differ)} than in the chart session", where=str(other.path), advice="leave it out"
             )
         found.setdefault(other.session_id, other)
-    return list(found.values())
+    return list(found.values()) or [chart]
 
 
 def _chart_view(camera: CameraFit, taken: SessionSide, corners: Sequence[float] | None) -> ChartView:
