@@ -214,7 +214,8 @@ def _gram(
     # Each pair of entries was counted once: columns grow along a row, so that all lies above the diagonal.
     square = square + square.T - np.diag(np.diag(square))
     rows = total.reshape(-1, size) / np.sqrt(np.maximum(_per_sample(data, weight), 1e-300))[:, None]
-    return np.asarray(square - rows.T @ rows)
+    # Without BLAS, whose threads wait for each other longer than so small a product takes.
+    return np.asarray(square - np.einsum("si,sj->ij", rows, rows))
 
 
 @dataclass(frozen=True)

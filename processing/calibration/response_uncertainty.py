@@ -12,7 +12,7 @@ from processing.calibration.response_daylit import ChannelFit
 
 Reals: TypeAlias = npt.NDArray[np.float64]
 
-MODEL_CODES = 0.17
+MODEL_CODES = 0.1
 """Of the standard deviation of one pixel's coding: how far a smooth curve may be from the camera's mean code (kinks of
 the tone curve, coders that drop what is small). Measured on simulated cameras of training seeds."""
 _BEYOND = 0.003, 0.02
