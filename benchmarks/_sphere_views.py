@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import count
 
 import cv2
 import numpy as np
 import py360convert
 
-from benchmarks._paired import Comparison, compare, cost_of
+from benchmarks._paired import Comparison, compare
 from processing.sphere import Equirectangular, Geometry, Perspective, cube_views, directions, pixels
 from processing.views import covering_views, cut_view, view_at
 from processing.views_stitch import stitch_views
@@ -23,11 +24,13 @@ VIEW_PX, FOV_DEG = 1024, 90
 LOOKS_DEG = ((0, 0), (180, 10), (-100, -35), (45, 60))
 """Longitude and latitude; the second looks across the seam, the last at a pole."""
 WAVES, BAND = 24, 40.0
+NEW_DEG = 0.37
+"""Turned by so much, a view is one whose map nobody has."""
 
 
 @dataclass(frozen=True)
 class Speed:
-    """CPU time of warm views: ours over the rival's."""
+    """What views cost, ours over the rival's; maps are there already but in ``first_views``."""
 
     py360convert: Comparison
     remap: Comparison
@@ -36,8 +39,8 @@ class Speed:
     """Bare remap with fixed-point maps."""
     remap_float: Comparison
     """The same panorama in float32."""
-    first_view_s: float
-    """CPU seconds of a view whose map is not there yet."""
+    first_views: Comparison
+    """Against py360convert on views that neither has seen: both make their maps."""
 
 
 def waves(geometry: Geometry, seed: int, band: float = BAND) -> np.ndarray:
@@ -67,31 +70,39 @@ def look(theta_deg: float, phi_deg: float) -> Perspective:
 def speed(*, pairs: int, repeats: int) -> Speed:
     """Cut four views of 1024 x 1024 out of 6720 x 3360, in turn with rivals, ``repeats`` times (not py360convert)."""
     picture = np.random.default_rng(0).integers(0, 256, (PANORAMA.height_px, PANORAMA.width_px, 3), dtype=np.uint8)
-    views = [look(*at) for at in LOOKS_DEG]
-    first_view_s = cost_of(lambda: [cut_view(picture, view) for view in views]).cpu_s / len(views)
-    maps = [_plain_maps(PANORAMA, view) for view in views]
-    fixed = [cv2.convertMaps(*m, cv2.CV_16SC2) for m in maps]
-
-    def ours(source: np.ndarray = picture) -> None:
-        for _ in range(repeats):
-            for view in views:
-                cut_view(source, view)
-
-    def bare(source: np.ndarray, used: list) -> None:
-        for _ in range(repeats):
-            for one in used:
-                cv2.remap(source, *one, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-
-    def py360() -> None:
-        for theta, phi in LOOKS_DEG:
-            py360convert.e2p(picture, FOV_DEG, theta, phi, (VIEW_PX, VIEW_PX))
-
-    remap = compare(ours, lambda: bare(picture, maps), pairs=pairs)
-    remap_fixed = compare(ours, lambda: bare(picture, fixed), pairs=pairs)
-    against = compare(ours, py360, pairs=max(3, pairs // 2))
     light = picture.astype(np.float32)
-    remap_float = compare(lambda: ours(light), lambda: bare(light, maps), pairs=pairs)
-    return Speed(against, remap, remap_fixed, remap_float, first_view_s)
+    maps = [_plain_maps(PANORAMA, look(*at)) for at in LOOKS_DEG]
+    fixed = [cv2.convertMaps(*m, cv2.CV_16SC2) for m in maps]
+    mine, theirs = count(1), count(1)
+    few = max(3, pairs // 2)
+    return Speed(
+        py360convert=compare(lambda: _ours(picture, repeats), lambda: _py360_views(picture), pairs=few),
+        remap=compare(lambda: _ours(picture, repeats), lambda: _bare(picture, maps, repeats), pairs=pairs),
+        remap_fixed=compare(lambda: _ours(picture, repeats), lambda: _bare(picture, fixed, repeats), pairs=pairs),
+        remap_float=compare(lambda: _ours(light, repeats), lambda: _bare(light, maps, repeats), pairs=pairs),
+        first_views=compare(
+            lambda: _ours(picture, 1, NEW_DEG * next(mine)),
+            lambda: _py360_views(picture, NEW_DEG * next(theirs)),
+            pairs=few,
+        ),
+    )
+
+
+def _ours(picture: np.ndarray, repeats: int, turn_deg: float = 0.0) -> None:
+    for _ in range(repeats):
+        for theta, phi in LOOKS_DEG:
+            cut_view(picture, look(theta + turn_deg, phi))
+
+
+def _bare(picture: np.ndarray, maps: list, repeats: int) -> None:
+    for _ in range(repeats):
+        for one in maps:
+            cv2.remap(picture, *one, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+
+
+def _py360_views(picture: np.ndarray, turn_deg: float = 0.0) -> None:
+    for theta, phi in LOOKS_DEG:
+        py360convert.e2p(picture, FOV_DEG, theta + turn_deg, phi, (VIEW_PX, VIEW_PX))
 
 
 def _plain_maps(panorama: Equirectangular, view: Perspective) -> tuple[np.ndarray, np.ndarray]:

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.sphere import Equirectangular, Perspective, directions, pixels, point_directions
+from processing.sphere import Equirectangular, Perspective, pixels, point_directions
+from processing.sphere_view_map import view_in_panorama
 
 Floats = npt.NDArray[np.float32]
 Reals = npt.NDArray[np.float64]
@@ -111,20 +112,18 @@ def stitch_map(view: Perspective, target: Equirectangular) -> StitchMap:
 
 
 def _make_cut(panorama: Equirectangular, view: Perspective, *, fixed: bool) -> CutMap:
-    x, y, _ = pixels(panorama, directions(view)[0])
-    x, y = x - 0.5, y - 0.5
-    polar = _polar_pixels(panorama, x, y)
-    first, second = x.astype(np.float32), y.astype(np.float32)
+    first, second = view_in_panorama(panorama, view)
+    polar = _polar_pixels(panorama, first, second)
     if fixed:
         return CutMap(*cv2.convertMaps(first, second, cv2.CV_16SC2), polar)
     return CutMap(first, second, polar)
 
 
-def _polar_pixels(panorama: Equirectangular, x: Reals, y: Reals) -> PolarPixels | None:
-    view_rows, view_columns = np.nonzero((y < 0) | (y > panorama.height_px - 1))
-    if not view_rows.size:
+def _polar_pixels(panorama: Equirectangular, x: Floats, y: Floats) -> PolarPixels | None:
+    if y.min() >= 0 and y.max() <= panorama.height_px - 1:
         return None
-    at_x, at_y = x[view_rows, view_columns], y[view_rows, view_columns]
+    view_rows, view_columns = np.nonzero((y < 0) | (y > panorama.height_px - 1))
+    at_x, at_y = (a[view_rows, view_columns].astype(np.float64) for a in (x, y))
     low = np.floor(at_y).astype(np.intp)
     share = at_y - low
     rows, columns, weights = [], [], []
