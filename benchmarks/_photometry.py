@@ -15,7 +15,7 @@ from mocks.chart import ChartRoom
 from mocks.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.optics import scene_rows
 from mocks.simple_room import SimpleRoom
-from processing.calibration.luminance import combined, scale_from_reading, scaled
+from processing.calibration.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
 from processing.calibration.photometry import illuminance_lx
 from processing.images import Validity
@@ -47,6 +47,7 @@ CHART_STOPS_S = (30.0, 20.0, 10.0, *STOPS_S)
 """For the chart, which is dim through the ND filter."""
 _SUN_RAD = math.radians(3)
 _EDGE_RATIO = 1.1
+_BAND = 12
 
 
 @dataclass(frozen=True)
@@ -122,23 +123,25 @@ def measured(folder: Path, rig: Calibrated, world: World, divisor: int, seed: in
     return indoor, _outdoor(rig, taken, outside, k1)
 
 
-def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[object, Indoor]:
+def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[ScaleFactor, Indoor]:
     camera = rig.result.cameras[Side.INDOOR]
     image = camera.corrected(camera.merged(side))
     assert side.target is not None
     k1 = scale_from_reading(
         image, side.readings, side.target.longitude_rad, side.target.latitude_rad, frames=side.records
     )
-    truth, solid = _truth(taken, Side.INDOOR), solid_angles(image.geometry)
-    shown = luminance_cd_m2(scaled(image, k1).rgb)
-    use = (image.validity == Validity.VALID) & (truth > 0)
+    rows, truth = _truth(taken, Side.INDOOR)
+    solid = solid_angles(image.geometry)[rows]
+    shown = luminance_cd_m2(scaled(image, k1).rgb[rows])
+    use = (image.validity[rows] == Validity.VALID) & (truth > 0)
     error = np.abs(shown / np.maximum(truth, 1e-9) - 1)
     smooth = use & ~_edges(truth)
     k1_truth = 1 / _gain(rig.result, Side.INDOOR)
-    veil = 0.005 * float((truth * solid).sum() / solid.sum())
-    board = k1.measured
+    glare, board = taken.optics(Side.INDOOR).glare, k1.measured
+    # The lens spreads a share of all light evenly: the rest stays where it belongs.
+    displayed = (1 - glare) * board + glare * float((truth * solid).sum() / solid.sum())
     return k1, Indoor(
-        k1=k1.value / (k1_truth * board / (board + veil)) - 1,
+        k1=k1.value / (k1_truth * board / displayed) - 1,
         k1_without_glare=k1.value / k1_truth - 1,
         median=_quantile(error[use], solid[use], 0.5),
         p95=_quantile(error[use], solid[use], 0.95),
@@ -148,24 +151,21 @@ def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[object, I
     )
 
 
-def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: object) -> Outdoor:
+def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) -> Outdoor:
     camera = rig.result.cameras[Side.OUTDOOR]
     assert camera.lens is not None
     k2 = rig.result.profile.k2
     assert k2 is not None
-    from processing.calibration.luminance import ScaleFactor
-
-    assert isinstance(k1, ScaleFactor)
     scale = combined(k1, ScaleFactor(k2.value, k2.relative_uncertainty))
     merged = camera.merged(side)
     sky = camera.corrected(merged)
-    truth = _truth(taken, Side.OUTDOOR)
-    shown = luminance_cd_m2(scaled(sky, scale).rgb)
+    rows, truth = _truth(taken, Side.OUTDOOR)
+    shown = luminance_cd_m2(scaled(sky, scale).rgb[rows])
     x = np.arange(truth.shape[1]) + 0.5
-    y = (np.arange(truth.shape[0]) + 0.5)[:, None]
+    y = (rows + 0.5)[:, None]
     lens = taken.optics(Side.OUTDOOR).lens
     ways, seen = lens.directions(x, y, taken.size_px(Side.OUTDOOR))
-    use = seen & (sky.validity == Validity.VALID) & (ways[..., 2] > math.sin(math.radians(3)))
+    use = seen & (sky.validity[rows] == Validity.VALID) & (ways[..., 2] > math.sin(math.radians(3)))
     for disc in taken.world.discs(Site.OUTDOOR):
         use &= ways @ np.array(disc.direction, dtype=np.float32) < math.cos(_SUN_RAD)
     error = np.abs(shown / np.maximum(truth, 1e-9) - 1)[use]
@@ -178,7 +178,7 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: object) -> Ou
         lux=lux / true_lux - 1,
         sky_p95=float(np.quantile(error, 0.95)),
         sky_median=float(np.median(error)),
-        clipped_share=float(np.mean(sky.validity[seen] == Validity.CLIPPED)),
+        clipped_share=float(np.mean(sky.validity[rows][seen] == Validity.CLIPPED)),
     )
 
 
@@ -199,14 +199,15 @@ def _true_lux(world: World) -> float:
     return total
 
 
-def _truth(taken: Taken, side: Side) -> Reals:
-    """Return the luminance that each pixel truly averages, no lens fall-off, filter or glare in it."""
+def _truth(taken: Taken, side: Side) -> tuple[npt.NDArray[np.intp], Reals]:
+    """Return some bands of rows and the luminance that each of their pixels truly averages.
+
+    Without fall-off, filter or glare; a quarter of the picture, as each costs as much as all of its frames.
+    """
     size = taken.size_px(side)
-    rows = [
-        luminance_cd_m2(scene_rows(taken.world, taken.optics(side), size, range(first, min(first + 64, size[1]))))
-        for first in range(0, size[1], 64)
-    ]
-    return np.concatenate(rows).astype(np.float64)
+    bands = [range(first, min(first + _BAND, size[1])) for first in range(0, size[1], 4 * _BAND)]
+    found = [luminance_cd_m2(scene_rows(taken.world, taken.optics(side), size, band)) for band in bands]
+    return np.concatenate([np.array(band) for band in bands]), np.concatenate(found).astype(np.float64)
 
 
 def _edges(truth: Reals) -> npt.NDArray[np.bool_]:
