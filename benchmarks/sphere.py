@@ -2,7 +2,7 @@
 
 ``speedup_py360convert`` compares CPU time on views that neither has seen before, ``_warm`` on views whose maps both
 have (``_warm_wall``: wall time). ``remap_ratio`` is our CPU time over that of a bare `cv2.remap` with its float32 maps
-made before, both on the same 8-bit panorama; ``remap_fixed_ratio`` the same with fixed-point maps, ``remap_float_ratio``
+made before, both on the same 8-bit panorama; ``remap_fixed_ratio`` with fixed-point maps, ``remap_float_ratio``
 on a float32 panorama. Round trips are rms errors over the rms of a band-limited truth, panorama to six faces and back.
 """
 
