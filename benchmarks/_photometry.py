@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,10 +15,12 @@ from mocks.chart import ChartRoom
 from mocks.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.optics import scene_rows
 from mocks.simple_room import SimpleRoom
+from processing.calibration.image_circle import ImageCircle
 from processing.calibration.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
 from processing.calibration.photometry import illuminance_lx
-from processing.images import Validity
+from processing.calibration.veiling_glare import veil_from_surround
+from processing.images import RelativeImage, Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
 from processing.rig.session_side import SessionSide, read_side
 from processing.sphere import solid_angles
@@ -157,7 +159,7 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     k2 = rig.result.profile.k2
     assert k2 is not None
     scale = combined(k1, ScaleFactor(k2.value, k2.relative_uncertainty))
-    merged = camera.merged(side)
+    merged = _without_veil(camera.merged(side), camera.lens.circle)
     sky = camera.corrected(merged)
     rows, truth = _truth(taken, Side.OUTDOOR)
     shown = luminance_cd_m2(scaled(sky, scale).rgb[rows])
@@ -180,6 +182,12 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
         sky_median=float(np.median(error)),
         clipped_share=float(np.mean(sky.validity[rows][seen] == Validity.CLIPPED)),
     )
+
+
+def _without_veil(merged: RelativeImage, circle: ImageCircle) -> RelativeImage:
+    """Return the picture less the veil seen around the image circle, as `daylit process` takes it off."""
+    veil = veil_from_surround(merged.rgb, merged.validity, circle.centre_px, circle.radius_px)
+    return replace(merged, rgb=np.maximum(merged.rgb - np.array(veil.veil_rgb, dtype=np.float32), 0))
 
 
 def _true_lux(world: World) -> float:

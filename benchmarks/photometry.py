@@ -5,7 +5,8 @@ the radiance that each pixel averages. ``indoor_*`` are by solid angle over all 
 ``smooth`` leave out pixels within two of a step of 10 %, where JPEG and mixed pixels, not photometry, decide.
 ``k1_err_pct`` is against the camera's own gain, the veiling glare at the board counted in (0.5 % of the mean light
 scatters in the simulated lens and none in the meter); ``k1_raw_err_pct`` is without. The sky leaves out 3 degrees
-around the sun, whose light is in the illuminance.
+around the sun, whose light is in the illuminance; the veil seen around the image circle is taken off, as in
+`daylit process`.
 """
 
 from __future__ import annotations
