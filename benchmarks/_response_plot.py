@@ -24,7 +24,14 @@ def error_over_codes(errors: Mapping[str, npt.NDArray[np.float64]], first_code: 
         for number, (name, error) in enumerate(errors.items()):
             codes = first_code + np.arange(len(error))
             width, colour = (2.2, "black") if name == "ours" else (1.0, f"C{number}")
-            axes.plot(codes, error, styles[number % len(styles)], color=colour, lw=width, label=name.replace("_", " "))
+            axes.plot(
+                codes,
+                error,
+                linestyle=styles[number % len(styles)],
+                color=colour,
+                lw=width,
+                label=name.replace("_", " "),
+            )
         axes.grid(visible=True, color="0.9")
         axes.spines[["top", "right"]].set_visible(False)
         axes.axhspan(-0.006, 0.006, color="0.85", zorder=0)

@@ -33,8 +33,32 @@ def add_unit(rects, kinds, line, s, dyn, heights, classes, count):  # type: igno
 
 
 @njit(cache=True)
+def copy_outline(old, new):  # type: ignore[no-untyped-def]
+    """Copy four corners."""
+    for c in range(4):
+        new[c, 0], new[c, 1] = old[c, 0], old[c, 1]
+
+
+@njit(cache=True)
+def copy_state(dyn, heights, classes, count, new_dyn, new_heights, new_classes):  # type: ignore[no-untyped-def]
+    """Copy the first `count` outlines of a state."""
+    for r in range(count):
+        copy_outline(dyn[r], new_dyn[r])
+        new_heights[r, 0], new_heights[r, 1] = heights[r, 0], heights[r, 1]
+        new_classes[r] = classes[r]
+
+
+@njit(cache=True)
+def copy_grid(old, new):  # type: ignore[no-untyped-def]
+    """Copy a grid."""
+    for i in range(old.shape[0]):
+        for j in range(old.shape[1]):
+            new[i, j] = old[i, j]
+
+
+@njit(cache=True)
 def select(  # type: ignore[no-untyped-def]
-    order, index, place, strata, most, per_parent, per_stratum, most_checks,
+    order, index, place, strata, n_strata, most, per_parent, per_stratum, most_checks,
     rects, kinds, n_rects, lines, dyn, heights, classes, dyn_n, blocked, doors, grid, radius2, reach,
     new_dyn, new_heights, new_classes, new_n, new_blocked, accepted,
 ):  # fmt: skip
@@ -45,7 +69,7 @@ def select(  # type: ignore[no-untyped-def]
     found, checks = 0, 0
     x0, y0, cell = grid[0], grid[1], grid[2]
     children = np.zeros(dyn.shape[0], dtype=np.int64)
-    in_stratum = np.zeros(strata.max() + 1 if strata.size else 1, dtype=np.int64)
+    in_stratum = np.zeros(n_strata, dtype=np.int64)
     work = np.empty(blocked.shape[1:], dtype=np.uint8)
     stack = np.empty(work.size, dtype=np.int64)
     zones = np.empty((dyn.shape[1], 4, 2))
@@ -56,20 +80,20 @@ def select(  # type: ignore[no-untyped-def]
         if children[b] >= per_parent or in_stratum[strata[row]] >= per_stratum:
             continue
         checks += 1
-        new_dyn[found], new_heights[found], new_classes[found] = dyn[b], heights[b], classes[b]
         before = dyn_n[b]
+        copy_state(dyn[b], heights[b], classes[b], before, new_dyn[found], new_heights[found], new_classes[found])
         count = add_unit(
             rects[v, : n_rects[v]], kinds[v, : n_rects[v]], lines[k], place[row],
             new_dyn[found], new_heights[found], new_classes[found], before,
         )  # fmt: skip
-        new_blocked[found] = blocked[b]
+        copy_grid(blocked[b], new_blocked[found])
         for r in range(before, count):
             if new_classes[found, r] == BODY and new_heights[found, r, 0] < WALKER_M:
                 stamp(new_blocked[found], new_dyn[found, r], x0, y0, cell, radius2)
         n_zones = 0
         for r in range(count):
             if new_classes[found, r] == ZONE:
-                zones[n_zones] = new_dyn[found, r]
+                copy_outline(new_dyn[found, r], zones[n_zones])
                 n_zones += 1
         if connected(
             new_blocked[found], work, stack, doors, doors.shape[0], zones, n_zones, x0, y0, cell, reach

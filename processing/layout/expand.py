@@ -32,7 +32,8 @@ def standing(walls, outlines, heights, classes, rects, kinds, n_rects, widths, l
             if found > out.shape[2]:
                 found = out.shape[2]
                 scratch[found - 1, 1] = 1e300
-            out[v, k, :found] = scratch[:found]
+            for i in range(found):
+                out[v, k, i, 0], out[v, k, i, 1] = scratch[i, 0], scratch[i, 1]
             counts[v, k] = found
 
 
@@ -78,7 +79,8 @@ def expand(  # type: ignore[no-untyped-def]
                     continue
                 ox, oy, ux, uy = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
                 count = fixed_counts[v, k]
-                scratch[:count] = fixed[v, k, :count]
+                for i in range(count):
+                    scratch[i, 0], scratch[i, 1] = fixed[v, k, i, 0], fixed[v, k, i, 1]
                 count = add_forbidden(
                     dyn[b], dyn_heights[b], dyn_classes[b], dyn_n[b], ox, oy, ux, uy, own, kind, meets, scratch, count
                 )

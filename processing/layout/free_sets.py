@@ -86,7 +86,7 @@ def add_walls(walls, ox, oy, ux, uy, rects, out, found):  # type: ignore[no-unty
             xs[c] = dx * ux + dy * uy
             ys[c] = dy * ux - dx * uy
         for r in range(rects.shape[0]):
-            low, high = extent_in_strip(xs, ys, 2, rects[r, 2], rects[r, 3])
+            low, high = extent_in_strip(xs, ys, xs.shape[0], rects[r, 2], rects[r, 3])
             if low <= high and found < out.shape[0]:
                 out[found, 0] = low - rects[r, 1]
                 out[found, 1] = high - rects[r, 0]

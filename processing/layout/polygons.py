@@ -54,9 +54,9 @@ def repaired_ring(points: Array, *, where: str, clockwise: bool = False) -> Repa
     ring = ring[kept]
     if len(ring) < 3:
         raise PlanError(f"{len(ring)} different corners are no polygon", where=where)
+    _refuse_crossings(ring, where)
     if abs(signed_area(ring)) < 1e-6:
         raise PlanError("the polygon has no area", where=where)
-    _refuse_crossings(ring, where)
     turned = (signed_area(ring) < 0) != clockwise
     if turned:
         ring = ring[::-1].copy()

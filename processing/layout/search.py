@@ -203,7 +203,7 @@ class Search:
         after = beam.other()
         accepted = np.empty(effort.beam, dtype=np.int64)
         kept = select(
-            order, index, place, strata, effort.beam, effort.per_parent, effort.per_stratum, effort.most_checks,
+            order, index, place, strata, int(strata.max(initial=0)) + 1, effort.beam, effort.per_parent, effort.per_stratum, effort.most_checks,
             unit.rects, unit.kinds, unit.n_rects, unit.lines, beam.dyn[:b], beam.heights[:b], beam.classes[:b],
             beam.counts[:b], beam.blocked[:b], beam.walk.doors, beam.walk.grid, beam.walk.radius2, beam.walk.reach,
             after.dyn, after.heights, after.classes, after.counts, after.blocked, accepted,

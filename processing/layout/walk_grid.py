@@ -53,14 +53,25 @@ def wall_clearance2(walls, x0, y0, cell, rows, columns):  # type: ignore[no-unty
 
 
 @njit(cache=True)
+def window(corners, margin, x0, y0, cell, rows, columns):  # type: ignore[no-untyped-def]
+    """Return the rows and columns (first, end, first, end) of the cells around an outline."""
+    low_x, low_y, high_x, high_y = corners[0, 0], corners[0, 1], corners[0, 0], corners[0, 1]
+    for c in range(1, corners.shape[0]):
+        low_x, high_x = min(low_x, corners[c, 0]), max(high_x, corners[c, 0])
+        low_y, high_y = min(low_y, corners[c, 1]), max(high_y, corners[c, 1])
+    i0 = max(0, int(np.floor((low_y - margin - y0) / cell)))
+    i1 = min(rows, int(np.ceil((high_y + margin - y0) / cell)) + 1)
+    j0 = max(0, int(np.floor((low_x - margin - x0) / cell)))
+    j1 = min(columns, int(np.ceil((high_x + margin - x0) / cell)) + 1)
+    return i0, i1, j0, j1
+
+
+@njit(cache=True)
 def stamp(blocked, corners, x0, y0, cell, radius2):  # type: ignore[no-untyped-def]
     """Mark the cells whose middles are nearer than the radius to a rectangle."""
     r = np.sqrt(radius2)
     rows, columns = blocked.shape
-    j0 = max(0, int(np.floor((corners[:, 0].min() - r - x0) / cell)))
-    j1 = min(columns, int(np.ceil((corners[:, 0].max() + r - x0) / cell)) + 1)
-    i0 = max(0, int(np.floor((corners[:, 1].min() - r - y0) / cell)))
-    i1 = min(rows, int(np.ceil((corners[:, 1].max() + r - y0) / cell)) + 1)
+    i0, i1, j0, j1 = window(corners, r, x0, y0, cell, rows, columns)
     for i in range(i0, i1):
         for j in range(j0, j1):
             if blocked[i, j] == 0 and rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) < radius2:
@@ -71,15 +82,13 @@ def stamp(blocked, corners, x0, y0, cell, radius2):  # type: ignore[no-untyped-d
 def touches(reached, corners, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
     """Tell whether a reached cell's middle lies within `reach` of a rectangle."""
     rows, columns = reached.shape
-    j0 = max(0, int(np.floor((corners[:, 0].min() - reach - x0) / cell)))
-    j1 = min(columns, int(np.ceil((corners[:, 0].max() + reach - x0) / cell)) + 1)
-    i0 = max(0, int(np.floor((corners[:, 1].min() - reach - y0) / cell)))
-    i1 = min(rows, int(np.ceil((corners[:, 1].max() + reach - y0) / cell)) + 1)
+    i0, i1, j0, j1 = window(corners, reach, x0, y0, cell, rows, columns)
     for i in range(i0, i1):
         for j in range(j0, j1):
-            if reached[i, j] == 2:
-                if rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) <= reach * reach:
-                    return True
+            if reached[i, j] != 2:
+                continue
+            if rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) <= reach * reach:
+                return True
     return False
 
 
@@ -88,10 +97,7 @@ def flood(grid, corners, x0, y0, cell, stack):  # type: ignore[no-untyped-def]
     """Mark (2) all free cells (0) connected to those whose middles lie in a rectangle; return how many."""
     rows, columns = grid.shape
     top, count = 0, 0
-    j0 = max(0, int(np.floor((corners[:, 0].min() - x0) / cell)))
-    j1 = min(columns, int(np.ceil((corners[:, 0].max() - x0) / cell)) + 1)
-    i0 = max(0, int(np.floor((corners[:, 1].min() - y0) / cell)))
-    i1 = min(rows, int(np.ceil((corners[:, 1].max() - y0) / cell)) + 1)
+    i0, i1, j0, j1 = window(corners, 0.0, x0, y0, cell, rows, columns)
     for i in range(i0, i1):
         for j in range(j0, j1):
             if grid[i, j] == 0:
@@ -124,7 +130,9 @@ def connected(blocked, work, stack, doors, n_doors, zones, n_zones, x0, y0, cell
     """
     if n_doors == 0:
         return 0
-    work[:, :] = blocked
+    for i in range(work.shape[0]):
+        for j in range(work.shape[1]):
+            work[i, j] = blocked[i, j]
     for _ in range(4):
         count = flood(work, doors[0], x0, y0, cell, stack)
         if count == 0:

@@ -1,0 +1,219 @@
+"""Arrangements: nothing broken in rooms of all shapes, the same in every frame, refusals with reasons."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks._arrange_raster import Raster
+from benchmarks._arrange_rooms import KINDS, generated
+from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError, RulesError
+from processing.layout.arrange import arrange
+from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
+from processing.layout.canonical import mirrored_plan
+from processing.layout.drawing import write_drawings
+from processing.layout.item_list import parse_items, set_items
+from processing.layout.item_table import KINDS as ITEMS
+from processing.layout.item_table import SETS
+from processing.layout.items import ItemSpec
+from processing.layout.paper_form import Place, placed_by_ratios
+from processing.layout.plan import Door, FloorPlan, Window, make_plan
+from processing.layout.rules import built_in_rules, read_rules
+from processing.layout.verify import Piece, verify
+
+ROOM = make_plan(
+    [[0, 0], [4.6, 0], [4.6, 3.9], [0, 3.4]], doors=[Door(0, 0.1, 0.95)], windows=[Window(1, 1.0, 2.6, 0.9, 2.1)]
+)  # fmt: skip
+
+
+def judged(plan: FloorPlan, one: Arrangement, rules: str) -> list[str]:
+    pieces = [
+        Piece(i.id, ItemSpec(i.category, i.size_m, i.base_m, zones=ITEMS[i.category].zones, sides_rule=ITEMS[i.category].sides_rule), i.t_m[0], i.t_m[1], i.theta_rad, i.group)
+        for i in one.items
+    ]  # fmt: skip
+    return [str(v) for v in verify(plan, pieces, built_in_rules().named(rules)).violations]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("use", ["bedroom", "living"])
+def test_hard_rooms_have_no_fault_by_judge_and_raster(kind: str, use: str) -> None:
+    plan = generated(kind, 11)
+    result = arrange(plan, set_items(use), "tight", n=3)
+    assert result.arrangements
+    raster = Raster(plan, built_in_rules().named("tight"))
+    for one in result.arrangements:
+        assert len(one.items) + len(one.not_placed) == len(result.asked)
+        assert judged(plan, one, "tight") == []
+        assert raster.faults(one) == []
+
+
+@pytest.mark.parametrize("use", sorted(SETS))
+def test_every_set_fits_a_roomy_room(use: str) -> None:
+    plan = make_plan([[0, 0], [6.5, 0], [6.5, 5.5], [0, 5.5]], doors=[Door(0, 0.3, 1.2)], windows=[Window(2, 1, 4)])
+    result = arrange(plan, set_items(use), "standard", n=2)
+    assert [one.complete for one in result.arrangements] == [True, True]
+    assert {"standard", "tight"} <= set(result.arrangements[0].meets)
+
+
+def test_seven_different_and_the_same_bytes_for_the_same_seed() -> None:
+    items = parse_items("single bed, nightstand, desk, desk chair")
+    first, again = (arrange(ROOM, items, "tight", seed=3) for _ in range(2))
+    assert first.model_dump_json() == again.model_dump_json()
+    assert len(first.arrangements) == 7
+    poses = {(i.t_m, i.theta_rad) for one in first.arrangements for i in one.items if i.id == "single-bed"}
+    assert len(poses) >= 4
+    assert all(one.differs_by for one in first.arrangements[1:]) or first.arrangements[0].differs_by
+
+
+def moved(plan: FloorPlan, turn: float, x: float, y: float) -> FloorPlan:
+    c, s = math.cos(turn), math.sin(turn)
+    ring = plan.corners @ np.array([[c, s], [-s, c]]) + (x, y)
+    return make_plan(ring, doors=plan.doors, windows=plan.windows, ceiling_height_m=plan.ceiling_height_m)
+
+
+def points(result: Arrangements) -> list[list[tuple[float, float]]]:
+    """Return where each piece's middle and front are, arrangement by arrangement."""
+    found = []
+    for one in result.arrangements:
+        for i in one.items:
+            x, y, _ = i.t_m
+            found.append([(x, y), (x - math.sin(i.theta_rad), y + math.cos(i.theta_rad))])
+    return found
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.floats(-3.1, 3.1), st.floats(-50, 50), st.floats(-50, 50))
+def test_moving_and_turning_the_room_moves_the_arrangement(turn: float, x: float, y: float) -> None:
+    items = parse_items("bed, 2 nightstand, chest")
+    here = np.array(points(arrange(ROOM, items, "tight", n=2)))
+    there = np.array(points(arrange(moved(ROOM, turn, x, y), items, "tight", n=2)))
+    c, s = math.cos(turn), math.sin(turn)
+    assert np.allclose(here @ np.array([[c, s], [-s, c]]) + (x, y), there, atol=1e-5)
+
+
+def test_mirroring_the_room_mirrors_the_arrangement() -> None:
+    items = parse_items("bed, nightstand, desk, desk chair, wardrobe")
+    here = np.array(points(arrange(ROOM, items, "tight", n=2)))
+    there = np.array(points(arrange(mirrored_plan(ROOM), items, "tight", n=2)))
+    assert np.allclose(here * (-1, 1), there, atol=1e-5)
+
+
+def test_what_has_no_place_is_told_with_rule_and_width() -> None:
+    plan = make_plan([[0, 0], [3.0, 0], [3.0, 2.7], [0, 2.7]], doors=[Door(0, 0.1, 0.9)])
+    result = arrange(plan, set_items("bedroom"), "standard", n=1)
+    one = result.arrangements[0]
+    assert not one.complete
+    assert {i.id for i in one.items} | {n.id for n in one.not_placed} == set(result.asked)
+    assert all(n.rule and n.reason for n in one.not_placed)
+    assert any(n.missing_m and n.missing_m > 0 for n in one.not_placed)
+
+
+def test_tall_pieces_under_low_ceilings_are_told() -> None:
+    plan = make_plan([[0, 0], [4, 0], [4, 4], [0, 4]], doors=[Door(0, 0.1, 0.9)], ceiling_height_m=1.9)
+    one = arrange(plan, parse_items("wardrobe, desk"), "tight", n=1).arrangements[0]
+    assert (one.not_placed[0].id, one.not_placed[0].rule) == ("wardrobe", "under the ceiling")
+    assert one.not_placed[0].missing_m == pytest.approx(0.1)
+
+
+def test_refusals_are_typed() -> None:
+    door = [Door(0, 0.1, 0.9)]
+    with pytest.raises(NoDoorError):
+        arrange(make_plan([[0, 0], [4, 0], [4, 4], [0, 4]]), set_items("bedroom"))
+    with pytest.raises(RoomTooSmallError, match="bed"):
+        arrange(make_plan([[0, 0], [1.6, 0], [1.6, 1.5], [0, 1.5]], doors=door), parse_items("bed"), "tight")
+    with pytest.raises(RoomTooSmallError, match="no path"):
+        arrange(make_plan([[0, 0], [3, 0], [3, 0.5], [0, 0.5]], doors=door), parse_items("plant"), "tight")
+    with pytest.raises(ItemError, match="nearest: wardrobe"):
+        parse_items("wardrob")
+    with pytest.raises(RulesError, match="standard"):
+        arrange(ROOM, set_items("bedroom"), "cosy")
+    with pytest.raises(PinError, match="not among"):
+        arrange(ROOM, parse_items("bed"), pins={"sofa": (1, 1, 0)})
+    with pytest.raises(PinError, match="inside the floor"):
+        arrange(ROOM, parse_items("bed"), "tight", pins={"bed": (0, 0, 0)})
+
+
+def test_pins_stay_and_a_tv_follows_its_stand() -> None:
+    items = parse_items("tv stand, tv, sofa")
+    result = arrange(ROOM, items, "tight", n=2, pins={"tv-stand": (1.9, 0.2, 0.0)})
+    for one in result.arrangements:
+        by_id = {i.id: i for i in one.items}
+        assert by_id["tv-stand"].t_m[:2] == (1.9, 0.2)
+        assert by_id["tv-stand"].pinned
+        assert by_id["tv"].t_m == (1.9, 0.2, 0.5)
+        assert judged(ROOM, one, "tight") == []
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    st.floats(0, 1),
+    st.floats(0, 1),
+    st.sampled_from(["in", "wall"]),
+    st.sampled_from(["0", "1", "2", "3", "window", "wall"]),
+)
+def test_every_ratio_of_the_papers_form_is_legal(along: float, away: float, facing: str, edge: str) -> None:
+    items = parse_items("desk")
+    rules = built_in_rules().named("tight")
+    poses = placed_by_ratios(ROOM, items, rules, [Place("desk", edge, along, away, facing)], {})
+    piece = Piece("desk", items[0].spec, *poses["desk"], "desk")
+    broken = [v for v in verify(ROOM, [piece], rules).violations if v.rule != "path"]
+    assert not broken
+
+
+def test_the_judge_sees_each_rule_broken() -> None:
+    rules = built_in_rules().named("tight")
+    bed, desk, shelf = ITEMS["bed"], ITEMS["desk"], ITEMS["bookshelf"]
+    cases = [
+        ("inside the floor", [Piece("a", desk, 0.0, 2.0, 0.0, "a")]),
+        ("no overlap", [Piece("a", desk, 2.5, 2.0, 0.0, "a"), Piece("b", desk, 2.9, 2.1, 0.3, "b")]),
+        ("door free", [Piece("a", desk, 0.8, 0.3, 0.0, "a")]),
+        ("window free", [Piece("a", shelf, 4.4, 1.8, math.pi / 2, "a")]),
+        ("use zone free", [Piece("a", desk, 2.5, 0.3, 0.0, "a"), Piece("b", shelf, 2.5, 1.0, 0.0, "b")]),
+        (
+            "path",
+            [Piece("a", ITEMS["king bed"], 1.3, 2.3, math.pi / 2, "a"), Piece("b", bed, 1.2, 1.01, math.pi / 2, "b")],
+        ),
+    ]
+    for rule, pieces in cases:
+        assert rule in {v.rule for v in verify(ROOM, pieces, rules).violations}, rule
+
+
+def test_results_are_read_again_and_drawn(tmp_path: Path) -> None:
+    result = arrange(ROOM, parse_items("sofa, coffee table, rug, plant"), "tight", n=2)
+    result.write(tmp_path / "arrangement.json")
+    assert read_arrangements(tmp_path / "arrangement.json") == result
+    paths = write_drawings(result, tmp_path)
+    assert [p.name for p in paths][-1] == "contact-sheet.png"
+    assert "sofa" in (tmp_path / "layout-1.svg").read_text()
+
+
+def test_a_users_rules(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("version = 1\n[sets.mine]\npath = 0.5\n[weights]\nbalance = 3\n")
+    book = read_rules(path)
+    assert (book.named("mine").path, book.named("mine").bed_side, book.weights["balance"]) == (0.5, 0.75, 3)
+    for text in ("version = 2", "version = 1\n[sets.x]\npaht = 1", "version = 1\n[sets.x]\npath = 9", "x ="):
+        path.write_text(text)
+        with pytest.raises(RulesError):
+            read_rules(path)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import daylit
+
+    plan = {"polygon": ROOM.corners.tolist(), "openings": [{"kind": "door", "edge": 0, "t0": 0.1, "t1": 0.95}]}
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    base = ["arrange", str(tmp_path / "plan.json"), "--rules", "tight", "-n", "1", "--no-pictures"]
+    assert daylit.main([*base, "--items", "desk, desk chair", "--place", "desk=1,0.5,0,in", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["ok"] is True
+    assert (tmp_path / "plan-layout" / "arrangement.json").exists()
+    assert daylit.main([*base, "--items", "dekk"]) == 2
+    assert "desk" in capsys.readouterr().err
+    assert daylit.main(base) == 2
