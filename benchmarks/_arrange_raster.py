@@ -104,19 +104,20 @@ class Raster:
                 apart = min(top, other.base_m + other.size_m[2]) <= max(item.base_m, other.base_m) + 1e-6
                 if rug == (other.category == "rug") and not apart and (body & theirs).any():
                     found.append(f"{item.id} in {other.id}")
-            for zone in item.use_zones_m:
-                area = self._inside(item, zone)
-                if (area & ~self.room).any():
-                    found.append(f"use of {item.id} in a wall")
-                for other, theirs in zip(items, bodies, strict=True):
-                    if (
-                        other.group != item.group
-                        and other.category != "rug"
-                        and other.base_m < 2
-                        and (area & theirs).any()
-                    ):
-                        found.append(f"use of {item.id} blocked by {other.id}")
+            found += self._use_faults(item, items, bodies)
         return found + self._paths(items)
+
+    def _use_faults(self, item: PlacedItem, items: tuple[PlacedItem, ...], bodies: list[Any]) -> list[str]:
+        found = []
+        for zone in item.use_zones_m:
+            area = self._inside(item, zone)
+            if (area & ~self.room).any():
+                found.append(f"use of {item.id} in a wall")
+            for other, theirs in zip(items, bodies, strict=True):
+                solid = other.group != item.group and other.category != "rug" and other.base_m < 2
+                if solid and (area & theirs).any():
+                    found.append(f"use of {item.id} blocked by {other.id}")
+        return found
 
     def _components(self, free: Any) -> tuple[int, Any]:
         far = cv2.distanceTransform(np.pad(free, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]

@@ -1,7 +1,7 @@
 """Rivals in the arrangement benchmark: the paper's fixed ratios, and placing by trial with shapely alone.
 
-The paper's sets of ratios are not published with a licence: the seven here are ours, in the paper's form (an item along
-the window's side and along the wall beside it, facing the window or the wall), spread over the room as its figure shows.
+The paper's ratios are not published with a licence: the seven sets here are ours, in the paper's form (an item along
+the window's side and along the wall beside it), spread over the room as its figure shows.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ SETS = (
 def paper_faults(plan: FloorPlan) -> list[bool]:
     """Return for each of the seven sets whether anything is wrong: outside, overlapping, a door blocked, no path.
 
-    The frame is the smallest rectangle around the floor, the window's side the one along the widest window; a door keeps
-    its width free, at most 0.9 m deep; a path is 0.6 m wide.
+    The frame is the smallest rectangle around the floor, the window's side the one along the widest window. A door
+    keeps its width free, at most 0.9 m deep; a path is 0.6 m wide.
     """
     room = Polygon(plan.corners, list(plan.holes))
     origin, along, away, length, depth = _frame(plan, room)

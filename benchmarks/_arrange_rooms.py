@@ -1,4 +1,4 @@
-"""Rooms for the arrangement benchmark: the shared floor plans, and generated ones with slanted walls, bays and columns."""
+"""Rooms for the arrangement benchmark: the shared floor plans, and generated ones with slants, bays and columns."""
 
 from __future__ import annotations
 

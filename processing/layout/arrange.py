@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError
 from processing.layout.arrangement import Arrangement, Arrangements, NotPlaced, PlacedItem
 from processing.layout.canonical import Frame, Pose, canonical_plan
@@ -124,7 +126,7 @@ def arrange(
         raise RoomTooSmallError(
             f"no path of {rules.path:g} m begins at any door, even in the empty room", where=plan.name
         )
-    search = Search(field, doors, [anchor(s) for s in held])
+    search = Search(field, doors, [np.array(anchor(s)) for s in held])
     finals = run_search(search, free, rules, n, seed) if free else []
     if any(f.found.dropped for f in finals[:1]):
         refuse_too_small(make_field(inner, rules), free)
@@ -171,7 +173,7 @@ class _Task:
 
 
 def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
-    """Return the arrangements to give: of those that leave the least out, good and different ones that pass the judge."""
+    """Return the arrangements to give: of those that leave least out, good and different ones that the judge passes."""
     if not finals:
         scores = soft_scores(task.plan, task.stood)
         only = Candidate(task.stood, (), weighted(scores, task.book.weights), scores)
@@ -306,6 +308,6 @@ def placed_item(stand: Stand) -> PlacedItem:
         t_m=(stand.x_m, stand.y_m, spec.base_m),
         group=stand.group,
         edge=stand.edge,
-        use_zones_m=tuple(tuple(round(v, 6) for v in zone) for zone in stand.zones),  # type: ignore[misc]
+        use_zones_m=tuple(tuple(round(v, 6) for v in zone) for zone in stand.zones),
         pinned=stand.pinned,
     )

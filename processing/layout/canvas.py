@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeAlias
 from xml.sax.saxutils import escape
@@ -157,7 +158,7 @@ def _dashes(points: Sequence[Point], dash_m: tuple[float, float]) -> list[list[P
     on, off = dash_m
     pieces: list[list[Point]] = []
     walked = 0.0
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in pairwise(points):
         length = math.dist(a, b)
         if length == 0:
             continue

@@ -43,27 +43,36 @@ def choose(
     chosen: list[Chosen] = []
     known: dict[int, bool] = {}
     while len(chosen) < count:
-        best: tuple[float, int, str] | None = None
-        for number, candidate in enumerate(candidates):
-            if not known.get(number, True) or (best is not None and candidate.score <= best[0]):
-                continue
-            for same_main, cost in ((False, 0.0), (True, SAME_MAIN_COSTS)):
-                told = _difference(candidate, [c.candidate for c in chosen], main, same_main=same_main)
-                if told is not None:
-                    if best is None or candidate.score - cost > best[0]:
-                        best = candidate.score - cost, number, told
-                    break
+        best = _next(candidates, chosen, known, main)
         if best is None:
             break
-        number = best[1]
+        number, told = best
         if number not in known:
             if len(known) >= most_checks:
                 break
             known[number] = valid(candidates[number])
         if known[number]:
-            chosen.append(Chosen(candidates[number], best[2]))
+            chosen.append(Chosen(candidates[number], told))
             known[number] = False  # taken
     return sorted(chosen, key=lambda c: (len(c.candidate.left_out), -c.candidate.score))
+
+
+def _next(
+    candidates: Sequence[Candidate], chosen: Sequence[Chosen], known: dict[int, bool], main: str
+) -> tuple[int, str] | None:
+    """Return the best candidate that differs from all chosen and is not known to be invalid, and how it differs."""
+    best: tuple[float, int, str] | None = None
+    before = [c.candidate for c in chosen]
+    for number, candidate in enumerate(candidates):
+        if not known.get(number, True) or (best is not None and candidate.score <= best[0]):
+            continue
+        for same_main, cost in ((False, 0.0), (True, SAME_MAIN_COSTS)):
+            told = _difference(candidate, before, main, same_main=same_main)
+            if told is not None:
+                if best is None or candidate.score - cost > best[0]:
+                    best = candidate.score - cost, number, told
+                break
+    return best[1:] if best else None
 
 
 def _difference(new: Candidate, before: Sequence[Candidate], main: str, *, same_main: bool) -> str | None:

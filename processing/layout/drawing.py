@@ -1,4 +1,4 @@
-"""Floor plans of arrangements, as an architect draws them: walls, doors with swings, windows, furniture, routes, sizes."""
+"""Floor plans of arrangements, as an architect draws them: walls, openings, furniture, use zones, routes, sizes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def _shell(plan: FloorPlan) -> list[Shape]:
     """Return floor, walls, columns, doors and windows."""
     room = Polygon(plan.corners)
     solid = room.buffer(WALL_M, join_style="mitre", mitre_limit=3).difference(room)
-    gaps = [_strip(plan, o.edge, o.start_m, o.end_m, -WALL_M - 0.01, 0.005) for o in (*plan.doors, *plan.windows)]
+    openings: list[Door | Window] = [*plan.doors, *plan.windows]
+    gaps = [_strip(plan, o.edge, o.start_m, o.end_m, -WALL_M - 0.01, 0.005) for o in openings]
     solid = solid.difference(shapely.union_all([Polygon(g) for g in gaps]))
     parts = list(solid.geoms) if isinstance(solid, MultiPolygon) else [solid]
     shapes: list[Shape] = [Area(_ring(plan.corners), FLOOR)]

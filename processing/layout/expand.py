@@ -39,7 +39,7 @@ def standing(walls, outlines, heights, classes, rects, kinds, n_rects, widths, l
 
 @njit(cache=True)
 def places_in(low, high, fractions, wanted, n_wanted, out):  # type: ignore[no-untyped-def]
-    """Write the places tried in a free interval: fractions of it and what is wanted, without repeats; return how many."""
+    """Write the places tried in a free interval, fractions of it and what is wanted, once each; return how many."""
     found = 0
     for f in fractions:
         s = low + f * (high - low)
@@ -58,6 +58,39 @@ def places_in(low, high, fractions, wanted, n_wanted, out):  # type: ignore[no-u
             if not known and found < out.shape[0]:
                 out[found] = s
                 found += 1
+    return found
+
+
+@njit(cache=True)
+def try_places(  # type: ignore[no-untyped-def]
+    free, n_free, line, own, bonus, at, to, half, role, walls, longest, anchors, n_anchors, fractions, doors, windows,
+    middle, b, v, k, out_index, out_place, out_score, found, places, wanted,
+):  # fmt: skip
+    """Write the rows of one line's free intervals from row `found`; return how many rows there are then."""
+    ox, oy, ux, uy = line[0], line[1], line[2], line[3]
+    wanted[0] = 0.5 * longest
+    n_wanted = 1
+    for a in range(min(n_anchors, 14)):
+        wanted[n_wanted] = (anchors[a, 0] - ox) * ux + (anchors[a, 1] - oy) * uy - at[0]
+        n_wanted += 1
+    for i in range(n_free):
+        for p in range(places_in(free[i, 0], free[i, 1], fractions, wanted, n_wanted, places)):
+            s = places[p]
+            if found >= out_score.shape[0] or not rects_inside(walls, ox, oy, ux, uy, s, own):
+                continue
+            ax, ay = s + at[0], at[1]
+            ends = int(s - free[i, 0] < 1e-3) + int(free[i, 1] - s < 1e-3)
+            sliver = 0.0
+            for gap in (s - free[i, 0], free[i, 1] - s):
+                sliver += 0.25 if 0.02 < gap < 0.35 else 0.0
+            centred = 1.0 if abs(s - 0.5 * longest) < 1e-3 else 0.0
+            out_score[found] = bonus - sliver + score_place(
+                role, ox + ax * ux - ay * uy, oy + ax * uy + ay * ux, to[0] * ux - to[1] * uy, to[0] * uy + to[1] * ux,
+                int(line[5]), ax - half, ax + half, ends, centred, doors, windows, anchors, n_anchors, middle,
+            )  # fmt: skip
+            out_index[found, 0], out_index[found, 1], out_index[found, 2] = b, v, k
+            out_place[found] = s
+            found += 1
     return found
 
 
@@ -87,35 +120,11 @@ def expand(  # type: ignore[no-untyped-def]
                 count = merged(scratch, count)
                 longest = lines[k, 4] - widths[v]
                 n_free = complement(scratch, count, 0.0, longest, free)
-                wanted[0] = 0.5 * longest
-                n_wanted = 1
-                for a in range(min(n_anchors[b], 14)):
-                    dx, dy = anchors[b, a, 0] - ox, anchors[b, a, 1] - oy
-                    wanted[n_wanted] = dx * ux + dy * uy - anchor_at[v, 0]
-                    n_wanted += 1
-                for i in range(n_free):
-                    n_places = places_in(free[i, 0], free[i, 1], fractions, wanted, n_wanted, places)
-                    for p in range(n_places):
-                        s = places[p]
-                        if found >= out_score.shape[0]:
-                            return found
-                        if not rects_inside(walls, ox, oy, ux, uy, s, own):
-                            continue
-                        ax, ay = s + anchor_at[v, 0], anchor_at[v, 1]
-                        x, y = ox + ax * ux - ay * uy, oy + ax * uy + ay * ux
-                        fx = anchor_to[v, 0] * ux - anchor_to[v, 1] * uy
-                        fy = anchor_to[v, 0] * uy + anchor_to[v, 1] * ux
-                        ends = int(s - free[i, 0] < 1e-3) + int(free[i, 1] - s < 1e-3)
-                        sliver = 0.0
-                        for gap in (s - free[i, 0], free[i, 1] - s):
-                            if 0.02 < gap < 0.35:
-                                sliver += 0.25
-                        centred = 1.0 if abs(s - 0.5 * longest) < 1e-3 else 0.0
-                        out_score[found] = bonus[v] - sliver + score_place(
-                            role, x, y, fx, fy, int(lines[k, 5]), ax - half[v], ax + half[v], ends, centred,
-                            doors, windows, anchors[b], n_anchors[b], middle,
-                        )  # fmt: skip
-                        out_index[found, 0], out_index[found, 1], out_index[found, 2] = b, v, k
-                        out_place[found] = s
-                        found += 1
+                found = try_places(
+                    free, n_free, lines[k], own, bonus[v], anchor_at[v], anchor_to[v], half[v], role, walls,
+                    longest, anchors[b], n_anchors[b], fractions, doors, windows, middle,
+                    b, v, k, out_index, out_place, out_score, found, places, wanted,
+                )  # fmt: skip
+                if found >= out_score.shape[0]:
+                    return found
     return found

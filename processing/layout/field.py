@@ -16,6 +16,8 @@ from processing.layout.polygons import Array
 from processing.layout.rules import RuleSet
 
 Ints: TypeAlias = npt.NDArray[np.int64]
+Row: TypeAlias = tuple[Array, float, float, int, str]
+"""Corners (4, 2), bottom and top in metres, class and name of an outline."""
 
 PERSON_M = 2.0
 """Use zones and paths are this high: what hangs above does not matter."""
@@ -57,11 +59,11 @@ class Field:
     doorways: tuple[DoorWay, ...]
 
 
-def make_field(plan: FloorPlan, rules: RuleSet, pinned: Sequence[tuple[Array, float, float, int, str]] = ()) -> Field:
+def make_field(plan: FloorPlan, rules: RuleSet, pinned: Sequence[Row] = ()) -> Field:
     """Return the arrays of a plan; `pinned` are (corners, low, high, class, name) of pieces that stand already."""
     rings = [plan.corners, *plan.holes]
     walls = np.concatenate([np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
-    rows: list[tuple[Array, float, float, int, str]] = []
+    rows: list[Row] = []
     doorways = []
     for number, door in enumerate(plan.doors):
         name = door_name(door, number)
@@ -80,7 +82,7 @@ def make_field(plan: FloorPlan, rules: RuleSet, pinned: Sequence[tuple[Array, fl
     return Field(plan, rules, np.ascontiguousarray(walls), outlines(rows), tuple(doorways))
 
 
-def outlines(rows: Sequence[tuple[Array, float, float, int, str]]) -> Outlines:
+def outlines(rows: Sequence[Row]) -> Outlines:
     """Return the rows as arrays."""
     return Outlines(
         np.array([row[0] for row in rows], dtype=np.float64).reshape(-1, 4, 2),

@@ -1,4 +1,4 @@
-"""Exact regions for what stands free: all positions of a rectangle of one angle that walls and obstacles allow (shapely).
+"""Exact regions for what stands free: all positions of rectangles at one angle that walls and obstacles allow.
 
 The region is the floor's inner fit (every position at which the rectangle lies on the floor) without the Minkowski sums
 of the obstacles with the turned rectangle. All outlines are convex pieces, whose sums are hulls of corner sums.

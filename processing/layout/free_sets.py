@@ -2,7 +2,7 @@
 
 A unit's rectangles move together along a line (a wall, or any line in the room) by s. An obstacle forbids the open
 interval of s in which its interior meets a rectangle's: the obstacle's extent along the line within the rectangle's
-strip, widened by the rectangle. Walls are obstacles too, so nothing else keeps a piece in the room but one point tested.
+strip, widened by the rectangle. Walls are obstacles too, so only one point is tested besides to know it in the room.
 Contact is free: a piece may touch walls and other pieces. Strips are open by `SKIN_M`.
 
 Classes of obstacles: 0 piece, 1 use zone, 2 door, 3 window, 4 rug, 5 place kept free. Of rectangles: 0, 1, 4.
@@ -52,7 +52,7 @@ def extent_in_strip(xs, ys, count, y0, y1):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def add_forbidden(outlines, heights, classes, count, ox, oy, ux, uy, rects, kinds, meets, out, found):  # type: ignore[no-untyped-def]
-    """Append the forbidden intervals of `count` convex outlines (k, v, 2) to out (m, 2) from row `found`; return rows."""
+    """Append what `count` convex outlines (k, v, 2) forbid to out (m, 2) from row `found`; return how many rows."""
     corners = outlines.shape[1]
     xs, ys = np.empty(corners), np.empty(corners)
     for k in range(count):

@@ -75,4 +75,4 @@ def _offsets(levels: Array, depth_m: float, step_m: float) -> Array:
     wanted = wanted[np.concatenate([[True], np.diff(wanted) > 0.02])]
     if len(wanted) > MOST_OFFSETS:
         wanted = wanted[np.unique(np.linspace(0, len(wanted) - 1, MOST_OFFSETS).round().astype(int))]
-    return wanted
+    return np.asarray(wanted)

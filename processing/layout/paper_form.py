@@ -1,4 +1,4 @@
-"""The paper's own form of a position (section 5): an item, a floor edge, ratios along it and away from it, what it faces.
+"""The paper's own form of a position (section 5): an item, a floor edge, ratios along and away from it, what it faces.
 
 Its ratios run over an edge's length whatever stands there. Ours run over the free set of that edge, so that every pair
 in [0, 1] is a legal position: `away` over the distances at which the item has a place at all, `along` over the places

@@ -105,8 +105,8 @@ def make_plan(
 ) -> FloorPlan:
     """Return the plan with what can be repaired repaired and noted.
 
-    Raises `PlanError` for polygons that cross themselves or have no area, openings that are not on their edge or overlap
-    on it, columns outside the floor, and heights that no room has.
+    Raises `PlanError` for polygons that cross themselves or have no area, openings that are not on their edge, columns
+    outside the floor, and heights that no room has.
     """
     if not (math.isfinite(ceiling_height_m) and 1.5 <= ceiling_height_m <= 30):
         raise PlanError(f"a ceiling {ceiling_height_m} m high; 1.5 to 30 m can be", where=name)
@@ -145,10 +145,10 @@ def _as_array(points: Sequence[Sequence[float]] | Array, where: str) -> Array:
         raise PlanError("the corners are not pairs of numbers", where=where) from None
 
 
-O = TypeVar("O", Door, Window)
+OpeningT = TypeVar("OpeningT", Door, Window)
 
 
-def _placed(plan: FloorPlan, opening: O, moved: dict[int, int], turned: bool, notes: list[str]) -> O:
+def _placed(plan: FloorPlan, opening: OpeningT, moved: dict[int, int], turned: bool, notes: list[str]) -> OpeningT:
     """Return the opening on the repaired ring's edges."""
     kind = type(opening).__name__.lower()
     where = f"{plan.name}, {kind} {opening.name}".rstrip()

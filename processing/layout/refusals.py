@@ -1,7 +1,7 @@
 """Why a piece has no place: the rule that stops it, what stands in the way, and the width missing.
 
-Each rule is taken away in turn, and what lets the piece in is the reason; so a reason is a fact about this room, and not
-a guess. The lines searched are those of the solver: every wall, and free lines along the walls' directions.
+Each rule is taken away in turn, and what lets the piece in is the reason: a fact about this room, not a guess.
+ The lines searched are those of the solver: every wall, and free lines along the walls' directions.
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from processing.errors import RoomTooSmallError
 from processing.layout.arrangement import NotPlaced
-from processing.layout.field import PERSON_M, Field, Outlines, outlines
+from processing.layout.field import PERSON_M, Field, Row, outlines
 from processing.layout.free_sets import BODY, DOOR, KEPT, RUG, WINDOW, ZONE
 from processing.layout.grouping import LAST_SPLIT, Packing, alone
 from processing.layout.items import Item
@@ -42,25 +44,22 @@ class _Look:
         """Tell whether the piece has a place, paths aside."""
         fixed = self.field.fixed
         keep = [i for i, kind in enumerate(fixed.classes) if kind not in self.without]
-        rows = [(fixed.corners[i], *fixed.heights_m[i], int(fixed.classes[i]), fixed.names[i]) for i in keep]
+        heights = fixed.heights_m.tolist()
+        rows: list[Row] = [
+            (fixed.corners[i], heights[i][0], heights[i][1], int(fixed.classes[i]), fixed.names[i]) for i in keep
+        ]
         rows += [row for stand in self.stands for row in outline_rows(stand, zones=self.zones_of_others)]
         bare = item if self.own_zones else Item(item.id, replace(item.spec, zones=(), sides_rule=""))
-        field = replace(self.field, fixed=_outlines(rows))
+        field = replace(self.field, fixed=outlines(rows))
         unit = alone(bare, self.field.rules, LAST_SPLIT)
         found = Search(field, ()).run(Packing((unit,), 0), _LOOK, 0)
         return bool(found) and not found[0].dropped
 
 
-def _outlines(rows: Sequence[tuple[object, ...]]) -> Outlines:
-    return outlines(rows)  # type: ignore[arg-type]
-
-
-def outline_rows(stand: Stand, *, zones: bool = True) -> list[tuple[object, ...]]:
+def outline_rows(stand: Stand, *, zones: bool = True) -> list[Row]:
     """Return a placed piece's footprint and use zones as rows of `field.outlines`."""
-    import numpy as np
-
     spec = stand.item.spec
-    rows: list[tuple[object, ...]] = [
+    rows: list[Row] = [
         (np.array(stand.corners()), spec.base_m, spec.top_m, RUG if spec.is_rug else BODY, stand.item.id)
     ]
     if zones:
@@ -71,7 +70,7 @@ def outline_rows(stand: Stand, *, zones: bool = True) -> list[tuple[object, ...]
 
 
 def refuse_too_small(field: Field, items: Sequence[Item]) -> None:
-    """Raise `RoomTooSmallError` where the largest piece has no place on the bare floor, all rules but the walls aside."""
+    """Raise `RoomTooSmallError` where the largest piece has no place on the bare floor, whatever the rules."""
     largest = max(items, key=lambda item: item.spec.footprint_m2)
     bare = _Look(field, (), own_zones=False, without=(DOOR, WINDOW, KEPT, BODY, ZONE, RUG))
     if bare.fits(largest):

@@ -18,7 +18,7 @@ CELL_M = 0.08
 def routes(
     plan: FloorPlan, solid: Sequence[Polygon], doors: Sequence[Polygon], goals: Sequence[Polygon], width_m: float
 ) -> list[list[tuple[float, float]]]:
-    """Return polylines from the first door's floor to each other door and goal; those that cannot be reached are absent."""
+    """Return polylines from the first door's floor to each other door and goal that can be reached."""
     floor = Polygon(plan.corners, list(plan.holes)).difference(shapely.union_all(list(solid)))
     walk = floor.buffer(-(width_m - 0.001) / 2)
     parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
+from shapely import Polygon, union_all
 
 from processing.layout.grouping import ROLES
 from processing.layout.plan import FloorPlan
@@ -34,6 +35,7 @@ def soft_scores(plan: FloorPlan, placed: Sequence[Stand], samples: Samples | Non
         "balance": _balance(plan, placed),
         "openness": _openness(plan, placed, samples),
         "daylight": _daylight(plan, placed),
+        "walk": _walk(plan, placed),
         "together": _together(placed),
     }
     return {name: round(min(1.0, max(0.0, value)), 4) for name, value in found.items() if value is not None}
@@ -246,6 +248,14 @@ def _daylight(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
             worst += near * _ramp(aside, width_m / 2 + 0.9, width_m / 2) * min(1.0, s.item.spec.size_m[0])
         lost += width_m * min(1.0, worst)
     return 1 - lost / total
+
+
+def _walk(plan: FloorPlan, placed: Sequence[Stand]) -> float:
+    """Return how much of the floor that a slim walker (0.4 m) can stand on is in one piece: 0 at 90 %, 1 at all."""
+    solid = [Polygon(s.corners()) for s in placed if not s.item.spec.is_rug and s.item.spec.base_m < 2.0]
+    floor = Polygon(plan.corners, list(plan.holes)).difference(union_all(solid)).buffer(-0.2, quad_segs=2)
+    areas = [part.area for part in getattr(floor, "geoms", [floor])]
+    return _ramp(max(areas) / sum(areas), 0.9, 1.0) if sum(areas) > 0 else 0.0
 
 
 def _together(placed: Sequence[Stand]) -> float | None:

@@ -203,7 +203,8 @@ class Search:
         after = beam.other()
         accepted = np.empty(effort.beam, dtype=np.int64)
         kept = select(
-            order, index, place, strata, int(strata.max(initial=0)) + 1, effort.beam, effort.per_parent, effort.per_stratum, effort.most_checks,
+            order, index, place, strata, int(strata.max(initial=0)) + 1,
+            effort.beam, effort.per_parent, effort.per_stratum, effort.most_checks,
             unit.rects, unit.kinds, unit.n_rects, unit.lines, beam.dyn[:b], beam.heights[:b], beam.classes[:b],
             beam.counts[:b], beam.blocked[:b], beam.walk.doors, beam.walk.grid, beam.walk.radius2, beam.walk.reach,
             after.dyn, after.heights, after.classes, after.counts, after.blocked, accepted,
@@ -248,7 +249,7 @@ class _Beam:
         fixed = search.field.fixed
         for corners, (low, _), kind in zip(fixed.corners, fixed.heights_m, fixed.classes, strict=True):
             if kind == BODY and low < PERSON_M:
-                stamp(beam.blocked[0], corners, *walk.grid, walk.radius2)
+                stamp(beam.blocked[0], corners, walk.grid[0], walk.grid[1], walk.grid[2], walk.radius2)
         for number, row in enumerate(search.stood):
             beam.anchors[0, number] = row
         beam.n_anchors[0] = len(search.stood)

@@ -1,7 +1,7 @@
 """What makes one place better than another while searching: a compiled score of a unit's place among those placed.
 
-Roles are numbers (`ROLE`), anchors rows of (x, y, facing x, facing y, role, half width). The final scores that users see
-are `scores.py`'s; this one only steers.
+Roles are numbers (`ROLE`), anchors rows of (x, y, facing x, facing y, role, half width). The scores that users see are
+ `scores.py`'s; this one only steers.
 """
 
 from __future__ import annotations
@@ -108,10 +108,23 @@ def score_seat(x, y, fx, fy, anchors, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def score_small(role, x, y, at_end, anchors, n):  # type: ignore[no-untyped-def]
+    """Return how well a small piece or a rug stands to what it belongs to."""
+    if role == NIGHT:
+        return score_near(x, y, anchors, n, BED, 1.2, 1.5) + 0.3 * min(1, at_end)
+    if role == TABLE:
+        return score_near(x, y, anchors, n, SOFA, 1.1, 1.0)
+    if role == RUGS:
+        near = score_near(x, y, anchors, n, SOFA, 1.0, 1.5) + score_near(x, y, anchors, n, BED, 1.1, 1.2)
+        return near + score_near(x, y, anchors, n, DINING, 0.0, 1.2)
+    return 0.4 * at_end + 0.3 * score_near(x, y, anchors, n, SOFA, 1.3, 1.5)
+
+
+@njit(cache=True)
 def score_place(role, x, y, fx, fy, edge, low, high, at_end, centred, doors, windows, anchors, n, middle):  # type: ignore[no-untyped-def]
     """Return the steering score of a unit whose main piece is at (x, y) facing (fx, fy).
 
-    low, high: the span of edge behind it; at_end: flush to a corner or neighbour (0, 1 or 2 sides); centred: on its wall.
+    low, high: the span of edge behind it; at_end: sides flush to something; centred: 1 in its wall's middle.
     """
     total = 0.0
     if role == BED:
@@ -130,17 +143,10 @@ def score_place(role, x, y, fx, fy, edge, low, high, at_end, centred, doors, win
     elif role == DINING:
         dx, dy = middle[0] - x, middle[1] - y
         total += 0.5 * ramp(np.sqrt(dx * dx + dy * dy), 2.5, 0.3)
-    elif role == NIGHT:
-        total += score_near(x, y, anchors, n, BED, 1.2, 1.5) + 0.3 * min(1, at_end)
-    elif role == TABLE:
-        total += score_near(x, y, anchors, n, SOFA, 1.1, 1.0)
-    elif role == RUGS:
-        total += score_near(x, y, anchors, n, SOFA, 1.0, 1.5) + score_near(x, y, anchors, n, BED, 1.1, 1.2)
-        total += score_near(x, y, anchors, n, DINING, 0.0, 1.2)
-    elif role == TALL:
-        total += 0.5 * at_end - 0.5 * covered(edge, low - 0.4, high + 0.4, windows)
-    elif role == LOW:
-        total += 0.35 * at_end + 0.1 * centred
+    elif role in (TALL, LOW):
+        total += 0.5 * at_end if role == TALL else 0.35 * at_end + 0.1 * centred
+        if role == TALL:
+            total -= 0.5 * covered(edge, low - 0.4, high + 0.4, windows)
     else:
-        total += 0.4 * at_end + 0.3 * score_near(x, y, anchors, n, SOFA, 1.3, 1.5)
+        total += score_small(role, x, y, at_end, anchors, n)
     return total

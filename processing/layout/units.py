@@ -95,7 +95,7 @@ def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:
     rest = [rect for side, rect in found.items() if side not in sides]
     least = min(int(rules.length(spec.sides_rule)), len(sides))
     return [
-        tuple([*(found[s] for s in chosen), *rest])
+        (*(found[s] for s in chosen), *rest)
         for count in range(len(sides), least - 1, -1)
         for chosen in combinations(sides, count)
     ]

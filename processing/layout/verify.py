@@ -76,16 +76,16 @@ class Judge:
 
     def __init__(self, plan: FloorPlan, rules: RuleSet, like: Judge | None = None) -> None:
         """Make what does not depend on the pieces; `like` is another judge of the same plan, to share from."""
-        self._plan, self._rules = plan, rules
-        self._room = like._room if like else Polygon(plan.corners, list(plan.holes))
-        shapely.prepare(self._room)
-        if like and like._rules.door_reach == rules.door_reach:
-            self._swings = like._swings
+        self._plan, self.rules = plan, rules
+        self.room: Polygon = like.room if like else Polygon(plan.corners, list(plan.holes))
+        shapely.prepare(self.room)
+        if like and like.rules.door_reach == rules.door_reach:
+            self.swings: list[tuple[int, Polygon]] = like.swings
         else:
-            self._swings = [(n, area) for n, door in enumerate(plan.doors) for area in _swings(plan, door, rules)]
+            self.swings = [(n, area) for n, door in enumerate(plan.doors) for area in _swings(plan, door, rules)]
         side, deep = rules.door_side, rules.door_approach
         approaches = [_strip(plan, d.edge, d.start_m - side, d.end_m + side, deep) for d in plan.doors]
-        self._doors = [*enumerate(approaches), *self._swings]
+        self._doors = [*enumerate(approaches), *self.swings]
         self._windows = [_strip(plan, w.edge, w.start_m, w.end_m, rules.window_band) for w in plan.windows]
         self._kept = [(n, shapely.Point(at).buffer(CAMERA_M)) for n, at in enumerate(plan.keep_free)]
         self._radius = (rules.path - PATH_M) / 2
@@ -93,13 +93,13 @@ class Judge:
     @cached_property
     def _ways(self) -> list[Polygon]:
         """The floor before each door, where a path through it begins."""
-        deep = max(self._rules.door_approach, self._rules.path / 2 + 0.1)
+        deep = max(self.rules.door_approach, self.rules.path / 2 + 0.1)
         return [_strip(self._plan, door.edge, door.start_m, door.end_m, deep) for door in self._plan.doors]
 
     @cached_property
     def _needed(self) -> set[int]:
         """The doors that one part of the empty floor serves, the most there can be."""
-        parts = _walkable(self._room, self._radius)
+        parts = _walkable(self.room, self._radius)
         return max(({n for n, w in enumerate(self._ways) if p.intersects(w)} for p in parts), key=len, default=set())
 
     def judge(self, pieces: Sequence[Piece]) -> Verdict:
@@ -114,11 +114,11 @@ class Judge:
     def _violations(self, pieces: Sequence[Piece], *, fits: bool = False) -> Iterator[Violation]:
         shapes = _boxes(pieces, [(-s[0] / 2, s[0] / 2, -s[1] / 2, s[1] / 2) for s in (p.spec.size_m for p in pieces)])
         if not fits:
-            yield from _outside(self._room, pieces, shapes)
+            yield from _outside(self.room, pieces, shapes)
             yield from _overlaps(pieces, shapes)
             yield from _under_ceiling(self._plan, pieces)
         yield from self._openings(pieces, shapes)
-        zones, clashes = _zones(self._room, pieces, shapes, [_asked(piece, self._rules) for piece in pieces])
+        zones, clashes = _zones(self.room, pieces, shapes, [_asked(piece, self.rules) for piece in pieces])
         yield from clashes
         yield from self._paths(pieces, shapes, zones)
 
@@ -137,15 +137,15 @@ class Judge:
 
     def _paths(self, pieces: Sequence[Piece], shapes: Sequence[Polygon], zones: Sequence[_Reached]) -> list[Violation]:
         solid = [s for p, s in zip(pieces, shapes, strict=True) if not p.spec.is_rug and p.spec.base_m < HEAD_ROOM_M]
-        parts = _walkable(self._room.difference(shapely.union_all(solid)), self._radius)
+        parts = _walkable(self.room.difference(shapely.union_all(solid)), self._radius)
         best: list[Violation] | None = None
         for part in parts:
-            failed = _unserved(part, self._ways, self._needed, zones, self._radius, self._rules)
+            failed = _unserved(part, self._ways, self._needed, zones, self._radius, self.rules)
             if best is None or len(failed) < len(best):
                 best = failed
             if not failed:
                 break
-        return [Violation("path", ("nowhere to walk",), self._rules.path)] if best is None else best
+        return [Violation("path", ("nowhere to walk",), self.rules.path)] if best is None else best
 
 
 def verify(plan: FloorPlan, pieces: Sequence[Piece], rules: RuleSet) -> Verdict:
@@ -228,7 +228,7 @@ def _strip(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: flo
 
 
 def _swings(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
-    """Return what the leaf sweeps, for both hands where the hand is not known; a pair of leaves where it is too wide."""
+    """Return what the leaf sweeps: of both hands where it is not known, of a pair of leaves where it is too wide."""
     areas: list[Polygon] = []
     wide = door.end_m - door.start_m
     if door.swing in ("sliding", "out"):

@@ -93,40 +93,57 @@ def touches(reached, corners, x0, y0, cell, reach):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True)
-def flood(grid, corners, x0, y0, cell, stack):  # type: ignore[no-untyped-def]
-    """Mark (2) all free cells (0) connected to those whose middles lie in a rectangle; return how many."""
+def all_touched(reached, outlines, first, end, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
+    """Tell whether reached cells touch each of the rectangles first..end - 1."""
+    k = first
+    while k < end and touches(reached, outlines[k], x0, y0, cell, reach):
+        k += 1
+    return k >= end
+
+
+@njit(cache=True)
+def spread(grid, i, j, stack):  # type: ignore[no-untyped-def]
+    """Mark (2) the free cells connected over four neighbours to cell (i, j); return how many."""
     rows, columns = grid.shape
-    top, count = 0, 0
+    grid[i, j] = 2
+    stack[0] = i * columns + j
+    top, count = 1, 1
+    while top > 0:
+        top -= 1
+        i2, j2 = stack[top] // columns, stack[top] % columns
+        for d in range(4):
+            a = i2 + (d == 0) - (d == 1)
+            b = j2 + (d == 2) - (d == 3)
+            if 0 <= a < rows and 0 <= b < columns and grid[a, b] == 0:
+                grid[a, b] = 2
+                stack[top] = a * columns + b
+                top += 1
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def flood(grid, corners, x0, y0, cell, stack):  # type: ignore[no-untyped-def]
+    """Mark (2) the free cells (0) connected to the first free one in a rectangle; return how many.
+
+    Only one patch: a door's floor may be cut in two, and all that is served must share one of them.
+    """
+    rows, columns = grid.shape
     i0, i1, j0, j1 = window(corners, 0.0, x0, y0, cell, rows, columns)
     for i in range(i0, i1):
         for j in range(j0, j1):
-            if grid[i, j] == 0:
-                if rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) == 0.0:
-                    # Only one patch: a door's floor may be cut in two, and both doorways must share one of them.
-                    grid[i, j] = 2
-                    stack[top] = i * columns + j
-                    top += 1
-                    count += 1
-                    while top > 0:
-                        top -= 1
-                        i2, j2 = stack[top] // columns, stack[top] % columns
-                        for d in range(4):
-                            a = i2 + (d == 0) - (d == 1)
-                            b = j2 + (d == 2) - (d == 3)
-                            if 0 <= a < rows and 0 <= b < columns and grid[a, b] == 0:
-                                grid[a, b] = 2
-                                stack[top] = a * columns + b
-                                top += 1
-                                count += 1
-                    return count
-    return count
+            if grid[i, j] != 0:
+                continue
+            if rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) == 0.0:
+                return spread(grid, i, j, stack)
+    return 0
 
 
 @njit(cache=True)
 def connected(blocked, work, stack, doors, n_doors, zones, n_zones, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
     """Return the cells reached where one connected patch serves all doors and zones, else -1; 0 for no doors to reach.
 
-    blocked (rows, columns) uint8, doors (n, 4, 2), zones (m, 4, 2), reach: how near a walker's middle must come to a zone.
+    blocked (rows, columns) uint8, doors (n, 4, 2), zones (m, 4, 2), reach: how near a walker's middle comes to a zone.
     """
     if n_doors == 0:
         return 0
@@ -137,17 +154,9 @@ def connected(blocked, work, stack, doors, n_doors, zones, n_zones, x0, y0, cell
         count = flood(work, doors[0], x0, y0, cell, stack)
         if count == 0:
             return -1
-        fine = True
-        for k in range(1, n_doors):
-            if not touches(work, doors[k], x0, y0, cell, 0.0):
-                fine = False
-                break
-        if fine:
-            for k in range(n_zones):
-                if not touches(work, zones[k], x0, y0, cell, reach):
-                    fine = False
-                    break
-        if fine:
+        if all_touched(work, doors, 1, n_doors, x0, y0, cell, 0.0) and all_touched(
+            work, zones, 0, n_zones, x0, y0, cell, reach
+        ):
             return count
         for i in range(work.shape[0]):
             for j in range(work.shape[1]):

@@ -33,10 +33,11 @@ ROOM = make_plan(
 
 
 def judged(plan: FloorPlan, one: Arrangement, rules: str) -> list[str]:
-    pieces = [
-        Piece(i.id, ItemSpec(i.category, i.size_m, i.base_m, zones=ITEMS[i.category].zones, sides_rule=ITEMS[i.category].sides_rule), i.t_m[0], i.t_m[1], i.theta_rad, i.group)
-        for i in one.items
-    ]  # fmt: skip
+    pieces = []
+    for i in one.items:
+        kind = ITEMS[i.category]
+        spec = ItemSpec(i.category, i.size_m, i.base_m, zones=kind.zones, sides_rule=kind.sides_rule)
+        pieces.append(Piece(i.id, spec, i.t_m[0], i.t_m[1], i.theta_rad, i.group))
     return [str(v) for v in verify(plan, pieces, built_in_rules().named(rules)).violations]
 
 
