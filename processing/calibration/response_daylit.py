@@ -33,6 +33,9 @@ Flags: TypeAlias = npt.NDArray[np.bool_]
 _QUICK_PATCHES = 1000
 """How many patches the first rounds use: they need only come near."""
 _MOST_WRONG = 3
+_CLEAR_OF_BLACK = 12.0
+_LEAST_TELLING = 60
+"""Patches (of all channels) clear of black that a frame must show before its time is doubted."""
 _SAME_TIME = 0.1
 _LEAST_RISING = 0.5
 _WIDEST_STOPS = 4.5
@@ -95,7 +98,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None)
     given = samples.log2_times
     times, wrong = given.copy(), dict[int, float]()
     fits, evidence = _quick(samples, times, start)
-    while len(wrong) < _MOST_WRONG and (found := find_wrong_time(evidence)) is not None:
+    while len(wrong) < _MOST_WRONG and (found := find_wrong_time(evidence, wrong)) is not None:
         wrong[found[0]] = 0.0
         times[found[0]] += found[1]
         for _ in range(_REFINE):
@@ -113,7 +116,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None)
         ]
         if number == 0:
             continue
-        evidence = _evidence(fits, samples)
+        evidence = _evidence(fits, samples.channels, samples)
         estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
         if number == 2 or not (wrong or (free_times and estimate.off_rule)):
             break
@@ -125,19 +128,33 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None)
 
 def _quick(samples: Samples, times: Reals, start: Reals) -> tuple[list[ChannelFit], TimeEvidence]:
     """Return rough fits to some of the patches, and what they say about the times."""
-    fits = []
-    for c, every in enumerate(samples.channels):
-        data = every.part(_QUICK_PATCHES)
+    fits, parts = [], [every.part(_QUICK_PATCHES) for every in samples.channels]
+    for c, data in enumerate(parts):
         first = fit_round(data, times, start[c], None, c, times_too=False)
         fits.append(fit_round(data, times, start[c], first, c))
-    return fits, _evidence(fits, samples)
+    return fits, _evidence(fits, parts, samples)
 
 
-def _evidence(fits: Sequence[ChannelFit], samples: Samples) -> TimeEvidence:
+def _evidence(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], samples: Samples) -> TimeEvidence:
     scales = [max(fit.solution.scale2, 1.0) for fit in fits]
     matrix = np.sum([fit.solution.time_matrix / s for fit, s in zip(fits, scales, strict=True)], axis=0)
     right = np.sum([fit.solution.time_right / s for fit, s in zip(fits, scales, strict=True)], axis=0)
+    silent = ~_telling_frames(fits, data, len(samples.log2_times))
+    matrix[silent], matrix[:, silent], right[silent] = 0.0, 0.0, 0.0
     return TimeEvidence(matrix, right, samples.bracket_of_frame)
+
+
+def _telling_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], n_frames: int) -> Flags:
+    """Return which frames show enough patches clear of black to say anything of their times.
+
+    Near black the cut-off noise and a JPEG's coding shift codes by what many stops of time would: a frame that is
+    all but black, a few patches around the sun apart, would seem to have another time.
+    """
+    count = np.zeros(n_frames)
+    for fit, seen in zip(fits, data, strict=True):
+        clear = (fit.weighed.weight > 0) & (fit.weighed.predicted >= _CLEAR_OF_BLACK)
+        count += np.bincount(seen.frame[clear], minlength=n_frames)
+    return np.asarray(count >= _LEAST_TELLING)
 
 
 def fit_round(

@@ -7,7 +7,7 @@ means is in its row of `CAMERA_RULES`, or is told by the bracket itself, whose f
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TypeAlias
@@ -185,14 +185,15 @@ def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Reals:
     return np.clip(change, -2.0, 2.0)
 
 
-def find_wrong_time(evidence: TimeEvidence) -> tuple[int, float] | None:
+def find_wrong_time(evidence: TimeEvidence, known: Collection[int] = ()) -> tuple[int, float] | None:
     """Return the frame whose time contradicts all others most, and by how many stops it is off; None if none does.
 
-    Of a bracket of fewer than four frames a wrong time cannot be told from another curve.
+    Frames in ``known`` are not named again. Of a bracket of fewer than four frames a wrong time cannot be told from
+    another curve.
     """
     own = np.diag(evidence.matrix)
     counts = np.bincount(evidence.bracket_of_frame)[evidence.bracket_of_frame]
-    able = (own > 0) & (counts >= 4)
+    able = (own > 0) & (counts >= 4) & ~np.isin(np.arange(len(own)), list(known))
     if not able.any():
         return None
     change = np.where(able, evidence.right / np.where(own > 0, own, 1.0), 0.0)
