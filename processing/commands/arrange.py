@@ -10,6 +10,10 @@ import click
 
 if TYPE_CHECKING:
     from processing.layout.arrangement import Arrangement, Arrangements
+    from processing.layout.plan import FloorPlan
+
+IN_A_SESSION = ("room.json", "stages/room/room.json")
+"""Where a session keeps its room: corrected by hand, else as estimated."""
 
 
 @click.command()
@@ -78,17 +82,35 @@ def _solve(room: Path, **options: Any) -> Arrangements:
     from processing.layout.item_list import parse_items, set_items
     from processing.layout.paper_form import parse_place, placed_by_ratios
     from processing.layout.pins import parse_pin
-    from processing.layout.plan_room import find_plan
 
     if (options["items"] is None) == (options["set_name"] is None):
         raise ParameterError("give either --items or --set")
     items = parse_items(options["items"]) if options["items"] is not None else set_items(options["set_name"])
-    plan = find_plan(room, keep_camera_free=options["keep_camera"])
+    plan = _plan(room, keep_camera_free=options["keep_camera"])
     book = _book(options)
     rules = book.named(options["rules"])
     pins = dict(parse_pin(text) for text in options["pins"])
     pins = placed_by_ratios(plan, items, rules, [parse_place(text) for text in options["places"]], pins)
     return solve(plan, items, rules, n=options["count"], seed=options["seed"], pins=pins, book=book)
+
+
+def _plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
+    """Return the plan of a plan.json, a room.json, or a session's folder (its room corrected by hand goes first)."""
+    from processing.errors import PlanError
+    from processing.layout.plan_files import read_plan
+    from processing.layout.plan_room import from_room_model
+    from processing.room.model_file import read_json, read_room
+
+    if path.is_dir():
+        for inner in IN_A_SESSION:
+            if (path / inner).is_file():
+                return from_room_model(read_room(path / inner), keep_camera_free=keep_camera_free, name=path.name)
+        advice = f"daylit room {path} --edit, or daylit process {path} --until room"
+        raise PlanError("the session has no room yet", where=str(path), advice=advice)
+    data = read_json(path)
+    if isinstance(data, dict) and "floor" in data:
+        return from_room_model(read_room(path), keep_camera_free=keep_camera_free, name=path.stem)
+    return read_plan(path)
 
 
 def _lines(result: Arrangements) -> list[str]:

@@ -132,19 +132,13 @@ def arrange(
         refuse_too_small(make_field(inner, rules), free)
     task = _Task(plan, items, tuple(stood), tuple(too_tall), field, frame, rules, book, judge)
     chosen = _chosen(task, finals, n)
-    notes = list(dict.fromkeys(plan.notes))
-    if len(doors) < len(inner.doors):
-        lost = len(inner.doors) - len(doors)
-        notes.append(f"{lost} of {len(inner.doors)} doors cannot be reached on {rules.path:g} m even in the empty room")
-    if len(chosen) < n:
-        notes.append(f"{len(chosen)} different arrangements were found of {n} asked for")
     return Arrangements(
         plan=plan_to_mapping(plan),
         rule_set=rules.name,
         asked=tuple(i.id for i in items),
         seed=seed,
         arrangements=tuple(_arrangement(k, one, task) for k, one in enumerate(chosen, 1)),
-        notes=tuple(notes),
+        notes=_notes(task, len(doors), len(chosen), n),
     )
 
 
@@ -170,6 +164,17 @@ class _Task:
             for n, r in self.book.sets.items()
         }
         return made if self.rules.name in made else {self.rules.name: self.judge, **made}
+
+
+def _notes(task: _Task, doors: int, found: int, asked: int) -> tuple[str, ...]:
+    notes = list(dict.fromkeys(task.plan.notes))
+    lost = len(task.plan.doors) - doors
+    if lost:
+        path_m = task.rules.path
+        notes.append(f"{lost} of {len(task.plan.doors)} doors cannot be reached on {path_m:g} m even in the empty room")
+    if found < asked:
+        notes.append(f"{found} different arrangements were found of {asked} asked for")
+    return tuple(notes)
 
 
 def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:

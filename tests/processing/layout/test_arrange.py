@@ -26,6 +26,8 @@ from processing.layout.paper_form import Place, placed_by_ratios
 from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.rules import built_in_rules, read_rules
 from processing.layout.verify import Piece, verify
+from processing.room.model import RoomModel, starter_room
+from processing.room.model_file import write_room
 
 ROOM = make_plan(
     [[0, 0], [4.6, 0], [4.6, 3.9], [0, 3.4]], doors=[Door(0, 0.1, 0.95)], windows=[Window(1, 1.0, 2.6, 0.9, 2.1)]
@@ -218,3 +220,11 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert daylit.main([*base, "--items", "dekk"]) == 2
     assert "desk" in capsys.readouterr().err
     assert daylit.main(base) == 2
+    capsys.readouterr()
+    (tmp_path / "session").mkdir()
+    assert daylit.main(["arrange", str(tmp_path / "session"), "--set", "office"]) == 5
+    assert "no room yet" in capsys.readouterr().err
+    room = RoomModel.model_validate({**starter_room(1.6).model_dump(), "source": "given"})
+    write_room(tmp_path / "session" / "room.json", room)
+    asked = ["--items", "desk", "--keep-camera", "--no-pictures", "-n", "1", "--rules", "tight"]
+    assert daylit.main(["arrange", str(tmp_path / "session"), *asked]) == 0
