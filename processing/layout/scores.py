@@ -260,6 +260,7 @@ def _walk(plan: FloorPlan, placed: Sequence[Stand]) -> float:
 
 def _together(placed: Sequence[Stand]) -> float | None:
     present = {s.item.spec.category for s in placed} | {ROLES.get(s.item.spec.category, "") for s in placed}
+    present.discard("")
     rugs = {"sofa", "dining"} & present
     bound = [s for s in placed if s.item.spec.group_with in present or (rugs and s.item.spec.is_rug)]
     if not bound:
