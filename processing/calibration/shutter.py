@@ -28,6 +28,8 @@ _CLEAR_CHI2 = 100.0
 _DECISIVE_CHI2 = 10.0
 _STIFF = 1e3
 _SAME_STOPS = 1e-6
+_LEAST_FRAMES = 4
+"""Of one bracket: two or three frames fit any times with a curve to match."""
 
 
 class ShutterRule(StrEnum):
@@ -138,7 +140,8 @@ def estimate_times(
     # Rules that give these frames the same times are one.
     others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[best]).max() > _SAME_STOPS]
     decided = bool(others) and min(chi2[r] for r in others) - chi2[best] > _DECISIVE_CHI2
-    rule = best if chi2[prior] - chi2[best] > _DECISIVE_CHI2 else prior
+    decided &= bool(np.bincount(evidence.bracket_of_frame).max() >= _LEAST_FRAMES)
+    rule = best if decided and chi2[prior] - chi2[best] > _DECISIVE_CHI2 else prior
     extra, covariance = _off_rule(evidence, by_rule[rule], now)
     gain = evidence.gain(by_rule[rule] + extra) - evidence.gain(by_rule[rule])
     off_rule = bool(gain > len(now) + 6 * math.sqrt(2 * len(now)) and np.abs(extra).max() > RULE_SIGMA_STOPS / 2)
@@ -193,7 +196,7 @@ def find_wrong_time(evidence: TimeEvidence, known: Collection[int] = ()) -> tupl
     """
     own = np.diag(evidence.matrix)
     counts = np.bincount(evidence.bracket_of_frame)[evidence.bracket_of_frame]
-    able = (own > 0) & (counts >= 4) & ~np.isin(np.arange(len(own)), list(known))
+    able = (own > 0) & (counts >= _LEAST_FRAMES) & ~np.isin(np.arange(len(own)), list(known))
     if not able.any():
         return None
     change = np.where(able, evidence.right / np.where(own > 0, own, 1.0), 0.0)
