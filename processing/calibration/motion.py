@@ -83,8 +83,13 @@ def _show(
     places: Places,
     reference: Places,
 ) -> None:
-    """Show pixels as their reference frame saw them, or as the nearest frame that can."""
+    """Show pixels as their reference frame saw them, or as the nearest frame that can.
+
+    What no frame can show (a sun clipped in all) keeps its merged value, the bound that the shortest frame gives.
+    """
     usable = _worth(frames, tables, places) > USABLE
+    shown = usable.any(axis=0)
+    places, reference, usable = places[shown], reference[shown], usable[:, shown]
     distance = np.abs(np.arange(len(frames))[:, None] - reference[None, :])
     chosen = np.argmin(np.where(usable, distance, len(frames) + distance), axis=0)
     v, w = (np.empty((len(places), 3), dtype=np.float32) for _ in range(2))

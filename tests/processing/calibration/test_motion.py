@@ -59,7 +59,10 @@ def test_pixels_that_the_reference_cannot_show_take_the_nearest_frame_that_can()
     for frame in frames:
         frame[6, 6] = 255
     merged = planes(suspect)
-    settle_ghosts(frames, TABLES, merged)
+    merged.rgb[6, 6], merged.validity[6, 6] = 123.0, 1
+    ghost = settle_ghosts(frames, TABLES, merged)
+    assert ghost[6, 6] == 0, "no frame shows it"
     assert merged.validity[6, 6] == 1
+    assert (merged.rgb[6, 6] == 123.0).all(), "the merged bound stays"
     assert np.isinf(merged.uncertainty[6, 6])
     assert np.isfinite(merged.rgb).all()
