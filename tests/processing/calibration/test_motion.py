@@ -59,7 +59,7 @@ def test_pixels_that_the_reference_cannot_show_take_the_nearest_frame_that_can()
     for frame in frames:
         frame[6, 6] = 255
     merged = planes(suspect)
-    merged.rgb[6, 6], merged.validity[6, 6] = 123.0, 1
+    merged.rgb[6, 6], merged.validity[6, 6], merged.uncertainty[6, 6] = 123.0, 1, np.inf
     ghost = settle_ghosts(frames, TABLES, merged)
     assert ghost[6, 6] == 0, "no frame shows it"
     assert merged.validity[6, 6] == 1

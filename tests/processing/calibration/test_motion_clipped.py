@@ -35,6 +35,4 @@ def test_a_clipped_sun_among_ghosts_keeps_its_bound() -> None:
     assert (found.ghost[30:60, 58:110] > 0).any(), "the cloud moved"
     assert (found.validity[sun] == Validity.CLIPPED).all()
     brightest = float(luminance_cd_m2(found.rgb).max())
-    assert luminance_cd_m2(found.rgb[sun]).min() > 0.9 * brightest, (
-        "the shortest frame's saturation, not a longer one's"
-    )
+    assert luminance_cd_m2(found.rgb[sun]).min() > 0.9 * brightest, "the shortest frame's bound"
