@@ -127,8 +127,8 @@ class Raster:
     def _needed(self) -> set[int]:
         _, labels = self._components(self.room)
         served = [set(np.unique(labels[way]).tolist()) - {0} for way in self.ways]
-        parts = set().union(*served)
-        return max(({n for n, s in enumerate(served) if k in s} for k in sorted(parts)), key=len, default=set())
+        parts = sorted(set().union(*served), key=lambda k: -np.count_nonzero(labels == k))
+        return {n for n, s in enumerate(served) if parts and parts[0] in s}
 
     def _paths(self, items: tuple[PlacedItem, ...]) -> list[str]:
         free = self.room.copy()

@@ -6,7 +6,8 @@ so, else `bedroom`; rule set `tight` (paths of 0.6 m), and rooms >= 12 m2 by `st
 too. Every arrangement is judged anew by `verify` and by a 1 cm raster.
 Times are CPU times of one thread after warm-up (the search uses one), so that a busy machine does not change them.
 SceneEval's figures: out of bounds, collision, opening clearance (a door keeps one leaf's depth, at most 0.9 m, and its
-own width; a window 0.5 m against what is taller than its sill), navigability with its own walker (0.2 m).
+own width, in rooms whose doors have no known hand; a window 0.5 m against what is taller than its sill), navigability
+with its own walker (0.2 m).
 """
 
 from __future__ import annotations
@@ -117,6 +118,7 @@ class _Tally:
 
     def _judge(self, plan: FloorPlan, result: Arrangements, rules: RuleSet) -> None:
         judge, raster = Judge(plan, rules), Raster(plan, rules)
+        handless = all(door.hinge == "unknown" and door.swing == "unknown" for door in plan.doors)
         for one in result.arrangements:
             self.layouts += 1
             faults = judge.judge(_pieces(one)).violations
@@ -125,7 +127,8 @@ class _Tally:
             self.raster_faults += bool(seen)
             if (faults or seen) and len(self.notes) < 8:
                 self.notes.append(f"{plan.name}: {[str(f) for f in faults][:2]} {seen[:2]}")
-            self.scene.append(_scene_eval(plan, one))
+            if handless:
+                self.scene.append(_scene_eval(plan, one))
 
     def metrics(self) -> dict[str, float]:
         scene = np.array(self.scene)

@@ -228,15 +228,18 @@ class Divisions:
 
 def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[list[Candidate]]:
     """Yield the best states with their soft scores, best first: those that leave least out, then the next."""
-    samples = floor_samples(task.plan)
+    samples = floor_samples(task.field.plan)
+    held = [in_frame(s, task.frame) for s in task.stood]
     losses = sorted({round(_loss(f), 9) for f in finals})
     for least in losses:
         alike = [f for f in finals if round(_loss(f), 9) == least]
         kept = _varied(alike, 4 if n == 1 else 6 * n)
         made = []
         for final in kept:
-            placed = (*task.stood, *(in_room(s, task.frame) for s in stands(final.found, final.packing)))
-            scores = soft_scores(task.plan, placed, samples)
+            free = stands(final.found, final.packing)
+            placed = (*task.stood, *(in_room(s, task.frame) for s in free))
+            # Scored in the canonical frame, so that a turned room ranks them alike.
+            scores = soft_scores(task.field.plan, [*held, *free], samples)
             left = tuple(sorted(item.id for item in final.left_out()))
             made.append(Candidate(placed, left, weighted(scores, task.book.weights), scores))
         yield sorted(made, key=lambda c: -c.score)

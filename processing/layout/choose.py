@@ -97,7 +97,7 @@ def _difference(new: Candidate, before: Sequence[Candidate], main: str, *, same_
 
 
 def _moved(stand: Stand, other: Stand) -> str:
-    gap_m = math.hypot(stand.x_m - other.x_m, stand.y_m - other.y_m)
+    gap_m = round(math.hypot(stand.x_m - other.x_m, stand.y_m - other.y_m), 4)
     if stand.edge != other.edge and gap_m > 0.3:
         return f"{stand.item.id} at another wall"
     if gap_m >= MOVED_M:

@@ -11,14 +11,13 @@ PATH_SLACK_M = 1e-3
 
 
 def reachable_doors(field: Field) -> list[int]:
-    """Return the doors on the part of the empty floor that serves the most of them (the largest such part)."""
+    """Return the doors of the largest part of the empty floor that a walker can reach through any."""
     room = Polygon(field.plan.corners, list(field.plan.holes))
     walk = room.buffer(-(field.rules.path - PATH_SLACK_M) / 2, quad_segs=32)
     parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]
     ways = [Polygon(way.corners) for way in field.doorways]
-    best: list[int] = []
     for part in sorted(parts, key=lambda p: -p.area):
         served = [n for n, way in enumerate(ways) if not part.is_empty and part.intersects(way)]
-        if len(served) > len(best):
-            best = served
-    return best
+        if served:
+            return served
+    return []

@@ -22,8 +22,9 @@ def routes(
     floor = Polygon(plan.corners, list(plan.holes)).difference(shapely.union_all(list(solid)))
     walk = floor.buffer(-(width_m - 0.001) / 2)
     parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]
-    part = max(parts, key=lambda p: (sum(p.intersects(d) for d in doors), p.area))
-    if part.is_empty or not doors:
+    part = max(parts, key=lambda p: (any(p.intersects(d) for d in doors), p.area))
+    doors = [door for door in doors if part.intersects(door)]
+    if not doors:
         return []
     nodes, tree = _nodes(part)
     starts = [n for n, p in enumerate(tree) if p.intersects(doors[0])]

@@ -98,9 +98,9 @@ class Judge:
 
     @cached_property
     def _needed(self) -> set[int]:
-        """The doors that one part of the empty floor serves, the most there can be."""
-        parts = _walkable(self.room, self._radius)
-        return max(({n for n, w in enumerate(self._ways) if p.intersects(w)} for p in parts), key=len, default=set())
+        """The doors of the largest part of the empty floor that any door leads to."""
+        parts = _walkable(self.room, self._radius)  # largest first
+        return next(filter(None, ({n for n, w in enumerate(self._ways) if p.intersects(w)} for p in parts)), set())
 
     def judge(self, pieces: Sequence[Piece]) -> Verdict:
         """Check every hard rule (H1 to H6, H8, H9 of docs/arrangement.md)."""
