@@ -119,13 +119,14 @@ class Raster:
                     found.append(f"use of {item.id} blocked by {other.id}")
         return found
 
-    def _components(self, free: Any) -> tuple[int, Any]:
+    def _components(self, free: Any, slack_m: float) -> tuple[int, Any]:
         far = cv2.distanceTransform(np.pad(free, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-        count, labels = cv2.connectedComponents((far * CELL_M > self.rules.path / 2 - PATH_SKIN_M).astype(np.uint8))
+        count, labels = cv2.connectedComponents((far * CELL_M > self.rules.path / 2 - slack_m).astype(np.uint8))
         return count, labels
 
     def _needed(self) -> set[int]:
-        _, labels = self._components(self.room)
+        # Passages that the raster cannot tell from too narrow ones are not asked for.
+        _, labels = self._components(self.room, -PATH_SKIN_M)
         served = [set(np.unique(labels[way]).tolist()) - {0} for way in self.ways]
         parts = sorted(set().union(*served), key=lambda k: -np.count_nonzero(labels == k))
         return {n for n, s in enumerate(served) if parts and parts[0] in s}
@@ -136,7 +137,7 @@ class Raster:
             if item.category != "rug" and item.base_m < 2:
                 w, d = item.size_m[0] / 2, item.size_m[1] / 2
                 free &= ~self._inside(item, (-w, w, -d, d), 0.0)
-        _, labels = self._components(free)
+        _, labels = self._components(free, PATH_SKIN_M)
         reach = self.rules.path / 2 - 0.05 + 0.01
         goals = [(f"door {n + 1}", self.ways[n]) for n in sorted(self.needed)]
         goals += [(item.id, self._inside(item, zone, -reach)) for item in items for zone in item.use_zones_m]

@@ -33,7 +33,7 @@ from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet, built_in_rules
 from processing.layout.verify import Judge, Piece
 
-QUICK_ROOMS, QUICK_GENERATED = 24, 1
+QUICK_ROOMS, QUICK_GENERATED = 16, 1
 FULL_GENERATED = 120
 MIN_AREA_M2 = 12.0
 UNITS = {"placed_all_pct": "% of odd-numbered rooms >= 12 m2", "navigability": "share of free floor"}
