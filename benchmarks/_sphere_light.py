@@ -25,7 +25,7 @@ from processing.sphere import (
 SUN_RADIUS_RAD = math.radians(0.25)
 SUN_CD_M2 = 1.6e9
 POLYNOMIAL = (1.08, 0.0, -0.08)
-QUICK_ROWS, ROWS = (16, 17, 64, 401), (16, 17, 18, 24, 31, 32, 64, 100, 255, 401, 512, 1000, 1680)
+QUICK_ROWS, ROWS = (16, 17, 64, 255), (16, 17, 18, 24, 31, 32, 64, 100, 255, 401, 512, 1000, 1680)
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,9 @@ FIRST, LAST = 5, 250
 JPEG_QUALITY = 95
 PLOT = Path("response.png")
 COLOUR_HDRI_SIZE = 105
-COLOUR_HDRI_SAMPLES = 150
+COLOUR_HDRI_SAMPLES, QUICK_COLOUR_HDRI_SAMPLES = 150, 75
 """Rows and samples given to colour-hdri; its defaults take more than a minute of CPU."""
+WARM_SIZE = (336, 168)
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
@@ -45,12 +46,13 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     found: dict[str, list[Reals]] = {}
     costs: dict[str, list[float]] = {}
     jpeg: list[Reals] = []
+    ways = methods(QUICK_COLOUR_HDRI_SAMPLES if quick else COLOUR_HDRI_SAMPLES)
     for number in chosen:
         bracket = synthetic_bracket(size, number)
-        for name, method in methods().items():
+        for name, method in ways.items():
             # Once unmeasured: imports are not the method's.
             if number == chosen[0]:
-                method(bracket)
+                method(synthetic_bracket(WARM_SIZE, number) if quick else bracket)
             curves: list[Reals] = []
             runs = RUNS if name == "ours" else 1
             cost = [cost_of(lambda m=method, b=bracket, c=curves: c.append(m(b))).cpu_s for _ in range(runs)]
@@ -100,7 +102,7 @@ def as_bracket(bracket: SyntheticBracket) -> Bracket8:
     return Bracket8(bracket.frames, bracket.true_s)
 
 
-def methods() -> dict[str, Callable[[SyntheticBracket], Reals]]:
+def methods(colour_hdri_samples: int) -> dict[str, Callable[[SyntheticBracket], Reals]]:
     """Return each method: a bracket to log2 exposure (3, 256)."""
 
     def named(method: str) -> Callable[[SyntheticBracket], Reals]:
@@ -110,7 +112,7 @@ def methods() -> dict[str, Callable[[SyntheticBracket], Reals]]:
         "ours": named("daylit"),
         "opencv_debevec": opencv_debevec,
         "opencv_robertson_every_8th": opencv_robertson,
-        "colour_hdri": colour_hdri,
+        "colour_hdri": lambda bracket: colour_hdri(bracket, colour_hdri_samples),
         "our_debevec_malik": named("debevec-malik"),
         "our_mitsunaga_nayar": named("mitsunaga-nayar"),
         "our_robertson": named("robertson"),
@@ -133,7 +135,7 @@ def opencv_robertson(bracket: SyntheticBracket) -> Reals:
     return _log2(cv2.createCalibrateRobertson().process(frames, np.array(bracket.true_s, dtype=np.float32)))
 
 
-def colour_hdri(bracket: SyntheticBracket) -> Reals:
+def colour_hdri(bracket: SyntheticBracket, samples: int) -> Reals:
     """colour-hdri's Grossberg samples and Debevec's solution, on a reduced picture."""
     from colour_hdri import Image, ImageStack, camera_response_functions_Debevec1997
 
@@ -143,7 +145,7 @@ def colour_hdri(bracket: SyntheticBracket) -> Reals:
         image = Image(data=frame[::step, ::step] / 255.0)
         image.metadata = _colour_metadata(time_s)
         stack.append(image)
-    curves = camera_response_functions_Debevec1997(stack, sampling_function_kwargs={"samples": COLOUR_HDRI_SAMPLES})
+    curves = camera_response_functions_Debevec1997(stack, sampling_function_kwargs={"samples": samples})
     return _log2(np.asarray(curves))
 
 

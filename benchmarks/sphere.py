@@ -18,7 +18,8 @@ from benchmarks._sphere_plot import error_against_size
 PLOT = Path("sphere-roundtrip.png")
 WIDTH_PX, FACES = 1344, (168, 240, 336, 432, 672)
 USUAL_FACE = 336
-SUN_SIZES = (1000, 3600)
+SUN_SIZES, QUICK_SUN_SIZES = (1000, 3600), (400,)
+VIEW_REPEATS, QUICK_VIEW_REPEATS = 12, 4
 ELEVATIONS_RAD = (0.9, 0.35)
 FEW_PAIRS_ABOVE_PX = 2000
 TRIPS = ("roundtrip_err", "roundtrip_cubic_err", "roundtrip_overlapping_err")
@@ -28,19 +29,20 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
     sums = _sphere_light.sums(seed, quick=quick)
     suns: dict[str, float] = {}
-    for size in SUN_SIZES[: 1 if quick else 2]:
+    for size in QUICK_SUN_SIZES if quick else SUN_SIZES:
         for elevation in ELEVATIONS_RAD[: 1 if quick or size > FEW_PAIRS_ABOVE_PX else 2]:
             few = quick or size > FEW_PAIRS_ABOVE_PX
             found = _sphere_light.sun_errors(size, elevation, quick=few)
             suns |= {f"{name}, sun at {elevation:.2f} rad": error for name, error in found.items()}
     worst = max(suns, key=lambda name: abs(suns[name]))
-    speed = _sphere_views.speed(pairs=3 if quick else 7, repeats=6 if quick else 12)
+    repeats = QUICK_VIEW_REPEATS if quick else VIEW_REPEATS
+    speed = _sphere_views.speed(pairs=3 if quick else 7, repeats=repeats)
     trips = {face: _sphere_views.round_trips(WIDTH_PX, face, seed) for face in ((USUAL_FACE,) if quick else FACES)}
     if not quick:
         points = [Point(name, face, error) for face, errors in trips.items() for name, error in errors.items()]
         error_against_size(points, PLOT, panorama_px=WIDTH_PX)
     usual = trips[USUAL_FACE]
-    py360, repeats = speed.py360convert, 6 if quick else 12
+    py360 = speed.py360convert
     return {
         "metrics": {
             "speedup_py360convert": round(1 / speed.first_views.cpu_ratio, 2),
