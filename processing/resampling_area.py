@@ -49,8 +49,9 @@ def _target_is_plane(source: Geometry, target: Geometry) -> bool:
 
 
 def _finished(light: Reals, weight: Reals, solid: Reals) -> tuple[Floats, Floats]:
-    # What rounding leaves at a cell's corner is no cover.
-    covered = weight > 1e-9 * solid
+    # What rounding leaves at a cell's corner is no cover; nor are the slivers of target cells beyond a fisheye's field,
+    # whose corners all fall onto the field's edge.
+    covered = (solid > 0) & (weight > 1e-9 * solid)
     values = np.where(covered[..., None], light / np.where(covered, weight, 1.0)[..., None], 0.0)
     share = np.where(covered, np.minimum(weight / np.where(solid > 0, solid, 1.0), 1.0), 0.0)
     return values.astype(np.float32), share.astype(np.float32)

@@ -161,3 +161,11 @@ def test_padding_goes_round_and_over(width):
 def test_what_cannot_be_is_refused(call):
     with pytest.raises(ParameterError):
         call(np.ones((4, 8)), Equirectangular(8, 4))
+
+
+def test_beyond_a_fisheyes_field_nothing_is_covered():
+    sky, target = fisheye(LensMapping.EQUISOLID, 96), fisheye(LensMapping.EQUIDISTANT, 96)
+    _, coverage = resample(np.ones((96, 96), np.float32), sky, target)
+    outside = solid_angles(target) == 0
+    assert outside.any()
+    assert coverage[outside].max() == 0
