@@ -96,9 +96,15 @@ def camera_section(
             f"{curve['method']}, {response['source']}; robust rms residual {curve['residual_stops']:.3f} stops",
         )
     ]
-    if residuals := response.get("residual_stops"):
-        values = np.array([[math.nan if v is None else v for v in channel] for channel in residuals])
-        pictures.append(Picture("Residuals of the fit", residual_plot(values), f"residuals of the {side} response fit"))
+    if residuals := response["residuals"]:
+        rms = np.array([[math.nan if v is None else v for v in channel] for channel in residuals["rms_stops"]])
+        pictures.append(
+            Picture(
+                "Residuals of the fit",
+                residual_plot(np.array(residuals["codes"]), rms),
+                f"what frames of the {side} camera say of one light apart from each other, by code",
+            )
+        )
     ordered = sorted(frames, key=lambda frame: frame.stop)
     labels = [shutter_label(frame.camera_s) for frame in ordered]
     shares = [float(frame["used_share"]) for frame in metrics["frames"]]

@@ -49,10 +49,9 @@ def response_plot(log2_exposure: Reals, sigma_log2: Reals, low: Sequence[int], h
     return _svg(figure)
 
 
-def residual_plot(residual_stops: Reals) -> bytes:
-    """Return an SVG of the fit's root-mean-square residual by code, (3, N) in stops; NaN where there is no sample."""
+def residual_plot(codes: Reals, residual_stops: Reals) -> bytes:
+    """Return an SVG of root-mean-square residuals (3, N) in stops at codes (N,); NaN where there is no sample."""
     figure, axes = _figure()
-    codes = np.arange(residual_stops.shape[1])
     for channel, (name, colour, style) in enumerate(CHANNELS):
         axes.plot(codes, residual_stops[channel], style, color=colour, linewidth=1.2, label=name)
     axes.set_xlabel("code")

@@ -35,6 +35,8 @@ class CameraResponse:
     """"profile" (its shutter rule or measured times), the camera model's rule, or "estimated" from the bracket."""
     check: dict[str, Any]
     """How the profile's curve fits this bracket; empty for a recovered one."""
+    residuals: dict[str, Any]
+    """What remains by code: see `code_residuals`."""
     warnings: tuple[StageWarning, ...] = ()
 
     def to_dict(self, bracket: SideBracket) -> dict[str, Any]:
@@ -50,6 +52,7 @@ class CameraResponse:
                 for record, time_s, sigma in rows
             ],
             "check": self.check,
+            "residuals": self.residuals,
             "curve": ResponseRecord.of(self.curve).model_dump(mode="json"),
             "noise": NoiseRecord.of(self.noise).model_dump(mode="json"),
         }
@@ -84,7 +87,10 @@ def _recovered(bracket: SideBracket, codes: Sequence[Codes8], method: str) -> Ca
     fit = recover_response([Bracket8(codes, times_s)], method, estimate_times=estimate)
     times_source = f"rule of the camera: {rule}" if rule else "estimated" if estimate else "nominal"
     warnings = _warnings("response", bracket, fit.warnings)
-    return CameraResponse(fit.curve, fit.noise, fit.times_s, fit.time_sigma, "recovered", times_source, {}, warnings)
+    left = code_residuals(codes, fit.times_s, fit.curve)
+    return CameraResponse(
+        fit.curve, fit.noise, fit.times_s, fit.time_sigma, "recovered", times_source, {}, left, warnings
+    )
 
 
 def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:
@@ -101,14 +107,36 @@ def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfi
         noise = estimate_noise([Bracket8(decoded(bracket.frames), times_s)], curve)
     warnings = _warnings("profile", bracket, profile_matches(profile, bracket.side, bracket.device, bracket.records))
     check: dict[str, Any] = {}
+    small = decoded(bracket.frames, coarse(bracket.frames))
     try:
-        told = check_response(curve, noise, Bracket8(decoded(bracket.frames, coarse(bracket.frames)), times_s))
+        told = check_response(curve, noise, Bracket8(small, times_s))
     except ResponseError as error:
         warnings += _warnings("unchecked", bracket, [f"the profile's response cannot be checked: {error.message}"])
     else:
         check = {name: getattr(told, name) for name in ("drifted", "drift_stops", "sigma_stops", "noise_ratio")}
         warnings += _warnings(DRIFTED if told.drifted else "response", bracket, told.warnings)
-    return CameraResponse(curve, noise, times_s, time_sigma, "profile", "profile", check, warnings)
+    left = code_residuals(small, times_s, curve)
+    return CameraResponse(curve, noise, times_s, time_sigma, "profile", "profile", check, left, warnings)
+
+
+def code_residuals(codes: Sequence[Codes8], times_s: Sequence[float], curve: ResponseCurve) -> dict[str, Any]:
+    """Return what frames say of a patch's light apart from one another, by code: lists for response.json.
+
+    ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no patch has such a code; empty where none are told.
+    """
+    from processing.calibration.response import Bracket8
+    from processing.calibration.response_residuals import residuals_by_code
+    from processing.calibration.response_samples import take_samples
+
+    try:
+        found = residuals_by_code(take_samples([Bracket8(codes, times_s)]), curve)
+    except ResponseError:
+        return {}
+    rms = [
+        [float((m * m + s * s) ** 0.5) if n else None for m, s, n in zip(means, spreads, counts, strict=True)]
+        for means, spreads, counts in zip(found.mean_stops, found.spread_stops, found.count, strict=True)
+    ]
+    return {"codes": [float(code) for code in found.codes], "rms_stops": rms}
 
 
 def _warnings(code: str, bracket: SideBracket, texts: Iterable[str]) -> tuple[StageWarning, ...]:

@@ -123,7 +123,7 @@ def test_impossible_light_is_not_written(tmp_path: Path, value: float, channel: 
         {"scale_uncertainty": float("nan")},
         {"scale_uncertainty": -0.1},
         {"attributes": {"k1": float("nan")}},
-        {"attributes": {"k1": object()}},
+        {"attributes": {"k1": object}},
     ],
     ids=str,
 )
