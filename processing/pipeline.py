@@ -106,7 +106,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="calibrate",
-        version=1,
+        version=2,
         title="scale to cd/m2",
         function="processing.stages.calibrate:run",
         needs=("merge",),

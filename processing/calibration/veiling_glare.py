@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError
-from processing.images import Bytes, Floats, LuminanceImage, Validity, luminance_cd_m2
+from processing.images import Bytes, Floats, LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 
 Flags = npt.NDArray[np.bool_]
+Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
 RIM_GAP = 1.06
 """In radii: nearer to the image circle the lens's own blur and its bright rim reach out."""
 MIN_SURROUND_PX = 400
+MAX_DARK_SHARE = 0.25
+"""Of the surround: where more of it is too dark to measure, what is left are the brightest by chance, not the veil."""
 _DARKEST_SHARE = 0.001
 _MAD_SIGMA = 1.4826
 
@@ -42,12 +46,14 @@ class GlareEstimate:
 def veil_from_surround(rgb: Floats, validity: Bytes, centre_px: tuple[float, float], radius_px: float) -> GlareEstimate:
     """Return the veil from the frame around the image circle of an uncropped fisheye picture (H, W, 3), linear.
 
-    ``validity``: clipped and dark pixels of the surround are left out. Raises `LensError` where less than
-    400 pixels are left, which is no surround.
+    ``validity``: clipped pixels of the surround are left out. Dark ones count with their values, so that the median is
+    not of the bright ones alone. Raises `LensError` where less than 400 pixels are valid, which is no surround, and
+    where more than a quarter is dark: then the veil is less than the longest frame shows.
     """
     height, width = validity.shape
     radius = np.hypot(np.arange(width)[None] + 0.5 - centre_px[0], np.arange(height)[:, None] + 0.5 - centre_px[1])
-    usable = (radius > RIM_GAP * radius_px) & (validity != Validity.CLIPPED) & (validity != Validity.DARK)
+    surround = (radius > RIM_GAP * radius_px) & (validity != Validity.CLIPPED)
+    usable = surround & (validity != Validity.DARK)
     inside = radius < radius_px
     if int(usable.sum()) < MIN_SURROUND_PX or not inside.any():
         raise LensError(
@@ -55,7 +61,14 @@ def veil_from_surround(rgb: Floats, validity: Bytes, centre_px: tuple[float, flo
             likely="a cropped picture, or stops too short to see the surround",
             advice="give the uncropped frames, or the veil itself",
         )
-    return _estimate(rgb[usable], float(luminance_cd_m2(rgb[inside]).mean(dtype=np.float64)), upper_bound=False)
+    dark = 1 - float(usable.sum()) / float(surround.sum())
+    if dark > MAX_DARK_SHARE:
+        raise LensError(
+            f"{100 * dark:.0f} % of the surround of the image circle is too dark to measure",
+            likely="a veil weaker than the longest frame shows",
+            advice="add a longer frame, or leave the veil on",
+        )
+    return _estimate(rgb[surround], float(luminance_cd_m2(rgb[inside]).mean(dtype=np.float64)), upper_bound=False)
 
 
 def veil_bound_from_darkest(image: LuminanceImage) -> GlareEstimate:
@@ -89,7 +102,7 @@ def _estimate(samples: Floats, field: float, *, upper_bound: bool) -> GlareEstim
     )
 
 
-def subtract_veil(image: LuminanceImage, glare: GlareEstimate) -> LuminanceImage:
+def subtract_veil(image: Picture, glare: GlareEstimate) -> Picture:
     """Return the picture without a uniform veil; its doubt goes into each pixel's uncertainty.
 
     What falls to 0 or below becomes 0, `Validity.DARK`, with infinite uncertainty. Pixels outside the field stay.

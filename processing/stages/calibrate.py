@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from processing.calibration.profile import RigProfile, load_profile
+from processing.calibration.profile_records import ResponseRecord
 from processing.stages.calibrate_indoor import Calibrated, calibrate_indoor
 from processing.stages.calibrate_outdoor import calibrate_outdoor, why_no_scale
 from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.contract import StageContext, StageOutput, StageWarning
+from station.session import Side
 
 
 def run(context: StageContext) -> StageOutput:
@@ -22,12 +25,12 @@ def run(context: StageContext) -> StageOutput:
     sky = context.optional_artifact("merge", "outdoor")
     outdoor: Calibrated | None = None
     if sky is None:
-        left_out["outdoor"] = "the session has no outdoor picture"
+        left_out["outdoor"] = "the stage merge made no outdoor picture"
     elif reason := why_no_scale(context.session, asked, profile):
         left_out["outdoor"] = reason
     else:
         context.progress(0.3, "outdoor chain")
-        outdoor = calibrate_outdoor(sky, context.session, asked, profile, indoor.scale)
+        outdoor = calibrate_outdoor(sky, context.session, asked, profile, indoor.scale, _responses(context))
     sides = {"indoor": indoor} | ({"outdoor": outdoor} if outdoor else {})
     facts = {name: side.facts for name, side in sides.items()}
     warnings = [(name, text) for name, side in sides.items() for text in side.warnings]
@@ -42,6 +45,12 @@ def run(context: StageContext) -> StageOutput:
 
 def _profile(path: Path | None) -> RigProfile | None:
     return None if path is None else load_profile(path)
+
+
+def _responses(context: StageContext) -> dict[Side, ResponseRecord]:
+    """Return the curves that the brackets were merged with."""
+    found = context.optional_artifact("merge", "response") or {}
+    return {Side(name): ResponseRecord.model_validate_json(json.dumps(one["curve"])) for name, one in found.items()}
 
 
 def _outdoor_metrics(outdoor: Calibrated | None) -> dict[str, float]:

@@ -21,6 +21,8 @@ from station.session import SessionManifest, Side
 PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
 """Published fall-off by kind of camera."""
 GIVEN_UNCERTAINTY = 0.0
+CLIPPED_SHARE = 0.01
+"""Of an illuminance, from clipped pixels: more is worth a warning."""
 PLANES = {
     "up": (0.0, 0.0, 1.0),
     "ahead": (0.0, 1.0, 0.0),
@@ -44,10 +46,11 @@ def calibrate_indoor(
     merged: RelativeImage, session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None
 ) -> Calibrated:
     """Return the panorama in cd/m2. Raises `ScaleError` where neither readings nor --k1 give a scale."""
-    falloff, source = _falloff(session, asked, profile)
+    falloff, source = indoor_falloff(session, asked, profile)
     image = merged if falloff is None else correct_panorama(merged, falloff)
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
+    lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {
         "k1": scale.value,
         "k1_relative_uncertainty": scale.relative_uncertainty,
@@ -57,25 +60,43 @@ def calibrate_indoor(
         "meter_cd_m2": scale.measured,
         "displayed": scale.displayed,
         "meter_drift_frac": scale.drift_frac,
-        "illuminance_lx": illuminances(picture, PLANES),
+        "illuminance_lx": lux,
     }
     try:
         veil = veil_bound_from_darkest(picture)
         facts["veil_upper_bound"] = {"cd_m2": _luminance(veil.veil_rgb), "index": veil.index}
     except LensError as error:
         facts["veil_upper_bound"] = {"none": str(error)}
-    return Calibrated(picture, scale, facts, scale.warnings)
+    return Calibrated(picture, scale, facts, (*scale.warnings, *low))
 
 
-def illuminances(image: LuminanceImage, planes: dict[str, tuple[float, float, float]]) -> dict[str, dict[str, float]]:
-    """Return value and standard uncertainty (lx) on each plane through the camera."""
+def illuminances(
+    image: LuminanceImage, planes: dict[str, tuple[float, float, float]]
+) -> tuple[dict[str, dict[str, float]], list[str]]:
+    """Return value, standard uncertainty (lx) and share from clipped pixels for each plane through the camera.
+
+    Warnings name the planes on which so much is clipped that the value is a lower bound.
+    """
     found = {name: illuminance_lx(image, normal) for name, normal in planes.items()}
-    return {name: {"value": one.value_lx, "uncertainty": one.uncertainty_lx} for name, one in found.items()}
+    facts = {
+        name: {"value": e.value_lx, "uncertainty": e.uncertainty_lx, "clipped_share": e.invalid_shares["clipped"]}
+        for name, e in found.items()
+    }
+    low = [f"{name} ({e['clipped_share']:.0%})" for name, e in facts.items() if e["clipped_share"] > CLIPPED_SHARE]
+    told = f"illuminance is a lower bound, as part of it comes from pixels clipped in every frame: {', '.join(low)}"
+    return facts, [told] if low else []
 
 
-def _falloff(
+def given_scale(name: str, value: float) -> ScaleFactor:
+    """Return a factor that the user gave, with the warning that nothing is known of its uncertainty."""
+    told = f"{name} is as given: its uncertainty is not known, and not part of the uncertainties stated"
+    return ScaleFactor(value, GIVEN_UNCERTAINTY, {"given": GIVEN_UNCERTAINTY}, warnings=(told,))
+
+
+def indoor_falloff(
     session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None
 ) -> tuple[Vignetting | None, str]:
+    """Return the panorama's fall-off that is corrected (None: none is), and where it is from."""
     if asked.falloff == "off":
         return None, "not corrected, as asked"
     camera = profile.cameras.get(Side.INDOOR) if profile else None
@@ -93,7 +114,7 @@ def _scale(
     image: RelativeImage, session: SessionManifest, asked: CalibrateParameters
 ) -> tuple[ScaleFactor, dict[str, Any]]:
     if asked.k1 is not None:
-        return ScaleFactor(asked.k1, GIVEN_UNCERTAINTY, {"given": GIVEN_UNCERTAINTY}), {"source": "none: k1 given"}
+        return given_scale("k1", asked.k1), {"source": "none: k1 given"}
     longitude, latitude, target = _target(image, session, asked)
     frames = [frame for frame in session.frames if frame.side is Side.INDOOR]
     scale = scale_from_reading(image, session.readings, longitude, latitude, frames=frames)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
-
-import numpy as np
 
 from processing.calibration.clear_sky import Place, clear_beam
 from processing.calibration.lens import LensModel
@@ -24,17 +23,21 @@ from processing.calibration.outdoor import (
 )
 from processing.calibration.photometry import UP, compare_illuminance, illuminance_lx
 from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
+from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.sun_disc import Sun, find_sun
 from processing.calibration.sun_repair import repair_sun
-from processing.errors import SunError
+from processing.errors import ScaleError, SunError
 from processing.images import LuminanceImage, RelativeImage
 from processing.sphere import Fisheye
-from processing.stages.calibrate_indoor import Calibrated, illuminances
+from processing.stages.calibrate_indoor import Calibrated, given_scale, illuminances
 from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.outdoor_optics import find_optics, veil_taken_off
 from station.session import FrameRecord, SessionManifest, Side
 
 NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
+
+LUX_METER_UNCERTAINTY = 0.05
+"""Relative, standard, of a reading given by --outdoor-lux."""
 
 
 @dataclass(frozen=True)
@@ -61,23 +64,34 @@ def calibrate_outdoor(
     asked: CalibrateParameters,
     profile: RigProfile | None,
     k1: ScaleFactor,
+    responses: Mapping[Side, ResponseRecord] | None = None,
 ) -> Calibrated:
-    """Return the sky in cd/m2, north known, in the geometry asked for; energy is kept throughout."""
+    """Return the sky in cd/m2, north known, in the geometry asked for; energy is kept throughout.
+
+    ``responses``: the curves that the session was merged with, to be those of k2. Raises `ProfileError` for a k2 of
+    other settings, `LensError` where no image circle is seen, `ScaleError` where a lux reading gives no scale,
+    `SunError` where a repair is asked that cannot be made.
+    """
     k2 = None if profile is None or asked.k2 is not None or profile.k2 is None else _k2(session, profile)
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
     sky, veil = _corrected(merged, optics, asked)
     north, north_warnings = _north(sky, session, asked)
     image = _turned(sky.image, north, session, asked, optics.lens)
-    scale, scale_facts = _scale(image, asked, k2, k1)
+    if k2 is not None:
+        warnings += _other_curves(k2, responses or {})
+    scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **_attributes(scale_facts, k1))
     repaired, repair = _repaired(picture, asked, session, sky)
+    lux, low = illuminances(repaired, {"up": UP})
     facts |= scale_facts | {
         "veil": veil,
         "north": _north_facts(north),
         "sun": {"found": sky.sun_text, "repair": repair},
-        "illuminance_lx": illuminances(repaired, {"up": UP}),
+        "illuminance_lx": lux,
     }
-    warnings += [*north_warnings, *_sun_warnings(sky, asked), *_compared(repaired, asked, facts)]
+    told = _sun_warnings(sky, asked)
+    warnings += [*north_warnings, *_unturned(north, session), *told, *low, *_compared(repaired, asked, facts)]
+    warnings += [text for text in scale.warnings if text.startswith("k2")]
     return Calibrated(repaired, scale, facts, tuple(warnings))
 
 
@@ -87,6 +101,15 @@ def _k2(session: SessionManifest, profile: RigProfile) -> K2Record:
         device = next((d for d in session.devices if d.role == side.value), None)
         states[side] = camera_state(device, [f for f in session.frames if f.side is side])
     return require_k2(profile, states, session.name)
+
+
+def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> list[str]:
+    """Return which cameras were merged with another curve than k2 was measured with: each has a scale of its own."""
+    return [
+        f"{side}: k2 was measured with another response curve than the session was merged with: k2 may not hold"
+        for side, digest in k2.responses.items()
+        if side in responses and responses[side].digest() != digest
+    ]
 
 
 def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: CalibrateParameters) -> tuple[_Sky, dict[str, Any]]:
@@ -120,6 +143,16 @@ def _north(sky: _Sky, session: SessionManifest, asked: CalibrateParameters) -> t
     return north_from_heading(0.0, math.pi), [f"north is not known ({why}; no heading): the top is taken for it"]
 
 
+def _unturned(north: North, session: SessionManifest) -> list[str]:
+    """Return that north is known but not the panorama's heading: the two pictures then do not share their +y."""
+    if session.heading_rad is not None or north.sigma_rad >= math.pi:
+        return []
+    return [
+        "the panorama's heading is not recorded: the outdoor picture's +y is north, which need not be where the "
+        "panorama's middle faces"
+    ]
+
+
 def _turned(
     image: RelativeImage, north: North, session: SessionManifest, asked: CalibrateParameters, lens: LensModel
 ) -> RelativeImage:
@@ -135,21 +168,30 @@ def _turned(
 
 
 def _scale(
-    image: RelativeImage, asked: CalibrateParameters, k2: K2Record | None, k1: ScaleFactor
+    image: RelativeImage, asked: CalibrateParameters, k2: K2Record | None, k1: ScaleFactor, sun: Sun | None
 ) -> tuple[ScaleFactor, dict[str, Any]]:
     """Return k1 k2 (eq. 2); with neither a profile's k2 nor a given one, the factor that gives the lux measured."""
     if asked.k2 is not None:
-        given = ScaleFactor(asked.k2, 0.0, {"given": 0.0})
-        return combined(k1, given), {"k2": asked.k2, "k2_source": "given"}
+        return combined(k1, given_scale("k2", asked.k2)), {"k2": asked.k2, "k2_source": "given"}
     if k2 is not None:
         factor = ScaleFactor(k2.value, k2.relative_uncertainty, {"k2": k2.relative_uncertainty})
         source = f"rig profile, measured {k2.measured_utc:%Y-%m-%d}"
         found = {"k2": k2.value, "k2_relative_uncertainty": k2.relative_uncertainty, "k2_source": source}
         return combined(k1, factor), found
     assert asked.outdoor_lux is not None
-    shown = illuminance_lx(scaled(image, ScaleFactor(1.0, 0.0))).value_lx
-    value = asked.outdoor_lux / max(shown, np.finfo(np.float64).tiny)
-    return ScaleFactor(value, 0.05, {"lux meter": 0.05}), {"k2": value / k1.value, "k2_source": "from --outdoor-lux"}
+    level = illuminance_lx(scaled(image, ScaleFactor(1.0, 0.0)))
+    shown = level.value_lx
+    if not shown > 0 or (sun is not None and sun.clipped):
+        why = "its sun is clipped, and the reading is of sun and sky together" if shown > 0 else "it is black"
+        raise ScaleError(
+            f"--outdoor-lux gives the outdoor picture no scale: {why}",
+            where="outdoor",
+            advice="give a rig profile (--calibration) or --k2, or leave --outdoor-lux away",
+        )
+    value = asked.outdoor_lux / shown
+    parts = {"lux meter": LUX_METER_UNCERTAINTY, "picture": level.uncertainty_lx / shown}
+    scale = ScaleFactor(value, math.hypot(*parts.values()), parts)
+    return scale, {"k2": value / k1.value, "k2_source": "from --outdoor-lux"}
 
 
 def _attributes(scale_facts: dict[str, Any], k1: ScaleFactor) -> dict[str, object]:
@@ -162,7 +204,9 @@ def _repaired(
     """Return the picture with a clipped sun replaced where that was asked, and what was done."""
     if asked.repair_sun == "no":
         return picture, "not asked"
-    if sky.sun is None or not sky.sun.clipped:
+    if sky.sun is None:
+        return picture, "nothing to repair: no sun was found"
+    if not sky.sun.clipped:
         return picture, "nothing to repair: the sun is not clipped"
     if asked.repair_sun == "illuminance":
         if asked.outdoor_lux is None:
@@ -185,6 +229,8 @@ def _compared(picture: LuminanceImage, asked: CalibrateParameters, facts: dict[s
 
 
 def _sun_warnings(sky: _Sky, asked: CalibrateParameters) -> list[str]:
+    if sky.sun is None and asked.repair_sun != "no":
+        return ["the sun was to be repaired, but none was found: nothing was repaired"]
     if sky.sun is None or not sky.sun.clipped or asked.repair_sun != "no":
         return []
     return ["the sun is clipped in the shortest stop: illuminance is a lower bound (see --repair-sun)"]

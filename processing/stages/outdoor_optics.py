@@ -6,18 +6,17 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from processing.calibration.image_circle import ImageCircle, find_image_circle
 from processing.calibration.lens import LensModel
 from processing.calibration.nd_filter import NdFilter
 from processing.calibration.outdoor import OutdoorOptics
-from processing.calibration.profile import K2Record, RigProfile
-from processing.calibration.veiling_glare import veil_from_surround
+from processing.calibration.profile import Correction, K2Record, RigProfile
+from processing.calibration.veiling_glare import subtract_veil, veil_from_surround
 from processing.calibration.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
 from processing.images import RelativeImage
 from processing.sphere import LensMapping
+from processing.stages.calibrate_indoor import indoor_falloff
 from processing.stages.calibrate_parameters import CalibrateParameters
 from station.session import SessionManifest, Side
 
@@ -29,6 +28,13 @@ OTHER_APERTURE_UNCERTAINTY = 0.03
 SURE_SUPPORT = 0.5
 """Share of rays on which the circle's edge must be seen, to trust it more than the rig file's."""
 VEIL_MAX_UNCERTAINTY = 0.5
+VEIL_MAX_INDEX = 0.3
+"""Veiling glare indices of lenses are below 0.1: more is light that fell on the sensor in another way."""
+_CORRECTED: dict[Correction, str] = {
+    "panorama": "the panorama's fall-off",
+    "vignetting": "the outdoor lens's fall-off",
+    "nd": "the filter's colour",
+}
 
 
 def find_optics(
@@ -47,10 +53,9 @@ def find_optics(
         lens, lens_source = _lens(merged, session, asked)
     falloff, falloff_source = _falloff(session, asked, profile, warnings)
     tint, tint_source = _filter(session, profile, k2, warnings)
-    if k2 is not None and falloff is not None and "vignetting" not in k2.corrections:
-        warnings.append(
-            "k2 was measured without correcting the fall-off: it is off by the fall-off at the chart's place"
-        )
+    if k2 is not None:
+        panorama = indoor_falloff(session, asked, profile)[0]
+        warnings += corrections_unlike(k2, {"panorama": panorama, "vignetting": falloff, "nd": tint})
     circle = lens.circle.scaled((merged.rgb.shape[1], merged.rgb.shape[0]))
     facts = {
         "lens": {
@@ -65,10 +70,29 @@ def find_optics(
     return OutdoorOptics(lens, falloff, tint), facts, warnings
 
 
+def corrections_unlike(k2: K2Record, done: dict[Correction, object]) -> list[str]:
+    """Return in words which corrections are made here but were not for k2, or the other way round; None: not made."""
+    found = []
+    for name, what in done.items():
+        if (what is not None) == (name in k2.corrections):
+            continue
+        ways = ("with", "it is not made now") if what is None else ("without", "it is made now")
+        off = "colours are" if name == "nd" else "outdoor values are"
+        found.append(
+            f"k2 was measured {ways[0]} correcting {_CORRECTED[name]}, and {ways[1]}: {off} off by what it is at the "
+            "chart's place (and the meter's)"
+        )
+    return found
+
+
 def veil_taken_off(
     merged: RelativeImage, lens: LensModel, asked: CalibrateParameters
 ) -> tuple[RelativeImage, dict[str, Any]]:
-    """Return the picture less the veil seen around the image circle, and what was found; unchanged where unsure."""
+    """Return the picture less the veil seen around the image circle, and what was found; unchanged where unsure.
+
+    The veil's light came from the picture itself: what is left is raised so that the mean over the field stays. k1 and
+    k2 are measured on targets about as bright as their rooms, with as much veil gained as light lost.
+    """
     circle = lens.circle.scaled((merged.rgb.shape[1], merged.rgb.shape[0]))
     if asked.glare == "keep":
         return merged, {"taken_off": False, "why": "as asked"}
@@ -77,10 +101,9 @@ def veil_taken_off(
     except LensError as error:
         return merged, {"taken_off": False, "why": str(error).split(" | ")[0]}
     found = {"index": veil.index, "uncertainty": veil.uncertainty}
-    if veil.uncertainty > VEIL_MAX_UNCERTAINTY:
-        return merged, found | {"taken_off": False, "why": "the surround is too uneven to tell"}
-    light = merged.rgb - np.array(veil.veil_rgb, dtype=np.float32)
-    return replace(merged, rgb=np.maximum(light, np.float32(0))), found | {"taken_off": True}
+    if veil.uncertainty > VEIL_MAX_UNCERTAINTY or veil.index > VEIL_MAX_INDEX:
+        return merged, found | {"taken_off": False, "why": "the surround is too uneven or too bright to tell"}
+    return subtract_veil(merged, veil), found | {"taken_off": True}
 
 
 def _lens(merged: RelativeImage, session: SessionManifest, asked: CalibrateParameters) -> tuple[LensModel, str]:
@@ -111,19 +134,26 @@ def _falloff(
     if asked.falloff == "off":
         return None, "not corrected, as asked"
     camera = profile.cameras.get(Side.OUTDOOR) if profile else None
-    if camera and camera.vignetting:
-        return camera.vignetting.vignetting(), "the rig profile's"
-    known = PUBLISHED_FALLOFF.get(_kind(session), ())
     f_numbers = [f.f_number for f in session.frames if f.side is Side.OUTDOOR and f.f_number]
+    if camera and camera.vignetting:
+        found = camera.vignetting.vignetting()
+        at = found.f_number or (f_numbers[0] if f_numbers else 1.0)
+        return _for_aperture(found, at, f_numbers, warnings), "the rig profile's"
+    known = PUBLISHED_FALLOFF.get(_kind(session), ())
     if not known or not f_numbers:
         warnings.append("the outdoor lens's fall-off is not known and not corrected: measure it (daylit rig calibrate)")
         return None, "not corrected: none is known for this lens"
     name, nearest = min(known, key=lambda one: abs(math.log(one[1] / f_numbers[0])))
-    found = published_vignetting(name)
-    if abs(nearest / f_numbers[0] - 1) > 0.05:
-        found = replace(found, relative_uncertainty=OTHER_APERTURE_UNCERTAINTY)
-        warnings.append(f"fall-off at f/{f_numbers[0]:g} is not known: that at f/{nearest:g} was used")
+    found = _for_aperture(published_vignetting(name), nearest, f_numbers, warnings)
     return found, f"published: {found.source}"
+
+
+def _for_aperture(found: Vignetting, known_at: float, f_numbers: list[float], warnings: list[str]) -> Vignetting:
+    """Return a fall-off with the doubt, and a warning, that it needs if it is of another aperture than the frames'."""
+    if not f_numbers or abs(known_at / f_numbers[0] - 1) <= 0.05:
+        return found
+    warnings.append(f"fall-off at f/{f_numbers[0]:g} is not known: that at f/{known_at:g} was used")
+    return replace(found, relative_uncertainty=max(found.relative_uncertainty, OTHER_APERTURE_UNCERTAINTY))
 
 
 def _filter(
@@ -137,6 +167,7 @@ def _filter(
             warnings.append("the ND filter's colour is not known and not corrected (daylit rig calibrate --nd)")
         return None, "not corrected: no measured filter" if has_filter else "no filter recorded"
     if k2 is not None and "nd" not in k2.corrections:
+        # Not made here either, so that it is as it was for k2.
         warnings.append("k2 was measured without the filter's colour correction, so it is not made here either")
         return None, "not corrected: k2 was measured without it"
     return camera.nd.nd_filter(), "the rig profile's"

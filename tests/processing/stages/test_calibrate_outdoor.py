@@ -1,0 +1,141 @@
+"""The outdoor half of the stage calibrate: directions, what k2 holds for, what is said of light not known."""
+
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from mocks.sky import SimpleSky
+from processing.calibration.luminance import ScaleFactor
+from processing.calibration.profile import CameraProfile, CameraState, K2Record, RigProfile
+from processing.calibration.profile_records import LensRecord, ResponseRecord, VignettingRecord
+from processing.calibration.sun_disc import find_sun
+from processing.errors import ScaleError
+from processing.images import RelativeImage, Validity
+from processing.sphere import Equirectangular
+from processing.stages.calibrate_indoor import calibrate_indoor
+from processing.stages.calibrate_outdoor import calibrate_outdoor
+from processing.stages.calibrate_parameters import CalibrateParameters
+from processing.stages.outdoor_optics import corrections_unlike, find_optics, veil_taken_off
+from station.session import FrameRecord, Side
+from tests.processing.calibration.sky_pictures import optics_of, sky_picture
+from tests.station.sessions import manifest
+
+WIDTH = 240
+NOW = datetime(2026, 6, 1, tzinfo=UTC)
+K1 = ScaleFactor(1.0, 0.01)
+OPTICS = optics_of(WIDTH)
+
+
+def k2(**changes) -> K2Record:
+    given = {"value": 2.0, "relative_uncertainty": 0.01, "measured_utc": NOW, "indoor": CameraState(), "n_patches": 6,
+             "outdoor": CameraState(), "white_ratio": 2.0, "residual_stops": 0.0}  # fmt: skip
+    return K2Record(**(given | changes))
+
+
+def profile(f_number: float | None = None, record: K2Record | None = None) -> RigProfile:
+    falloff = VignettingRecord.of(replace(OPTICS.vignetting, f_number=f_number))
+    outdoor = CameraProfile(
+        side=Side.OUTDOOR, state=CameraState(), created_utc=NOW, vignetting=falloff, lens=LensRecord.of(OPTICS.lens)
+    )
+    return RigProfile(created_utc=NOW, cameras={Side.OUTDOOR: outdoor}, k2=record)
+
+
+def calibrated(picture, session=None, rig=None, responses=None, **asked):
+    return calibrate_outdoor(
+        picture, session or manifest(), CalibrateParameters(**asked), rig or profile(), K1, responses
+    )
+
+
+@pytest.fixture(scope="module")
+def picture() -> RelativeImage:
+    return sky_picture(SimpleSky(), WIDTH)
+
+
+@pytest.mark.parametrize("view", ["equidistant", "hemispherical", "equirectangular"])
+def test_the_sun_stands_where_it_is_in_the_world_of_the_panorama(picture, view):
+    session = manifest(heading_rad=np.radians(30.0))
+    out = calibrated(picture, session, k2=1.0, outdoor_top_deg=70.0, outdoor_view=view)
+    # 70 degrees of compass are 40 from the panorama's middle.
+    expected = SimpleSky().sun_azimuth_rad + np.radians(40.0)
+    assert find_sun(out.image).azimuth_rad == pytest.approx(expected, abs=0.01)
+    assert not any("heading" in text for text in out.warnings)
+
+
+def test_north_without_the_panoramas_heading_is_told(picture):
+    assert any("heading is not recorded" in text for text in calibrated(picture, k2=1.0, outdoor_top_deg=70.0).warnings)
+
+
+def test_corrections_must_be_those_of_k2():
+    made, none = OPTICS.vignetting, None
+    assert corrections_unlike(k2(corrections=("panorama",)), {"panorama": made, "vignetting": none}) == []
+    without = corrections_unlike(k2(), {"panorama": made})
+    assert len(without) == 1
+    assert "without correcting the panorama's fall-off" in without[0]
+    left_away = corrections_unlike(k2(corrections=("vignetting",)), {"vignetting": none})
+    assert len(left_away) == 1
+    assert "with correcting the outdoor lens's fall-off" in left_away[0]
+
+
+def test_another_curve_than_that_of_k2_is_told(picture):
+    row = tuple(np.linspace(-8, 0, 256))
+    curve = ResponseRecord(log2_exposure=(row,) * 3, sigma_log2=((0.0,) * 256,) * 3, low=(1,) * 3, high=(254,) * 3)
+    same, other = (profile(record=k2(responses={Side.OUTDOOR: digest})) for digest in (curve.digest(), "0" * 64))
+    responses = {Side.OUTDOOR: curve}
+    assert not any("another response curve" in t for t in calibrated(picture, None, same, responses).warnings)
+    assert any("another response curve" in t for t in calibrated(picture, None, other, responses).warnings)
+
+
+def test_a_lux_reading_scales_a_whole_sky_but_not_one_with_a_clipped_sun(picture):
+    assert calibrated(picture, outdoor_lux=50_000.0).facts["illuminance_lx"]["up"]["value"] == pytest.approx(5e4)
+    cut = sky_picture(SimpleSky(), WIDTH, clip=1e5)
+    with pytest.raises(ScaleError, match="sun is clipped"):
+        calibrated(cut, outdoor_lux=50_000.0)
+
+
+def test_clipped_light_makes_a_lower_bound_and_is_told(picture):
+    cut = sky_picture(SimpleSky(), WIDTH, clip=3e3)
+    out = calibrated(cut, k2=1.0)
+    assert out.facts["illuminance_lx"]["up"]["clipped_share"] > 0.01
+    assert any("lower bound" in text for text in out.warnings)
+    assert not any("lower bound" in text for text in calibrated(picture, k2=1.0).warnings)
+
+
+def test_factors_that_were_given_have_no_known_uncertainty(picture):
+    assert any(text.startswith("k2 is as given") for text in calibrated(picture, k2=1.0).warnings)
+    told = calibrate_indoor(even_panorama(), manifest(), CalibrateParameters(k1=2.0), None).warnings
+    assert any(text.startswith("k1 is as given") for text in told)
+
+
+def even_panorama() -> RelativeImage:
+    ones = np.ones((32, 64), np.float32)
+    return RelativeImage(np.ones((32, 64, 3), np.float32), 0.01 * ones, np.zeros((32, 64), np.uint8),
+                         Equirectangular(64, 32))  # fmt: skip
+
+
+def test_a_profiles_fall_off_of_another_aperture_is_told_and_doubted(picture):
+    frame = FrameRecord(side=Side.OUTDOOR, stop=0, file="outdoor/00.jpg", size_bytes=1, sha256="0" * 64, asked_s=1.0,
+                        camera_s=1.0, f_number=16.0)  # fmt: skip
+    session = manifest(frames=(frame,))
+    asked = CalibrateParameters()
+    optics, _, told = find_optics(picture, session, asked, profile(8.0), None)
+    assert optics.vignetting.relative_uncertainty >= 0.03
+    assert any("f/8 was used" in text for text in told)
+    optics, _, told = find_optics(picture, session, asked, profile(16.0), None)
+    assert optics.vignetting.relative_uncertainty == 0
+    assert not any("was used" in text for text in told)
+
+
+def test_the_veil_taken_off_leaves_its_doubt(picture):
+    rgb = picture.rgb + np.float32(10.0)
+    rgb += np.random.default_rng(1).normal(0, 1, rgb.shape).astype(np.float32)
+    veiled = replace(picture, rgb=rgb, uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
+                     validity=np.zeros(rgb.shape[:2], np.uint8))  # fmt: skip
+    clean, found = veil_taken_off(veiled, OPTICS.lens, CalibrateParameters())
+    assert found["taken_off"]
+    dark = (clean.rgb.sum(axis=-1) == 0) & (veiled.rgb.sum(axis=-1) > 0)
+    assert dark.any()
+    assert (clean.validity[dark] == Validity.DARK).all()
+    lit = clean.rgb.min(axis=-1) > 0
+    assert (clean.uncertainty[lit] >= veiled.uncertainty[lit]).all()
