@@ -15,6 +15,7 @@ from processing.images import LuminanceImage, luminance_cd_m2
 from processing.picture_preview import jpeg_bytes, png_bytes, preview_rgb8
 from processing.report.data import Picture, Quantity, Section, Table, number_text
 from processing.report.plots import (
+    cct_picture,
     contact_sheet,
     frame_usage_plot,
     luminance_picture,
@@ -135,6 +136,8 @@ def _pictures(image: LuminanceImage, name: str) -> list[Picture]:
             wide=wide,
         ),
     ]
+    temperature = cct_picture(image.rgb)
+    found.append(Picture(f"{name}: correlated colour temperature", temperature, "false colours of CCT", wide=wide))
     marked = (image.validity != 0).any() or (image.ghost is not None and (image.ghost != 0).any())
     if marked:
         rows = slice(step // 2, None, step)

@@ -28,6 +28,9 @@ _COVERAGE = 2.0
 """Bands are plus and minus two standard uncertainties."""
 
 
+CCT_RANGE_K = (2000.0, 20000.0)
+
+
 def response_plot(log2_exposure: Reals, sigma_log2: Reals, low: Sequence[int], high: Sequence[int]) -> bytes:
     """Return an SVG of response curves: exposure in stops (3, N) over codes, with a band of two standard uncertainties.
 
@@ -138,6 +141,17 @@ def uncertainty_map(uncertainty: Floats, *, width_px: int = 1200) -> bytes:
     finite = np.where(np.isfinite(uncertainty), uncertainty, 0).astype(np.float32)
     picture = uncertainty_picture(_shrunk(finite, width_px))
     return png_bytes(with_legend(picture, legend(0.1, 100.0, "%", picture.shape[0], colours="viridis")))
+
+
+def cct_picture(rgb: Floats, *, width_px: int = 1200) -> bytes:
+    """Return a PNG of correlated colour temperature (H, W, 3 linear RGB) with its scale; grey: no meaningful CCT."""
+    from processing.calibration.colour_maps import cct_map
+
+    step = max(1, -(-rgb.shape[1] // width_px))
+    found = cct_map(rgb[step // 2 :: step, step // 2 :: step])
+    low, high = CCT_RANGE_K
+    shown = np.where(found.meaningful, np.clip(found.cct_k, low, high), 0)
+    return png_bytes(with_legend(false_colour(shown, low, high), legend(low, high, "K", shown.shape[0])))
 
 
 def _shrunk(values: Floats, width_px: int) -> Floats:

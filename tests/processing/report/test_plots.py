@@ -85,3 +85,15 @@ def test_maps_at_their_ends(make: Callable[..., bytes]) -> None:
     assert (width, height) == (100 + 110, 80)
     assert size_of(make(np.zeros((4, 8), np.float32)))[1] == 80
     assert make(np.full((4, 8), np.inf, np.float32))
+
+
+def test_colour_temperature_of_grey_is_that_of_the_white_point_and_black_has_none() -> None:
+    import cv2
+
+    rgb = np.full((60, 80, 3), 50.0, np.float32)
+    rgb[:30] = 0
+    png = cv2.imdecode(np.frombuffer(plots.cct_picture(rgb), np.uint8), cv2.IMREAD_COLOR)
+    assert png.shape[1] > 80, "the scale stands beside"
+    black, grey = png[5, 40].astype(int), png[50, 40].astype(int)
+    assert np.ptp(black) < 20, "no meaningful CCT is grey"
+    assert np.ptp(grey) > 60, "D65 has a colour on the scale"
