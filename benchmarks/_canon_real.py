@@ -214,8 +214,8 @@ def published_image(bracket: CanonBracket) -> RelativeImage:
 
 
 def canon_real(*, quick: bool) -> dict[str, float]:
-    """Return all figures of the real bracket; quick: frames at a quarter of their size, else at half."""
-    bracket = read_bracket(4 if quick else 2)
+    """Return all figures of the real bracket; quick: frames at a sixth of their size, else at half."""
+    bracket = read_bracket(6 if quick else 2)
     (image, curve), by_published = own_image(bracket), published_image(bracket)
     circle, reference = published_circle(bracket.size_px), reference_map()
     seen, really = find_image_circle(list(bracket.frames)), found_crop(by_published, reference)

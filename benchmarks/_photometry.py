@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,19 +11,20 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks._sessions import STOPS_S, Taken, write_session
+from benchmarks._sky_floor import SkyErrors, sky_all_known, sky_errors
 from mocks.chart import ChartRoom
-from mocks.light import Site, UniformWorld, World, luminance_cd_m2
+from mocks.light import Floats, Site, UniformWorld, World, luminance_cd_m2
 from mocks.optics import scene_rows
 from mocks.simple_room import SimpleRoom
-from processing.calibration.image_circle import ImageCircle
 from processing.calibration.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
 from processing.calibration.photometry import illuminance_lx
-from processing.calibration.veiling_glare import veil_from_surround
-from processing.images import RelativeImage, Validity
+from processing.images import Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
 from processing.rig.session_side import SessionSide, read_side
 from processing.sphere import solid_angles
+from processing.stages.calibrate_parameters import CalibrateParameters
+from processing.stages.outdoor_optics import veil_taken_off
 from station.session import Side
 
 Reals = npt.NDArray[np.float64]
@@ -109,8 +110,9 @@ class Outdoor:
     """Errors of one outdoor session, relative."""
 
     lux: float
-    sky_p95: float
-    sky_median: float
+    sky: SkyErrors
+    sky_floor: SkyErrors
+    """Of the same frames with true curve, noise, veil, fall-off, tint and scale."""
     clipped_share: float
 
 
@@ -132,7 +134,8 @@ def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[ScaleFact
     k1 = scale_from_reading(
         image, side.readings, side.target.longitude_rad, side.target.latitude_rad, frames=side.records
     )
-    rows, truth = _truth(taken, Side.INDOOR)
+    rows, scene = _truth(taken, Side.INDOOR)
+    truth = luminance_cd_m2(scene).astype(np.float64)
     solid = solid_angles(image.geometry)[rows]
     shown = luminance_cd_m2(scaled(image, k1).rgb[rows])
     use = (image.validity[rows] == Validity.VALID) & (truth > 0)
@@ -159,10 +162,12 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     k2 = rig.result.profile.k2
     assert k2 is not None
     scale = combined(k1, ScaleFactor(k2.value, k2.relative_uncertainty))
-    merged = _without_veil(camera.merged(side), camera.lens.circle)
+    merged, _ = veil_taken_off(camera.merged(side), camera.lens, CalibrateParameters())
     sky = camera.corrected(merged)
-    rows, truth = _truth(taken, Side.OUTDOOR)
-    shown = luminance_cd_m2(scaled(sky, scale).rgb[rows])
+    rows, scene = _truth(taken, Side.OUTDOOR)
+    truth = luminance_cd_m2(scene).astype(np.float64)
+    shown = luminance_cd_m2(scaled(sky, scale).rgb[rows]).astype(np.float64)
+    known = sky_all_known(camera, taken, side, rows, scene)
     x = np.arange(truth.shape[1]) + 0.5
     y = (rows + 0.5)[:, None]
     lens = taken.optics(Side.OUTDOOR).lens
@@ -170,7 +175,7 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     use = seen & (sky.validity[rows] == Validity.VALID) & (ways[..., 2] > math.sin(math.radians(3)))
     for disc in taken.world.discs(Site.OUTDOOR):
         use &= ways @ np.array(disc.direction, dtype=np.float32) < math.cos(_SUN_RAD)
-    error = np.abs(shown / np.maximum(truth, 1e-9) - 1)[use]
+    pixel_sr = 2 * math.pi / (math.pi * camera.lens.circle.radius_px**2)
     optics = OutdoorOptics(camera.lens, camera.vignetting, camera.filter)
     view = outdoor_view(OutdoorView.HEMISPHERICAL, max(64, round(2 * camera.lens.circle.radius_px)))
     flat = scaled(correct_outdoor(merged, optics, view), scale)
@@ -178,16 +183,10 @@ def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) 
     true_lux = _true_lux(taken.world)
     return Outdoor(
         lux=lux / true_lux - 1,
-        sky_p95=float(np.quantile(error, 0.95)),
-        sky_median=float(np.median(error)),
+        sky=sky_errors(shown, truth, use, rows, pixel_sr),
+        sky_floor=sky_errors(known, truth, use, rows, pixel_sr),
         clipped_share=float(np.mean(sky.validity[rows][seen] == Validity.CLIPPED)),
     )
-
-
-def _without_veil(merged: RelativeImage, circle: ImageCircle) -> RelativeImage:
-    """Return the picture less the veil seen around the image circle, as `daylit process` takes it off."""
-    veil = veil_from_surround(merged.rgb, merged.validity, circle.centre_px, circle.radius_px)
-    return replace(merged, rgb=np.maximum(merged.rgb - np.array(veil.veil_rgb, dtype=np.float32), 0))
 
 
 def _true_lux(world: World) -> float:
@@ -207,15 +206,15 @@ def _true_lux(world: World) -> float:
     return total
 
 
-def _truth(taken: Taken, side: Side) -> tuple[npt.NDArray[np.intp], Reals]:
-    """Return some bands of rows and the luminance that each of their pixels truly averages.
+def _truth(taken: Taken, side: Side) -> tuple[npt.NDArray[np.intp], Floats]:
+    """Return some bands of rows and the radiance (h, W, 3) that each of their pixels truly averages.
 
     Without fall-off, filter or glare; a quarter of the picture, as each costs as much as all of its frames.
     """
     size = taken.size_px(side)
     bands = [range(first, min(first + _BAND, size[1])) for first in range(0, size[1], 4 * _BAND)]
-    found = [luminance_cd_m2(scene_rows(taken.world, taken.optics(side), size, band)) for band in bands]
-    return np.concatenate([np.array(band) for band in bands]), np.concatenate(found).astype(np.float64)
+    found = [scene_rows(taken.world, taken.optics(side), size, band) for band in bands]
+    return np.concatenate([np.array(band) for band in bands]), np.concatenate(found)
 
 
 def _edges(truth: Reals) -> npt.NDArray[np.bool_]:

@@ -5,8 +5,9 @@ the radiance that each pixel averages. ``indoor_*`` are by solid angle over all 
 ``smooth`` leave out pixels within two of a step of 10 %, where JPEG and mixed pixels, not photometry, decide.
 ``k1_err_pct`` is against the camera's own gain, the veiling glare at the board counted in (0.5 % of the mean light
 scatters in the simulated lens and none in the meter); ``k1_raw_err_pct`` is without. The sky leaves out 3 degrees
-around the sun, whose light is in the illuminance; the veil seen around the image circle is taken off, as in
-`daylit process`.
+around the sun, whose light is in the illuminance; the veil seen around the image circle is treated as in
+`daylit process`. ``sky_floor_*`` is what the same frames give with everything known (true curve, noise, veil, fall-off,
+tint, scale): photon noise and JPEG; ``*_spot_*`` are of means over the meter's spot of 1/3 degree.
 """
 
 from __future__ import annotations
@@ -47,8 +48,11 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "indoor_smooth_median_err_pct": _middle(one.smooth_median for one in inside),
         "indoor_smooth_p95_err_pct": _middle(one.smooth_p95 for one in inside),
         "outdoor_lux_err_pct": _worst(one.lux for one in outside),
-        "sky_median_err_pct": _middle(one.sky_median for one in outside),
-        "sky_p95_err_pct": _middle(one.sky_p95 for one in outside),
+        "sky_median_err_pct": _middle(one.sky.median for one in outside),
+        "sky_p95_err_pct": _middle(one.sky.p95 for one in outside),
+        "sky_spot_p95_err_pct": _middle(one.sky.spot_p95 for one in outside),
+        "sky_floor_p95_err_pct": _middle(one.sky_floor.p95 for one in outside),
+        "sky_floor_spot_p95_err_pct": _middle(one.sky_floor.spot_p95 for one in outside),
     }
     notes = [f"pictures at 1/{divisor} of full size, {len(rooms)} rooms; worst room for k1 and lux, else the median"]
     notes += [f"valid share of the panorama: {min(one.covered for one in inside):.1%} or more"]

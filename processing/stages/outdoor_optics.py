@@ -6,6 +6,8 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from processing.calibration.image_circle import ImageCircle, find_image_circle
 from processing.calibration.lens import LensModel
 from processing.calibration.nd_filter import NdFilter
@@ -16,6 +18,7 @@ from processing.calibration.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
 from processing.images import RelativeImage
 from processing.sphere import LensMapping
+from processing.stages.brackets import stated_circle
 from processing.stages.calibrate_indoor import indoor_falloff
 from processing.stages.calibrate_parameters import CalibrateParameters
 from station.session import SessionManifest, Side
@@ -103,7 +106,8 @@ def veil_taken_off(
     found = {"index": veil.index, "uncertainty": veil.uncertainty}
     if veil.uncertainty > VEIL_MAX_UNCERTAINTY or veil.index > VEIL_MAX_INDEX:
         return merged, found | {"taken_off": False, "why": "the surround is too uneven or too bright to tell"}
-    return subtract_veil(merged, veil), found | {"taken_off": True}
+    clean = subtract_veil(merged, veil)
+    return replace(clean, rgb=clean.rgb / np.float32(1 - veil.index)), found | {"taken_off": True}
 
 
 def _lens(merged: RelativeImage, session: SessionManifest, asked: CalibrateParameters) -> tuple[LensModel, str]:
@@ -116,7 +120,7 @@ def _lens(merged: RelativeImage, session: SessionManifest, asked: CalibrateParam
 def _circle(merged: RelativeImage, session: SessionManifest) -> tuple[ImageCircle, str]:
     """Return the image circle as the picture shows it, or as the rig file has it where the picture is not sure."""
     height, width = merged.rgb.shape[:2]
-    recorded = (session.rig.get("outdoor") or {}).get("image_circle")
+    recorded = stated_circle(session.rig)
     try:
         found = find_image_circle(merged.rgb)
         if found.support >= SURE_SUPPORT or not recorded:
@@ -124,7 +128,7 @@ def _circle(merged: RelativeImage, session: SessionManifest) -> tuple[ImageCircl
     except LensError:
         if not recorded:
             raise
-    column, row, radius = (float(v) for v in recorded)
+    column, row, radius = recorded
     return ImageCircle((column * width, row * height), radius * width, (width, height)), "of the rig file"
 
 

@@ -42,6 +42,22 @@ def test_cropped_or_unusable_surround_is_refused() -> None:
         veil_from_surround(picture, np.zeros((SIZE, SIZE), np.uint8), (-900, 60), 45.0)
 
 
+def test_a_surround_too_dark_to_measure_is_no_veil() -> None:
+    picture, _ = veiled(noise=0.5)
+    light = luminance_cd_m2(picture)
+    middle = (SIZE / 2, SIZE / 2)
+    surround = np.hypot(*(np.indices((SIZE, SIZE)) + 0.5 - SIZE / 2)) > 1.06 * RADIUS
+    for share in (0.1, 0.9):
+        # As a merge does: what falls below some level is dark, and the bright ones by chance are left.
+        level = np.quantile(light[surround], share)
+        validity = np.where(light < level, np.uint8(Validity.DARK), np.uint8(Validity.VALID))
+        if share > 0.5:
+            with pytest.raises(LensError, match="90 % of the surround"):
+                veil_from_surround(picture, validity, middle, RADIUS)
+        else:
+            np.testing.assert_allclose(veil_from_surround(picture, validity, middle, RADIUS).veil_rgb, VEIL, rtol=0.03)
+
+
 def test_subtraction_gives_the_scene_back() -> None:
     picture, scene = veiled(noise=0.0)
     image = luminance_image(picture)

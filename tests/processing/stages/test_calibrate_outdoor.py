@@ -12,8 +12,9 @@ from processing.calibration.profile import CameraProfile, CameraState, K2Record,
 from processing.calibration.profile_records import LensRecord, ResponseRecord, VignettingRecord
 from processing.calibration.sun_disc import find_sun
 from processing.errors import ScaleError
-from processing.images import RelativeImage, Validity
+from processing.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
+from processing.stages.brackets import stated_circle
 from processing.stages.calibrate_indoor import calibrate_indoor
 from processing.stages.calibrate_outdoor import calibrate_outdoor
 from processing.stages.calibrate_parameters import CalibrateParameters
@@ -127,6 +128,19 @@ def test_a_profiles_fall_off_of_another_aperture_is_told_and_doubted(picture):
     assert not any("was used" in text for text in told)
 
 
+def test_the_veil_taken_off_leaves_the_light_of_the_field(picture):
+    flat = np.where(luminance_cd_m2(picture.rgb)[..., None] > 0, np.float32(1000), np.float32(0))
+    inside = flat[..., 0] > 0
+    lost = np.float32(0.02)
+    rgb = (1 - lost) * flat + lost * 1000 * np.ones(3, np.float32)
+    veiled = replace(picture, rgb=rgb, uncertainty=np.full(rgb.shape[:2], 0.01, np.float32),
+                     validity=np.zeros(rgb.shape[:2], np.uint8))  # fmt: skip
+    clean, found = veil_taken_off(veiled, OPTICS.lens, CalibrateParameters())
+    assert found["taken_off"]
+    assert found["index"] == pytest.approx(0.02, rel=0.02)
+    assert float(np.median(clean.rgb[inside])) == pytest.approx(1000, rel=1e-3)
+
+
 def test_the_veil_taken_off_leaves_its_doubt(picture):
     rgb = picture.rgb + np.float32(10.0)
     rgb += np.random.default_rng(1).normal(0, 1, rgb.shape).astype(np.float32)
@@ -139,3 +153,10 @@ def test_the_veil_taken_off_leaves_its_doubt(picture):
     assert (clean.validity[dark] == Validity.DARK).all()
     lit = clean.rgb.min(axis=-1) > 0
     assert (clean.uncertainty[lit] >= veiled.uncertainty[lit]).all()
+
+
+@pytest.mark.parametrize("stated", ["abc", [0.5, 0.5], [0.5, 0.5, -1.0], [0.5, "x", 0.3]])
+def test_a_circle_that_a_rig_file_states_wrongly_is_none(stated):
+    assert stated_circle({"outdoor": {"image_circle": stated}}) is None
+    assert stated_circle({"outdoor": stated}) is None
+    assert stated_circle({"outdoor": {"image_circle": [0.5, 0.4, 0.3]}}) == (0.5, 0.4, 0.3)
