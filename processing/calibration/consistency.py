@@ -24,6 +24,9 @@ MIN_SAMPLES = 120
 MARGIN_SIGMAS = 3.0
 MAX_SIGMA = 0.25
 BINS = 5
+CODES_8BIT = 256
+CLEAR_OF_BLACK = 8
+"""Codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve."""
 TINY = 1e-30
 MAX_LOOKS = 4
 FACTOR_LIMITS = (0.7, 1000.0)
@@ -98,6 +101,8 @@ def _range(tables: Samples, place: int, factor: float) -> tuple[Reals, Reals]:
     sigma_b = np.sqrt(factor / np.maximum(weight_b * b.astype(np.float64) ** 2, TINY))
     below = (a * (1 + MARGIN_SIGMAS * sigma_a) < tables.saturation[place]) & (sigma_a < MAX_SIGMA)
     above = (b * (1 - MARGIN_SIGMAS * sigma_b) > 0) & (sigma_b < MAX_SIGMA) & (weight_b > 0)
+    if len(above) == CODES_8BIT:
+        above[:CLEAR_OF_BLACK] = False
     high = np.max(np.where(below, a, 0.0), axis=0)
     low = np.min(np.where(above, b, np.inf), axis=0)
     return low, high
