@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 DECODERS = 2
 COARSE_PX = 800
+USUAL_CIRCLE = (0.5, 0.5, 1 / 3)
+"""Fills the height of the usual frame."""
 
 
 @dataclass(frozen=True)
@@ -90,17 +92,17 @@ def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
     width_px, height_px = bracket.size_px
     if bracket.side is Side.INDOOR:
         return Equirectangular(width_px, height_px)
-    circle = _circle(rig)
+    circle = stated_circle(rig) or USUAL_CIRCLE
     centre_px = (circle[0] * width_px, circle[1] * height_px)
     return Fisheye(width_px, height_px, LensMapping.EQUIDISTANT, circle[2] * width_px, centre_px=centre_px)
 
 
-def _circle(rig: dict[str, object]) -> tuple[float, float, float]:
-    """Return the image circle that the rig file gave, as fractions; else one that fills the usual frame's height."""
+def stated_circle(rig: dict[str, object]) -> tuple[float, float, float] | None:
+    """Return the image circle that the rig file gave, as fractions (x of width, y of height, radius of width)."""
     outdoor = rig.get("outdoor")
     circle = outdoor.get("image_circle") if isinstance(outdoor, dict) else None
     if isinstance(circle, list | tuple) and len(circle) == 3 and all(isinstance(v, int | float) for v in circle):
         x, y, radius = (float(v) for v in circle)
         if -1 < x < 2 and -1 < y < 2 and 0 < radius <= 2:
             return x, y, radius
-    return 0.5, 0.5, 1 / 3
+    return None
