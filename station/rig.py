@@ -126,12 +126,14 @@ def open_named_rig(
     simulate: str | None,
     *,
     size: str = "full",
+    rate: float = 1.0,
     on_progress: Callable[[str, int, int], None] | None = None,
     **changes: object,
 ) -> Rig:
     """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
 
     Without a file, simulated instruments are those of the paper. ``size`` is a key of `SIZE_STEPS` (simulated only);
+    ``rate``: how much faster than life simulated time runs;
     ``on_progress`` hears what is being rendered, steps done and steps in all; ``changes`` replace tables of the rig
     file (``outdoor=None``).
 
@@ -147,10 +149,12 @@ def open_named_rig(
     if not simulate:
         return open_rig(file)
     from mocks.bench import BenchOptions, make_bench
+    from mocks.clock import ScaledClock
 
     file = simulated_rig_file(file, size)
     cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
-    options = BenchOptions(on_progress=on_progress)
+    clock = SystemClock() if rate == 1.0 else ScaledClock(rate, SystemClock().utc_now())
+    options = BenchOptions(clock=clock, on_progress=on_progress)
     bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
     return open_simulated_rig(file, bench)
 

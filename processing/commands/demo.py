@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 RIG_SIZE = "quarter"
 """Of the rig's sessions: a chart needs some hundred pixels."""
+RIG_RATE = 8.0
+"""How much faster than life the rig's sessions are captured: nobody waits for their shutters."""
 SPHERE_WORLD = "uniform:2000"
 """cd/m2 all around: what a fall-off is measured on."""
 
@@ -56,7 +58,7 @@ def demo(world: str, size: str, into: Path, *, capture_only: bool, as_json: bool
 
 
 def _captured(
-    world: str, size: str, room: str, into: Path, *, as_json: bool, **changes: object
+    world: str, size: str, room: str, into: Path, *, as_json: bool, rate: float = 1.0, **changes: object
 ) -> tuple[Path, SessionManifest, bool]:
     """Capture and verify one session; return its folder, its manifest, and whether it is whole."""
     from station.capture import Capture, CaptureRequest
@@ -65,7 +67,7 @@ def _captured(
     from station.verify import verify_session
 
     with Rendering() as rendering:
-        rig = open_named_rig(None, world, size=size, on_progress=rendering, **changes)
+        rig = open_named_rig(None, world, size=size, rate=rate, on_progress=rendering, **changes)
     try:
         job = Capture.new(rig, CaptureRequest(room=room, into=into))
         on_terminal = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if sys.stdout.isatty() else PlainView()
@@ -88,8 +90,10 @@ def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
     from processing.calibration.profile import save_profile
     from processing.rig.calibrate import RigRequest, calibrate_rig
 
-    chart, _, _ = _captured("chart", RIG_SIZE, "chart", folder, as_json=as_json)
-    sphere, _, _ = _captured(SPHERE_WORLD, RIG_SIZE, "sphere", folder, as_json=as_json, indoor=None, meter=None)
+    chart, _, _ = _captured("chart", RIG_SIZE, "chart", folder, as_json=as_json, rate=RIG_RATE)
+    sphere, _, _ = _captured(
+        SPHERE_WORLD, RIG_SIZE, "sphere", folder, as_json=as_json, rate=RIG_RATE, indoor=None, meter=None
+    )
     asked = RigRequest(chart=chart, sessions=(room,), flats=(sphere,), lens_data=("theta_z1",))
     result = calibrate_rig(asked, SystemClock().utc_now(), lambda text: click.echo(text, err=True))
     profile = folder / "calibration.json"

@@ -180,9 +180,12 @@ def test_two_stations_on_one_session_exclude_each_other(cache: Path, tmp_path: P
     assert daylit(cache, *RESUME, session, cwd=tmp_path)[-1]["ok"], "a killed holder leaves no lock behind"
 
 
-def test_demo_ends_by_saying_where_to_look(cache: Path, tmp_path: Path) -> None:
+@pytest.mark.timeout(300)
+def test_demo_ends_with_a_report(cache: Path, tmp_path: Path) -> None:
     with started(cache, "demo", "--size", "small", cwd=tmp_path) as process:
-        out, err = process.communicate(timeout=110)
+        out, err = process.communicate(timeout=280)
     assert process.returncode == 0, err
-    assert "look at:" in out.splitlines()[-1]
-    assert len(list((tmp_path / "demo").glob("*/indoor/*.jpg"))) == 9
+    assert len(list((tmp_path / "demo").glob("*_demo/indoor/*.jpg"))) == 9
+    page = Path(out.splitlines()[-1].removeprefix("look at: "))
+    text = (tmp_path / page).read_text("utf-8")
+    assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
