@@ -56,6 +56,11 @@ def contents(session: Path) -> dict[str, bytes]:
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
+def differences(got: dict[str, bytes], want: dict[str, bytes]) -> list[str]:
+    """Return the files that are more, missing or other than they should be."""
+    return sorted(name for name in got.keys() | want.keys() if got.get(name) != want.get(name))
+
+
 def not_whole(session: Path, names: tuple[str, ...]) -> list[str]:
     """Return which results on disk are neither absent nor intact."""
     if not (session / "stages").exists():
@@ -89,8 +94,8 @@ def test_toy_stages_killed_at_random_instants(ask: Ask, tmp_path: Path) -> None:
         killed += told["killed"]
         problems += [f"kill {killed}: {problem}" for problem in not_whole(session, TOY_NAMES)]
         assert ask(session=str(session), scale=scale)["code"] == 0
-        if contents(session) != want[scale]:
-            problems.append(f"kill {killed}: not the same bytes")
+        if differing := differences(contents(session), want[scale]):
+            problems.append(f"kill {killed}: not the same: {differing}")
         scale = 3.0 - scale
     record(
         "kill -9 of daylit process, toy stages",
@@ -141,8 +146,8 @@ def test_real_stages_killed_at_random_instants(tmp_path: Path) -> None:
         killed += process.returncode == -signal.SIGKILL
         problems += [f"kill {index}: {problem}" for problem in not_whole(session, names)]
         finished(daylit(session, tmp_path / "state"))
-        if contents(session) != want:
-            problems.append(f"kill {index}: not the same bytes")
+        if differing := differences(contents(session), want):
+            problems.append(f"kill {index}: not the same: {differing}")
         shutil.rmtree(session.parent)
     record(
         "kill -9 of daylit process, real stages",
