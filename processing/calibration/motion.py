@@ -22,6 +22,8 @@ NEIGHBOURS_PX = 5
 MIN_NEIGHBOURS = 8
 """Of 25 odd pixels: noise and coding make single ones."""
 USABLE = 0.02
+MEASURES_WELL = 0.5
+"""Of the best frame's worth."""
 CHUNK_PX = 1 << 20
 
 
@@ -75,6 +77,20 @@ def _worth(frames: Sequence[Codes], tables: Samples, places: Places) -> npt.NDAr
     return worth
 
 
+def _chosen(worth: npt.NDArray[np.float32], reference: Places) -> Places:
+    """Return the place (n,) of the frame that shows each pixel; frames run from the longest to the shortest.
+
+    The reference, or the nearest usable frame. A pixel too bright for the reference, a lamp or the sun, takes the
+    shortest frame that measures it well: in longer ones its clipped neighbours have bled into it through JPEG's blocks.
+    """
+    frames = np.arange(len(worth))[:, None]
+    distance = np.abs(frames - reference[None, :])
+    nearest = np.argmin(np.where(worth > USABLE, distance, len(worth) + distance), axis=0)
+    well = worth >= MEASURES_WELL * worth.max(axis=0)
+    shortest = len(worth) - 1 - np.argmax(well[::-1], axis=0)
+    return np.asarray(np.where(nearest > reference, np.maximum(shortest, nearest), nearest), dtype=np.intp)
+
+
 def _show(
     frames: Sequence[Codes],
     tables: Samples,
@@ -87,11 +103,10 @@ def _show(
 
     What no frame can show (a sun clipped in all) keeps its merged value, the bound that the shortest frame gives.
     """
-    usable = _worth(frames, tables, places) > USABLE
-    shown = usable.any(axis=0)
-    places, reference, usable = places[shown], reference[shown], usable[:, shown]
-    distance = np.abs(np.arange(len(frames))[:, None] - reference[None, :])
-    chosen = np.argmin(np.where(usable, distance, len(frames) + distance), axis=0)
+    worth = _worth(frames, tables, places)
+    shown = (worth > USABLE).any(axis=0)
+    places, reference, worth = places[shown], reference[shown], worth[:, shown]
+    chosen = _chosen(worth, reference)
     v, w = (np.empty((len(places), 3), dtype=np.float32) for _ in range(2))
     for f, frame in enumerate(frames):
         mine = chosen == f
