@@ -20,6 +20,7 @@ from station.session import SessionManifest, Side
 
 PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
 """Published fall-off by kind of camera."""
+ASPECT_TOLERANCE = 0.02
 GIVEN_UNCERTAINTY = 0.0
 CLIPPED_SHARE = 0.01
 """Of an illuminance, from clipped pixels: more is worth a warning."""
@@ -67,7 +68,18 @@ def calibrate_indoor(
         facts["veil_upper_bound"] = {"cd_m2": _luminance(veil.veil_rgb), "index": veil.index}
     except LensError as error:
         facts["veil_upper_bound"] = {"none": str(error)}
-    return Calibrated(picture, scale, facts, (*scale.warnings, *low))
+    return Calibrated(picture, scale, facts, (*scale.warnings, *low, *not_a_panorama(picture)))
+
+
+def not_a_panorama(image: LuminanceImage) -> list[str]:
+    """Return a warning where the picture has not a whole panorama's shape: directions and solid angles are then wrong."""
+    height, width = image.validity.shape
+    if abs(width / height - 2) <= ASPECT_TOLERANCE:
+        return []
+    return [
+        f"the picture is {width} x {height}, not twice as wide as high: it is taken for a whole panorama, so that "
+        "places and illuminances are wrong if it is not; luminances hold"
+    ]
 
 
 def illuminances(
