@@ -72,7 +72,7 @@ def calibrate_indoor(
 
 
 def not_a_panorama(image: LuminanceImage) -> list[str]:
-    """Return a warning where the picture has not a whole panorama's shape: directions and solid angles are then wrong."""
+    """Return a warning where the picture has not a whole panorama's shape: directions are then wrong."""
     height, width = image.validity.shape
     if abs(width / height - 2) <= ASPECT_TOLERANCE:
         return []
