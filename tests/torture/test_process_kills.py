@@ -127,7 +127,17 @@ def test_real_stages_killed_at_random_instants(tmp_path: Path) -> None:
     """A small simulated session, the table as it is."""
     start, rng, count = time.monotonic(), random.Random(SEED), 100
     environment = {**os.environ, "DAYLIT_CACHE": str(tmp_path / "cache")}
-    demo = [sys.executable, "-m", "daylit", "demo", "--size", "small", "--into", str(tmp_path / "demo")]
+    demo = [
+        sys.executable,
+        "-m",
+        "daylit",
+        "demo",
+        "--capture-only",
+        "--size",
+        "small",
+        "--into",
+        str(tmp_path / "demo"),
+    ]
     subprocess.run(demo, cwd=ROOT, env=environment, check=True, stdout=subprocess.DEVNULL, timeout=300)
     (fresh,) = (tmp_path / "demo").iterdir()
     whole = shutil.copytree(fresh, tmp_path / "whole" / "session")
