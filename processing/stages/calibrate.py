@@ -7,6 +7,7 @@ from pathlib import Path
 
 from processing.calibration.profile import RigProfile, load_profile
 from processing.calibration.profile_records import ResponseRecord
+from processing.errors import LensError
 from processing.stages.calibrate_indoor import Calibrated, calibrate_indoor
 from processing.stages.calibrate_outdoor import calibrate_outdoor, why_no_scale
 from processing.stages.calibrate_parameters import CalibrateParameters
@@ -15,7 +16,10 @@ from station.session import Side
 
 
 def run(context: StageContext) -> StageOutput:
-    """Scale the merged pictures: k1 from the meter, k2 from the rig profile; the sky through its lens and filter."""
+    """Scale the merged pictures: k1 from the meter, k2 from the rig profile; the sky through its lens and filter.
+
+    A sky whose lens cannot be told is left out with the reason; the room stands.
+    """
     asked = context.parameters
     assert isinstance(asked, CalibrateParameters)
     profile = _profile(context.files.get("calibration"))
@@ -30,10 +34,15 @@ def run(context: StageContext) -> StageOutput:
         left_out["outdoor"] = reason
     else:
         context.progress(0.3, "outdoor chain")
-        outdoor = calibrate_outdoor(sky, context.session, asked, profile, indoor.scale, _responses(context))
+        try:
+            outdoor = calibrate_outdoor(sky, context.session, asked, profile, indoor.scale, _responses(context))
+        except LensError as error:
+            left_out["outdoor"] = str(error)
     sides = {"indoor": indoor} | ({"outdoor": outdoor} if outdoor else {})
     facts = {name: side.facts for name, side in sides.items()}
     warnings = [(name, text) for name, side in sides.items() for text in side.warnings]
+    if sky is not None and outdoor is None:
+        warnings.append(("outdoor", f"there is no outdoor picture in cd/m2: {left_out['outdoor']}"))
     return StageOutput(
         artifacts={name: side.image for name, side in sides.items()} | {"calibration": facts},
         metrics={"k1": indoor.scale.value, "k1_relative_uncertainty": indoor.scale.relative_uncertainty}

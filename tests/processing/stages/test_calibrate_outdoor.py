@@ -15,9 +15,11 @@ from processing.errors import ScaleError
 from processing.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
 from processing.stages.brackets import stated_circle
+from processing.stages.calibrate import run
 from processing.stages.calibrate_indoor import calibrate_indoor
 from processing.stages.calibrate_outdoor import calibrate_outdoor
 from processing.stages.calibrate_parameters import CalibrateParameters
+from processing.stages.contract import StageContext
 from processing.stages.outdoor_optics import corrections_unlike, find_optics, veil_taken_off
 from station.session import FrameRecord, Side
 from tests.processing.calibration.sky_pictures import optics_of, sky_picture
@@ -160,3 +162,13 @@ def test_a_circle_that_a_rig_file_states_wrongly_is_none(stated):
     assert stated_circle({"outdoor": {"image_circle": stated}}) is None
     assert stated_circle({"outdoor": stated}) is None
     assert stated_circle({"outdoor": {"image_circle": [0.5, 0.4, 0.3]}}) == (0.5, 0.4, 0.3)
+
+
+def test_a_sky_whose_lens_cannot_be_told_is_left_out_and_the_room_stands(tmp_path):
+    made = {"indoor": even_panorama(), "outdoor": even_panorama(), "response": {}}
+    asked = CalibrateParameters(k1=2.0, k2=1.0)
+    context = StageContext(manifest(), tmp_path, tmp_path, asked, lambda _stage, name: made[name], lambda _: {})
+    found = run(context)
+    assert set(found.artifacts) == {"indoor", "calibration"}
+    assert "circle" in found.left_out["outdoor"]
+    assert any("no outdoor picture" in warning.message for warning in found.warnings)
