@@ -137,9 +137,4 @@ def _on_edge(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: f
     return np.array([a, b, b + inward * deep_m, a + inward * deep_m])
 
 
-def class_of_piece(*, is_rug: bool) -> int:
-    """Return the class of a footprint."""
-    return RUG if is_rug else BODY
-
-
 __all__ = ["BODY", "PERSON_M", "RUG", "ZONE", "DoorWay", "Field", "Outlines", "make_field", "outlines"]

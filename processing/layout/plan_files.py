@@ -25,16 +25,6 @@ def read_plan(path: Path) -> FloorPlan:
     return plan_from_mapping(_json(_text(path), str(path.name)), where=path.name)
 
 
-def read_plans(path: Path) -> list[FloorPlan]:
-    """Read a plan a line; blank lines are passed over."""
-    lines = _text(path).splitlines()
-    return [
-        plan_from_mapping(_json(line, f"{path.name}:{number}"), where=f"{path.name}:{number}")
-        for number, line in enumerate(lines, 1)
-        if line.strip()
-    ]
-
-
 def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
     """Return the plan of a JSON object: polygon, openings, and what else is given."""
     if not isinstance(data, Mapping) or "polygon" not in data:
