@@ -67,7 +67,7 @@ class ResultStore:
         self._memory = memory
 
     def recover(self) -> None:
-        """Undo what a killed run left half done, and remove its temporary folders."""
+        """Undo what a killed run left half done, and remove its temporary files and folders."""
         folder = self._open()
         for name in folder.names():
             if name.startswith(_OLD_PREFIX):
@@ -170,18 +170,18 @@ class Building:
 
 
 def _clear(parent: Folder, name: str) -> None:
-    """Remove a folder of ours; what cannot be removed stays for the next run."""
-    if parent.lstat(name) is None:
+    """Remove a file or folder of ours; what cannot be removed stays for the next run."""
+    info = parent.lstat(name)
+    if info is None:
+        return
+    if not stat.S_ISDIR(info.st_mode):
+        parent.remove(name)
         return
     with suppress(IntegrityError, OSError):
         folder = parent.sub(name)
         try:
             for inside in folder.names():
-                info = folder.lstat(inside)
-                if info and stat.S_ISDIR(info.st_mode):
-                    _clear(folder, inside)
-                else:
-                    folder.remove(inside)
+                _clear(folder, inside)
         finally:
             folder.close()
         durable.os_calls.rmdir(name, dir_fd=parent.fd)

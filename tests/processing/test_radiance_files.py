@@ -50,7 +50,13 @@ def test_code_is_right_to_a_step_and_again(rgb: np.ndarray) -> None:
     back = from_rgbe(code)
     step = rgb.max(axis=2, keepdims=True) / 128
     assert (np.abs(back - rgb) <= step + 1e-32).all()
-    assert (np.abs(from_rgbe(to_rgbe(back)) - back) <= back.max(axis=2, keepdims=True) / 128).all()
+    assert (np.abs(from_rgbe(to_rgbe(back)) - back) <= back.max(axis=2, keepdims=True) / 128 + 1e-32).all()
+
+
+def test_what_is_below_the_code_s_range_becomes_black() -> None:
+    below = np.full((1, 1, 3), 9.99e-33, np.float32)
+    assert not from_rgbe(to_rgbe(below)).any()
+    assert from_rgbe(to_rgbe(below * 2)).all()
 
 
 @settings(max_examples=60, deadline=None)
