@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = ("drivers", "mocks", "station", "processing", "tests", "benchmarks", "daylit")
+OURS = ("drivers", "mocks", "station", "processing", "tests", "benchmarks", "training", "daylit")
 
 ALLOWED: dict[str, tuple[str, ...]] = {
     "drivers": ("drivers",),
@@ -33,6 +33,7 @@ ALLOWED: dict[str, tuple[str, ...]] = {
 BASE = (
     *("errors", "sphere", "resampling", "views", "images", "frames"),
     *("image_files", "exr_", "radiance_", "picture_", "false_colour"),
+    *("segmentation", "surfaces"),
 )
 """Of processing: what every room of the house may use; a name covers the files that start with it (`sphere_maps`)."""
 ROOMS = ("calibration", "room", "removal", "layout", "rendering")
@@ -44,15 +45,21 @@ ONLY_IN = {
     "libusb_package": ("drivers/usb_link.py",),
     "click": ("station/commands/", "processing/commands/", "daylit.py"),
     "rich": ("station/commands/", "processing/commands/"),
-    "numba": ("processing/calibration/", "processing/sphere_", "processing/layout/"),
+    "numba": (
+        *("processing/calibration/", "processing/sphere_", "processing/layout/"),
+        *("processing/surfaces/", "processing/removal/", "processing/room/", "processing/rendering/"),
+    ),
     "simplejpeg": ("processing/frames.py", "processing/frames_"),
     "colour": ("processing/calibration/",),
     "matplotlib": ("processing/report/",),
     "jinja2": ("processing/report/",),
-    "mitsuba": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py"),
-    "drjit": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py"),
-    "embreex": ("mocks/rooms/geometry.py",),
-    "pyoidn": ("mocks/rooms/light.py",),
+    "mitsuba": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py", "processing/rendering/"),
+    "drjit": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py", "processing/rendering/"),
+    "embreex": ("mocks/rooms/geometry.py", "processing/rendering/"),
+    "pyoidn": ("mocks/rooms/light.py", "processing/rendering/"),
+    "onnxruntime": ("processing/segmentation/", "processing/removal/", "processing/room/"),
+    "ai_edge_litert": ("processing/segmentation/",),
+    "trimesh": ("processing/layout/", "processing/rendering/", "processing/room/"),
     "pvlib": ("mocks/rooms/moment.py", "processing/calibration/"),
     "pandas": ("mocks/rooms/moment.py", "processing/calibration/"),
     "shapely": (
@@ -62,6 +69,7 @@ ONLY_IN = {
         "mocks/rooms/truth.py",
         "processing/layout/",
         "processing/room/",
+        "processing/surfaces/",
     ),
 }
 BINDS_BOTH = ("processing/commands/demo.py",)
