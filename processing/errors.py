@@ -116,3 +116,9 @@ class RoomError(ProcessingError):
     """A room that cannot be: floor, heights or openings that do not fit; names every key."""
 
     code = "ROO-001"
+
+
+class SegmenterError(ProcessingError):
+    """A segmentation network that cannot be loaded, or does not keep the contract that was declared for it."""
+
+    code = "SEG-001"

@@ -1,0 +1,165 @@
+"""A network for ordinary pictures, used on the whole sphere: views out, classes back (Ji et al. 2023, eq. 3, fig. 3).
+
+First a few wide views tell where floor and furniture are; only there, finer views follow. What comes back is class
+probabilities, each view weighted by the distance to its border and by the solid angle of its pixels (stretched corners
+count less). Class numbers are never interpolated: they have become probabilities before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.images import LuminanceImage, RelativeImage
+from processing.picture_preview import preview_rgb8
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.segmenters import Segmenter
+from processing.sphere import Equirectangular, Perspective
+from processing.views import Panorama, covering_views, cut_view, view_at, view_ring
+from processing.views_stitch import stitch_views
+
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+COARSE_FOV_RAD = math.radians(110)
+COARSE_WORTH = 0.02
+"""Of a wide view beside a fine one of the same place."""
+TOLD = 0.3
+"""Probability from which floor or furniture is evidence."""
+LEAST_SHARE = 0.02
+"""Of a view's pixels that must show such evidence."""
+KNOWN = 0.5
+"""Probability of the likeliest class from which a place counts as known."""
+
+
+@dataclass(frozen=True)
+class ViewPlan:
+    """Which views are cut. ``size_px`` None: as the network likes best."""
+
+    fov_rad: float = math.radians(90)
+    overlap: float = 0.4
+    """Share of a view's field that its neighbour repeats, 0.2 to 0.7."""
+    size_px: int | None = None
+    skip: bool = True
+    """Whether views without floor or furniture are left to the first, coarse pass."""
+
+
+def segment_around(
+    image: LuminanceImage | RelativeImage | Bytes,
+    segmenter: Segmenter,
+    *,
+    plan: ViewPlan = ViewPlan(),
+    first: SceneEvidence | None = None,
+    rows: int = 512,
+) -> SceneEvidence:
+    """Return evidence (rows, 2 rows) of an upright panorama from a network for perspective pictures.
+
+    Parameters
+    ----------
+    image
+        Equirectangular, upright; linear light, or sRGB uint8 (H, W, 3).
+    first
+        Evidence that is known already and takes the place of the coarse pass.
+
+    Raises
+    ------
+    ParameterError
+        A picture that is no whole panorama.
+    SegmenterError
+        What the network cannot do.
+    """
+    panorama = Panorama(_srgb(image))
+    size_px = segmenter.size_px if plan.size_px is None or segmenter.fixed_size else plan.size_px
+    target = Equirectangular(2 * rows, rows)
+    views = covering_views(size_px=size_px, fov_rad=plan.fov_rad, overlap=plan.overlap)
+    told: list[tuple[Perspective, Floats, float]] = []
+    coarse = first.probabilities if first else None
+    if plan.skip and first is None:
+        wide_px = size_px if segmenter.fixed_size else max(size_px // 2, 64)
+        told = [(view, *_asked(panorama, segmenter, view, COARSE_WORTH)) for view in _wide_views(wide_px)]
+        coarse = _stitched(told, target, None)
+    chosen = [v for v in views if coarse is None or _worth_a_look(coarse, v)] if plan.skip else list(views)
+    told += [(view, *_asked(panorama, segmenter, view, 1.0)) for view in chosen]
+    wide = len(told) - len(chosen)
+    skipped = len(views) - len(chosen)
+    note = f"{skipped} of {len(views)} views show neither floor nor furniture and were left to {wide} wide views"
+    return SceneEvidence(
+        probabilities=np.ascontiguousarray(_stitched(told, target, first)),
+        source=segmenter.name,
+        boundary=first.boundary if first else None,
+        views_used=len(told),
+        views_skipped=skipped,
+        notes=(note,) if skipped else (),
+    )
+
+
+def _srgb(image: LuminanceImage | RelativeImage | Bytes) -> Bytes:
+    if isinstance(image, np.ndarray):
+        if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+            raise ParameterError(f"a picture {image.dtype} {image.shape}", advice="give uint8 (H, W, 3)")
+        return image
+    if not isinstance(image.geometry, Equirectangular):
+        raise ParameterError("views are cut from whole panoramas", advice="give an equirectangular picture")
+    return preview_rgb8(image.rgb)
+
+
+def _wide_views(size_px: int) -> tuple[Perspective, ...]:
+    """Return six views of 110 degrees that together see everything."""
+    level = view_ring(4, size_px=size_px, fov_rad=COARSE_FOV_RAD)
+    poles = (math.pi / 2, -math.pi / 2)
+    up_down = (
+        view_at(fov_rad=COARSE_FOV_RAD, theta_rad=0.0, phi_rad=phi, height_px=size_px, width_px=size_px)
+        for phi in poles
+    )
+    return (*level, *up_down)
+
+
+def _asked(panorama: Panorama, segmenter: Segmenter, view: Perspective, worth: float) -> tuple[Floats, float]:
+    return segmenter.probabilities(cut_view(panorama, view)), worth
+
+
+def _worth_a_look(coarse: Floats, view: Perspective) -> bool:
+    """Return whether a view may show floor or furniture, as far as coarse probabilities (8, h, w) tell."""
+    small = view_at(fov_rad=view.fov_x_rad, theta_rad=view.yaw_rad, phi_rad=view.pitch_rad, height_px=32, width_px=32)
+    seen = cut_view(np.ascontiguousarray(coarse.transpose(1, 2, 0)), small)
+    shown = np.maximum(seen[..., SceneClass.FLOOR], seen[..., SceneClass.FURNITURE]) >= TOLD
+    # A network that knows no floor leaves it open; below the horizon one must look.
+    open_below = (seen.max(axis=2) < KNOWN) & (view.pitch_rad < 0)
+    return bool((shown | open_below).mean() >= LEAST_SHARE)
+
+
+def _stitched(
+    told: Sequence[tuple[Perspective, Floats, float]], target: Equirectangular, first: SceneEvidence | None
+) -> Floats:
+    """Return (8, H, W); where no view sees, what was known first, else uniform."""
+    shape = (target.height_px, target.width_px)
+    rest = np.full((*shape, len(SceneClass)), 1 / len(SceneClass), dtype=np.float32)
+    if first is not None:
+        known = np.ascontiguousarray(first.probabilities.transpose(1, 2, 0))
+        rest = np.asarray(cv2.resize(known, shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+    if told:
+        views = [_of_output(view, found) for view, found, _ in told]
+        weights = [worth * _solid_angle_share(view) for view, (_, _, worth) in zip(views, told, strict=True)]
+        mixed, coverage = stitch_views([found for _, found, _ in told], views, target, weights=weights)
+        rest = np.where(coverage[..., None] > 0, mixed, rest)
+    rest /= np.maximum(rest.sum(axis=2, keepdims=True), 1e-6)
+    return np.asarray(rest.transpose(2, 0, 1), dtype=np.float32)
+
+
+def _of_output(view: Perspective, found: Floats) -> Perspective:
+    """Return the view with the network's output as its picture."""
+    return Perspective(found.shape[1], found.shape[0], view.fov_x_rad, view.yaw_rad, view.pitch_rad, view.roll_rad)
+
+
+def _solid_angle_share(view: Perspective) -> Floats:
+    """Return each pixel's solid angle over that of the middle one: cos^3 of the angle from the axis."""
+    x = (np.arange(view.width_px) + 0.5 - view.width_px / 2) / view.focal_px
+    y = (np.arange(view.height_px) + 0.5 - view.height_px / 2) / view.focal_px
+    return np.asarray((1 + x[None, :] ** 2 + y[:, None] ** 2) ** -1.5, dtype=np.float32)

@@ -1,0 +1,193 @@
+"""Networks that segment views: ONNX through onnxruntime, TensorFlow Lite where ai-edge-litert is installed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import SegmenterError
+from processing.segmentation.adapters import NetworkContract, network_input, read_contract, scene_probabilities
+
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+THREADS = 2
+
+
+class Segmenter(Protocol):
+    """What `processing.segmentation.around` asks of a network."""
+
+    @property
+    def name(self) -> str:
+        """Network and version."""
+
+    @property
+    def size_px(self) -> int:
+        """Side of the views it likes best."""
+
+    @property
+    def fixed_size(self) -> bool:
+        """Whether it takes no other."""
+
+    def probabilities(self, view_rgb8: Bytes) -> Floats:
+        """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); each pixel sums to 1."""
+
+
+class OnnxSegmenter:
+    """An ONNX network; its names and, on a grey test view, its output are checked against the contract."""
+
+    def __init__(self, path: Path, contract: NetworkContract, *, threads: int = THREADS) -> None:
+        """Load and check; `SegmenterError` says what does not fit."""
+        import onnxruntime as ort
+
+        self.contract = contract
+        asked = ort.SessionOptions()
+        asked.intra_op_num_threads = threads
+        asked.log_severity_level = 3
+        try:
+            self._session = ort.InferenceSession(str(path), asked, providers=["CPUExecutionProvider"])
+        # onnxruntime's errors have no common base of their own.
+        except Exception as exc:
+            raise _unreadable(path, exc) from exc
+        _check_names(path, contract, [one.name for one in self._session.get_inputs()], "input")
+        _check_names(path, contract, [one.name for one in self._session.get_outputs()], "outputs")
+        _try_out(self, path)
+
+    @property
+    def name(self) -> str:
+        """Return the contract's name."""
+        return self.contract.name
+
+    @property
+    def size_px(self) -> int:
+        """Return the side of the views it likes best."""
+        return self.contract.size_px
+
+    @property
+    def fixed_size(self) -> bool:
+        """Return whether it takes no other."""
+        return self.contract.fixed_size
+
+    def probabilities(self, view_rgb8: Bytes) -> Floats:
+        """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); `SegmenterError` where the network fails."""
+        try:
+            found = self._session.run(
+                list(self.contract.outputs), {self.contract.input: network_input(self.contract, view_rgb8)}
+            )
+        except Exception as exc:
+            raise _failed(self.contract, view_rgb8, exc) from exc
+        return scene_probabilities(self.contract, found, view_rgb8.shape[:2])
+
+
+class TfliteSegmenter:
+    """A TensorFlow Lite network of fixed size, run by the optional package ai-edge-litert."""
+
+    def __init__(self, path: Path, contract: NetworkContract, *, threads: int = THREADS) -> None:
+        """Load and check; `SegmenterError` says what does not fit, or that the package is not there."""
+        try:
+            from ai_edge_litert.interpreter import Interpreter
+        except ImportError as exc:
+            raise SegmenterError(
+                "TensorFlow Lite networks need the package ai-edge-litert",
+                where=str(path),
+                advice="pip install ai-edge-litert, or give an ONNX network",
+            ) from exc
+        self.contract = contract
+        try:
+            self._network: Any = Interpreter(model_path=str(path), num_threads=threads)
+            self._network.allocate_tensors()
+        except (ValueError, RuntimeError, OSError) as exc:
+            raise _unreadable(path, exc) from exc
+        self._inputs = {one["name"]: one["index"] for one in self._network.get_input_details()}
+        self._outputs = {one["name"]: one["index"] for one in self._network.get_output_details()}
+        _check_names(path, contract, list(self._inputs), "input")
+        _check_names(path, contract, list(self._outputs), "outputs")
+        _try_out(self, path)
+
+    @property
+    def name(self) -> str:
+        """Return the contract's name."""
+        return self.contract.name
+
+    @property
+    def size_px(self) -> int:
+        """Return the side of the views it takes."""
+        return self.contract.size_px
+
+    @property
+    def fixed_size(self) -> bool:
+        """Return True: no other size."""
+        return True
+
+    def probabilities(self, view_rgb8: Bytes) -> Floats:
+        """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); `SegmenterError` where the network fails."""
+        try:
+            self._network.set_tensor(self._inputs[self.contract.input], network_input(self.contract, view_rgb8))
+            self._network.invoke()
+            found = [self._network.get_tensor(self._outputs[name]) for name in self.contract.outputs]
+        except (ValueError, RuntimeError) as exc:
+            raise _failed(self.contract, view_rgb8, exc) from exc
+        return scene_probabilities(self.contract, found, view_rgb8.shape[:2])
+
+
+def open_segmenter(
+    path: Path, contract: Path | None = None, *, threads: int = THREADS
+) -> OnnxSegmenter | TfliteSegmenter:
+    """Return the network in a file (.onnx or .tflite); its contract lies beside it as NAME.json unless given.
+
+    Raises
+    ------
+    SegmenterError
+        No such file, of another kind, a contract that cannot be right or is not kept.
+    """
+    ending = path.suffix.lower()
+    if ending not in (".onnx", ".tflite"):
+        raise SegmenterError(f"a network in a file {path.name}", where=str(path), advice="give .onnx or .tflite")
+    if not path.is_file():
+        raise SegmenterError("there is no such network", where=str(path))
+    declared = read_contract(contract or path.with_suffix(".json"))
+    if ending == ".onnx":
+        return OnnxSegmenter(path, declared, threads=threads)
+    return TfliteSegmenter(path, declared, threads=threads)
+
+
+def _check_names(path: Path, contract: NetworkContract, there: list[str], key: str) -> None:
+    asked = (contract.input,) if key == "input" else contract.outputs
+    missing = [name for name in asked if name not in there]
+    if missing:
+        raise SegmenterError(
+            f"{key}: the network has no {', '.join(missing)}",
+            where=str(path),
+            advice=f"it has: {', '.join(there)}",
+        )
+
+
+def _try_out(segmenter: OnnxSegmenter | TfliteSegmenter, path: Path) -> None:
+    side = segmenter.size_px
+    grey = np.random.default_rng(0).integers(96, 160, (side, side, 3)).astype(np.uint8)
+    try:
+        segmenter.probabilities(grey)
+    except SegmenterError as error:
+        raise SegmenterError(
+            f"does not keep its contract: {error.message}", where=str(path), likely=error.likely, advice=error.advice
+        ) from error
+
+
+def _unreadable(path: Path, exc: Exception) -> SegmenterError:
+    return SegmenterError(
+        f"the network cannot be loaded: {str(exc)[:300]}",
+        where=str(path),
+        likely="the file is damaged, a pointer to it, or newer than the runtime",
+    )
+
+
+def _failed(contract: NetworkContract, view_rgb8: Bytes, exc: Exception) -> SegmenterError:
+    return SegmenterError(
+        f"the network refuses a view of {view_rgb8.shape[0]} x {view_rgb8.shape[1]}: {str(exc)[:300]}",
+        where=contract.name,
+        likely="size, layout or type of the input are declared wrongly",
+        advice="correct size_px, layout or input_type in the contract",
+    )
