@@ -1,0 +1,174 @@
+"""Levelling: how far a panorama is tilted, which way the walls run, and the upright panorama.
+
+The vertical is the axis near the zenith to which most edges run, the walls' direction that of the horizontal axes
+(`processing.room.vanishing`). Nothing is turned where the edges do not tell an upright room, or where the tilt found is
+no larger than its own uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.images import LuminanceImage, RelativeImage, Validity
+from processing.resampling import PAD_PX, padded_sphere
+from processing.resampling_linear import linear_samples
+from processing.room.lines import find_arcs
+from processing.room.vanishing import Axes, find_axes, rotation_about, rotation_vector
+from processing.sphere import Equirectangular, directions, pixels
+from processing.sphere_cubic import cubic_samples
+
+Doubles = npt.NDArray[np.float64]
+Image = TypeVar("Image", RelativeImage, LuminanceImage)
+
+LEAST_TILT_RAD = math.radians(0.2)
+"""A smaller tilt is left: to turn the picture costs more sharpness than it gains."""
+LEAST_SUPPORT = 0.5
+MODEL_SIGMA_RAD = math.radians(0.05)
+"""What walls and door frames are out of plumb together; edges cannot tell it."""
+ROWS_AT_ONCE = 1 << 19
+"""Pixels of a band."""
+
+
+@dataclass(frozen=True)
+class Upright:
+    """How to make a panorama upright, and what the walls' direction is then."""
+
+    rotation: Doubles
+    """(3, 3): directions of the picture to those of the upright one; identity where it is left as it is."""
+    tilt_rad: float
+    """Found, whether it is undone or not; 0 where nothing tells."""
+    manhattan_rad: float
+    """Longitude, modulo a quarter turn, at which walls are seen straight on, in (-pi/4, pi/4], once upright."""
+    sigma_rad: float
+    """Standard uncertainty of the vertical's direction; inf where nothing tells."""
+    support: float
+    """0..1: how surely the edges are those of an upright room."""
+    manhattan_sigma_rad: float
+    manhattan_support: float
+    """0..1: how surely the walls run along two directions square to each other."""
+    note: str
+    """Why it is turned or not."""
+
+    @property
+    def turned(self) -> bool:
+        """Return whether there is anything to turn."""
+        return not np.array_equal(self.rotation, np.eye(3))
+
+
+def find_upright(image: RelativeImage | LuminanceImage) -> Upright:
+    """Return how an equirectangular picture must be turned to be upright (up to 40 degrees), and its walls' direction.
+
+    Raises `ParameterError` for a picture that is not equirectangular.
+    """
+    _check(image)
+    axes = find_axes(find_arcs(image))
+    if axes is None:
+        return Upright(np.eye(3), 0.0, 0.0, math.inf, 0.0, math.inf, 0.0, "left as it is: too few straight edges")
+    vertical = axes.rows[2]
+    tilt = math.atan2(math.hypot(vertical[0], vertical[1]), vertical[2])
+    sigma = math.hypot(math.sqrt(axes.covariance[0, 0] + axes.covariance[1, 1]), MODEL_SIGMA_RAD)
+    support, squareness = _support(axes)
+    rotation, note = _decided(vertical, tilt, sigma, support)
+    ahead = rotation @ axes.rows[1]
+    return Upright(
+        rotation=rotation,
+        tilt_rad=tilt,
+        manhattan_rad=_quarter(math.atan2(ahead[0], ahead[1])),
+        sigma_rad=sigma,
+        support=support,
+        manhattan_sigma_rad=math.hypot(math.sqrt(axes.covariance[2, 2]), MODEL_SIGMA_RAD),
+        manhattan_support=squareness,
+        note=note,
+    )
+
+
+def _decided(vertical: Doubles, tilt: float, sigma: float, support: float) -> tuple[Doubles, str]:
+    told = f"tilt {math.degrees(tilt):.2f} ± {math.degrees(sigma):.2f} degrees"
+    if support < LEAST_SUPPORT:
+        return np.eye(3), f"left as it is: the edges are no room's (support {support:.2f})"
+    if tilt < max(LEAST_TILT_RAD, sigma):
+        return np.eye(3), f"left as it is: {told}"
+    axis = np.cross(vertical, [0.0, 0.0, 1.0])
+    return rotation_about(axis / np.linalg.norm(axis) * tilt), f"turned: {told}"
+
+
+def _support(axes: Axes) -> tuple[float, float]:
+    """Return how surely the axes are a room's: rooms have 0.4 to 0.85 of their edges' length along them, trees 0.2."""
+    enough = _ramp(axes.length_rad, 3.0, 12.0)
+    together = _ramp(float(axes.excess.sum()), 0.2, 0.4)
+    return enough * together * _ramp(axes.excess[2], 0.02, 0.1), enough * _ramp(axes.excess[:2].sum(), 0.1, 0.25)
+
+
+def _ramp(value: float, none: float, full: float) -> float:
+    return float(np.clip((value - none) / (full - none), 0.0, 1.0))
+
+
+def _quarter(angle: float) -> float:
+    """Return an angle modulo a quarter turn, in (-pi/4, pi/4]."""
+    found = math.remainder(angle, math.pi / 2)
+    return found + math.pi / 2 if found <= -math.pi / 4 else found
+
+
+def make_upright(image: Image, rotation: Doubles) -> Image:
+    """Return a picture turned by a rotation (`Upright.rotation`); the very same object where it is the identity.
+
+    Light is sampled cubic, held within the 16 pixels around (linear beside invalid ones); validity, uncertainty and
+    ghosts are those of the nearest pixel. The turn is kept in the attributes (``level_rotation``).
+
+    Raises `ParameterError` for a picture that is not equirectangular or a matrix that is no rotation.
+    """
+    geometry = _check(image)
+    turn = np.asarray(rotation, dtype=np.float64)
+    if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
+        raise ParameterError("a matrix that is no rotation", where="levelling", advice="give Upright.rotation")
+    if np.array_equal(turn, np.eye(3)):
+        return image
+    rgb, row, column = _turned(image, geometry, turn)
+    attributes = {**image.attributes, "level_rotation": [[float(v) for v in line] for line in turn]}
+    carried: dict[str, Any] = {
+        "rgb": rgb,
+        "uncertainty": image.uncertainty[row, column],
+        "validity": image.validity[row, column],
+        "ghost": None if image.ghost is None else image.ghost[row, column],
+        "attributes": attributes | {"level_tilt_deg": round(math.degrees(np.linalg.norm(rotation_vector(turn))), 4)},
+    }
+    return replace(image, **carried)
+
+
+def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any, Any, Any]:
+    """Return the light (H, W, 3) and the row and column (H, W) of the nearest pixel of the tilted picture."""
+    light = padded_sphere(np.ascontiguousarray(image.rgb, dtype=np.float32))
+    outside = padded_sphere((image.validity == Validity.OUTSIDE).astype(np.float32))
+    shape: tuple[int, int] = (geometry.height_px, geometry.width_px)
+    rgb = np.empty((*shape, 3), dtype=np.float32)
+    rows, columns = np.empty(shape, dtype=np.int32), np.empty(shape, dtype=np.int32)
+    band = max(1, ROWS_AT_ONCE // geometry.width_px)
+    for start in range(0, geometry.height_px, band):
+        part = slice(start, min(start + band, geometry.height_px))
+        # Rows of a matrix product: d @ turn is the inverse turn of each d.
+        x, y, _ = pixels(geometry, directions(geometry, part)[0] @ turn)
+        at_x, at_y = (x + (PAD_PX - 0.5)).astype(np.float32), (y + (PAD_PX - 0.5)).astype(np.float32)
+        sampled = cubic_samples(light, at_x, at_y)
+        if outside.any():
+            beside = linear_samples(outside, at_x, at_y) > 0
+            sampled = np.where(beside[..., None], linear_samples(light, at_x, at_y), sampled)
+        rgb[part] = sampled
+        rows[part] = np.minimum(y.astype(np.int32), shape[0] - 1)
+        columns[part] = np.minimum(x.astype(np.int32), shape[1] - 1)
+    return rgb, rows, columns
+
+
+def _check(image: RelativeImage | LuminanceImage) -> Equirectangular:
+    if not isinstance(image.geometry, Equirectangular):
+        raise ParameterError(
+            f"a {type(image.geometry).__name__.lower()} picture cannot be levelled",
+            where="levelling",
+            advice="give the equirectangular panorama",
+        )
+    return image.geometry
