@@ -122,3 +122,40 @@ class SegmenterError(ProcessingError):
     """A segmentation network that cannot be loaded, or does not keep the contract that was declared for it."""
 
     code = "SEG-001"
+
+
+class RenderingError(ProcessingError):
+    """A picture cannot be rendered as asked."""
+
+    code = "REN-000"
+
+
+class SceneError(RenderingError):
+    """A scene that cannot be: broken meshes, no surfaces, an outdoor picture of the wrong shape."""
+
+    code = "REN-001"
+
+
+class MaterialError(RenderingError):
+    """An albedo, a texture, a transmittance or an emission that light cannot have; names the surface."""
+
+    code = "REN-002"
+
+
+class NoBalanceError(RenderingError):
+    """Light that is never absorbed: a closed scene of albedo 1 with a source in it."""
+
+    code = "REN-003"
+
+
+class EngineError(RenderingError):
+    """The renderer asked for cannot be had: no ray tracer works here, or the one named is unknown."""
+
+    code = "REN-004"
+    exit_code = 2
+
+
+class AlbedoError(RenderingError):
+    """Albedo cannot be told: no light in the picture, or no visible surface."""
+
+    code = "REN-005"

@@ -1,0 +1,204 @@
+"""What is rendered: flat surfaces with textures, panes of glass, furniture as meshes, and the light outdoors.
+
+World axes and units as in docs/coordinates.md; radiance is linear RGB in cd/m2, irradiance in lx, albedo 0 to 1.
+All light transport treats surfaces as matte (Lambert); a material's gloss is kept for those that can show it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import MaterialError, SceneError
+
+Floats: TypeAlias = npt.NDArray[np.float32]
+Doubles: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int32]
+Vector: TypeAlias = tuple[float, float, float]
+
+SUN_RADIUS_RAD = math.radians(0.53 / 2)
+BLACK: Vector = (0.0, 0.0, 0.0)
+
+
+def plain(colour: Vector | float) -> Floats:
+    """Return one colour as a texture of one texel (1, 1, 3)."""
+    return np.broadcast_to(np.asarray(colour, dtype=np.float32), (3,)).reshape(1, 1, 3).copy()
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a furniture part meets light, in the terms of glTF: albedo of the base, roughness, metallic share."""
+
+    name: str
+    colour: Vector
+    texture: Floats | None = None
+    """(h, w, 3) linear, multiplied with ``colour``; uv (0, 0) is its lower left corner, and it repeats."""
+    roughness: float = 1.0
+    metallic: float = 0.0
+    emission_cd_m2: Vector = BLACK
+
+    def __post_init__(self) -> None:
+        _check_albedo(f"material {self.name}", np.asarray(self.colour))
+        if self.texture is not None:
+            _check_texture(f"material {self.name}", self.texture)
+        _check_emission(f"material {self.name}", np.asarray(self.emission_cd_m2))
+        if not (0 <= self.roughness <= 1 and 0 <= self.metallic <= 1):
+            raise MaterialError(
+                f"roughness {self.roughness:g}, metallic {self.metallic:g}",
+                where=f"material {self.name}",
+                advice="give both within 0 and 1",
+            )
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mesh of one material."""
+
+    name: str
+    vertices_m: Doubles
+    """(n, 3), in the world."""
+    faces: Ints
+    """(m, 3), counter-clockwise seen from outside."""
+    material: Material
+    uv: Floats | None = None
+    """(n, 2)."""
+
+    def __post_init__(self) -> None:
+        shapes = self.vertices_m.ndim == 2 and self.vertices_m.shape[1] == 3 and self.faces.shape[1:] == (3,)
+        if not shapes or not len(self.faces):
+            raise SceneError("no triangles", where=f"part {self.name}", advice="give vertices (n, 3) and faces (m, 3)")
+        if not np.isfinite(self.vertices_m).all() or np.abs(self.vertices_m).max() > 1e4:
+            raise SceneError(
+                "a vertex that is not finite, or kilometres away",
+                where=f"part {self.name}",
+                likely="a damaged file, or units other than metres",
+                advice="repair the mesh",
+            )
+        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices_m):
+            raise SceneError("a face names no vertex", where=f"part {self.name}", advice="repair the mesh")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A flat piece of the room, seen from its front: floor, ceiling, a wall with its openings, a window's reveal."""
+
+    name: str
+    origin_m: Doubles
+    u_axis: Doubles
+    v_axis: Doubles
+    normal: Doubles
+    width_m: float
+    height_m: float
+    outline_m: Doubles
+    """(n, 2) in (u, v): a polygon within width x height."""
+    holes_m: tuple[tuple[float, float, float, float], ...] = ()
+    """Rectangles (u0, v0, u1, v1) that are cut out; only in rectangular surfaces."""
+    albedo: Floats = field(default_factory=lambda: plain(0.5))
+    """(h, w, 3), stretched over width x height; row 0 at v = 0."""
+    emission_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
+    """(h, w, 3), likewise: lamps."""
+    plane: int = -1
+    """The room's plane (`surfaces.plane`) that this belongs to, -1 for reveals."""
+
+    def __post_init__(self) -> None:
+        _check_texture(f"surface {self.name}", self.albedo)
+        _check_emission(f"surface {self.name}", self.emission_cd_m2)
+
+    def at(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
+        """Return world positions (..., 3)."""
+        u, v = np.asarray(u_m, np.float64)[..., None], np.asarray(v_m, np.float64)[..., None]
+        return np.asarray(self.origin_m + u * self.u_axis + v * self.v_axis)
+
+
+@dataclass(frozen=True)
+class Pane:
+    """A rectangle of glass, or nothing but air, to the outdoors."""
+
+    corner_m: Doubles
+    across_m: Doubles
+    """(3,), level, its length the pane's width."""
+    up_m: Doubles
+    """(3,), its length the pane's height."""
+    transmittance: Vector = (1.0, 1.0, 1.0)
+    opening: int = -1
+    """Index into the room's openings."""
+
+    def __post_init__(self) -> None:
+        share = np.asarray(self.transmittance)
+        if not (np.isfinite(share).all() and (share >= 0).all() and (share <= 1).all()):
+            raise MaterialError(
+                f"a transmittance of {self.transmittance}",
+                where=f"pane of opening {self.opening}",
+                advice="give 0 to 1",
+            )
+
+
+@dataclass(frozen=True)
+class Sun:
+    """The sun, kept apart from the sky so that it neither flickers nor loses energy."""
+
+    direction: Vector
+    normal_illuminance_lx: Vector
+    """RGB, on a plane that faces it, outdoors."""
+    radius_rad: float = SUN_RADIUS_RAD
+
+
+@dataclass(frozen=True)
+class Outdoors:
+    """All light from outside: an equirectangular picture without the sun's disc, and the sun."""
+
+    rgb: Floats
+    """(h, 2h, 3) cd/m2; laid out as any panorama."""
+    sun: Sun | None = None
+
+    def __post_init__(self) -> None:
+        if self.rgb.ndim != 3 or self.rgb.shape[1:] != (2 * self.rgb.shape[0], 3):
+            raise SceneError(f"an outdoor picture of shape {self.rgb.shape}", advice="give (h, 2 h, 3)")
+        _check_emission("outdoors", self.rgb)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that is rendered."""
+
+    surfaces: tuple[Surface, ...]
+    panes: tuple[Pane, ...]
+    outdoors: Outdoors
+    parts: tuple[Part, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.surfaces and not self.parts:
+            raise SceneError("nothing to render", advice="give surfaces or parts")
+
+    def furnished(self, parts: tuple[Part, ...]) -> Scene:
+        """Return the scene with furniture added."""
+        return replace(self, parts=(*self.parts, *parts))
+
+    def under(self, outdoors: Outdoors) -> Scene:
+        """Return the scene in another light."""
+        return replace(self, outdoors=outdoors)
+
+
+def _check_albedo(where: str, values: npt.NDArray[np.floating]) -> None:
+    if not (np.isfinite(values).all() and (values >= 0).all() and (values <= 1).all()):
+        raise MaterialError(
+            "an albedo that is not a number within 0 and 1",
+            where=where,
+            likely="a damaged texture, or values of 0 to 255",
+            advice="repair it; linear values within 0 and 1",
+        )
+
+
+def _check_texture(where: str, values: Floats) -> None:
+    if values.ndim != 3 or values.shape[2] != 3 or 0 in values.shape:
+        raise MaterialError(f"a texture of shape {values.shape}", where=where, advice="give (h, w, 3)")
+    _check_albedo(where, values)
+
+
+def _check_emission(where: str, values: npt.NDArray[np.floating]) -> None:
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise MaterialError("light that is negative or not a number", where=where, advice="give finite values from 0")
