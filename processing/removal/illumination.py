@@ -1,0 +1,204 @@
+"""The slow part of a texture: light falling across a plane, fitted to what is known and continued through holes.
+
+In tones (`removal.tone`) light and pattern add up. Two sources tell the light: pixels one lattice step apart, whose
+difference holds no pattern (pairwise), and the tones themselves, where the pattern's contrast is low (smooth). Both go
+into one robust least-squares fit of a coarse grid of values that bends little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
+from processing.removal.near_periodic_lattice import Lattice
+from processing.removal.tone import grey
+
+CELLS = 7
+"""Of the grid along the longer side."""
+SAMPLES = 6000
+ROUNDS = 5
+BRIGHT = 1.0
+SLOPE = 0.7
+"""Of the resistance to slopes against that to bends: what the pattern may explain is not light."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Bilinear values on nodes; ``step_px`` apart."""
+
+    rows: int
+    columns: int
+    step_px: float
+
+    @classmethod
+    def over(cls, shape: tuple[int, int]) -> _Grid:
+        step = max(max(shape) / CELLS, 2.0)
+        return cls(int(np.ceil(shape[0] / step)) + 1, int(np.ceil(shape[1] / step)) + 1, step)
+
+    def rows_at(self, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]) -> Doubles:
+        """Return the dense design matrix (n, nodes)."""
+        v, u = y / self.step_px, x / self.step_px
+        i, j = np.minimum(v.astype(np.intp), self.rows - 2), np.minimum(u.astype(np.intp), self.columns - 2)
+        fv, fu = v - i, u - j
+        design = np.zeros((len(y), self.rows * self.columns))
+        n = np.arange(len(y))
+        for di, dj, share in ((0, 0, (1 - fv) * (1 - fu)), (0, 1, (1 - fv) * fu), (1, 0, fv * (1 - fu)), (1, 1, fv * fu)):
+            design[n, (i + di) * self.columns + j + dj] += share
+        return design
+
+    def bending(self) -> Doubles:
+        """Return the rows of all second differences of the nodes."""
+        index = np.arange(self.rows * self.columns).reshape(self.rows, self.columns)
+        rows = []
+        for triple in (
+            *zip(index[:-2].ravel(), index[1:-1].ravel(), index[2:].ravel(), strict=True),
+            *zip(index[:, :-2].ravel(), index[:, 1:-1].ravel(), index[:, 2:].ravel(), strict=True),
+        ):
+            rows.append(_row(index.size, triple, (1, -2, 1)))
+        flat = [*zip(index[:-1].ravel(), index[1:].ravel(), strict=True)]
+        flat += [*zip(index[:, :-1].ravel(), index[:, 1:].ravel(), strict=True)]
+        rows += [_row(index.size, pair, (-SLOPE, SLOPE)) for pair in flat]
+        quads = zip(*(index[a, b].ravel() for a, b in _CORNERS), strict=True)
+        rows += [_row(index.size, quad, (1.4, -1.4, -1.4, 1.4)) for quad in quads]
+        return np.array(rows) if rows else np.zeros((0, index.size))
+
+    def image(self, nodes: Doubles, shape: tuple[int, int]) -> Floats:
+        """Return the values (h, w, c) of all pixels, smoothly between the nodes."""
+        y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+        grid = nodes.reshape(self.rows, self.columns, -1).astype(np.float32)
+        at = (x / np.float32(self.step_px), y / np.float32(self.step_px))
+        out = cv2.remap(grid, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        out = out.reshape(*shape, -1)
+        blurred = cv2.GaussianBlur(out, (0, 0), 0.35 * self.step_px, borderType=cv2.BORDER_REFLECT)
+        return np.asarray(blurred.reshape(*shape, -1), np.float32)
+
+
+_CORNERS = (
+    (slice(None, -1), slice(None, -1)),
+    (slice(None, -1), slice(1, None)),
+    (slice(1, None), slice(None, -1)),
+    (slice(1, None), slice(1, None)),
+)
+
+
+def _row(size: int, places: tuple[int, ...], values: tuple[float, ...]) -> Doubles:
+    row = np.zeros(size)
+    row[list(places)] = values
+    return row
+
+
+def fit_illumination(tone: Floats, known: Flags, hole: Flags, lattice: Lattice | None, *, bend: float = 1.0) -> Floats:
+    """Return (h, w, 3): the slow part of the tone, mean 0 over the known pixels, continued through the hole.
+
+    With a lattice the pairs one step apart tell the light and the tones only its mean; without, the tones tell all.
+    In the hole it is clamped to the range that it has around.
+    """
+    shape = tone.shape[:2]
+    grid = _Grid.over(shape)
+    rng = np.random.default_rng(5)
+    if not known.any():
+        return np.zeros(tone.shape, np.float32)
+    design, target = _unary(grid, tone, known, rng, lattice)
+    unary = len(design)
+    if lattice is not None:
+        pair_design, pair_target, pair_base = _pairs(grid, tone, known, lattice, rng)
+        design, target = np.concatenate([design, pair_design]), np.concatenate([target, pair_target])
+    base = np.ones(len(design))
+    if lattice is not None and len(design) > unary:
+        base[:unary] = 0.02
+        base[unary:] = pair_base
+    nodes = _robust(design, target, base, grid.bending(), bend)
+    slow = grid.image(nodes, shape)
+    slow = slow - slow[known].mean(axis=0)
+    return _clamped(slow, known, hole)
+
+
+def _blurred(tone: Floats, known: Flags, sigma: float) -> Floats:
+    share = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma)
+    low = cv2.GaussianBlur(np.where(known[..., None], tone, 0).astype(np.float32), (0, 0), sigma)
+    return np.asarray(low / np.maximum(share, 1e-4)[..., None], np.float32)
+
+
+def _unary(
+    grid: _Grid, tone: Floats, known: Flags, rng: np.random.Generator, lattice: Lattice | None
+) -> tuple[Doubles, Doubles]:
+    """Return design and target of single pixels, averaged over a neighbourhood as wide as a lattice cell."""
+    cell = 0.0 if lattice is None else float(np.sqrt(abs(np.linalg.det(np.stack([lattice.a_px, lattice.b_px])))))
+    sigma = max(0.02 * max(tone.shape[:2]), 0.4 * cell, 1.0)
+    y, x = _sample(known, rng, SAMPLES // 2)
+    return grid.rows_at(y, x), _blurred(tone, known, sigma)[y, x].astype(np.float64)
+
+
+def _pairs(
+    grid: _Grid, tone: Floats, known: Flags, lattice: Lattice, rng: np.random.Generator
+) -> tuple[Doubles, Doubles, Doubles]:
+    """Return design, target and weight of differences between pixels one lattice step apart.
+
+    Brighter pixels weigh more: what little light dark ones give off is glints and what lies behind them.
+    """
+    smooth = _blurred(tone, known, 1.5)
+    bright = grey(smooth) - float(np.median(grey(smooth)[known]))
+    designs, targets, weights = [], [], []
+    a, b = lattice.a_px, lattice.b_px
+    for step in (a, b, a + b, a - b, 2 * a, 2 * b):
+        dx, dy = (round(float(v)) for v in step)
+        both = _both_known(known, dx, dy)
+        if both.sum() < 20:
+            continue
+        y, x = _sample(both, rng, SAMPLES // 4)
+        designs.append(grid.rows_at(y + dy, x + dx) - grid.rows_at(y, x))
+        targets.append((smooth[y + dy, x + dx] - smooth[y, x]).astype(np.float64))
+        weights.append(np.exp(BRIGHT * np.clip(np.minimum(bright[y, x], bright[y + dy, x + dx]), -3, 1)))
+    if not designs:
+        return np.zeros((0, grid.rows * grid.columns)), np.zeros((0, tone.shape[2])), np.zeros(0)
+    return np.concatenate(designs), np.concatenate(targets), np.concatenate(weights).astype(np.float64)
+
+
+def _both_known(known: Flags, dx: int, dy: int) -> Flags:
+    """Return where a pixel and the one (dx, dy) further are known."""
+    height, width = known.shape
+    both = np.zeros_like(known)
+    if abs(dx) >= width or abs(dy) >= height:
+        return both
+    rows, columns = slice(max(0, -dy), min(height, height - dy)), slice(max(0, -dx), min(width, width - dx))
+    there = known[rows.start + dy : rows.stop + dy, columns.start + dx : columns.stop + dx]
+    both[rows, columns] = known[rows, columns] & there
+    return both
+
+
+def _sample(among: Flags, rng: np.random.Generator, count: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    y, x = np.nonzero(among)
+    if len(y) > count:
+        chosen = rng.choice(len(y), count, replace=False)
+        y, x = y[chosen], x[chosen]
+    return y, x
+
+
+def _robust(design: Doubles, target: Doubles, base: Doubles, bending: Doubles, bend: float) -> Doubles:
+    """Return the nodes (n, c) by iteratively reweighted least squares (Huber on the grey residual)."""
+    # In proportion to the data, so that the stiffness does not depend on the number of samples.
+    stiff = bending.T @ bending * (bend * 0.02 * base.sum()) + 1e-6 * base.sum() * np.eye(design.shape[1])
+    weight = base
+    nodes = np.zeros((design.shape[1], target.shape[1]))
+    for _ in range(ROUNDS):
+        weighted = design * weight[:, None]
+        nodes = np.linalg.solve(design.T @ weighted + stiff, weighted.T @ target)
+        off = np.abs(grey((target - design @ nodes).astype(np.float32)))
+        scale = max(1.5 * float(np.median(off)), 1e-4)
+        weight = base / np.maximum(off / scale, 1.0)
+    return nodes
+
+
+def _clamped(slow: Floats, known: Flags, hole: Flags) -> Floats:
+    """Return the light with the hole's values kept within the range of the known ones near the hole."""
+    if not hole.any():
+        return slow
+    near = cv2.dilate(hole.astype(np.uint8), np.ones((15, 15), np.uint8)).astype(bool) & known
+    if not near.any():
+        near = known
+    low, high = slow[near].min(axis=0), slow[near].max(axis=0)
+    return np.asarray(np.where(hole[..., None], np.clip(slow, low, high), slow), np.float32)

@@ -1,0 +1,124 @@
+"""Which shifted copies of a texture fill which pixels of a hole: expectation maximisation over one label a pixel.
+
+A copy agrees with a place as far as it agrees with the surroundings within a box: known pixels count fully, guessed
+ones less. The next guess is the copies' weighted mean. Solved on a picture small enough; `near_periodic_blend` then
+takes the weights to the full one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
+
+GUESS_WEIGHT = 0.25
+"""Of filled pixels against known ones when copies are compared."""
+ROUNDS = 4
+PRUNE = 0.002
+"""Share of the hole that a copy must serve after the first round to stay."""
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much each copy gives to each pixel of a window; ``share`` sums to 1 where any copy offers something."""
+
+    share: Floats
+    """(n, h, w)."""
+    best: npt.NDArray[np.intp]
+    """(h, w): index of the copy that agrees best."""
+    offered: Flags
+    """(h, w): any copy offers something here."""
+    cost: Floats
+    """(h, w): mean squared tone difference of the best copy to its surroundings."""
+    offsets: Doubles
+    """(n, 2) as (dx, dy)."""
+
+
+def shifted(
+    tone: Floats, known: Flags, offset: Doubles, window: tuple[slice, slice], *, cubic: bool
+) -> tuple[Floats, Flags]:
+    """Return what the pixels of a window get from (dx, dy) away, (h, w, c), and where that is known."""
+    rows, columns = window
+    size = (columns.stop - columns.start, rows.stop - rows.start)
+    move = np.array([[1, 0, columns.start + offset[0]], [0, 1, rows.start + offset[1]]], np.float64)
+    flags = (cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP
+    copy = cv2.warpAffine(tone, move, size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    share = cv2.warpAffine(
+        known.astype(np.float32), move, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=0
+    )
+    return copy.reshape(size[1], size[0], -1), share > 0.999
+
+
+def solve_weights(
+    tone: Floats, known: Flags, hole: Flags, offsets: Doubles, window: tuple[slice, slice], *, box_px: int
+) -> Weights:
+    """Return which copies fill the window's hole; ``tone`` (h, w, c) must be 0 where not known."""
+    inner = np.ones((3, 3), np.uint8)
+    reach = cv2.erode(known.astype(np.uint8), inner, borderType=cv2.BORDER_REPLICATE).astype(bool)
+    copies, offered = (list(part) for part in zip(*(shifted(tone, reach, o, window, cubic=False) for o in offsets)))
+    here, lack = known[window], hole[window]
+    useful = [n for n, some in enumerate(offered) if (some & lack).any()] or [0]
+    copies, offered, offsets = [copies[n] for n in useful], [offered[n] for n in useful], offsets[useful]
+    any_copy = np.any(offered, axis=0)
+    guess = _first_guess(tone[window], here, copies, offered)
+    for turn in range(ROUNDS):
+        size = max(3, round(box_px * (1.6 - 0.6 * turn / (ROUNDS - 1)))) | 1
+        cost = _costs(guess, here, lack, copies, offered, size)
+        share, least = _shares(cost, 1.0 if turn < ROUNDS - 1 else 0.6)
+        soft = _mean(copies, share)
+        guess = np.where((lack & any_copy)[..., None], soft, guess).astype(np.float32)
+        if turn == 0 and len(copies) > 8:
+            served = share[:, lack].mean(axis=1)
+            keep = np.flatnonzero(served >= min(PRUNE, float(np.sort(served)[-8])))
+            lost = any_copy & ~np.any([offered[n] for n in keep], axis=0) & lack
+            if not lost.any():
+                copies, offered, offsets = [copies[n] for n in keep], [offered[n] for n in keep], offsets[keep]
+    return Weights(share, np.argmin(cost, axis=0), any_copy, least, offsets)
+
+
+def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list[Flags]) -> Floats:
+    count = np.sum(offered, axis=0, dtype=np.float32)
+    total = np.zeros_like(tone)
+    for copy, some in zip(copies, offered, strict=True):
+        total += np.where(some[..., None], copy, 0)
+    mean = total / np.maximum(count, 1)[..., None]
+    flat = tone[known].mean(axis=0) if known.any() else np.zeros(tone.shape[2], np.float32)
+    guess = np.where(known[..., None], tone, np.where((count > 0)[..., None], mean, flat))
+    return np.asarray(guess, np.float32)
+
+
+def _costs(
+    guess: Floats, known: Flags, hole: Flags, copies: list[Floats], offered: list[Flags], size: int
+) -> Floats:
+    """Return (n, h, w): the mean squared difference between each copy and the guess in a box; inf where not offered."""
+    trust = np.where(known, 1.0, np.where(hole, GUESS_WEIGHT, 0.0)).astype(np.float32)
+    cost = np.empty((len(copies), *known.shape), np.float32)
+    for index, (copy, some) in enumerate(zip(copies, offered, strict=True)):
+        weight = trust * some
+        off = copy - guess
+        error = np.einsum("hwc,hwc->hw", off, off) * weight
+        total = cv2.boxFilter(error, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        count = cv2.boxFilter(weight, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        cost[index] = np.where(some, total / np.maximum(count, 1e-6), np.inf)
+    return cost
+
+
+def _shares(cost: Floats, temperature: float) -> tuple[Floats, Floats]:
+    """Return each copy's share by how far its cost lies above the least one, and the least cost."""
+    least = cost.min(axis=0)
+    least = np.where(np.isfinite(least), least, np.float32(1e6))
+    scale = temperature * np.maximum(least, 1e-5) + 1e-6
+    share = np.exp(-np.minimum((np.minimum(cost, np.float32(2e6)) - least) / scale, 60))
+    share[~np.isfinite(cost)] = 0
+    return np.asarray(share / np.maximum(share.sum(axis=0), 1e-12), np.float32), np.asarray(least, np.float32)
+
+
+def _mean(copies: list[Floats], share: Floats) -> Floats:
+    total = np.zeros_like(copies[0])
+    for copy, one in zip(copies, share, strict=True):
+        total += copy * one[..., None]
+    return total

@@ -1,0 +1,89 @@
+"""Where the sun's light falls in a room: windows projected along the sun's direction onto floor and walls."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.room.model import Opening, OpeningKind, RoomModel
+from processing.surfaces.planes import planes_of
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int32]
+
+OUTSIDE = -10.0
+"""Signed distance (m) of a place that no window's light can reach."""
+
+
+def sun_vector(azimuth_rad: float, elevation_rad: float) -> Doubles:
+    """Return the unit vector to the sun; azimuth from +y (ahead) towards +x (right)."""
+    level = math.cos(elevation_rad)
+    return np.array([level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.sin(elevation_rad)])
+
+
+def glazed(room: RoomModel) -> list[Opening]:
+    """Return the openings through which the sun may shine: windows, glass doors among them."""
+    return [opening for opening in room.openings if opening.kind is OpeningKind.WINDOW]
+
+
+def window_depth(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> tuple[Floats, Integers]:
+    """Return how far inside a window's beam places lie, and which window it is.
+
+    Parameters
+    ----------
+    points_m
+        (..., 3), on the room's surfaces.
+    sun
+        (3,), unit, towards the sun.
+
+    Returns
+    -------
+    Signed distance (m) in the window's plane from its edge, (...), positive in the beam, `OUTSIDE` where no window
+    faces the sun; and the index among `glazed` (-1: none). Other walls that stand in the way are not looked at: the
+    beam of a window that another wing of the room hides is none (``wall_between``).
+    """
+    points = np.asarray(points_m, dtype=np.float64)
+    direction = np.asarray(sun, dtype=np.float64)
+    best = np.full(points.shape[:-1], OUTSIDE)
+    which = np.full(points.shape[:-1], -1, dtype=np.int32)
+    walls = planes_of(room)[2:]
+    for index, opening in enumerate(glazed(room)):
+        wall = walls[opening.wall]
+        towards = float(direction @ wall.normal)
+        # The sun must stand outside this wall: against its inward normal.
+        if towards > -1e-6:
+            continue
+        away = (points - wall.origin_m) @ wall.normal
+        t = -away / towards
+        uv = wall.coordinates(points + np.maximum(t, 0.0)[..., None] * direction)
+        low, high = wall.width_m - opening.end_m, wall.width_m - opening.start_m
+        top, bottom = wall.height_m - opening.head_m, wall.height_m - opening.sill_m
+        u, v = uv[..., 0], uv[..., 1]
+        inside = np.minimum(np.minimum(u - low, high - u), np.minimum(v - top, bottom - v))
+        # Places on the window's own wall are not lit by it.
+        inside = np.where(away > 1e-3, inside, OUTSIDE)
+        better = inside > best
+        best = np.where(better, inside, best)
+        which = np.where(better, index, which)
+    return np.maximum(best, OUTSIDE).astype(np.float32), which
+
+
+def wall_between(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+    """Return where another wall of the room hides the sun's window: the way there leaves the room more than once."""
+    points = np.asarray(points_m, dtype=np.float64)
+    direction = np.asarray(sun, dtype=np.float64)[:2]
+    corners = np.asarray(room.floor, dtype=np.float64)
+    crossed = np.zeros(points.shape[:-1], dtype=np.int32)
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        edge = end - start
+        cross = direction[0] * edge[1] - direction[1] * edge[0]
+        if abs(cross) < 1e-12:
+            continue
+        offset = start - points[..., :2]
+        along = (offset[..., 0] * edge[1] - offset[..., 1] * edge[0]) / cross
+        place = (offset[..., 0] * direction[1] - offset[..., 1] * direction[0]) / cross
+        crossed += ((along > 1e-3) & (place >= 0) & (place < 1)).astype(np.int32)
+    return crossed > 1
