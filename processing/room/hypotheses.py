@@ -1,0 +1,117 @@
+"""Rooms that the boundaries may mean: rectilinear ones, boxes, ones with slanted walls, and the bare polygon."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.room.columns import Columns
+from processing.room.fit import Fit, cost_of, fitted
+from processing.room.outline import Outline, outline_of, polygon_of
+from processing.room.segments import ALONG_X, ALONG_Y, FREE, Costs, divide, stretch_costs
+
+Doubles = npt.NDArray[np.float64]
+
+PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)
+"""Of a wall, in squared standard deviations: from many walls to few."""
+FREE_EXTRA = 14.0
+"""What a wall at any angle must explain more than one at a right angle."""
+WALL_PRICE = 14.0
+"""Of a wall in the final comparison."""
+UNSEEN_PRICE = 6.0
+MOST_WALLS = 16
+SIMPLIFIED = (0.03, 0.06, 0.1)
+"""Of the bare polygon: tolerances in camera heights."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A possible room."""
+
+    name: str
+    fit: Fit
+    price: float
+    """Of its walls."""
+
+    @property
+    def total(self) -> float:
+        """Return what it costs: unexplained columns and walls."""
+        return self.fit.cost + self.price
+
+
+def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> list[Hypothesis]:
+    """Return rooms that the columns may mean, the cheapest first, each fitted; the same outline once."""
+    costs = stretch_costs(columns, turned_rad, (ALONG_X, ALONG_Y, FREE) if slanted else (ALONG_X, ALONG_Y))
+    menus: dict[str, dict[int, float]] = {"rectilinear": {ALONG_X: 0.0, ALONG_Y: 0.0}}
+    if slanted:
+        menus["slanted"] = {ALONG_X: 0.0, ALONG_Y: 0.0, FREE: FREE_EXTRA}
+        menus["any angle"] = {FREE: 0.0}
+    found: dict[tuple[object, ...], Hypothesis] = {}
+    for name, kinds in menus.items():
+        for price in PRICES:
+            outline = _divided(columns, costs, turned_rad, price, kinds)
+            if outline is None:
+                continue
+            key = _key(outline)
+            if key in found:
+                continue
+            made = _hypothesis(name, outline, columns)
+            if made is not None:
+                found[key] = made
+    found.update({(f"polygon {t}",): h for t in SIMPLIFIED if (h := _bare(columns, turned_rad, t)) is not None})
+    return sorted(found.values(), key=lambda h: h.total)
+
+
+def _divided(
+    columns: Columns, costs: Costs, turned_rad: float, price: float, kinds: dict[int, float]
+) -> Outline | None:
+    _, stretches = divide(costs, columns.corner, price, kinds)
+    outline = outline_of(stretches, columns.azimuth_rad, turned_rad, columns.ratio) if stretches else None
+    return outline if outline is not None and len(outline.walls) <= MOST_WALLS else None
+
+
+def _key(outline: Outline) -> tuple[object, ...]:
+    """Return what tells outlines apart before fitting: walls of the same kinds that look the same way."""
+    return tuple((w.kind, w.seen, round(w.normal_rad, 1), round(math.log(abs(w.distance) + 0.1), 1)) for w in outline.walls)
+
+
+def _hypothesis(name: str, outline: Outline, columns: Columns) -> Hypothesis | None:
+    fit = fitted(outline, columns)
+    return None if fit is None else Hypothesis(name, fit, price_of(outline))
+
+
+def price_of(outline: Outline) -> float:
+    """Return what the walls of an outline cost."""
+    kinds = [(w.kind, w.seen) for w in outline.walls]
+    return float(sum(WALL_PRICE * seen + UNSEEN_PRICE * (not seen) + FREE_EXTRA * (k == FREE) for k, seen in kinds))
+
+
+def _bare(columns: Columns, turned_rad: float, tolerance: float) -> Hypothesis | None:
+    """Return the polygon through all columns, simplified: right where nothing else is, and never crossing itself."""
+    import shapely
+
+    floor_part = columns.floor_sigma**-2.0
+    ceiling_part = (columns.ceiling_sigma / columns.ratio) ** -2.0
+    inverse = (columns.floor * floor_part + columns.ceiling / columns.ratio * ceiling_part) / (
+        floor_part + ceiling_part
+    )
+    reach = 1 / np.maximum(inverse, 0.05)
+    points = np.stack([reach * np.sin(columns.azimuth_rad), reach * np.cos(columns.azimuth_rad)], axis=-1)[::-1]
+    simple = shapely.Polygon(points).simplify(tolerance)
+    corners = np.asarray(simple.exterior.coords)[:-1] if simple.geom_type == "Polygon" else np.zeros((0, 2))
+    if not 3 <= len(corners) <= 60:
+        return None
+    outline = Outline((), turned_rad, columns.ratio)
+    if not shapely.LinearRing(corners).is_ccw:
+        corners = corners[::-1]
+    if not shapely.Polygon(corners).contains(shapely.Point(0, 0)):
+        return None
+    cost, unexplained = cost_of(corners, columns.ratio, columns)
+    price = (WALL_PRICE + FREE_EXTRA) * len(corners)
+    return Hypothesis("polygon", Fit(outline, corners, cost, unexplained), price)
+
+
+__all__ = ["Hypothesis", "hypotheses", "polygon_of", "price_of"]
