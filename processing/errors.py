@@ -159,3 +159,21 @@ class AlbedoError(RenderingError):
     """Albedo cannot be told: no light in the picture, or no visible surface."""
 
     code = "REN-005"
+
+
+class NoRoomError(ProcessingError):
+    """A picture that shows no room that could be told: black, cropped, not a panorama, or outdoors."""
+
+    code = "ROO-002"
+
+
+class LayoutFileError(ProcessingError):
+    """A room layout in another program's format that is damaged, or is no room."""
+
+    code = "ROO-003"
+
+
+class LayoutNetworkError(ProcessingError):
+    """A layout network that cannot be loaded, or whose inputs and outputs are not what its kind has."""
+
+    code = "ROO-004"
