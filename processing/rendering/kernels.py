@@ -146,8 +146,8 @@ def pane_rays(  # type: ignore[no-untyped-def]
                 z0, cx, cy, cz = -z0, -cx, -cy, -cz
             x1, y1 = x0 + wide, y0 + high
             # Normals of the four sides' planes through the point, as far as they matter.
-            n0z, n1z = y0 / math.sqrt(z0 * z0 + y0 * y0), -x1 / math.sqrt(z0 * z0 + x1 * x1)
-            n2z, n3z = -y1 / math.sqrt(z0 * z0 + y1 * y1), x0 / math.sqrt(z0 * z0 + x0 * x0)
+            n0z, n1z = -y0 / math.sqrt(z0 * z0 + y0 * y0), x1 / math.sqrt(z0 * z0 + x1 * x1)
+            n2z, n3z = y1 / math.sqrt(z0 * z0 + y1 * y1), -x0 / math.sqrt(z0 * z0 + x0 * x0)
             g0 = math.acos(min(max(-n0z * n1z, -1.0), 1.0))
             g1 = math.acos(min(max(-n1z * n2z, -1.0), 1.0))
             g2 = math.acos(min(max(-n2z * n3z, -1.0), 1.0))

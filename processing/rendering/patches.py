@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.errors import ParameterError, SceneError
+from processing.rendering.chance import Key, random
 from processing.rendering.scene import Doubles, Floats, Ints, Part, Scene, Surface
 from processing.rendering.triangles import inside, pane_triangles, surface_triangles
 
@@ -67,12 +68,13 @@ class Patches:
         """Return the number of patches."""
         return len(self.area_m2)
 
-    def places(self, patch: np.ndarray, rng: np.random.Generator) -> Floats:
+    def places(self, patch: np.ndarray, key: Key) -> Floats:
         """Return a random place on each of some patches (k,), uniform over its area: (k, 3)."""
         low, high = self.first[patch], self.first[patch + 1]
-        goal = low + (high - low) * rng.random(len(patch))
+        chance = random(key, len(patch), 3)
+        goal = low + (high - low) * chance[:, 0]
         e = np.minimum(np.searchsorted(self.elements.upto_m2, goal, side="right"), len(self.elements.upto_m2) - 1)
-        a, b = rng.random(len(patch), np.float32), rng.random(len(patch), np.float32)
+        a, b = chance[:, 1].astype(np.float32), chance[:, 2].astype(np.float32)
         fold = self.elements.triangular[e] & (a + b > 1)
         a, b = np.where(fold, 1 - a, a)[:, None], np.where(fold, 1 - b, b)[:, None]
         found: Floats = self.elements.corner[e] + a * self.elements.side_a[e] + b * self.elements.side_b[e]

@@ -44,7 +44,10 @@ def shell_of(
     if not 0 <= reveal_m <= 2:
         raise ParameterError(f"reveals {reveal_m} m deep", advice="give 0 to 2", reveal_m=True)
     windows = [(i, o) for i, o in enumerate(room.openings) if o.kind is OpeningKind.WINDOW]
-    surfaces = [_surface(plane, [o for _, o in windows if o.wall == plane.index - FIRST_WALL], room) for plane in planes_of(room)]
+    surfaces = [
+        _surface(plane, [o for _, o in windows if o.wall == plane.index - FIRST_WALL], room)
+        for plane in planes_of(room)
+    ]
     panes = []
     for number, window in windows:
         niche = _Niche(room, window, reveal_m)
@@ -58,7 +61,12 @@ def _surface(plane: Plane, windows: list[Opening], room: RoomModel) -> Surface:
     top = room.ceiling_height_m
     # Along the plane u runs against the wall's own direction.
     holes = tuple(
-        (max(plane.width_m - o.end_m, 0.0), max(top - o.head_m, 0.0), min(plane.width_m - o.start_m, plane.width_m), top - o.sill_m)
+        (
+            max(plane.width_m - o.end_m, 0.0),
+            max(top - o.head_m, 0.0),
+            min(plane.width_m - o.start_m, plane.width_m),
+            top - o.sill_m,
+        )
         for o in windows
     )
     return Surface(

@@ -1,0 +1,96 @@
+"""Light that comes straight from outside: through each pane by solid angle, and the sun's disc with shadow rays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from processing.rendering.chance import Key, random
+from processing.rendering.kernels import STEP_OFF_M, add_outdoors, pane_rays, towards_panes
+from processing.rendering.patches import PANE
+from processing.rendering.scene import Doubles, Floats, Pane, Sun
+from processing.rendering.stage import RAYS_AT_ONCE, Stage
+
+
+def skylight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
+    """Return the irradiance (n, 3) that the panes give, without the sun.
+
+    Parameters
+    ----------
+    points
+        (n, k, 3): one place each (k = 1), or ``samples`` of them, one for each ray.
+    samples
+        Rays to each pane from each point.
+    """
+    out = np.zeros((len(normals), 3))
+    at_once = max(1, RAYS_AT_ONCE // samples)
+    for number, pane in enumerate(stage.scene.panes):
+        shifts = random((*key, number), len(normals), 2)
+        for start in range(0, len(normals), at_once):
+            part = slice(start, start + at_once)
+            out[part] += _through(stage, number, pane, points[part], normals[part], shifts[part], samples)
+    return out
+
+
+def _through(
+    stage: Stage, number: int, pane: Pane, points: Floats, normals: Floats, shifts: Doubles, samples: int
+) -> Doubles:
+    shape = (len(normals), samples)
+    origins, directions = np.empty((*shape, 3), np.float32), np.empty((*shape, 3), np.float32)
+    weight = np.empty(shape, np.float32)
+    pane_rays(
+        *(points, normals, shifts, 0, samples, pane.corner_m, pane.across_m, pane.up_m, origins, directions, weight)
+    )
+    useful = np.flatnonzero(weight.ravel() > 0)
+    ray_origins, rays = origins.reshape(-1, 3)[useful], directions.reshape(-1, 3)[useful]
+    hits = stage.tracer.cast(ray_origins, rays)
+    out = np.zeros((len(normals), 3))
+    p = stage.patches
+    add_outdoors(
+        *(p.owner, p.item, number, hits.triangle, useful // samples, rays, weight.ravel()[useful]),
+        *(stage.scene.outdoors.rgb, np.asarray(pane.transmittance), samples, out),
+    )
+    return out
+
+
+def sunlight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
+    """Return the sun's direct irradiance (n, 3); ``points`` (n, k, 3) with k = 1 or ``samples``."""
+    out = np.zeros((len(normals), 3))
+    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
+    if sun is None or not panes:
+        return out
+    cosine = normals @ np.asarray(sun.direction, np.float32)
+    corners = [np.array([getattr(p, name) for p in panes]) for name in ("corner_m", "across_m", "up_m")]
+    for k in range(points.shape[1]):
+        near = np.zeros(len(normals), bool)
+        towards_panes(points[:, k], np.asarray(sun.direction, np.float64), *corners, near)
+        chosen = np.flatnonzero(near & (cosine > 0))
+        each = samples if points.shape[1] == 1 else 1
+        for again in range(each):
+            chance = random((*key, k, again), len(normals), 2)[chosen]
+            out[chosen] += _disc_light(stage, sun, points[chosen, k], normals[chosen], chance)
+    return out / samples
+
+
+def _disc_light(stage: Stage, sun: Sun, points: Floats, normals: Floats, chance: Doubles) -> Doubles:
+    """Return the irradiance by one random place of the sun's disc for each point."""
+    rays = disc_directions(sun, chance)
+    hits = stage.tracer.cast(points + np.float32(STEP_OFF_M) * normals, rays)
+    p = stage.patches
+    met = hits.triangle >= 0
+    through = met & (p.owner[hits.triangle] == PANE)
+    tint = np.zeros((len(points), 3))
+    glass = np.array([pane.transmittance for pane in stage.scene.panes])
+    tint[through] = glass[p.item[hits.triangle[through]]]
+    cosine = np.maximum(np.einsum("ij,ij->i", normals, rays), 0)
+    return np.asarray(tint * cosine[:, None] * np.asarray(sun.normal_illuminance_lx))
+
+
+def disc_directions(sun: Sun, chance: Doubles) -> Floats:
+    """Return directions (n, 3) spread evenly over the sun's disc by random numbers (n, 2)."""
+    axis = np.asarray(sun.direction, np.float64)
+    side = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))
+    side /= np.linalg.norm(side)
+    radius = np.tan(sun.radius_rad) * np.sqrt(chance[:, :1])
+    angle = 2 * np.pi * chance[:, 1:]
+    rays = axis + radius * (np.cos(angle) * side + np.sin(angle) * np.cross(axis, side))
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float32)

@@ -1,0 +1,137 @@
+"""Irradiance of what a picture sees: gathered at a small size until the error asked for is met, cleaned of noise."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from processing.errors import ParameterError
+from processing.images import LUMINANCE_WEIGHTS
+from processing.rendering.daylight import skylight
+from processing.rendering.denoise import denoised
+from processing.rendering.kernels import bounce
+from processing.rendering.lightmap import LightMap, light_map
+from processing.rendering.scene import Doubles, Floats
+from processing.rendering.sight import Sight
+from processing.rendering.stage import Stage
+from processing.rendering.transport import from_bright, links_of
+
+PANE_SHARE, SHOT_SHARE = 0.5, 0.25
+"""Of a pixel's rays for bounces: to each pane, to bright patches."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much work goes into a picture: rays in each round, and when to stop."""
+
+    texel_m: float = 0.1
+    """Width of the light map's patches."""
+    patch_samples: int = 64
+    """Rays from each patch in a round."""
+    rows: int = 256
+    """Height of the picture in which irradiance is gathered; never more than the picture asked for."""
+    pixel_samples: int = 16
+    """Rays from each of its pixels in a round."""
+    sun_samples: int = 4
+    """Rays from each pixel to the sun's disc."""
+    clean: bool = True
+    """Whether noise is taken out."""
+    max_error: float | None = None
+    """Relative standard error to stop at; None: one round."""
+    budget_s: float | None = None
+    """CPU seconds of this process after which no other round begins."""
+    most_rounds: int = 64
+
+    def __post_init__(self) -> None:
+        numbers = (self.patch_samples, self.rows, self.pixel_samples, self.sun_samples, self.most_rounds)
+        if min(numbers) < 1 or (self.max_error is not None and not self.max_error > 0):
+            raise ParameterError("an effort of nothing", advice="give samples and rows from 1, max_error above 0")
+
+
+EFFORTS = {
+    "draft": Effort(texel_m=0.15, patch_samples=32, rows=128, pixel_samples=8, sun_samples=1),
+    "standard": Effort(),
+    "reference": Effort(texel_m=0.05, patch_samples=256, rows=512, pixel_samples=256, sun_samples=16, clean=False),
+}
+
+
+@dataclass(frozen=True)
+class Irradiance:
+    """Irradiance of a picture's pixels without the sun's own disc."""
+
+    picture: Floats
+    """(H, W, 3) lx, 0 where nothing or glass is seen."""
+    error: float
+    """Relative standard error of luminance (rms over pixels), from two halves that share nothing but the scene."""
+    rounds: int
+
+
+@dataclass
+class _Halves:
+    """Two sums of rounds."""
+
+    sums: list[Doubles] = field(default_factory=list)
+    rounds: int = 0
+
+    def add(self, pictures: list[Doubles]) -> None:
+        self.sums = [a + b for a, b in zip(self.sums, pictures, strict=True)] if self.sums else pictures
+        self.rounds += 1
+
+
+def gathered(stage: Stage, light: LightMap, points: Floats, normals: Floats, samples: int, seed: int) -> Doubles:
+    """Return the irradiance (n, 3) of places (n, 3) without the sun's own disc: panes, lamps, all bounces."""
+
+    def few(share: float) -> int:
+        return max(1, round(samples * share))
+
+    places = points[:, None, :]
+    out = skylight(stage, places, normals, few(PANE_SHARE), (seed, 20))
+    links = links_of(stage, places, normals, samples, (seed, 21))
+    bounced = np.empty_like(out)
+    bounce(links.patch, stage.albedo * light.rest, bounced)
+    out += bounced
+    if light.bright is not None:
+        out += from_bright(stage, light.bright, places, normals, links, few(SHOT_SHARE), (seed, 22))
+    return out
+
+
+def irradiance_of(stage: Stage, sight: Sight, effort: Effort, seed: int, *, wraps: bool) -> Irradiance:
+    """Return the irradiance of all solid pixels: rounds of two halves each, until the effort's end is reached."""
+    solid = np.flatnonzero(sight.solid)
+    halves, start_s = _Halves(), time.process_time()
+    while True:
+        halves.add([_half(stage, sight, solid, effort, (seed * 1000 + halves.rounds) * 2 + half) for half in range(2)])
+        pictures = [_picture(total / halves.rounds, sight, solid, effort, wraps=wraps) for total in halves.sums]
+        mean = (pictures[0] + pictures[1]) / 2
+        error = _difference(pictures[0], pictures[1], sight)
+        spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
+        if effort.max_error is None or error <= effort.max_error or spent or halves.rounds >= effort.most_rounds:
+            return Irradiance(mean, error, halves.rounds)
+
+
+def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: int) -> Doubles:
+    light = light_map(stage, max(1, effort.patch_samples // 2), seed)
+    return gathered(stage, light, sight.point[solid], sight.normal[solid], max(1, effort.pixel_samples // 2), seed)
+
+
+def _picture(values: Doubles, sight: Sight, solid: np.ndarray, effort: Effort, *, wraps: bool) -> Floats:
+    picture = np.zeros((len(sight.label), 3), np.float32)
+    picture[solid] = values
+    shaped = picture.reshape(*sight.shape, 3)
+    if not effort.clean:
+        return shaped
+    nearness = np.where(sight.solid, 1 / (1 + np.where(sight.solid, sight.distance_m, 0)), 0)
+    guides = sight.normal.reshape(*sight.shape, 3), nearness.reshape(sight.shape).astype(np.float32)
+    return denoised(shaped, *guides, wraps=wraps)
+
+
+def _difference(one: Floats, other: Floats, sight: Sight) -> float:
+    solid = sight.solid.reshape(sight.shape)
+    if not solid.any():
+        return 0.0
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    a, b = one[solid] @ weights, other[solid] @ weights
+    relative = (a - b) / np.maximum(a + b, 1e-12)
+    return float(np.sqrt(np.mean(relative**2)))

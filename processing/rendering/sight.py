@@ -1,0 +1,115 @@
+"""What a picture's pixels see: place, normal, colour; from any point, in any geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.rendering.patches import FURNITURE, PANE
+from processing.rendering.scene import Doubles, Floats, Ints, Vector
+from processing.rendering.stage import RAYS_AT_ONCE, Stage, part_albedo, surface_values
+from processing.sphere import Geometry, directions
+
+NOTHING, GLASS, FIRST_PART = -1, -2, 1_000_000
+"""Labels of pixels that see nothing, a pane, furniture (FIRST_PART + its part); else the surface's number."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What pixels (n = H x W, row by row) see."""
+
+    shape: tuple[int, int]
+    rays: Floats
+    """(n, 3), unit."""
+    label: Ints
+    pane: Ints
+    """(n,): number of the pane, -1 elsewhere."""
+    distance_m: Floats
+    point: Floats
+    """(n, 3); the eye where nothing is met."""
+    normal: Floats
+    """(n, 3), towards the eye; 0 where nothing or glass is seen."""
+    triangle: Ints
+
+    @property
+    def solid(self) -> np.ndarray:
+        """(n,) whether a surface or furniture is seen."""
+        return self.label >= 0
+
+
+def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:
+    """Return what the middle of each pixel sees from ``eye_m``."""
+    rays, _ = directions(geometry)
+    shape = (rays.shape[0], rays.shape[1])
+    flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
+    return sight_along(stage, flat, eye_m, shape)
+
+
+def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int]) -> Sight:
+    """Return what rays (n, 3) from a point see."""
+    eye = np.asarray(eye_m, np.float32)
+    triangle, distance = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
+    for start in range(0, len(rays), RAYS_AT_ONCE):
+        part = slice(start, start + RAYS_AT_ONCE)
+        hits = stage.tracer.cast(np.broadcast_to(eye, rays[part].shape), rays[part])
+        triangle[part], distance[part] = hits.triangle, hits.distance_m
+    p = stage.patches
+    met = triangle >= 0
+    safe = np.where(met, triangle, 0)
+    owner = np.where(met, p.owner[safe], -3)
+    pane = np.where(owner == PANE, p.item[safe], -1).astype(np.int32)
+    label = np.where(owner >= 0, owner, NOTHING)
+    label = np.where(owner == FURNITURE, FIRST_PART + p.part[safe], label)
+    label = np.where(owner == PANE, GLASS, label).astype(np.int32)
+    normal = np.where((label >= 0)[:, None], p.normals[safe], np.float32(0))
+    normal *= np.where(np.einsum("ij,ij->i", normal, rays) > 0, np.float32(-1), np.float32(1))[:, None]
+    point = eye + rays * np.where(met, distance, np.float32(0))[:, None]
+    return Sight(shape, rays, label, pane, distance, point, normal, triangle)
+
+
+def albedo_of(stage: Stage, sight: Sight) -> Floats:
+    """Return the albedo (n, 3) that pixels see, 0 for glass and nothing; textures are sampled bilinearly."""
+    return _colours(stage, sight, "albedo")
+
+
+def emission_of(stage: Stage, sight: Sight) -> Floats:
+    """Return the radiance (n, 3) that seen surfaces give off by themselves."""
+    return _colours(stage, sight, "emission_cd_m2")
+
+
+def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
+    out = np.zeros((len(sight.label), 3), np.float32)
+    for number in np.unique(sight.label[sight.label >= 0]):
+        chosen = np.flatnonzero(sight.label == number)
+        if number >= FIRST_PART:
+            part = stage.scene.parts[number - FIRST_PART]
+            face = stage.patches.face[sight.triangle[chosen]]
+            places = sight.point[chosen].astype(np.float64)
+            out[chosen] = part_albedo(part, face, places) if name == "albedo" else part.material.emission_cd_m2
+        else:
+            surface = stage.scene.surfaces[number]
+            offset = sight.point[chosen].astype(np.float64) - surface.origin_m
+            u, v = offset @ surface.u_axis / surface.width_m, offset @ surface.v_axis / surface.height_m
+            out[chosen] = surface_values(getattr(surface, name), u, v)
+    return out
+
+
+def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
+    """Return the radiance (n, 3) seen through glass, 0 elsewhere; the sun's disc is not drawn."""
+    out = np.zeros((len(sight.label), 3), np.float32)
+    through = np.flatnonzero(sight.label == GLASS)
+    if len(through):
+        glass = np.array([pane.transmittance for pane in stage.scene.panes], np.float32)
+        out[through] = glass[sight.pane[through]] * looked_up(stage.scene.outdoors.rgb, sight.rays[through])
+    return out
+
+
+def looked_up(panorama: Floats, rays: Floats) -> Floats:
+    """Return a panorama's values (n, 3) along rays (n, 3), bilinear."""
+    rows, columns = panorama.shape[:2]
+    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) % 1.0
+    y = 0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi
+    wrapped = np.concatenate([panorama[:, -1:], panorama, panorama[:, :1]], axis=1)
+    u: Doubles = (x.astype(np.float64) * columns + 1) / (columns + 2)
+    return surface_values(wrapped, u, np.clip(y.astype(np.float64), 0.5 / rows, 1 - 0.5 / rows))
