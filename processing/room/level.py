@@ -102,7 +102,7 @@ def _support(axes: Axes) -> tuple[float, float]:
     """Return how surely the axes are a room's: rooms have 0.4 to 0.85 of their edges' length along them, trees 0.2."""
     enough = _ramp(axes.length_rad, 3.0, 12.0)
     together = _ramp(float(axes.excess.sum()), 0.2, 0.4)
-    return enough * together * _ramp(axes.excess[2], 0.02, 0.1), enough * _ramp(axes.excess[:2].sum(), 0.1, 0.25)
+    return enough * together * _ramp(axes.excess[2], 0.01, 0.07), enough * _ramp(axes.excess[:2].sum(), 0.1, 0.25)
 
 
 def _ramp(value: float, none: float, full: float) -> float:

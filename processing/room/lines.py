@@ -25,7 +25,7 @@ WIDEST_PX = 2048
 """Larger panoramas are reduced to this width by area: lines of 1/600 of the picture's width are found there."""
 VIEW_FOV_RAD = math.radians(75)
 OVERLAP = 0.3
-CONTRAST_STOPS = 4.0
+CONTRAST_STOPS = 2.5
 """Of local contrast in the tone-mapped copy, from black to white."""
 SURROUND_RAD = math.radians(12)
 DARK_SHARE = 0.02

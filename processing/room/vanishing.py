@@ -28,6 +28,8 @@ PAIRS, KEPT, FEWEST = 1500, 8, 12
 AZIMUTH_STEPS = 120
 SECTORS = 12
 APART_RAD = math.radians(1.5)
+TILT_COST = 0.3
+"""Of merit, for one radian of tilt, squared."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +52,12 @@ def find_axes(arcs: Arcs, *, most_tilt_rad: float = MOST_TILT_RAD) -> Axes | Non
         return None
     worth = np.minimum(arcs.length_rad, LONGEST_RAD)
     candidates = _verticals(arcs, worth, most_tilt_rad)
-    started = [_with_azimuth(arcs, worth, vertical) for vertical in candidates]
-    rows = max(started, key=lambda entry: entry[0])[1]
-    for spread in (SEARCH_RAD, 0.8 * SEARCH_RAD, FINE_RAD):
+    started = [_refined(arcs, worth, _with_azimuth(arcs, worth, one), SEARCH_RAD, 8) for one in candidates]
+    rows = max(started, key=lambda one: _merit(arcs, worth, one))
+    for spread in (0.8 * SEARCH_RAD, FINE_RAD):
         rows = _refined(arcs, worth, rows, spread, 8)
     rows = _canonical(rows)
-    return Axes(rows, _jackknife(arcs, worth, rows), *_excess(arcs, worth, rows))
+    return Axes(rows, _jackknife(arcs, worth, rows), *_excess(arcs, worth, rows, FINE_RAD))
 
 
 def _spread(arcs: Arcs, of_room_rad: float) -> Doubles:
@@ -86,8 +88,8 @@ def _verticals(arcs: Arcs, worth: Doubles, most_tilt_rad: float) -> Doubles:
     return np.asarray(crossing[kept])
 
 
-def _with_azimuth(arcs: Arcs, worth: Doubles, vertical: Doubles) -> tuple[float, Doubles]:
-    """Return the best score and axes (3, 3) with a vertical."""
+def _with_azimuth(arcs: Arcs, worth: Doubles, vertical: Doubles) -> Doubles:
+    """Return the best axes (3, 3) with a vertical."""
     first = np.cross([0.0, 1.0, 0.0], vertical)
     first /= np.linalg.norm(first)
     second = np.cross(vertical, first)
@@ -98,12 +100,18 @@ def _with_azimuth(arcs: Arcs, worth: Doubles, vertical: Doubles) -> tuple[float,
     x = np.outer(along[:, 0], cosine) + np.outer(along[:, 1], sine)
     y = np.outer(along[:, 1], cosine) - np.outer(along[:, 0], sine)
     nearest = np.minimum(np.minimum(x**2, y**2), along[:, 2:] ** 2)
-    score = worth @ np.exp(-0.5 * nearest)
-    best = int(score.argmax())
-    turned = np.stack(
-        [first * cosine[best] + second * sine[best], second * cosine[best] - first * sine[best], vertical]
-    )
-    return float(score[best]), turned
+    best = int((worth @ np.exp(-0.5 * nearest)).argmax())
+    ahead = first * cosine[best] + second * sine[best]
+    return np.stack([ahead, np.cross(vertical, ahead), vertical])
+
+
+def _merit(arcs: Arcs, worth: Doubles, rows: Doubles) -> float:
+    """Return how well axes explain the arcs, each axis by itself: planks, however many, are evidence of one axis only.
+
+    Of nearly equal ones the less tilted wins.
+    """
+    excess, _ = _excess(arcs, worth, rows, SEARCH_RAD)
+    return float(np.sqrt(np.maximum(excess, 0.0)).sum()) - TILT_COST * float(np.arccos(min(1.0, abs(rows[2, 2])))) ** 2
 
 
 def _refined(arcs: Arcs, worth: Doubles, rows: Doubles, of_room_rad: float, steps: int) -> Doubles:
@@ -143,8 +151,8 @@ def _sector(arcs: Arcs, rows: Doubles) -> npt.NDArray[np.intp]:
     return np.asarray(np.minimum((turn * SECTORS).astype(np.intp), SECTORS - 1))
 
 
-def _excess(arcs: Arcs, worth: Doubles, rows: Doubles) -> tuple[Doubles, float]:
-    within = 2 * _spread(arcs, FINE_RAD)
+def _excess(arcs: Arcs, worth: Doubles, rows: Doubles, of_room_rad: float) -> tuple[Doubles, float]:
+    within = 2 * _spread(arcs, of_room_rad)
     chance = np.minimum(np.sin(np.minimum(within, math.pi / 2)), 1 / 3)
     telling = worth * (1 - 3 * chance)
     off = np.abs(arcs.normals @ rows.T)

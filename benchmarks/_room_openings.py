@@ -1,0 +1,129 @@
+"""Windows and doors measured: found rectangles against true ones, on the true wall as the camera sees it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from benchmarks._room_level import as_image
+from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
+from benchmarks.seeds import Split
+from mocks.rooms.truth import TruthPictures
+from processing.images import RelativeImage
+from processing.room.model import Opening, OpeningKind, RoomModel
+from processing.room.openings import find_openings
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Source = Callable[[RelativeImage, TruthPictures], SceneEvidence]
+
+OF_SURFACE = {
+    "floor": SceneClass.FLOOR,
+    "ceiling": SceneClass.CEILING,
+    "window frame": SceneClass.WINDOW,
+    "door": SceneClass.DOOR,
+    "door frame": SceneClass.DOOR,
+    "hallway": SceneClass.DOOR,
+    "meter board": SceneClass.TRIPOD,
+} | dict.fromkeys(("wall", "skirting", "reveal", "window sill"), SceneClass.WALL)
+
+
+def classes_of_truth(truth: TruthPictures) -> npt.NDArray[np.int16]:
+    """Return the class of every pixel (H, W)."""
+    table = np.array([OF_SURFACE.get(name, SceneClass.FIXTURE) for name in truth.surface_names], np.int16)
+    found = np.where(truth.surface >= 0, table[np.maximum(truth.surface, 0)], SceneClass.WINDOW)
+    found = np.where(truth.furniture & (found != SceneClass.TRIPOD), SceneClass.FURNITURE, found)
+    return np.asarray(np.where(truth.tripod, SceneClass.TRIPOD, found), dtype=np.int16)
+
+
+def evidence_of_truth(
+    truth: TruthPictures, *, rows: int = 128, blur_px: float = 1.0, noise: float = 0.5, seed: int = 0
+) -> SceneEvidence:
+    """Return what a network that is right, but coarse, blurred and unsure, would say."""
+    rng = np.random.default_rng(seed)
+    classes = classes_of_truth(truth)
+    planes = []
+    for each in SceneClass:
+        share = cv2.resize((classes == each).astype(np.float32), (2 * rows, rows), interpolation=cv2.INTER_AREA)
+        planes.append(cv2.GaussianBlur(share, (0, 0), blur_px))
+    log = np.log(np.stack(planes) + 0.02)
+    log += noise * np.stack([cv2.GaussianBlur(rng.normal(size=log.shape[1:]), (0, 0), 2.0) * 7 for _ in log])
+    odds = np.exp(log)
+    return SceneEvidence((odds / odds.sum(axis=0)).astype(np.float32), source="truth, blurred")
+
+
+def rectangle_m(room: RoomModel, opening: Opening) -> Doubles:
+    """Return the corners (4, 3) of an opening, seen from the camera."""
+    first, second = np.array(room.floor[opening.wall]), np.array(room.floor[(opening.wall + 1) % len(room.floor)])
+    along = (second - first) / np.linalg.norm(second - first)
+    at = [first + along * opening.start_m, first + along * opening.end_m]
+    low, high = opening.sill_m - room.camera_height_m, opening.head_m - room.camera_height_m
+    return np.array([[*at[0], low], [*at[1], low], [*at[1], high], [*at[0], high]])
+
+
+def overlap(true_room: RoomModel, true: Opening, room: RoomModel, found: Opening) -> float:
+    """Return the IoU of two openings where the camera sees them on the true wall."""
+    mine, other = rectangle_m(true_room, true), rectangle_m(room, found)
+    origin, u, v = mine[0], mine[1] - mine[0], mine[3] - mine[0]
+    normal = np.cross(u, v)
+    depth = other @ normal / (origin @ normal)
+    if (depth < 0.05).any():
+        return 0.0
+    hit = other / depth[:, None] - origin
+    there = shapely.Polygon(np.stack([hit @ u / np.linalg.norm(u), hit @ v / np.linalg.norm(v)], axis=1)).buffer(0)
+    here = shapely.box(0, 0, float(np.linalg.norm(u)), float(np.linalg.norm(v)))
+    union = here.union(there).area
+    return float(here.intersection(there).area / union) if union > 0 else 0.0
+
+
+def matched(
+    true_room: RoomModel, true: Sequence[Opening], room: RoomModel, found: Sequence[Opening]
+) -> tuple[list[float], int]:
+    """Return the IoU of every true opening (0: missed) and how many found ones lie on none (IoU below 0.1)."""
+    from scipy.optimize import linear_sum_assignment
+
+    if not true or not found:
+        return [0.0] * len(true), len(found)
+    table = np.array([[overlap(true_room, a, room, b) for b in found] for a in true])
+    rows, columns = linear_sum_assignment(-table)
+    best = np.zeros(len(true))
+    best[rows] = table[rows, columns]
+    return [float(value) for value in best], int((table.max(axis=0) < 0.1).sum())
+
+
+def score_room(true_room: RoomModel, room: RoomModel, found: Sequence[Opening]) -> dict[str, Any]:
+    """Return IoUs of windows and of doors (passages count as doors), and false ones of each."""
+    out: dict[str, Any] = {}
+    for name, kinds in (("window", {OpeningKind.WINDOW}), ("door", {OpeningKind.DOOR, OpeningKind.PASSAGE})):
+        true = [o for o in true_room.openings if o.kind in kinds]
+        mine = [o for o in found if o.kind in kinds]
+        out[name], out[f"{name}_false"] = matched(true_room, true, room, mine)
+    return out
+
+
+def simulated(split: Split, count: int, source: Source, *, empty: bool = False) -> dict[str, list[Any]]:
+    """Return for each room of a split its scores, with the true room given; ``source`` makes the evidence."""
+    out: dict[str, list[Any]] = {"room": [], "score": [], "found": [], "cpu_s": []}
+    for seed, use in kept_list(split, count):
+        room, truth = truth_of(seed, use)
+        if not np.isfinite(truth.luminance_rgb).all():
+            continue
+        true_room = room_model_of(room)
+        image = as_image(truth.empty_rgb if empty else truth.luminance_rgb)
+        evidence = source(image, truth)
+        bare = true_room.model_copy(update={"openings": ()})
+        start = time.process_time()
+        found = find_openings(image, evidence, bare)
+        out["cpu_s"].append(time.process_time() - start)
+        out["room"].append((room.name, true_room))
+        out["found"].append(found)
+        out["score"].append(score_room(true_room, bare, found))
+    return out

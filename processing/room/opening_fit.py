@@ -1,0 +1,215 @@
+"""One opening's rectangle on its wall, fitted to evidence and edges.
+
+What an opening shows is not its rectangle: a window's frame and panes stand back in the wall by the depth of its
+reveal, so that they look smaller and shifted; a door's casing lies around it on the wall. The fit knows both: it places
+the rectangle so that what should be seen of it matches the classes, and edges of light run along both outlines.
+
+Rectangles are (u0, v0, u1, v1) in metres of the wall's plane, v down.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.room.wall_views import WallView
+from processing.segmentation.classes import SceneClass
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Box = tuple[float, float, float, float]
+
+HIDING = (SceneClass.FURNITURE, SceneClass.TRIPOD, SceneClass.FIXTURE)
+"""What may hide an opening: there, classes tell nothing."""
+REGION_PER_M2 = 10.0
+"""Weight of a square metre of surely right class, against a metre of sharp edge."""
+OUTER_EDGE, INNER_EDGE, COMMON_EDGE = 1.0, 1.0, 0.3
+"""Weights of the edges around the opening and around what is seen of it; edge strength anywhere on a wall."""
+REACH_M, PASSES = 0.3, 3
+LEAST_SIDE_M = 0.3
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the fit must know of windows, or of doors."""
+
+    shown: SceneClass
+    recesses_m: tuple[float, ...]
+    """Above 0: what is seen stands back so far; below 0: it lies around the opening by so much."""
+    usual_recess_m: tuple[float, float]
+    """Mean and spread."""
+    to_floor: bool
+    usual_width_m: tuple[float, float] | None = None
+    usual_head_m: tuple[float, float] | None = None
+
+
+WINDOW = Kind(SceneClass.WINDOW, tuple(0.04 * i for i in range(12)), (0.24, 0.12), to_floor=False)
+DOOR = Kind(
+    SceneClass.DOOR,
+    (-0.1, -0.08, -0.06, -0.04, -0.02, 0.0, 0.05, 0.1),
+    (-0.05, 0.04),
+    to_floor=True,
+    usual_width_m=(0.82, 0.12),
+    usual_head_m=(2.03, 0.08),
+)
+
+
+@dataclass(frozen=True)
+class Field:
+    """Sums over a wall, for one kind of opening."""
+
+    view: WallView
+    kind: Kind
+
+    @cached_property
+    def votes(self) -> Floats:
+        """Return for and against the kind at each texel (h, w), -1..1; 0 where something hides the wall."""
+        shown = self.view.share[self.kind.shown]
+        hidden = self.view.share[list(HIDING)].sum(axis=0)
+        return np.where(self.view.known, 2 * shown + hidden - 1, 0.0).astype(np.float32)
+
+    @cached_property
+    def _votes_sum(self) -> Doubles:
+        return cv2.integral(self.votes, sdepth=cv2.CV_64F)
+
+    @cached_property
+    def _edge_sums(self) -> tuple[Doubles, Doubles]:
+        """Return running sums of edges: rightward steps down the columns, downward steps along the rows."""
+        clear = 1 - np.minimum(self.view.share[[SceneClass.FURNITURE, SceneClass.TRIPOD]].sum(axis=0), 1)
+        across, down = self.view.edges
+        known = self.view.known * clear
+        # An edge that is tilted or wavy by a texel is still one edge.
+        wide = cv2.blur(across, (3, 1)), cv2.blur(down, (1, 3))
+        first = np.cumsum((wide[0] - COMMON_EDGE) * known, axis=0, dtype=np.float64)
+        second = np.cumsum((wide[1] - COMMON_EDGE) * known, axis=1, dtype=np.float64)
+        return np.pad(first, ((1, 0), (0, 0))), np.pad(second, ((0, 0), (1, 0)))
+
+    def region(self, u0: Doubles, v0: Doubles, u1: Doubles, v1: Doubles) -> Doubles:
+        """Return the sum of votes (m2) in boxes; ends between texels count in part."""
+        p = self.view.px_per_m
+        height, width = self.votes.shape
+        x0, x1 = (np.clip(np.asarray(u) * p, 0, width) for u in (u0, u1))
+        y0, y1 = (np.clip(np.asarray(v) * p, 0, height) for v in (v0, v1))
+        at = self._votes_at
+        return np.asarray((at(y1, x1) - at(y0, x1) - at(y1, x0) + at(y0, x0)) / p**2)
+
+    def _votes_at(self, y: Doubles, x: Doubles) -> Doubles:
+        y, x = np.broadcast_arrays(y, x)
+        table = self._votes_sum
+        row = np.minimum(y.astype(int), table.shape[0] - 2)
+        column = np.minimum(x.astype(int), table.shape[1] - 2)
+        b, a = y - row, x - column
+        upper = table[row, column] * (1 - a) + table[row, column + 1] * a
+        return np.asarray(upper * (1 - b) + (table[row + 1, column] * (1 - a) + table[row + 1, column + 1] * a) * b)
+
+    def upright_edge(self, u: Doubles, v0: Doubles, v1: Doubles) -> Doubles:
+        """Return how much edge (m) runs along upright lines; 0 at the wall's own ends."""
+        table, p = self._edge_sums[0], self.view.px_per_m
+        return _line(table.T, np.asarray(u) * p, np.asarray(v0) * p, np.asarray(v1) * p) / p
+
+    def level_edge(self, v: Doubles, u0: Doubles, u1: Doubles) -> Doubles:
+        """Return how much edge (m) runs along level lines."""
+        table, p = self._edge_sums[1], self.view.px_per_m
+        return _line(table, np.asarray(v) * p, np.asarray(u0) * p, np.asarray(u1) * p) / p
+
+
+def _line(table: Doubles, at: Doubles, start: Doubles, end: Doubles) -> Doubles:
+    """Return running sums along rows of a table, from start to end, at places (in texels) between rows' middles."""
+    at, start, end = np.broadcast_arrays(at, start, end)
+    inside = (at > 1) & (at < table.shape[0] - 1)
+    place = np.clip(at - 0.5, 0, table.shape[0] - 1.001)
+    row = place.astype(int)
+    share = place - row
+    first = np.clip(np.rint(start), 0, table.shape[1] - 1).astype(int)
+    last = np.clip(np.rint(end), 0, table.shape[1] - 1).astype(int)
+    total = (table[row, last] - table[row, first]) * (1 - share) + (
+        table[row + 1, last] - table[row + 1, first]
+    ) * share
+    return np.where(inside, total, 0.0)
+
+
+def shown_box(view: WallView, recess_m: float, box: tuple[Doubles, ...]) -> tuple[Doubles, ...]:
+    """Return what is seen of openings on the wall: behind a reveal, or with the casing around."""
+    u0, v0, u1, v1 = box
+    if recess_m <= 0:
+        return u0 + recess_m, v0 + recess_m, u1 - recess_m, v1 + 0 * u1
+    eye_u, eye_v, away = view.eye
+    k = away / (away + recess_m)
+    far = (eye_u + (u0 - eye_u) * k, eye_v + (v0 - eye_v) * k, eye_u + (u1 - eye_u) * k, eye_v + (v1 - eye_v) * k)
+    return np.maximum(u0, far[0]), np.maximum(v0, far[1]), np.minimum(u1, far[2]), np.minimum(v1, far[3])
+
+
+def box_of_shown(view: WallView, recess_m: float, shown: Box) -> Box:
+    """Return the opening of which a box is seen: the inverse of `shown_box`."""
+    u0, v0, u1, v1 = shown
+    if recess_m <= 0:
+        return u0 - recess_m, v0 - recess_m, u1 + recess_m, v1
+    eye_u, eye_v, away = view.eye
+    grow = (away + recess_m) / away
+    return (
+        min(u0, eye_u + (u0 - eye_u) * grow),
+        min(v0, eye_v + (v0 - eye_v) * grow),
+        max(u1, eye_u + (u1 - eye_u) * grow),
+        max(v1, eye_v + (v1 - eye_v) * grow),
+    )
+
+
+def score(field: Field, recess_m: float, box: tuple[Doubles, ...]) -> Doubles:
+    """Return how well openings (arrays of sides) explain the wall; larger is better, 0 is no opening."""
+    kind, view = field.kind, field.view
+    u0, v0, u1, v1 = box
+    s0, t0, s1, t1 = shown_box(view, recess_m, box)
+    total = REGION_PER_M2 * field.region(s0, t0, s1, t1)
+    apart = 1.5 / view.px_per_m
+    for at, inner in ((u0, s0), (u1, s1)):
+        total = total + INNER_EDGE * field.upright_edge(inner, t0, t1)
+        total = total + OUTER_EDGE * field.upright_edge(at, v0, v1) * (np.abs(at - inner) > apart)
+    for at, inner in ((v0, t0), (v1, t1)):
+        if kind.to_floor and at is v1:
+            continue
+        total = total + INNER_EDGE * field.level_edge(inner, s0, s1)
+        total = total + OUTER_EDGE * field.level_edge(at, u0, u1) * (np.abs(at - inner) > apart)
+    if kind.usual_width_m:
+        total = total - 0.25 * ((u1 - u0 - kind.usual_width_m[0]) / kind.usual_width_m[1]) ** 2
+    if kind.usual_head_m:
+        total = total - 0.25 * ((view.plane.height_m - v0 - kind.usual_head_m[0]) / kind.usual_head_m[1]) ** 2
+    return np.asarray(total)
+
+
+def recess_cost(kind: Kind, recess_m: float) -> float:
+    """Return what an unusual recess costs, in units of the score."""
+    return 0.5 * ((recess_m - kind.usual_recess_m[0]) / kind.usual_recess_m[1]) ** 2
+
+
+def fitted(field: Field, recess_m: float, start: Box) -> tuple[float, Box]:
+    """Return the best score and rectangle near a start: each side is moved in turn, a few times."""
+    view = field.view
+    sides = list(_kept_inside(view, start))
+    step = 1 / view.px_per_m
+    moves = np.arange(-math.ceil(REACH_M / step), math.ceil(REACH_M / step) + 1) * step
+    limits = (view.plane.width_m, view.plane.height_m)
+    best = -math.inf
+    for _ in range(PASSES):
+        for which in (0, 2, 1) if field.kind.to_floor else (0, 2, 1, 3):
+            tried = sides[which] + moves
+            low = 0.0 if which < 2 else sides[which - 2] + LEAST_SIDE_M
+            high = sides[which + 2] - LEAST_SIDE_M if which < 2 else limits[which % 2]
+            tried = tried[(tried >= low - 1e-9) & (tried <= high + 1e-9)]
+            if not tried.size:
+                continue
+            box = tuple(tried if i == which else np.full_like(tried, sides[i]) for i in range(4))
+            found = score(field, recess_m, box)
+            place = int(found.argmax())
+            best, sides[which] = float(found[place]), float(tried[place])
+    return best, (sides[0], sides[1], sides[2], sides[3])
+
+
+def _kept_inside(view: WallView, box: Box) -> Box:
+    width, height = view.plane.width_m, view.plane.height_m
+    u0, v0 = max(0.0, box[0]), max(0.0, box[1])
+    return u0, v0, min(width, max(box[2], u0 + LEAST_SIDE_M)), min(height, max(box[3], v0 + LEAST_SIDE_M))

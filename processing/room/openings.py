@@ -1,0 +1,119 @@
+"""Windows, doors and passages of a room, as rectangles on its walls.
+
+Class evidence says where there is one, the light says where its edges run (`processing.room.opening_fit`). The depth of
+the reveals is that of the whole room: the one under which all windows together are explained best.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.images import LuminanceImage, RelativeImage
+from processing.room.model import Opening, OpeningKind, RoomModel
+from processing.room.opening_fit import DOOR, WINDOW, Box, Field, Kind, box_of_shown, fitted, recess_cost
+from processing.room.wall_views import WallView, wall_views
+from processing.segmentation.evidence import SceneEvidence
+
+Floats = npt.NDArray[np.float32]
+
+LEAST_SHARE = 0.5
+LEAST_AREA_M2 = 0.08
+GAP_M = 0.1
+"""Narrower bars across an opening do not divide it."""
+FLOOR_M = 0.16
+"""A window whose lower edge is lower is a glass door."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A rectangle on a wall, with what speaks for it."""
+
+    field: Field
+    box: Box
+    score: float
+
+
+def find_openings(
+    image: RelativeImage | LuminanceImage,
+    evidence: SceneEvidence,
+    room: RoomModel,
+    *,
+    outdoor: LuminanceImage | None = None,
+) -> tuple[Opening, ...]:
+    """Return the openings of a room (its own are not looked at) in an upright equirectangular picture."""
+    views = wall_views(image, evidence, room)
+    found = [*_of_kind(views, WINDOW), *_of_kind(views, DOOR)]
+    return tuple(_opening(one, room) for one in _apart(found))
+
+
+def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
+    """Return the fitted openings of a kind on all walls, at the recess that suits all of them."""
+    starts = [(field, box) for field in (Field(view, kind) for view in views) for box in proposals(field)]
+    if not starts:
+        return []
+    best: tuple[float, list[Candidate]] = (-math.inf, [])
+    for recess in kind.recesses_m:
+        tried = [Candidate(f, b, s) for f, b, s in (_fit(field, recess, shown) for field, shown in starts)]
+        total = sum(one.score - recess_cost(kind, recess) for one in tried)
+        best = max(best, (total, tried), key=lambda entry: entry[0])
+    return best[1]
+
+
+def _fit(field: Field, recess: float, shown: Box) -> tuple[Field, Box, float]:
+    value, box = fitted(field, recess, box_of_shown(field.view, recess, shown))
+    return field, box, value
+
+
+def proposals(field: Field) -> list[Box]:
+    """Return boxes (u0, v0, u1, v1) around what is surely of the kind: what is seen of it, not the opening itself."""
+    view, p = field.view, field.view.px_per_m
+    there = ((view.share[field.kind.shown] > LEAST_SHARE) & view.known).astype(np.uint8)
+    size = max(1, round(GAP_M * p)) | 1
+    there = cv2.morphologyEx(there, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(there, connectivity=4)
+    found = []
+    for label in range(1, count):
+        if stats[label, cv2.CC_STAT_AREA] < LEAST_AREA_M2 * p**2:
+            continue
+        rows, columns = np.nonzero(labels == label)
+        # Its sides lie where most of its rows and columns end, not where a spur reaches to.
+        u0, u1 = np.percentile(columns, [2, 98])
+        v0, v1 = np.percentile(rows, [2, 98])
+        bottom = view.plane.height_m if field.kind.to_floor else (v1 + 1) / p
+        found.append((float(u0 / p), float(v0 / p), float((u1 + 1) / p), float(bottom)))
+    return found
+
+
+def _apart(found: list[Candidate]) -> list[Candidate]:
+    """Return candidates that do not overlap: of two, the one with less to say for it gives way."""
+    kept: list[Candidate] = []
+    for one in sorted(found, key=lambda c: -c.score):
+        if all(one.field.view.wall != other.field.view.wall or not _overlap(one.box, other.box) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _overlap(a: Box, b: Box) -> bool:
+    return min(a[2], b[2]) - max(a[0], b[0]) > 0 and min(a[3], b[3]) - max(a[1], b[1]) > 0
+
+
+def _opening(one: Candidate, room: RoomModel) -> Opening:
+    view = one.field.view
+    u0, v0, u1, v1 = one.box
+    length, height = view.plane.width_m, view.plane.height_m
+    sill = height - v1
+    kind = OpeningKind.DOOR if one.field.kind is DOOR else OpeningKind.WINDOW
+    return Opening(
+        kind=kind,
+        wall=view.wall,
+        start_m=max(0.0, length - u1),
+        end_m=min(length, length - u0),
+        sill_m=0.0 if sill < FLOOR_M or kind is OpeningKind.DOOR else sill,
+        head_m=min(height - v0, room.ceiling_height_m),
+        confidence=float(np.clip(one.score / 10, 0, 1)),
+    )

@@ -1,0 +1,109 @@
+"""What the camera sees of one wall, rectified: light, its gradients, and the evidence of what is there.
+
+Places on a wall are (u, v) in metres of its `Plane`: u to the right, v down from the ceiling.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.room.model import RoomModel
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.sphere import Equirectangular
+from processing.surfaces.plane import FIRST_WALL, Plane
+from processing.surfaces.planes import planes_of
+from processing.surfaces.textures import unwrap
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+
+MOST_PX_PER_M, LEAST_PX_PER_M = 120.0, 30.0
+LARGEST_TEXELS = 2_000_000
+EDGE_STOPS = 0.25
+"""A step in log2 luminance, over one texel, at which an edge counts half: faint and strong edges count nearly alike."""
+LEAST_SEEN = 0.02
+"""Share of a wall that must be seen."""
+
+
+@dataclass(frozen=True)
+class WallView:
+    """One wall as a texture."""
+
+    plane: Plane
+    px_per_m: float
+    log_luminance: Floats
+    """(h, w): log2 of luminance over the room's median."""
+    known: npt.NDArray[np.bool_]
+    """(h, w)."""
+    share: Floats
+    """(len(SceneClass), h, w): probabilities."""
+    eye: tuple[float, float, float]
+    """The camera's (u, v) and its distance from the wall, m."""
+
+    @property
+    def wall(self) -> int:
+        """Return the number of the wall in the room."""
+        return self.plane.index - FIRST_WALL
+
+    @cached_property
+    def edges(self) -> tuple[Floats, Floats]:
+        """Return how clearly brightness steps at each texel (h, w), 0..1, from left to right and downwards."""
+        soft = cv2.GaussianBlur(self.log_luminance, (0, 0), 0.8)
+        out = []
+        for dx, dy in ((1, 0), (0, 1)):
+            step = np.abs(cv2.Sobel(soft, cv2.CV_32F, dx, dy, ksize=3, scale=0.25, borderType=cv2.BORDER_REPLICATE))
+            strength = step / (step + EDGE_STOPS)
+            # The border of what is seen is no edge of the room.
+            inside = cv2.erode(self.known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            out.append(np.where(inside, strength, 0.0).astype(np.float32))
+        return out[0], out[1]
+
+
+def wall_views(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, room: RoomModel) -> tuple[WallView, ...]:
+    """Return the walls that the camera sees, of an upright equirectangular picture."""
+    geometry = image.geometry
+    assert isinstance(geometry, Equirectangular)
+    luminance = luminance_cd_m2(image.rgb)
+    shown = luminance[luminance > 0]
+    middle = float(np.median(shown)) if shown.size else 1.0
+    log = np.log2(luminance + np.float32(0.01 * middle)) - np.float32(math.log2(middle))
+    share = np.ascontiguousarray(np.moveaxis(evidence.probabilities, 0, -1), dtype=np.float32)
+    coarse = Equirectangular(share.shape[1], share.shape[0], geometry.yaw_rad)
+    found = []
+    for plane in planes_of(room)[FIRST_WALL:]:
+        view = _wall_view(log, geometry, share, coarse, room, plane)
+        if view is not None:
+            found.append(view)
+    return tuple(found)
+
+
+def _wall_view(
+    log: Floats, geometry: Equirectangular, share: Floats, coarse: Equirectangular, room: RoomModel, plane: Plane
+) -> WallView | None:
+    to_eye = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
+    eye = (float(to_eye @ plane.u_axis), float(to_eye @ plane.v_axis), float(to_eye @ plane.normal))
+    if eye[2] <= 0.02:
+        return None
+    px_per_m = _px_per_m(geometry, eye, plane)
+    light = unwrap(log, geometry, room, plane, px_per_m)
+    if light.known.mean() < LEAST_SEEN:
+        return None
+    classes = unwrap(share, coarse, room, plane, px_per_m)
+    return WallView(plane, px_per_m, light.values, light.known, np.moveaxis(classes.values, -1, 0), eye)
+
+
+def _px_per_m(geometry: Equirectangular, eye: tuple[float, float, float], plane: Plane) -> float:
+    """Return the density at which the wall's best seen place has a texel for each pixel."""
+    aside = max(0.0, -eye[0], eye[0] - plane.width_m)
+    nearest = math.hypot(eye[2], aside)
+    most = math.sqrt(LARGEST_TEXELS / max(plane.width_m * plane.height_m, 1e-6))
+    best = geometry.width_px / (2 * math.pi) / max(nearest, 0.1)
+    return float(np.clip(best, min(LEAST_PX_PER_M, most), min(MOST_PX_PER_M, most)))
