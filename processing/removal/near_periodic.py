@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from processing.removal.illumination import fit_illumination
+from processing.removal.membrane import spread
 from processing.removal.near_periodic_blend import blend, met_to_rim
 from processing.removal.near_periodic_correlation import (
     Doubles,
@@ -23,10 +24,11 @@ from processing.removal.near_periodic_correlation import (
     Floats,
     SelfCorrelation,
     high_passed,
+    oriented,
     self_correlation,
 )
-from processing.removal.near_periodic_fill import Weights, solve_weights
-from processing.removal.near_periodic_lattice import Lattice, find_lattice
+from processing.removal.near_periodic_fill import Manner, Weights, solve_weights
+from processing.removal.near_periodic_lattice import ORIENTED_NCC, Lattice, find_lattice
 from processing.removal.near_periodic_offsets import Line, find_line, lattice_offsets, line_offsets, loose_offsets
 from processing.removal.tone import ToneScale, grey
 
@@ -35,6 +37,7 @@ SEARCH_PX = 400
 SOLVE_PX = 100_000
 """Pixels of the window on which copies are chosen."""
 RIM_PX = 6.0
+GRAIN_PX = 2.0
 PASSES = 3
 
 
@@ -45,6 +48,12 @@ class Repeat(StrEnum):
     LINE = "line"
     """Along one direction: planks."""
     NONE = "none"
+
+
+MANNERS = {Repeat.LATTICE: (0.35, 0.6, 2.0), Repeat.LINE: (1.0, 1.0, 8.0), Repeat.NONE: (1.0, 1.0, 16.0)}
+"""Box (of a cell), liveliness and detail (px): where nothing repeats, a mean of copies is a blur."""
+LOOSE_CELL = 0.045
+"""Of the texture's size: the neighbourhood that tells whether a copy fits where there is no lattice."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +71,10 @@ class Completion:
     """(h, w, 3): the factor by which the light differs from its mean."""
 
 
-def complete(values: Floats, known: Flags, hole: Flags, *, lively: float = 0.6) -> Completion:
+def complete(values: Floats, known: Flags, hole: Flags, *, density: Floats | None = None) -> Completion:
     """Fill ``hole`` of a texture (h, w, 3), linear light >= 0, from the ``known`` pixels; both masks (h, w).
+
+    ``density`` (h, w): picture pixels a texel; what was seen finely is then preferred where it was to be seen so.
 
     Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
     """
@@ -79,7 +90,15 @@ def complete(values: Floats, known: Flags, hole: Flags, *, lively: float = 0.6) 
     flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
     repeat = Repeat.LATTICE if lattice else Repeat.LINE if line else Repeat.NONE
     offsets, cell = _offsets(lattice, line, correlation, factor, known, hole)
-    filled, confidence = _filled(flat, known, hole, offsets, cell, lively if repeat is not Repeat.NONE else 1.0)
+    job = _Job(flat, known, hole, density)
+    filled, confidence, left = job.filled(offsets, manner_of(repeat, cell))
+    if left.any() and repeat is not Repeat.NONE:
+        rest = _Job(filled, known | (hole & ~left), left, density)
+        loose = loose_offsets(correlation) / factor
+        filled, more, left = rest.filled(loose, manner_of(Repeat.NONE, LOOSE_CELL * max(known.shape)))
+        confidence = np.where(rest.known, confidence, 0.5 * more)
+    if left.any():
+        filled = np.where(left[..., None], spread(filled, (known | hole) & ~left), filled)
     out = values.copy()
     out[hole] = scale.light((filled + slow)[hole])
     return Completion(out, confidence, repeat, lattice, np.exp(slow).astype(np.float32))
@@ -90,12 +109,16 @@ def analysed(tone: Floats, known: Flags) -> tuple[Lattice | None, Line | None, S
     factor = min(1.0, SEARCH_PX / max(tone.shape))
     small, share = _smaller(tone[..., None], known, factor)
     seen = share > 0.5
-    correlation = self_correlation(high_passed(small[..., 0], seen, 0.1 * min(small.shape[:2])), seen)
+    smooth = 0.1 * min(small.shape[:2])
+    correlation = self_correlation(high_passed(small[..., 0], seen, smooth), seen)
     lattice = find_lattice(correlation)
+    field, inner = oriented(high_passed(small[..., 0], seen, 0.25 * smooth), seen, GRAIN_PX)
+    if lattice is None:
+        lattice = find_lattice(self_correlation(field, inner), ORIENTED_NCC)
     if lattice is not None:
         scaled = Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength)
         return scaled, None, correlation, factor
-    return None, find_line(correlation), correlation, factor
+    return None, find_line(field, inner), correlation, factor
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:
@@ -116,67 +139,74 @@ def _offsets(
     if lattice is not None:
         cell = float(np.sqrt(abs(np.linalg.det(np.stack([lattice.a_px, lattice.b_px])))))
         return lattice_offsets(lattice, known, hole), cell
-    cell = 0.12 * max(known.shape)
+    cell = LOOSE_CELL * max(known.shape)
     if line is not None:
         return line_offsets(line, correlation) / factor, cell
     return loose_offsets(correlation) / factor, cell
 
 
-def _filled(
-    flat: Floats, known: Flags, hole: Flags, offsets: Doubles, cell: float, lively: float
-) -> tuple[Floats, Floats]:
-    """Return tone and confidence; what no copy reaches is filled from what was filled before."""
-    tone, seen, left = flat.copy(), known.copy(), hole.copy()
-    confidence = known.astype(np.float32)
-    for turn in range(PASSES):
-        done, tone_now, sure = _one_pass(tone, seen, left, offsets, cell, lively)
-        if not done.any():
-            break
-        tone[done] = tone_now[done]
-        confidence[done] = sure[done] * 0.7**turn
-        seen, left = seen | done, left & ~done
-        if not left.any():
-            break
-    if left.any():
-        from processing.removal.membrane import spread
-
-        tone = np.where(left[..., None], spread(tone, seen), tone)
-    return tone, confidence
+def manner_of(repeat: Repeat, cell_px: float) -> Manner:
+    """Return how copies of a texture are compared and blended."""
+    box, lively, detail_px = MANNERS[repeat]
+    return Manner(box * cell_px, lively, detail_px)
 
 
-def _one_pass(
-    tone: Floats, known: Flags, hole: Flags, offsets: Doubles, cell: float, lively: float
-) -> tuple[Flags, Floats, Floats]:
-    margin = round(max(0.6 * cell, 2 * RIM_PX)) + 2
-    window = _window(hole, margin)
-    area = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
-    scale = min(1.0, float(np.sqrt(SOLVE_PX / area)))
-    weights, small_window = _solved(tone, known, hole, offsets, window, scale, cell)
-    mean, offered = blend(tone, known, weights, window, scale, lively=lively)
-    met = met_to_rim(mean, offered, tone[window], known[window], hole[window], RIM_PX)
-    done, filled, sure = np.zeros_like(hole), np.zeros_like(tone), np.zeros(hole.shape, np.float32)
-    done[window] = hole[window] & offered
-    filled[window] = met
-    size = met.shape[1::-1]
-    cost = cv2.resize(weights.cost, size, interpolation=cv2.INTER_LINEAR)
-    sure[window] = np.exp(-1.5 * np.sqrt(np.maximum(cost, 0)))
-    return done, filled, sure
+@dataclass(frozen=True)
+class _Job:
+    """What is to be filled from what."""
 
+    tone: Floats
+    """(h, w, 3), 0 where not known."""
+    known: Flags
+    hole: Flags
+    density: Floats | None
 
-def _solved(
-    tone: Floats, known: Flags, hole: Flags, offsets: Doubles, window: tuple[slice, slice], scale: float, cell: float
-) -> tuple[Weights, tuple[slice, slice]]:
-    small, share = _smaller(tone, known, scale)
-    seen = share > 0.99
-    lack = ~seen if scale >= 1.0 else _smaller(hole[..., None].astype(np.float32), np.ones_like(hole), scale)[0][..., 0] > 0
-    lack = (lack & hole) if scale >= 1.0 else lack & ~seen
-    small = np.where(seen[..., None], small, 0).astype(np.float32)
-    rows, columns = (slice(int(s.start * scale), max(int(s.start * scale) + 2, int(np.ceil(s.stop * scale)))) for s in window)
-    rows = slice(rows.start, min(rows.stop, small.shape[0]))
-    columns = slice(columns.start, min(columns.stop, small.shape[1]))
-    box = max(7, round(0.35 * cell * scale))
-    found = solve_weights(small, seen, lack, offsets * scale, (rows, columns), box_px=box)
-    return found, (rows, columns)
+    def filled(self, offsets: Doubles, manner: Manner) -> tuple[Floats, Floats, Flags]:
+        """Return tone, confidence and what is left; what no copy reaches is filled from what was filled before."""
+        job, confidence = self, self.known.astype(np.float32)
+        for turn in range(PASSES):
+            done, tone, sure = job.one_pass(offsets, manner)
+            if not done.any():
+                break
+            confidence[done] = sure[done] * 0.7**turn
+            job = _Job(np.where(done[..., None], tone, job.tone), job.known | done, job.hole & ~done, self.density)
+            if not job.hole.any():
+                break
+        return job.tone, confidence, job.hole
+
+    def one_pass(self, offsets: Doubles, manner: Manner) -> tuple[Flags, Floats, Floats]:
+        """Return where the hole was filled, its tone and its confidence."""
+        window = _window(self.hole, round(max(1.7 * manner.box_px, 2 * RIM_PX)) + 2)
+        area = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
+        scale = min(1.0, float(np.sqrt(SOLVE_PX / area)))
+        weights = self.solved(offsets, window, scale, manner)
+        mean, offered = blend(self.tone, self.known, weights, window, scale, manner)
+        hole = self.hole[window]
+        done, filled = np.zeros_like(self.hole), np.zeros_like(self.tone)
+        sure = np.zeros(self.hole.shape, np.float32)
+        done[window] = hole & offered
+        filled[window] = met_to_rim(mean, offered, self.tone[window], self.known[window], hole, RIM_PX)
+        cost = cv2.resize(weights.cost, mean.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        sure[window] = np.exp(-1.5 * np.sqrt(np.maximum(cost, 0)))
+        return done, filled, sure
+
+    def solved(self, offsets: Doubles, window: tuple[slice, slice], scale: float, manner: Manner) -> Weights:
+        """Return the copies' weights, solved on a picture ``scale`` times as large."""
+        small, share = _smaller(self.tone, self.known, scale)
+        seen = share > 0.99
+        lack = _smaller(self.hole[..., None].astype(np.float32), np.ones_like(self.hole), scale)[0][..., 0] > 0
+        small = np.where(seen[..., None], small, 0).astype(np.float32)
+        inside = tuple(
+            slice(int(s.start * scale), min(max(int(s.start * scale) + 2, int(np.ceil(s.stop * scale))), n))
+            for s, n in zip(window, seen.shape, strict=True)
+        )
+        density = None
+        if self.density is not None:
+            density = cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA)
+        box = max(7, round(manner.box_px * scale))
+        return solve_weights(
+            small, seen, lack & ~seen, offsets * scale, (inside[0], inside[1]), box_px=box, density=density
+        )
 
 
 def _window(hole: Flags, margin: int) -> tuple[slice, slice]:

@@ -7,22 +7,22 @@ import numpy as np
 
 from processing.removal.membrane import spread
 from processing.removal.near_periodic_correlation import Flags, Floats
-from processing.removal.near_periodic_fill import Weights, shifted
+from processing.removal.near_periodic_fill import Manner, Weights, shifted
 
-DETAIL_PX = 2.0
 MIN_SHARE = 0.01
 LARGEST_STEP = 0.3
 """Tone by which the rim may pull a filling."""
 
 
 def blend(
-    tone: Floats, known: Flags, weights: Weights, window: tuple[slice, slice], scale: float, *, lively: float
+    tone: Floats, known: Flags, weights: Weights, window: tuple[slice, slice], scale: float, manner: Manner
 ) -> tuple[Floats, Flags]:
     """Return the window's copies blended (h, w, c), and where any copy offers something.
 
-    ``weights`` are those of a picture ``scale`` (<= 1) times as large. ``lively`` 0 takes the mean of the copies; 1 all
-    detail below some pixels from the best copy alone, its seams feathered.
+    ``weights`` are those of a picture ``scale`` (<= 1) times as large. The best copy's seams are feathered.
     """
+    # Cubic interpolation takes two pixels all round.
+    inner = cv2.erode(known.astype(np.uint8), np.ones((5, 5), np.uint8), borderType=cv2.BORDER_REPLICATE).astype(bool)
     rows, columns = window
     size = (columns.stop - columns.start, rows.stop - rows.start)
     mean = np.zeros((size[1], size[0], tone.shape[2]), np.float32)
@@ -39,7 +39,7 @@ def blend(
             slice(rows.start + part[0].start, rows.start + part[0].stop),
             slice(columns.start + part[1].start, columns.start + part[1].stop),
         )
-        copy, some = shifted(tone, known, offset / scale, place, cubic=True)
+        copy, some = shifted(tone, inner, offset / scale, place, cubic=True)
         w = share[part] * some
         h = hard[part] * some
         mean[part] += copy * w[..., None]
@@ -49,12 +49,9 @@ def blend(
     offered = total > 1e-3
     mean /= np.maximum(total, 1e-6)[..., None]
     sharp = np.where((sharp_total > 1e-3)[..., None], sharp / np.maximum(sharp_total, 1e-6)[..., None], mean)
-    detail = (sharp - _low(sharp)) - (mean - _low(mean))
-    return np.asarray(mean + np.float32(lively) * detail, np.float32), offered
-
-
-def _low(picture: Floats) -> Floats:
-    return np.asarray(cv2.GaussianBlur(picture, (0, 0), DETAIL_PX).reshape(picture.shape), np.float32)
+    change = sharp - mean
+    detail = change - cv2.GaussianBlur(change, (0, 0), manner.detail_px).reshape(change.shape)
+    return np.asarray(mean + np.float32(manner.lively) * detail, np.float32), offered
 
 
 def _enlarged(small: Floats, size: tuple[int, int]) -> Floats:

@@ -18,8 +18,20 @@ from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
 GUESS_WEIGHT = 0.25
 """Of filled pixels against known ones when copies are compared."""
 ROUNDS = 4
+COARSE_PENALTY = 1.0
 PRUNE = 0.002
 """Share of the hole that a copy must serve after the first round to stay."""
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How copies are compared and blended."""
+
+    box_px: float
+    """Neighbourhood that tells whether a copy fits, in the full picture's pixels."""
+    lively: float
+    """0: the mean of the copies; 1: all detail below ``detail_px`` is the best copy's alone."""
+    detail_px: float
 
 
 @dataclass(frozen=True)
@@ -54,9 +66,20 @@ def shifted(
 
 
 def solve_weights(
-    tone: Floats, known: Flags, hole: Flags, offsets: Doubles, window: tuple[slice, slice], *, box_px: int
+    tone: Floats,
+    known: Flags,
+    hole: Flags,
+    offsets: Doubles,
+    window: tuple[slice, slice],
+    *,
+    box_px: int,
+    density: Floats | None = None,
 ) -> Weights:
-    """Return which copies fill the window's hole; ``tone`` (h, w, c) must be 0 where not known."""
+    """Return which copies fill the window's hole; ``tone`` (h, w, c) must be 0 where not known.
+
+    ``density`` (h, w): how finely the picture that the texture comes from saw it; copies that were seen less finely
+    than their place count as worse.
+    """
     inner = np.ones((3, 3), np.uint8)
     reach = cv2.erode(known.astype(np.uint8), inner, borderType=cv2.BORDER_REPLICATE).astype(bool)
     copies, offered = (list(part) for part in zip(*(shifted(tone, reach, o, window, cubic=False) for o in offsets)))
@@ -64,10 +87,13 @@ def solve_weights(
     useful = [n for n, some in enumerate(offered) if (some & lack).any()] or [0]
     copies, offered, offsets = [copies[n] for n in useful], [offered[n] for n in useful], offsets[useful]
     any_copy = np.any(offered, axis=0)
+    penalty = _penalties(density, known, offsets, window)
     guess = _first_guess(tone[window], here, copies, offered)
     for turn in range(ROUNDS):
         size = max(3, round(box_px * (1.6 - 0.6 * turn / (ROUNDS - 1)))) | 1
         cost = _costs(guess, here, lack, copies, offered, size)
+        if penalty is not None:
+            cost *= penalty
         share, least = _shares(cost, 1.0 if turn < ROUNDS - 1 else 0.6)
         soft = _mean(copies, share)
         guess = np.where((lack & any_copy)[..., None], soft, guess).astype(np.float32)
@@ -77,7 +103,20 @@ def solve_weights(
             lost = any_copy & ~np.any([offered[n] for n in keep], axis=0) & lack
             if not lost.any():
                 copies, offered, offsets = [copies[n] for n in keep], [offered[n] for n in keep], offsets[keep]
+                penalty = None if penalty is None else penalty[keep]
     return Weights(share, np.argmin(cost, axis=0), any_copy, least, offsets)
+
+
+def _penalties(
+    density: Floats | None, known: Flags, offsets: Doubles, window: tuple[slice, slice]
+) -> Floats | None:
+    """Return (n, h, w) >= 1: by how much a copy's cost rises for being seen less finely than its place."""
+    if density is None:
+        return None
+    fine = np.log(np.maximum(density, 1e-3)).astype(np.float32)[..., None]
+    here = fine[window][..., 0]
+    lacks = [np.maximum(here - shifted(fine, known, o, window, cubic=False)[0][..., 0], 0) for o in offsets]
+    return np.asarray(1 + COARSE_PENALTY * np.stack(lacks) ** 2, np.float32)
 
 
 def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list[Flags]) -> Floats:

@@ -14,8 +14,11 @@ LATTICE_NCC = 0.35
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
 laminate 0.05 to 0.14 (measured)."""
 CANDIDATES = 48
+LONGEST = 0.45
+"""Of a step against the texture's size: a pattern must be seen to repeat."""
+ORIENTED_NCC = 0.45
+"""The same, of which way the grain runs: herringbone has 0.71 to 0.75, planks, laminate and carpet none (measured)."""
 NODE_REACH = 5
-LINE_NCC = 0.35
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,8 @@ def _valley(ncc: npt.NDArray[np.float32], centre: tuple[int, int], dx: npt.NDArr
     return np.asarray(ncc[y, x].min(axis=1), np.float64)
 
 
-def find_lattice(correlation: SelfCorrelation) -> Lattice | None:
-    """Return the lattice whose nodes explain the correlation best, or None where the best is below `LATTICE_NCC`."""
+def find_lattice(correlation: SelfCorrelation, least: float = LATTICE_NCC) -> Lattice | None:
+    """Return the lattice whose nodes explain the correlation best, or None where the best is below ``least``."""
     shifts, values = peaks(correlation)
     if len(shifts) < 2:
         return None
@@ -67,13 +70,15 @@ def find_lattice(correlation: SelfCorrelation) -> Lattice | None:
     a, b = shifts[first], shifts[second]
     cross = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     wide = cross > 0.2 * np.hypot(*a.T) * np.hypot(*b.T)
+    limit = LONGEST * np.array([4 / 3 * correlation.centre[1], 4 / 3 * correlation.centre[0]])
+    wide &= (np.abs(a) < limit).all(axis=1) & (np.abs(b) < limit).all(axis=1)
     a, b = a[wide], b[wide]
     if not len(a):
         return None
     score = _scores(correlation, a, b, 0.6 * float(values[0]))
     for best in np.argsort(-score)[:4]:
         lattice = _measured(correlation, *_refined(correlation, *reduced(a[best], b[best])))
-        if lattice is not None and lattice.strength >= LATTICE_NCC:
+        if lattice is not None and lattice.strength >= least:
             return lattice
     return None
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from processing.removal.near_periodic_correlation import Doubles, Flags, SelfCorrelation
-from processing.removal.near_periodic_lattice import LINE_NCC, Lattice
+from processing.removal.near_periodic_correlation import Doubles, Flags, Floats, SelfCorrelation
+from processing.removal.near_periodic_lattice import Lattice
 
 MOST = 64
 """Offsets that are tried."""
-ANGLES = 90
+LINE_SHARE = 0.6
+"""Of the grain that must run one way."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Line:
     direction: Doubles
     """(2,), unit."""
     strength: float
-    """Mean NCC along it."""
+    """0..1: how much of the grain runs that way."""
 
 
 def lattice_offsets(lattice: Lattice, known: Flags, hole: Flags) -> Doubles:
@@ -40,23 +41,21 @@ def lattice_offsets(lattice: Lattice, known: Flags, hole: Flags) -> Doubles:
     return np.concatenate([nodes[: MOST // 2], far[np.linspace(0, len(far) - 1, MOST // 2).astype(np.intp)]])
 
 
-def find_line(correlation: SelfCorrelation) -> Line | None:
-    """Return the direction along which the NCC stays high, or None where it does in none."""
-    reach = 0.6 * min(correlation.centre)
-    t = np.linspace(0.15 * reach, reach, 40)
-    angle = np.arange(ANGLES) * np.pi / ANGLES
-    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    ncc = correlation.at(direction[:, None, :] * t[:, None])
-    mean = np.nanmean(np.where(np.isfinite(ncc).any(axis=1, keepdims=True), ncc, 0), axis=1)
-    best = int(np.argmax(mean))
-    # Planks have a narrow ridge: other directions see nothing of it.
-    if mean[best] < LINE_NCC or mean[best] - np.median(mean) < 0.5 * LINE_NCC:
+def find_line(field: Floats, known: Flags) -> Line | None:
+    """Return the direction in which nearly all grain runs, of a field as `oriented` gives it; None where it does not."""
+    if not known.any():
         return None
-    return Line(direction[best], float(mean[best]))
+    # Edges lie across the gradient, hence the sign.
+    cosine, sine = (-field[known]).mean(axis=0)
+    strength = float(np.hypot(cosine, sine)) / max(float(np.hypot(*field[known].T).mean()), 1e-9)
+    if strength < LINE_SHARE:
+        return None
+    half = 0.5 * np.arctan2(sine, cosine)
+    return Line(np.array([np.cos(half), np.sin(half)]), strength)
 
 
 def line_offsets(line: Line, correlation: SelfCorrelation) -> Doubles:
-    """Return shifts along the line, both ways, and along it beside the nearest like neighbours across."""
+    """Return shifts along the line, both ways, and those of highest NCC whatever their direction."""
     rng = np.random.default_rng(3)
     reach = 0.95 * max(correlation.centre)
     along = np.linspace(0.08, 1, MOST // 3) * reach

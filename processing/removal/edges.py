@@ -1,0 +1,141 @@
+"""From a blurred probability to a mask that ends where things end in the picture.
+
+Graph cuts with colour models of inside and outside (GrabCut; Rother, Kolmogorov, Blake 2004) in windows around the
+sphere: models of one window know its few colours, which those of a whole room would drown. Windows overlap and vote.
+What is nearly certain is kept out of question, so that only uncertain bands can move. On full-size pictures, the
+edge is then laid on full-size pixels by a guided filter (He, Sun, Tang 2013), in tiles that hold an edge and nowhere
+else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.removal.round_masks import resized
+
+Flags = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+WINDOWS_RAD = (math.radians(56), math.radians(90))
+"""Widths of windows along the equator; each overlaps the next by half."""
+SURE = 0.95
+"""Probability from which a place is inside for good; 1 - SURE: outside."""
+ROUNDS = 2
+MARGIN_PX = 24
+LEAST_PX = 30
+"""Of likely inside, below which a window has nothing to learn colours from."""
+SEED = 1
+TILE_PX = 256
+GUIDE_RADIUS_PX = 8
+GUIDE_EPS = 1e-4
+"""Variance of display values (0..1) below which the guide is flat."""
+
+
+def snapped(probability: Floats, rgb8: Bytes) -> Floats:
+    """Return (H, W) in 0..1: the share of graph cuts that take a pixel for inside.
+
+    Parameters
+    ----------
+    probability
+        (H, W), of a whole panorama.
+    rgb8
+        (H, W, 3), sRGB.
+
+    Where no window has enough of it, what is above one half stays as it is.
+    """
+    found = np.zeros(probability.shape, np.float32)
+    for width_rad in WINDOWS_RAD:
+        found += _one_width(probability, rgb8, width_rad)
+    return found / np.float32(len(WINDOWS_RAD))
+
+
+def _one_width(probability: Floats, rgb8: Bytes, width_rad: float) -> Floats:
+    height, width = probability.shape
+    window = min(width, max(8, round(width_rad / (2 * math.pi) * width)))
+    count = math.ceil(width / max(window // 2, 1))
+    tent = (1 - np.abs(2 * (np.arange(window) + 0.5) / window - 1) + 0.02).astype(np.float32)
+    votes, weights = np.zeros((height, width), np.float32), np.zeros(width, np.float32)
+    for step in range(count):
+        columns = (round(step * width / count) + np.arange(window)) % width
+        votes[:, columns] += cut_picture(probability[:, columns], rgb8[:, columns]) * tent
+        weights[columns] += tent
+    return votes / weights
+
+
+def cut_picture(probability: Floats, rgb8: Bytes) -> Floats:
+    """Return 1 where the graph cut of one picture (h, w, 3) says inside, from probabilities (h, w)."""
+    inside = probability > 0.5
+    asked = (probability > 1 - SURE) & (probability < SURE)
+    if inside.sum() < LEAST_PX or not asked.any() or (probability > 1 - SURE).all():
+        return inside.astype(np.float32)
+    rows = np.flatnonzero((probability > 1 - SURE).any(axis=1))
+    first, last = max(0, int(rows[0]) - MARGIN_PX), min(len(probability), int(rows[-1]) + 1 + MARGIN_PX)
+    part = probability[first:last]
+    state = np.full(part.shape, cv2.GC_PR_BGD, np.uint8)
+    state[part > 0.5] = cv2.GC_PR_FGD
+    state[part >= SURE] = cv2.GC_FGD
+    state[part <= 1 - SURE] = cv2.GC_BGD
+    if not (state % 2 == 0).any():
+        return inside.astype(np.float32)
+    # Its colour clusters start from random numbers: the same ones each time.
+    cv2.setRNGSeed(SEED)
+    models = np.zeros((1, 65)), np.zeros((1, 65))
+    picture = np.ascontiguousarray(rgb8[first:last, :, ::-1])
+    cv2.grabCut(picture, state, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    found = inside.astype(np.float32)
+    found[first:last] = state % 2
+    return found
+
+
+def at_full_size(share: Floats, rgb8: Bytes) -> Floats:
+    """Return a soft mask (h, w) at a larger picture's size (H, W), its edges laid on that picture's edges."""
+    shape = (rgb8.shape[0], rgb8.shape[1])
+    large = resized(share, shape)
+    if shape[0] <= share.shape[0]:
+        return large
+    radius = max(2, round(GUIDE_RADIUS_PX * shape[0] / share.shape[0] / 2))
+    out = large.copy()
+    for rows, columns in _tiles(shape):
+        part = large[rows, columns]
+        if part.min() > 0.9 or part.max() < 0.1:
+            continue
+        top, bottom = max(0, rows.start - 2 * radius), min(shape[0], rows.stop + 2 * radius)
+        around = np.arange(columns.start - 2 * radius, columns.stop + 2 * radius) % shape[1]
+        guide = rgb8[top:bottom][:, around].astype(np.float32) / np.float32(255)
+        fine = guided(large[top:bottom][:, around], guide, radius)
+        inner = fine[rows.start - top : rows.stop - top, 2 * radius : 2 * radius + part.shape[1]]
+        out[rows, columns] = np.clip(inner, 0, 1)
+    return out
+
+
+def _tiles(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
+    for top in range(0, shape[0], TILE_PX):
+        for left in range(0, shape[1], TILE_PX):
+            yield slice(top, min(top + TILE_PX, shape[0])), slice(left, min(left + TILE_PX, shape[1]))
+
+
+def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS) -> Floats:
+    """Return ``values`` (h, w) smoothed along a colour guide (h, w, 3): linear in its colours within each window."""
+
+    def mean(picture: Floats) -> Floats:
+        side = 2 * radius_px + 1
+        return np.asarray(cv2.boxFilter(picture, -1, (side, side), borderType=cv2.BORDER_REFLECT), np.float32)
+
+    colour, value = mean(guide), mean(values)
+    covariance = mean(guide * values[..., None]) - colour * value[..., None]
+    spread = np.empty((*values.shape, 3, 3), np.float32)
+    for i in range(3):
+        for j in range(i, 3):
+            spread[..., i, j] = spread[..., j, i] = (
+                mean(guide[..., i] * guide[..., j]) - colour[..., i] * colour[..., j]
+            )
+    spread += np.float32(eps) * np.eye(3, dtype=np.float32)
+    slope = np.linalg.solve(spread, covariance[..., None])[..., 0]
+    offset = value - (slope * colour).sum(axis=2)
+    return np.asarray((mean(slope) * guide).sum(axis=2) + mean(offset), dtype=np.float32)

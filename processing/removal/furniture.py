@@ -1,0 +1,107 @@
+"""Which pixels show furniture: evidence joined with the room, cut at edges, filtered by the floor (paper, fig. 3b)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.removal.edges import snapped
+from processing.removal.round_masks import components, grown, row_solid_angles
+from processing.segmentation.classes import SceneClass
+from processing.surfaces.maps import SurfaceMaps
+from processing.surfaces.plane import CEILING, FLOOR
+
+Flags = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+FLOOR_SLACK_RAD = math.radians(2.5)
+"""Errors of the floor's boundary."""
+ON_FLOOR_SHARE = 0.05
+"""Of a component's solid angle that lies before the floor, from which it stands on it ..."""
+FOOT_SHARE = 0.10
+"""... or of the columns it is seen in, those whose lowest pixel does."""
+LEAST_SR = 2e-5
+"""Smaller components are noise: about 1.5 x 1.5 pixels of 1024 x 512."""
+CEILING_DOUBT = 2.0
+"""Natural logarithm of odds taken off furniture before the ceiling: only tall pieces near the camera reach up there."""
+
+
+@dataclass(frozen=True)
+class FurnitureFound:
+    """Furniture of a panorama at working size."""
+
+    mask: Flags
+    probability: Floats
+    """(H, W): before filtering by the floor, with edges."""
+    dropped: int
+    """Components that are not attached to the floor."""
+    dropped_sr: float
+
+
+def find_furniture(
+    probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, floor_filter: bool = True
+) -> FurnitureFound:
+    """Return the furniture of an upright panorama.
+
+    Parameters
+    ----------
+    probabilities
+        (8, H, W).
+    maps
+        Of the room, at the same size.
+    rgb8
+        (H, W, 3), sRGB.
+    floor_filter
+        False: keep what hangs on walls too.
+    """
+    prior = furniture_prior(probabilities, maps)
+    soft = snapped(prior, rgb8)
+    mask = soft > 0.5
+    if not floor_filter:
+        return FurnitureFound(mask, soft, 0, 0.0)
+    kept, dropped, dropped_sr = attached(mask, maps.plane == FLOOR)
+    return FurnitureFound(kept, soft, dropped, dropped_sr)
+
+
+def furniture_prior(probabilities: Floats, maps: SurfaceMaps) -> Floats:
+    """Return the probability (H, W) of furniture, with what the room says of places where none can be."""
+    share = np.clip(probabilities[SceneClass.FURNITURE], 1e-6, 1 - 1e-6)
+    odds = np.log(share / (1 - share))
+    odds = np.where(maps.plane == CEILING, odds - CEILING_DOUBT, odds)
+    return np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
+
+
+def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:
+    """Return the components of a mask that are attached to the floor, and count and solid angle (sr) of the others.
+
+    A component is attached where enough of it, or of its lower contour, lies before the floor's region (widened by
+    `FLOOR_SLACK_RAD`). Clutter on furniture stays, as it hangs together with what it stands on.
+    """
+    count, labels = components(mask)
+    if not count:
+        return mask.copy(), 0, 0.0
+    near_floor = grown(floor, FLOOR_SLACK_RAD)
+    weight = np.broadcast_to(row_solid_angles((mask.shape[0], mask.shape[1])), mask.shape)
+    size = np.bincount(labels.ravel(), weight.ravel(), count + 1)
+    before = np.bincount(labels.ravel(), (weight * near_floor).ravel(), count + 1)
+    foot, feet = _feet(labels, near_floor, count)
+    stands = (before >= ON_FLOOR_SHARE * size) | (foot >= FOOT_SHARE * np.maximum(feet, 1))
+    stands &= (before > 0) & (size >= LEAST_SR)
+    stands[0] = False
+    gone = ~stands
+    gone[0] = False
+    return stands[labels], int((gone & (size >= LEAST_SR)).sum()), float(size[gone].sum())
+
+
+def _feet(
+    labels: npt.NDArray[np.int32], near_floor: Flags, count: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return, for each component, how many columns' lowest pixels lie before the floor, and how many columns it has."""
+    below = np.vstack([labels[1:], np.zeros((1, labels.shape[1]), labels.dtype)])
+    contour = (labels > 0) & (below != labels)
+    feet = np.bincount(labels[contour], minlength=count + 1)
+    return np.bincount(labels[contour & near_floor], minlength=count + 1), feet

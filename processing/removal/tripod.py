@@ -1,0 +1,139 @@
+"""The photographer's own things: the tripod is found at the nadir, not assumed; the meter board where evidence shows it.
+
+Three signs: the network's evidence, colours that the floor around does not have, and a disc without any detail (what
+cameras and stitchers put over the nadir). Whatever they mark must hang together with the nadir, or the evidence must
+be strong.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.removal.edges import cut_picture, snapped
+from processing.removal.nadir import REACH_RAD, nadir_picture, onto_panorama, radius_map
+from processing.removal.round_masks import components
+from processing.segmentation.classes import SceneClass
+
+Flags = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+CORE_RAD = math.radians(4)
+"""What is found must reach this near to the nadir."""
+FULL_RAD, NONE_RAD = math.radians(22), math.radians(42)
+"""Strange colours count fully within the first angle, not at all beyond the second."""
+RING_RAD = (math.radians(26), math.radians(49))
+"""Where the floor's colours are learned."""
+CLUSTERS = 6
+OUTLIER = 12.0
+"""Squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor."""
+LEAST_DISC_RAD = math.radians(4)
+FLAT = 0.25
+"""Of the detail in the ring: a disc with less has been painted over."""
+STRONG = 0.6
+"""Mean probability of a part away from the nadir, from which evidence alone makes it the photographer's."""
+LEAST_RING_PX = 500
+
+
+@dataclass(frozen=True)
+class TripodFound:
+    """Masks (H, W) at working size."""
+
+    mask: Flags
+    """All of it."""
+    at_nadir: bool
+    disc_rad: float
+    """Radius of a painted-over disc, 0 where there is none."""
+    boards: int
+    """Parts away from the nadir: the meter board and its stand."""
+
+
+def find_tripod(probabilities: Floats, rgb8: Bytes, floor: Flags) -> TripodFound:
+    """Return tripod and board of an upright panorama: evidence (8, H, W), sRGB (H, W, 3), floor region (H, W)."""
+    evidence = probabilities[SceneClass.TRIPOD]
+    disc_rad = painted_disc(rgb8)
+    near, found = _at_nadir(probabilities, rgb8, floor, disc_rad)
+    away = _boards(evidence, rgb8, near)
+    return TripodFound(near | away[0], found, disc_rad, away[1])
+
+
+def _at_nadir(probabilities: Floats, rgb8: Bytes, floor: Flags, disc_rad: float) -> tuple[Flags, bool]:
+    radius = radius_map()
+    picture = np.asarray(nadir_picture(rgb8), np.uint8)
+    evidence = np.asarray(nadir_picture(probabilities[SceneClass.TRIPOD]), np.float32)
+    furniture = np.asarray(nadir_picture(probabilities[SceneClass.FURNITURE]), np.float32)
+    ring = (radius > RING_RAD[0]) & (radius < RING_RAD[1]) & (furniture < 0.3) & (evidence < 0.3)
+    ring &= np.asarray(nadir_picture(floor.astype(np.uint8), nearest=True), bool)
+    strange = np.zeros_like(evidence)
+    if ring.sum() >= LEAST_RING_PX:
+        reach = np.clip((NONE_RAD - radius) / (NONE_RAD - FULL_RAD), 0, 1)
+        strange = strangeness(picture, ring) * reach
+    prior = 1 - (1 - evidence) * (1 - strange * (furniture < 0.5))
+    prior = np.where(radius < disc_rad, 1.0, prior)
+    prior = np.where(radius >= REACH_RAD, 0.0, prior).astype(np.float32)
+    share = np.maximum(cut_picture(prior, picture), (prior > 0.8).astype(np.float32))
+    _, labels = cv2.connectedComponents((share > 0.5).astype(np.uint8), connectivity=8)
+    touching = np.unique(labels[(radius < max(CORE_RAD, disc_rad)) & (labels > 0)])
+    kept = np.isin(labels, touching) & (labels > 0)
+    if not kept.any() or float(prior[kept].mean()) < 0.5:
+        return np.zeros(floor.shape, bool), False
+    whole = cv2.morphologyEx(kept.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    return onto_panorama(whole.astype(np.float32), (floor.shape[0], floor.shape[1])) > 0.5, True
+
+
+def strangeness(rgb8: Bytes, known: Flags) -> Floats:
+    """Return (h, w) in 0..1: how unlike the colours of the known pixels each pixel is; a half at `OUTLIER`."""
+    colours = cv2.cvtColor(cv2.GaussianBlur(rgb8, (0, 0), 1.0), cv2.COLOR_RGB2Lab).astype(np.float32)
+    sample = colours[known]
+    step = max(1, len(sample) // 4000)
+    sample = sample[::step]
+    cv2.setRNGSeed(1)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 0.5)
+    count = min(CLUSTERS, len(sample))
+    _, member, middle = cv2.kmeans(sample, count, np.empty(0, np.int32), stop, 1, cv2.KMEANS_PP_CENTERS)
+    nearest = np.full(colours.shape[:2], np.inf, np.float32)
+    for index in range(count):
+        part = sample[member[:, 0] == index]
+        if len(part) < max(10, 0.02 * len(sample)):
+            continue
+        # 8-bit steps and noise: no colour is known better than this.
+        spread = np.cov(part.T) + np.diag([9.0, 4.0, 4.0])
+        off = colours - middle[index]
+        nearest = np.minimum(nearest, np.einsum("hwi,ij,hwj->hw", off, np.linalg.inv(spread).astype(np.float32), off))
+    return (1 / (1 + np.exp(-np.clip((nearest - OUTLIER) / 3, -30, 30)))).astype(np.float32)
+
+
+def painted_disc(rgb8: Bytes) -> float:
+    """Return the radius (rad) of a disc at the nadir without detail, 0 where there is none."""
+    picture = np.asarray(nadir_picture(rgb8), np.uint8)
+    light = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    mean = cv2.boxFilter(light, -1, (5, 5))
+    spread = np.sqrt(np.maximum(cv2.boxFilter(light * light, -1, (5, 5)) - mean * mean, 0))
+    radius = radius_map()
+    rings = (radius / math.radians(1)).astype(np.int32)
+    detail = np.array([float(np.median(spread[rings == ring])) for ring in range(int(math.degrees(REACH_RAD)))])
+    usual = float(np.median(detail[int(math.degrees(RING_RAD[0])) :]))
+    if usual < 0.5:
+        return 0.0
+    flat = detail < FLAT * usual
+    end = int(np.argmin(flat)) if not flat.all() else 0
+    return math.radians(end) if math.radians(end) >= LEAST_DISC_RAD else 0.0
+
+
+def _boards(evidence: Floats, rgb8: Bytes, near: Flags) -> tuple[Flags, int]:
+    """Return parts that strong evidence alone shows, away from what was found at the nadir, and their number."""
+    if not (evidence > 0.5).any():
+        return np.zeros(near.shape, bool), 0
+    found = snapped(evidence, rgb8) > 0.5
+    count, labels = components(found)
+    sums = np.bincount(labels.ravel(), evidence.ravel(), count + 1)
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    strong = sums >= STRONG * np.maximum(sizes, 1)
+    strong[0] = False
+    strong[np.unique(labels[near])] = False
+    return strong[labels], int(strong.sum())
