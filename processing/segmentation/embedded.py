@@ -1,0 +1,202 @@
+"""The network that daylit ships: classes and boundaries of an upright panorama, without any download.
+
+It was trained on simulated rooms only (docs/network.md, `training/`). It sees the panorama at 256 x 128, several times:
+turned about the vertical and mirrored, by angles that do not fall on its grid, so that the answers differ and their
+mean is better than each.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError, SegmenterError
+from processing.images import LuminanceImage, RelativeImage
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import BoundaryEvidence, SceneEvidence
+from processing.segmentation.network_input import HEIGHT_PX, WIDTH_PX, network_picture
+from processing.sphere import Equirectangular
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+
+SHIPPED = Path(__file__).with_name("room_network.onnx")
+THREADS = 1
+"""More than one gain little on so small a picture, and one gives the same answer everywhere."""
+TURNS_PX = {"draft": (0,), "standard": (0, 71, 134, 205), "reference": (0, 35, 70, 101, 134, 165, 204, 235)}
+"""By quality: by how many columns the picture is turned; every second turn is mirrored too. Not multiples of 16, by
+which the network's answer only turns along."""
+LEAST_CONTRAST = 0.004
+"""Of what the network is shown (0..1): a picture that varies less says nothing."""
+LEAST_LATITUDE_RAD = 0.01
+_OUTPUTS = ("probabilities", "columns")
+
+
+@dataclass(frozen=True)
+class _Network:
+    """A loaded network and what its page says."""
+
+    session: Any
+    name: str
+    ceiling_scale: float
+    floor_scale: float
+
+
+def scene_evidence(
+    image: RelativeImage | LuminanceImage, *, quality: str = "standard", model: Path | None = None
+) -> SceneEvidence:
+    """Return classes (8, 128, 256) and boundaries (256 columns) of an upright equirectangular panorama.
+
+    Parameters
+    ----------
+    quality
+        draft, standard, reference: 1, 4 or 8 turns.
+    model
+        A network trained anew by `training` (its JSON beside it); None: the shipped one.
+
+    A picture that shows nothing (black, or of one tone) gives uniform classes and no boundary, and a note.
+
+    Raises
+    ------
+    ParameterError
+        Another geometry than a whole equirectangular picture with longitude 0 in its middle; values that are not
+        finite or below 0; an unknown quality.
+    SegmenterError
+        The network's file or page is missing, damaged, changed or of another kind.
+    """
+    if not isinstance(image.geometry, Equirectangular) or image.geometry.yaw_rad != 0.0:
+        raise ParameterError(
+            "the room network needs an equirectangular picture with longitude 0 in its middle",
+            where=str(image.geometry),
+            advice="resample it to Equirectangular(width, height) first",
+        )
+    if quality not in TURNS_PX:
+        raise ParameterError(f"no quality {quality!r}", advice=f"choose {', '.join(TURNS_PX)}")
+    network = _network(model or SHIPPED)
+    picture = network_picture(image.rgb)
+    if float(np.ptp(picture)) < LEAST_CONTRAST:
+        return _nothing(network.name)
+    turns = TURNS_PX[quality]
+    probabilities, columns = _run(network, _turned(picture, turns))
+    straight = _mean_probabilities(probabilities, turns)
+    return SceneEvidence(straight, network.name, _boundary(network, columns, turns), views_used=len(turns))
+
+
+def _turned(picture: Floats, turns: tuple[int, ...]) -> Floats:
+    """Return the turned, every second time mirrored pictures (n, 3, 128, 256)."""
+    found = [np.roll(picture, turn, axis=1)[:, :: -1 if number % 2 else 1] for number, turn in enumerate(turns)]
+    return np.ascontiguousarray(np.stack(found).transpose(0, 3, 1, 2))
+
+
+def _back(values: Floats, number: int, turn: int) -> Floats:
+    """Return what was found on a turned picture (..., columns) as it lies on the picture itself."""
+    return np.roll(values[..., :: -1 if number % 2 else 1], -turn, axis=-1)
+
+
+def _mean_probabilities(found: Floats, turns: tuple[int, ...]) -> Floats:
+    total = np.zeros(found.shape[1:], dtype=np.float64)
+    for number, turn in enumerate(turns):
+        total += _back(found[number], number, turn)
+    return (total / total.sum(axis=0)).astype(np.float32)
+
+
+def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> BoundaryEvidence:
+    """Fuse the columns of all turns: means weighted by the inverse variance.
+
+    The turns' errors are alike, as they come from one network: the variance is their mean one, plus that between them.
+    """
+    columns = np.stack([_back(found[k], k, turn) for k, turn in enumerate(turns)]).astype(np.float64)
+    fused = []
+    for edge, scale in ((0, network.ceiling_scale), (1, network.floor_scale)):
+        variance = (columns[:, 2 + edge] * scale) ** 2
+        weight = 1 / variance
+        weight /= weight.sum(axis=0)
+        middle = (columns[:, edge] * weight).sum(axis=0)
+        between = ((columns[:, edge] - middle) ** 2 * weight).sum(axis=0)
+        fused.append((middle, np.sqrt((variance * weight).sum(axis=0) + between)))
+    (ceiling, ceiling_sigma), (floor, floor_sigma) = fused
+    most = np.pi / 2 - LEAST_LATITUDE_RAD
+    return BoundaryEvidence(
+        np.clip(ceiling, LEAST_LATITUDE_RAD, most),
+        np.clip(floor, -most, -LEAST_LATITUDE_RAD),
+        ceiling_sigma,
+        floor_sigma,
+        np.clip(columns[:, 4].mean(axis=0), 0, 1).astype(np.float32),
+    )
+
+
+def _nothing(name: str) -> SceneEvidence:
+    even = np.full((len(SceneClass), HEIGHT_PX, WIDTH_PX), 1 / len(SceneClass), dtype=np.float32)
+    return SceneEvidence(even, name, None, notes=("the picture is black or of one tone: nothing can be told",))
+
+
+def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats]:
+    try:
+        probabilities, columns = network.session.run(list(_OUTPUTS), {"picture": pictures})
+    # onnxruntime's errors have no common base of their own.
+    except Exception as exc:
+        raise SegmenterError(f"the network refuses the picture: {str(exc)[:300]}", where=network.name) from exc
+    right = (len(pictures), len(SceneClass), HEIGHT_PX, WIDTH_PX), (len(pictures), 5, WIDTH_PX)
+    if (probabilities.shape, columns.shape) != right or not np.isfinite(columns).all():
+        raise SegmenterError(
+            f"not a room network: it gives {probabilities.shape} and {columns.shape}",
+            where=network.name,
+            advice="give a network that `python -m training export` wrote",
+        )
+    return probabilities, columns
+
+
+def _network(path: Path) -> _Network:
+    page_path = path.with_suffix(".json")
+    try:
+        stamp = (path.stat().st_mtime_ns, page_path.stat().st_mtime_ns)
+    except OSError as exc:
+        raise SegmenterError(
+            "the room network or its page is missing",
+            where=str(exc.filename),
+            advice="install daylit anew; a network of your own needs its JSON beside it",
+        ) from exc
+    return _loaded(path, *stamp)
+
+
+@lru_cache(maxsize=2)
+def _loaded(path: Path, _network_changed: int, _page_changed: int) -> _Network:
+    """Load a network, once for each state of its files."""
+    import onnxruntime as ort
+
+    data = path.read_bytes()
+    try:
+        page = json.loads(path.with_suffix(".json").read_text("utf-8"))
+        name, digest = str(page["name"]), str(page["sha256"])
+        scales = float(page["ceiling_sigma_scale"]), float(page["floor_sigma_scale"])
+    except (ValueError, KeyError, TypeError) as exc:
+        raise SegmenterError(
+            f"the room network's page cannot be read: {exc!r}", where=str(path.with_suffix(".json"))
+        ) from exc
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise SegmenterError(
+            "the room network is not the one that its page names",
+            where=str(path),
+            likely="the file is damaged or was replaced",
+            advice="install daylit anew, or export network and page together",
+        )
+    asked = ort.SessionOptions()
+    asked.intra_op_num_threads = THREADS
+    asked.inter_op_num_threads = 1
+    asked.use_deterministic_compute = True
+    asked.log_severity_level = 3
+    try:
+        session = ort.InferenceSession(data, asked, providers=["CPUExecutionProvider"])
+    except Exception as exc:
+        raise SegmenterError(f"the room network cannot be loaded: {str(exc)[:300]}", where=str(path)) from exc
+    there = {one.name for one in (*session.get_inputs(), *session.get_outputs())}
+    if there != {"picture", *_OUTPUTS}:
+        raise SegmenterError(f"not a room network: it has {', '.join(sorted(there))}", where=str(path))
+    return _Network(session, name, *scales)

@@ -1,0 +1,102 @@
+"""`python -m training generate|fit|export|evaluate ...`: see docs/network.md."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import click
+import cv2
+
+from benchmarks.seeds import TRAIN, VALIDATION
+
+
+@click.group()
+def main() -> None:
+    """Make the room network: pictures, training, export, figures."""
+    cv2.setNumThreads(1)
+
+
+@main.command()
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the pictures.")
+@click.option("--split", type=click.Choice(["train", "validation"]), default="train")
+@click.option("--first", type=int, default=0, help="First batch; batch n begins at seed 20 n of the split.")
+@click.option("--batches", type=int, default=1)
+@click.option("--minutes", type=float, default=600.0, help="Begin no further batch after this time.")
+def generate(out: Path, split: str, first: int, batches: int, minutes: float) -> None:
+    """Draw batches of pictures (about 120 each) that are not there yet."""
+    from training.recipe import batch
+    from training.shards import write_shard
+    from training.textures import saved_bank
+
+    out.mkdir(parents=True, exist_ok=True)
+    tiles = saved_bank(out.parent / "bank.npz")
+    among, begun = TRAIN if split == "train" else VALIDATION, time.monotonic()
+    for number in range(first, first + batches):
+        seed = among[20 * number]
+        if (out / f"{seed:06d}.npz").exists():
+            continue
+        if time.monotonic() - begun > 60 * minutes:
+            break
+        count = write_shard(out, seed, batch(seed, tiles))
+        click.echo(f"{seed}: {count} pictures, {time.monotonic() - begun:.0f} s")
+        sys.stdout.flush()
+
+
+@main.command()
+@click.option("--pictures", type=click.Path(path_type=Path), required=True)
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="The checkpoint.")
+@click.option("--steps", type=int, default=100_000)
+@click.option("--minutes", type=float, default=None, help="End the schedule after this time at the latest.")
+@click.option("--rate", type=float, default=2.5e-3, help="Highest learning rate.")
+@click.option("--start", type=click.Path(path_type=Path), default=None, help="A checkpoint to go on from.")
+def fit(pictures: Path, out: Path, steps: int, minutes: float | None, rate: float, start: Path | None) -> None:
+    """Train on the pictures of a folder; files that come while it runs are used too."""
+    from training.fit import Plan
+    from training.fit import fit as run
+
+    run(pictures, out, Plan(steps=steps, minutes=minutes, rate=rate), start)
+
+
+@main.command()
+@click.option("--checkpoint", type=click.Path(path_type=Path), required=True)
+@click.option("--validation", type=click.Path(path_type=Path), required=True, help="Pictures that calibrate sigma.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="The .onnx; a .json is written beside it.")
+@click.option("--name", required=True, help="Name and version that results carry.")
+def export(checkpoint: Path, validation: Path, out: Path, name: str) -> None:
+    """Write the network as the program ships it."""
+    from training.export import export as run
+    from training.judge import on_validation
+
+    run(checkpoint, out, name=name, sigma_scale=(1.0, 1.0))
+    scales = on_validation(out, validation).scales()
+    run(checkpoint, out, name=name, sigma_scale=scales)
+    click.echo(f"{out}: sigma scales {scales[0]:.2f} {scales[1]:.2f}")
+
+
+@main.command()
+@click.option("--model", type=click.Path(path_type=Path), default=None, help="None: the shipped one.")
+@click.option("--validation", type=click.Path(path_type=Path), default=None)
+@click.option("--shared", type=click.Path(path_type=Path), default=None, help="The shared data folder.")
+@click.option("--quality", default="standard")
+@click.option("--scored-half", is_flag=True, help="The real pictures that nobody looks at.")
+def evaluate(model: Path | None, validation: Path | None, shared: Path | None, quality: str, scored_half: bool) -> None:
+    """Print figures as JSON."""
+    import json
+
+    from processing.segmentation.embedded import SHIPPED
+    from training.judge import on_real, on_validation
+
+    chosen, said = model or SHIPPED, {}
+    if validation is not None:
+        tally = on_validation(chosen, validation, quality=quality)
+        said["validation"] = {name: round(value, 3) for name, value in tally.summary().items()}
+        said["reliability_deg"] = [(round(a, 2), round(b, 2)) for a, b in tally.reliability()]
+    if shared is not None:
+        said["real"] = on_real(chosen, shared, quality=quality, scored_half=scored_half)
+    click.echo(json.dumps(said, indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""What is done to a training picture when it is read: turned, mirrored, and given another exposure and colour."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from training.shards import Examples
+
+Floats = npt.NDArray[np.float32]
+COLUMNS = ("label", "ceiling_rad", "floor_rad", "corner")
+
+
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def turned(arrays: Arrays, columns: int, mirror: bool) -> Arrays:
+    """Return picture (H, W, 3), label (H, W) and columns (W,) rolled to the right, then mirrored left to right."""
+    out = {}
+    for name, values in arrays.items():
+        axis = 1 if name in ("picture", "label") else 0
+        moved = np.roll(values, columns, axis=axis)
+        out[name] = np.flip(moved, axis=axis) if mirror else moved
+    return out
+
+
+def recoloured(rng: np.random.Generator, picture: Floats) -> Floats:
+    """Return a picture of 0..1 with a chance exposure, contrast, colour and noise."""
+    power = np.float32(np.exp(rng.normal(0, 0.22)))
+    out = np.clip(picture, 0, 1) ** power
+    grey = out.mean(axis=2, keepdims=True)
+    out = grey + (out - grey) * np.float32(rng.uniform(0.4, 1.5))
+    out = out * (1 + 0.06 * rng.normal(size=3)).astype(np.float32)
+    if rng.random() < 0.5:
+        middle = np.float32(out.mean())
+        out = middle + (out - middle) * np.float32(rng.uniform(0.75, 1.3))
+    if rng.random() < 0.5:
+        out = out + rng.normal(0, rng.uniform(0, 0.025), out.shape).astype(np.float32)
+    return np.clip(out, 0, 1).astype(np.float32)
+
+
+def drawn_batch(rng: np.random.Generator, examples: Examples, chosen: npt.NDArray[np.intp]) -> Arrays:
+    """Return examples augmented, stacked, pictures channel first."""
+    found: dict[str, list[npt.NDArray[Any]]] = {}
+    for index in chosen:
+        one = {"picture": examples.picture[index], **{name: getattr(examples, name)[index] for name in COLUMNS}}
+        moved = turned(one, int(rng.integers(examples.picture.shape[2])), bool(rng.random() < 0.5))
+        moved["picture"] = recoloured(rng, moved["picture"].astype(np.float32) / 255).transpose(2, 0, 1)
+        for name, values in moved.items():
+            found.setdefault(name, []).append(values)
+    return {name: np.stack(values) for name, values in found.items()}

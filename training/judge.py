@@ -1,0 +1,76 @@
+"""Judge a network: raw outputs on validation pictures, and the shipped file through `scene_evidence` on real ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.embedded import scene_evidence
+from processing.segmentation.evidence import SceneEvidence
+from training.real import SEEN, furniture_masks, zind_layouts
+from training.scores import Tally, floor_iou
+from training.shards import read_shards
+
+
+def columns_of(evidence: SceneEvidence) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return boundaries and sigmas (4, n)."""
+    edges = evidence.boundary
+    if edges is None:
+        raise ValueError("no boundary in the evidence")
+    return np.stack([edges.ceiling_rad, edges.floor_rad, edges.ceiling_sigma_rad, edges.floor_sigma_rad])
+
+
+def on_validation(model: Path, pictures: Path, *, quality: str = "standard", every: int = 1) -> Tally:
+    """Return the figures of a shipped file on pictures of validation seeds, as `scene_evidence` answers."""
+    from processing.segmentation import embedded
+
+    examples, tally = read_shards(pictures), Tally()
+    network, turns = embedded._network(model), embedded.TURNS_PX[quality]  # noqa: SLF001
+    for index in range(0, len(examples), every):
+        shown = examples.picture[index].astype(np.float32) / 255
+        found, columns = embedded._run(network, embedded._turned(shown, turns))  # noqa: SLF001
+        edges = embedded._boundary(network, columns, turns)  # noqa: SLF001
+        tally.add_classes(embedded._mean_probabilities(found, turns), examples.label[index])  # noqa: SLF001
+        stacked = np.stack([edges.ceiling_rad, edges.floor_rad, edges.ceiling_sigma_rad, edges.floor_sigma_rad])
+        tally.add_columns(stacked, examples.ceiling_rad[index], examples.floor_rad[index])
+    return tally
+
+
+def on_real(model: Path, shared: Path, *, quality: str = "reference", scored_half: bool = False) -> dict[str, Any]:
+    """Return floor IoU and boundary errors on ZInD rooms, furniture IoU on hand-drawn masks."""
+    rooms = {}
+    for number, layout in enumerate(zind_layouts(shared / "panoramas" / "zind")):
+        if (number < SEEN) == scored_half:
+            continue
+        found = columns_of(scene_evidence(layout.image, quality=quality, model=model))
+        away = np.degrees(np.abs(found[:2] - np.stack([layout.ceiling_rad, layout.floor_rad]))).mean(axis=1)
+        rooms[layout.name] = {
+            "floor_iou": round(floor_iou(found[1], layout.floor_rad), 3),
+            "ceiling_deg": round(float(away[0]), 2),
+            "floor_deg": round(float(away[1]), 2),
+        }
+    masks = {}
+    for name, image, mask in [] if scored_half else furniture_masks(shared / "panoramas" / "furnished"):
+        share = scene_evidence(image, quality=quality, model=model)
+        masks[name] = furniture_iou(share, mask)
+    return {"rooms": rooms, "masks": masks}
+
+
+def furniture_iou(evidence: SceneEvidence, mask: np.ndarray[Any, np.dtype[np.uint8]]) -> dict[str, float]:
+    """Return IoU, precision and recall by solid angle of the likeliest class, where the mask judges."""
+    import cv2
+
+    rows, columns = mask.shape
+    tall = [cv2.resize(p, (columns, rows), interpolation=cv2.INTER_LINEAR) for p in evidence.probabilities]
+    found = np.argmax(tall, axis=0) == SceneClass.FURNITURE
+    weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * np.pi)[:, None] * (mask != 128)
+    true = mask == 255
+    hit, taken, there = ((one * weight).sum() for one in (found & true, found, true))
+    return {
+        "iou": round(float(hit / (taken + there - hit)), 3),
+        "precision": round(float(hit / max(taken, 1e-9)), 3),
+        "recall": round(float(hit / there), 3),
+    }

@@ -1,0 +1,90 @@
+"""Triangles with a class and a paint each: what simulated rooms are cast from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.segmentation.classes import SceneClass
+
+Floats = npt.NDArray[np.float32]
+Doubles = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+Vec = tuple[float, float, float]
+
+_TWO = np.array([[0, 1, 2], [0, 2, 3]])
+
+
+@dataclass(frozen=True)
+class Paint:
+    """What a surface is painted with: ``kind`` says from which colours it is drawn, ``rgb`` where it is known."""
+
+    kind: str
+    rgb: Vec | None = None
+    emission: float = 0.0
+    """Relative to the light of lamps, 0 for all else."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Axes of a wall: ``origin`` on the floor, x ``along`` it, y into the room, z up."""
+
+    origin: tuple[float, float]
+    along: tuple[float, float]
+
+    def world(self, points: npt.ArrayLike) -> Doubles:
+        """Return points (..., 3) of this frame in world coordinates."""
+        p = np.asarray(points, dtype=np.float64)
+        (ax, ay), (ox, oy) = self.along, self.origin
+        x = ox + p[..., 0] * ax - p[..., 1] * ay
+        y = oy + p[..., 0] * ay + p[..., 1] * ax
+        return np.stack([x, y, p[..., 2]], axis=-1)
+
+
+WORLD = Frame((0.0, 0.0), (1.0, 0.0))
+
+
+@dataclass
+class Soup:
+    """A growing list of triangles."""
+
+    triangles: list[Floats] = field(default_factory=list)
+    labels: list[npt.NDArray[np.int8]] = field(default_factory=list)
+    paint_of: list[npt.NDArray[np.int16]] = field(default_factory=list)
+    paints: list[Paint] = field(default_factory=list)
+
+    def paint(self, kind: str, rgb: Vec | None = None, emission: float = 0.0) -> int:
+        """Return the number of a new paint."""
+        self.paints.append(Paint(kind, rgb, emission))
+        return len(self.paints) - 1
+
+    def add(self, triangles: npt.ArrayLike, label: SceneClass, paint: int) -> None:
+        """Add triangles (n, 3, 3) in world coordinates."""
+        t = np.asarray(triangles, dtype=np.float32).reshape(-1, 3, 3)
+        self.triangles.append(t)
+        self.labels.append(np.full(len(t), int(label), np.int8))
+        self.paint_of.append(np.full(len(t), paint, np.int16))
+
+    def quad(self, frame: Frame, corners: npt.ArrayLike, label: SceneClass, paint: int) -> None:
+        """Add a quadrilateral (4, 3)."""
+        self.add(frame.world(corners)[_TWO], label, paint)
+
+    def upright(self, frame: Frame, rect: Vec | tuple[float, float, float, float], away: float, *what: Any) -> None:
+        """Add a rectangle (x0, z0, x1, z1) parallel to the wall, ``away`` metres into the room."""
+        x0, z0, x1, z1 = rect  # type: ignore[misc]
+        self.quad(frame, [(x0, away, z0), (x1, away, z0), (x1, away, z1), (x0, away, z1)], *what)
+
+    def box(self, frame: Frame, low: Vec, high: Vec, label: SceneClass, paint: int) -> None:
+        """Add a block."""
+        (x0, y0, z0), (x1, y1, z1) = low, high
+        p = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (z0, z1)])
+        sides = ((0, 4, 5, 1), (2, 3, 7, 6), (0, 1, 3, 2), (4, 6, 7, 5), (1, 5, 7, 3), (0, 2, 6, 4))
+        corners = frame.world(p)
+        self.add(np.concatenate([corners[list(s)][_TWO] for s in sides]), label, paint)
+
+    def joined(self) -> tuple[Floats, npt.NDArray[np.int8], npt.NDArray[np.int16]]:
+        """Return all triangles (n, 3, 3), their labels and paints (n,)."""
+        return np.concatenate(self.triangles), np.concatenate(self.labels), np.concatenate(self.paint_of)
