@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from processing.rendering.chance import Key, random
-from processing.rendering.kernels import STEP_OFF_M, add_outdoors, pane_rays, towards_panes
+from processing.rendering.kernels import FIRST, SECOND, STEP_OFF_M, add_outdoors, pane_rays, towards_panes
 from processing.rendering.patches import PANE
 from processing.rendering.scene import Doubles, Floats, Pane, Sun
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
+
+FEW_SUN_RAYS = 4
+"""After which a pixel is taken to lie wholly in the sun or in the shade if they agree."""
 
 
 def skylight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
@@ -64,11 +67,32 @@ def sunlight(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
         near = np.zeros(len(normals), bool)
         towards_panes(points[:, k], np.asarray(sun.direction, np.float64), *corners, near)
         chosen = np.flatnonzero(near & (cosine > 0))
-        each = samples if points.shape[1] == 1 else 1
-        for again in range(each):
-            chance = random((*key, k, again), len(normals), 2)[chosen]
-            out[chosen] += _disc_light(stage, sun, points[chosen, k], normals[chosen], chance)
-    return out / samples
+        if points.shape[1] == 1:
+            out[chosen] = _adaptive(stage, sun, points[chosen, 0], normals[chosen], samples, key)
+        else:
+            chance = random((*key, k), len(normals), 2)[chosen]
+            out[chosen] += _disc_light(stage, sun, points[chosen, k], normals[chosen], chance) / samples
+    return out
+
+
+def _adaptive(stage: Stage, sun: Sun, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
+    """Return the sun's irradiance by a few rays each, and by ``samples`` where those differ: in half shadow."""
+
+    def some(chosen: np.ndarray, count: int, purpose: int) -> Doubles:
+        total = np.zeros((count, len(chosen), 3))
+        shift = random((*key, purpose), len(chosen), 2)
+        for k in range(count):
+            spread = (shift + (k + 0.5) * np.array([FIRST, SECOND])) % 1.0
+            total[k] = _disc_light(stage, sun, points[chosen], normals[chosen], spread)
+        return total
+
+    few = min(FEW_SUN_RAYS, samples)
+    first = some(np.arange(len(points)), few, 0)
+    out = first.mean(axis=0)
+    unsure = np.flatnonzero((first.max(axis=0) > 1.01 * first.min(axis=0)).any(axis=1))
+    if samples > few and len(unsure):
+        out[unsure] = some(unsure, samples, 1).mean(axis=0)
+    return out
 
 
 def _disc_light(stage: Stage, sun: Sun, points: Floats, normals: Floats, chance: Doubles) -> Doubles:

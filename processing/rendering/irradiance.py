@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from processing.errors import ParameterError
@@ -20,6 +21,7 @@ from processing.rendering.transport import from_bright, links_of
 
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25
 """Of a pixel's rays for bounces: to each pane, to bright patches."""
+CLEAN_PX = 5
 
 
 @dataclass(frozen=True)
@@ -34,8 +36,8 @@ class Effort:
     """Height of the picture in which irradiance is gathered; never more than the picture asked for."""
     pixel_samples: int = 16
     """Rays from each of its pixels in a round."""
-    sun_samples: int = 4
-    """Rays from each pixel to the sun's disc."""
+    sun_samples: int = 32
+    """Rays to the sun's disc from pixels in half shadow."""
     clean: bool = True
     """Whether noise is taken out."""
     max_error: float | None = None
@@ -51,9 +53,9 @@ class Effort:
 
 
 EFFORTS = {
-    "draft": Effort(texel_m=0.15, patch_samples=32, rows=128, pixel_samples=8, sun_samples=1),
+    "draft": Effort(texel_m=0.15, patch_samples=32, rows=128, pixel_samples=8, sun_samples=8),
     "standard": Effort(),
-    "reference": Effort(texel_m=0.05, patch_samples=256, rows=512, pixel_samples=256, sun_samples=16, clean=False),
+    "reference": Effort(texel_m=0.05, patch_samples=256, rows=512, pixel_samples=256, sun_samples=128, clean=False),
 }
 
 
@@ -103,12 +105,12 @@ def irradiance_of(stage: Stage, sight: Sight, effort: Effort, seed: int, *, wrap
     halves, start_s = _Halves(), time.process_time()
     while True:
         halves.add([_half(stage, sight, solid, effort, (seed * 1000 + halves.rounds) * 2 + half) for half in range(2)])
-        pictures = [_picture(total / halves.rounds, sight, solid, effort, wraps=wraps) for total in halves.sums]
-        mean = (pictures[0] + pictures[1]) / 2
-        error = _difference(pictures[0], pictures[1], sight)
+        noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
+        error = _difference(*noisy, sight, blurred=effort.clean)
         spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
         if effort.max_error is None or error <= effort.max_error or spent or halves.rounds >= effort.most_rounds:
-            return Irradiance(mean, error, halves.rounds)
+            mean = (noisy[0] + noisy[1]) / 2
+            return Irradiance(cleaned(mean, sight, wraps=wraps) if effort.clean else mean, error, halves.rounds)
 
 
 def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: int) -> Doubles:
@@ -116,22 +118,31 @@ def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: i
     return gathered(stage, light, sight.point[solid], sight.normal[solid], max(1, effort.pixel_samples // 2), seed)
 
 
-def _picture(values: Doubles, sight: Sight, solid: np.ndarray, effort: Effort, *, wraps: bool) -> Floats:
+def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:
     picture = np.zeros((len(sight.label), 3), np.float32)
     picture[solid] = values
-    shaped = picture.reshape(*sight.shape, 3)
-    if not effort.clean:
-        return shaped
+    return picture.reshape(*sight.shape, 3)
+
+
+def cleaned(picture: Floats, sight: Sight, *, wraps: bool) -> Floats:
     nearness = np.where(sight.solid, 1 / (1 + np.where(sight.solid, sight.distance_m, 0)), 0)
     guides = sight.normal.reshape(*sight.shape, 3), nearness.reshape(sight.shape).astype(np.float32)
-    return denoised(shaped, *guides, wraps=wraps)
+    return denoised(picture, *guides, wraps=wraps)
 
 
-def _difference(one: Floats, other: Floats, sight: Sight) -> float:
+def _difference(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -> float:
+    """Return the relative rms error that two halves tell of their mean; where it is cleaned, of neighbours' means.
+
+    Cleaning averages over about as many pixels as `CLEAN_PX` squared: measured, see docs/rendering.md.
+    """
     solid = sight.solid.reshape(sight.shape)
     if not solid.any():
         return 0.0
-    weights = np.asarray(LUMINANCE_WEIGHTS)
-    a, b = one[solid] @ weights, other[solid] @ weights
-    relative = (a - b) / np.maximum(a + b, 1e-12)
-    return float(np.sqrt(np.mean(relative**2)))
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    apart, whole = (one - other) @ weights, (one + other) @ weights
+    relative = np.where(solid, apart / np.maximum(whole, 1e-12), 0).astype(np.float64)
+    if blurred:
+        size = (CLEAN_PX, CLEAN_PX)
+        share = cv2.boxFilter(solid.astype(np.float64), -1, size, borderType=cv2.BORDER_REPLICATE)
+        relative = cv2.boxFilter(relative, -1, size, borderType=cv2.BORDER_REPLICATE) / np.maximum(share, 1e-3)
+    return float(np.sqrt(np.mean(relative[solid] ** 2)))

@@ -1,0 +1,287 @@
+"""Albedo of a room's surfaces from its calibrated, emptied panorama: pi times radiance over irradiance.
+
+Irradiance comes from the panorama itself (`room_light`), so no albedo is needed to find albedo. Where the sun falls is
+known from geometry up to errors of the model and to what it leaves out, bars of a window for instance: near the sun's
+patch every pixel is taken as sunlit or not by what fits its surface better. Pixels of which nothing can be told (clipped,
+nearly dark, in half shadow, hidden) take what their surface shows around them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from processing.errors import AlbedoError
+from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
+from processing.rendering.irradiance import Effort
+from processing.rendering.room_light import irradiance_by_picture, measured_light, window_transmittance
+from processing.rendering.scene import Doubles, Floats, Outdoors, Scene, Vector, plain
+from processing.rendering.shell import REVEAL_M, shell_of
+from processing.rendering.sight import Sight, sight_of
+from processing.rendering.stage import Stage
+from processing.rendering.render import sun_of
+from processing.rendering.upsample import upsampled
+from processing.resampling import resample
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.surfaces.planes import planes_of
+from processing.surfaces.textures import unwrap
+
+LEAST_ALBEDO, MOST_ALBEDO = 0.02, 0.95
+"""Of real surfaces: soot 0.02 to 0.04, fresh white paint 0.9."""
+DARK_SHARE = 0.01
+"""Of the median irradiance, below which albedo is not told."""
+HALF_SHADOW = 0.35
+"""Of log albedo from its surface's: a pixel near the sun's patch that fits neither sun nor shade is left out."""
+SUN_MARGIN_M = 0.25
+"""Around the sun's patch, where the model's edges may be wrong."""
+PX_PER_M = 50.0
+TRANSMITTANCE = (0.75, 0.77, 0.75)
+"""Of double glazing, where it cannot be told from the pictures."""
+
+
+@dataclass(frozen=True)
+class RoomAlbedo:
+    """What a room's surfaces reflect, and the scene that they make."""
+
+    picture: Floats
+    """(H, W, 3): albedo of the panorama's pixels, 0 through windows; hidden ones filled."""
+    uncertainty: Floats
+    """(H, W): relative standard uncertainty; 1 where the value is filled in."""
+    told: np.ndarray
+    """(H, W): whether the pixel itself told its albedo."""
+    irradiance: Floats
+    """(H, W, 3) lx, sun included."""
+    scene: Scene
+    """The empty room with these albedos as textures, under the light it was pictured in."""
+    transmittance: Mapping[int, Vector]
+    """By opening."""
+    notes: tuple[str, ...]
+
+
+def albedo_of_room(
+    panorama: LuminanceImage,
+    room: RoomModel,
+    outdoors: Outdoors,
+    *,
+    reveal_m: float = REVEAL_M,
+    filled: np.ndarray | None = None,
+    rows: int = 512,
+    effort: Effort | None = None,
+    seed: int = 0,
+) -> RoomAlbedo:
+    """Return the albedo of a room's surfaces.
+
+    Parameters
+    ----------
+    panorama
+        The emptied room, upright, equirectangular, in cd/m2.
+    outdoors
+        The light outside at the same moment.
+    filled
+        (H, W): pixels that removal filled in; they light the room but tell no albedo of their own.
+    rows
+        Height of the albedo picture; the panorama is brought to it, keeping energy.
+
+    Raises
+    ------
+    AlbedoError
+        A picture without light, or of no whole panorama.
+    RoomError
+        The room cannot stand.
+    """
+    effort = effort or Effort(pixel_samples=32)
+    rgb, valid = _brought_to(panorama, rows, filled)
+    stage, transmittance, notes = _stage(room, outdoors, rgb, valid, reveal_m, effort)
+    eye = (0.0, 0.0, room.camera_height_m)
+    sight = sight_of(stage, Equirectangular(2 * rows, rows), eye)
+    small = sight_of(stage, Equirectangular(2 * min(effort.rows, rows), min(effort.rows, rows)), eye)
+    light = measured_light(stage, rgb, eye, (seed, 60))
+    base, error = irradiance_by_picture(stage, light, small, effort, seed)
+    sky, _ = upsampled(base, small, sight, wraps=True)
+    sun = sun_of(stage, sight, effort.sun_samples, seed)
+    full = _open_sun(stage, sight)
+    flat = rgb.reshape(-1, 3).astype(np.float64)
+    value, whole, told = _values(flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel())
+    error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
+    doubt = np.where(told, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
+    scene, picture = _textured(stage.scene, room, sight, value, told)
+    notes += (f"{100 * told[sight.solid].mean():.0f} % of pixels tell their own albedo",)
+    shape = sight.shape
+    return RoomAlbedo(
+        picture.reshape(*shape, 3),
+        doubt.reshape(shape),
+        told.reshape(shape),
+        whole.reshape(*shape, 3).astype(np.float32),
+        scene,
+        transmittance,
+        notes,
+    )
+
+
+def _brought_to(panorama: LuminanceImage, rows: int, filled: np.ndarray | None) -> tuple[Floats, np.ndarray]:
+    source = panorama.geometry
+    if not isinstance(source, Equirectangular) or source.yaw_rad != 0 or source.width_px != 2 * source.height_px:
+        raise AlbedoError("not a whole panorama", where="panorama", advice="bring it to equirectangular, 2 to 1")
+    if not np.isfinite(panorama.rgb).all() or not (panorama.rgb > 0).any():
+        raise AlbedoError("no light in the picture", where="panorama", advice="check its calibration")
+    good = (panorama.validity == Validity.VALID) & ~(
+        filled if filled is not None else np.zeros_like(panorama.validity, bool)
+    )
+    if source.height_px == rows:
+        return panorama.rgb, good
+    target = Equirectangular(2 * rows, rows)
+    rgb, _ = resample(panorama.rgb, source, target)
+    share, _ = resample(good.astype(np.float32), source, target)
+    return rgb, share > 0.99
+
+
+def _stage(
+    room: RoomModel, outdoors: Outdoors, rgb: Floats, valid: np.ndarray, reveal_m: float, effort: Effort
+) -> tuple[Stage, dict[int, Vector], tuple[str, ...]]:
+    """Return the room under its light with windows that let through what the pictures tell."""
+    surfaces, panes = shell_of(room, reveal_m=reveal_m)
+    stage = Stage.of(Scene(surfaces, panes, outdoors), effort.texel_m)
+    geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
+    sight = sight_of(stage, geometry, (0.0, 0.0, room.camera_height_m))
+    told = window_transmittance(stage, sight, rgb.reshape(-1, 3), valid.ravel())
+    usual = tuple(np.mean(list(told.values()), axis=0)) if told else TRANSMITTANCE
+    every = {
+        pane.opening: told.get(pane.opening, (float(usual[0]), float(usual[1]), float(usual[2]))) for pane in panes
+    }
+    notes = tuple(
+        f"transmittance of opening {n} cannot be told from the pictures: {every[n][1]:.2f} taken"
+        for n in every
+        if n not in told
+    )
+    clear = tuple(replace(pane, transmittance=every[pane.opening]) for pane in panes)
+    return replace(stage, scene=Scene(surfaces, clear, outdoors)), every, notes
+
+
+def _open_sun(stage: Stage, sight: Sight) -> Doubles:
+    """Return the sun's irradiance (n, 3) where nothing were in its way but glass; 0 far from where it can fall."""
+    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
+    out = np.zeros((len(sight.label), 3))
+    if sun is None or not panes:
+        return out
+    near = near_sun(stage, sight)
+    cosine = np.maximum(sight.normal @ np.asarray(sun.direction), 0)[near, None]
+    glass = np.mean([pane.transmittance for pane in panes], axis=0)
+    out[near] = cosine * np.asarray(sun.normal_illuminance_lx) * glass
+    return out
+
+
+def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
+    """Return which pixels (n,) see a place within `SUN_MARGIN_M` of the sun's patch."""
+    from processing.rendering.kernels import towards_panes
+
+    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
+    near = np.zeros(len(sight.label), bool)
+    if sun is None:
+        return near
+    grown = [_grown(p.corner_m, p.across_m, p.up_m) for p in panes]
+    sides = [np.array([g[k] for g in grown]) for k in range(3)]
+    towards_panes(sight.point, np.asarray(sun.direction, np.float64), *sides, near)
+    return np.asarray(near & sight.solid & (sight.normal @ np.asarray(sun.direction, np.float32) > 0))
+
+
+def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
+    return corner - a - b, across + 2 * a, up + 2 * b
+
+
+def _values(
+    rgb: Doubles, sky: Doubles, sun: Doubles, full: Doubles, sight: Sight, valid: np.ndarray
+) -> tuple[Doubles, Doubles, np.ndarray]:
+    """Return albedo (n, 3), irradiance with the sun (n, 3), and which pixels tell; see the module's docstring."""
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    level = sky @ weights
+    bright_enough = level > DARK_SHARE * np.median(level[sight.solid]) if sight.solid.any() else sight.solid
+    told = sight.solid & valid & bright_enough & (rgb @ weights > 0)
+    doubtful = (full @ weights) > 0
+    shade = math.pi * rgb / np.maximum(sky, 1e-9)
+    whole = sky + sun
+    usual = _usual(shade, sight, told & ~doubtful)
+    lit = math.pi * rgb / np.maximum(sky + full, 1e-9)
+    with np.errstate(divide="ignore"):
+        as_shade = np.abs(np.log(np.maximum(shade @ weights, 1e-9) / (usual @ weights)))
+        as_lit = np.abs(np.log(np.maximum(lit @ weights, 1e-9) / (usual @ weights)))
+    sunny = doubtful & (as_lit < as_shade)
+    fits = np.minimum(as_lit, as_shade) < HALF_SHADOW * (1 + _spread(shade, usual, sight, told & ~doubtful))
+    value = np.where(sunny[:, None], lit, shade)
+    whole = np.where(sunny[:, None], sky + full, np.where(doubtful[:, None], sky, whole))
+    told &= ~doubtful | fits
+    return np.clip(value, LEAST_ALBEDO, MOST_ALBEDO), whole, told
+
+
+def _usual(value: Doubles, sight: Sight, among: np.ndarray) -> Doubles:
+    """Return for each pixel the median (3,) of its surface's values; of all where its surface has none."""
+    out = np.full(value.shape, 0.5)
+    if among.any():
+        out[:] = np.median(value[among], axis=0)
+    for label in np.unique(sight.label[sight.solid]):
+        mine = sight.label == label
+        if (mine & among).sum() >= 8:
+            out[mine] = np.median(value[mine & among], axis=0)
+    return np.maximum(out, LEAST_ALBEDO)
+
+
+def _spread(value: Doubles, usual: Doubles, sight: Sight, among: np.ndarray) -> Doubles:
+    """Return for each pixel how many times its surface varies more than paint does (quartiles of log albedo)."""
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    ratio = np.abs(np.log(np.maximum(value @ weights, 1e-9) / (usual @ weights)))
+    out = np.zeros(len(value))
+    for label in np.unique(sight.label[sight.solid]):
+        mine = sight.label == label
+        if (mine & among).sum() >= 8:
+            out[mine] = min(float(np.quantile(ratio[mine & among], 0.75)) / HALF_SHADOW, 2.0)
+    return out
+
+
+def _textured(scene: Scene, room: RoomModel, sight: Sight, value: Doubles, told: np.ndarray) -> tuple[Scene, Floats]:
+    """Return the scene with albedo textures, and the albedo picture with untold pixels taken from them."""
+    geometry = Equirectangular(sight.shape[1], sight.shape[0])
+    usual = _usual(value, sight, told)
+    shaped = value.reshape(*sight.shape, 3).astype(np.float32)
+    planes = planes_of(room)
+    surfaces = []
+    for number, surface in enumerate(scene.surfaces):
+        mine = (sight.label == number) & told
+        colour = _median(value, mine, usual[told].mean(axis=0) if told.any() else np.full(3, 0.5))
+        texture = plain(tuple(colour))
+        if surface.plane >= 0 and mine.any():
+            hidden = ~mine.reshape(sight.shape)
+            found = unwrap(shaped, geometry, room, planes[surface.plane], PX_PER_M, mask=hidden)
+            texture = _filled(found.values, found.known, colour)
+        surfaces.append(replace(surface, albedo=texture))
+    textured = replace(scene, surfaces=tuple(surfaces))
+    from processing.rendering.sight import albedo_of
+
+    picture = value.astype(np.float32)
+    again = albedo_of(Stage.of(textured, 1.0), sight)
+    return textured, np.where(told[:, None], picture, again)
+
+
+def _median(value: Doubles, among: np.ndarray, otherwise: Doubles) -> Doubles:
+    return np.asarray(np.median(value[among], axis=0) if among.sum() >= 8 else otherwise)
+
+
+def _filled(values: Floats, known: np.ndarray, colour: Doubles) -> Floats:
+    """Return a texture whose unknown texels take the mean of what is known around them, ever farther."""
+    out = np.where(known[..., None], values, 0).astype(np.float32)
+    weight = known.astype(np.float32)
+    todo = ~known
+    for sigma in (2.0, 8.0, 32.0):
+        if not todo.any():
+            break
+        share = cv2.GaussianBlur(weight, (0, 0), sigma)
+        mean = cv2.GaussianBlur(out * weight[..., None], (0, 0), sigma)
+        ready = todo & (share > 0.05)
+        out[ready] = mean[ready] / share[ready, None]
+        todo &= ~ready
+    out[todo] = colour
+    return np.clip(out, LEAST_ALBEDO, MOST_ALBEDO)

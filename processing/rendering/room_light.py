@@ -1,0 +1,144 @@
+"""The light in a room as its calibrated panorama shows it: irradiance everywhere, without knowing any albedo.
+
+Every patch's radiance is read off the panorama, so that the light that falls on a place is what the place sees of the
+room, plus what comes through the windows from outdoors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from processing.rendering.chance import Key
+from processing.rendering.daylight import skylight
+from processing.rendering.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
+from processing.rendering.kernels import bounce
+from processing.rendering.scene import Doubles, Floats, Vector
+from processing.rendering.sight import GLASS, Sight, looked_up
+from processing.rendering.stage import Stage
+from processing.rendering.transport import BrightPatches, from_bright, links_of
+from processing.images import LUMINANCE_WEIGHTS
+
+LOOKS = 8
+"""Places on each patch that are looked up in the panorama."""
+BRIGHT_TIMES = 6.0
+"""A patch this many times brighter than the median is shot at."""
+SAME_PLACE_M = 0.02
+
+
+@dataclass(frozen=True)
+class MeasuredLight:
+    """Radiance of patches (n, 3) as the panorama shows them."""
+
+    radiance: Doubles
+    seen: np.ndarray
+    """(n,) share of the patch that the camera sees."""
+
+
+def measured_light(stage: Stage, panorama: Floats, eye_m: Vector, key: Key) -> MeasuredLight:
+    """Return what each patch gives off; patches that the camera does not see take the mean of those like them."""
+    patches = stage.patches
+    which = np.repeat(np.arange(patches.count), LOOKS)
+    places = patches.places(which, key)
+    eye = np.asarray(eye_m, np.float32)
+    way = places - eye
+    far = np.linalg.norm(way, axis=1)
+    way = (way / np.maximum(far, 1e-6)[:, None]).astype(np.float32)
+    hits = stage.tracer.cast(np.broadcast_to(eye, way.shape), way)
+    ahead = np.einsum("ij,ij->i", way, patches.normal[which]) < 0
+    visible = ahead & (hits.distance_m > far - SAME_PLACE_M) & (patches.area_m2[which] > 0)
+    total = np.zeros((patches.count, 3))
+    np.add.at(total, which[visible], looked_up(panorama, way[visible]))
+    count = np.bincount(which[visible], minlength=patches.count)
+    radiance = total / np.maximum(count, 1)[:, None]
+    _fill_unseen(stage, radiance, count > 0)
+    return MeasuredLight(radiance, count / LOOKS)
+
+
+def _fill_unseen(stage: Stage, radiance: Doubles, seen: np.ndarray) -> None:
+    """Give unseen patches the mean of their surface, or else of all that turn the same way, or of all."""
+    normal, area = stage.patches.normal, stage.patches.area_m2
+    for columns, rows, first in stage.patches.grids:
+        mine = np.arange(first, first + columns * rows)
+        missing = mine[~seen[mine]]
+        if not len(missing):
+            continue
+        alike = (normal @ normal[missing[0]] > 0.9) & seen
+        for among in (mine[seen[mine]], np.flatnonzero(alike), np.flatnonzero(seen)):
+            if area[among].sum() > 0:
+                radiance[missing] = np.average(radiance[among], axis=0, weights=area[among])
+                break
+
+
+def irradiance_by_picture(
+    stage: Stage, light: MeasuredLight, sight: Sight, effort: Effort, seed: int
+) -> tuple[Floats, Floats]:
+    """Return irradiance (H, W, 3) of a panorama's pixels without the sun's own disc, and its relative error (H, W)."""
+    solid = np.flatnonzero(sight.solid)
+    bright = _bright(stage, light)
+    smooth = np.pi * light.radiance if bright is None else np.pi * light.radiance - bright.radiosity
+    halves = []
+    for half in range(2):
+        values = _gathered(stage, smooth, bright, sight, solid, effort, 2 * seed + half)
+        picture = np.zeros((len(sight.label), 3), np.float32)
+        picture[solid] = values
+        halves.append(picture.reshape(*sight.shape, 3))
+    mean = (halves[0] + halves[1]) / 2
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    apart, whole = (halves[0] - halves[1]) @ weights, np.maximum((halves[0] + halves[1]) @ weights, 1e-9)
+    error = np.sqrt(cv2.blur((apart / whole) ** 2, (9, 9))) / 5
+    return (cleaned(mean, sight, wraps=True) if effort.clean else mean), error.astype(np.float32)
+
+
+def _bright(stage: Stage, light: MeasuredLight) -> BrightPatches | None:
+    luminance = light.radiance @ np.asarray(LUMINANCE_WEIGHTS)
+    there = stage.patches.area_m2 > 0
+    limit = BRIGHT_TIMES * float(np.median(luminance[there]))
+    over = (luminance > max(limit, 1e-9)) & there
+    return BrightPatches.of(stage, np.where(over[:, None], np.pi * light.radiance, 0.0))
+
+
+def _gathered(
+    stage: Stage,
+    smooth: Doubles,
+    bright: BrightPatches | None,
+    sight: Sight,
+    solid: np.ndarray,
+    effort: Effort,
+    seed: int,
+) -> Doubles:
+    points, normals = sight.point[solid][:, None, :], sight.normal[solid]
+    samples = max(1, effort.pixel_samples // 2)
+    out = skylight(stage, points, normals, max(1, round(samples * PANE_SHARE)), (seed, 40))
+    links = links_of(stage, points, normals, samples, (seed, 41))
+    bounced = np.empty_like(out)
+    bounce(links.patch, smooth, bounced)
+    out += bounced
+    if bright is not None:
+        out += from_bright(stage, bright, points, normals, links, max(1, round(samples * SHOT_SHARE)), (seed, 42))
+    return out
+
+
+def window_transmittance(stage: Stage, sight: Sight, panorama: Floats, valid: np.ndarray) -> dict[int, Vector]:
+    """Return each opening's mean transmittance: what is seen through it indoors over what is there outdoors.
+
+    Bars, frames and curtains before the glass count as glass that lets less through. Only what lies above the horizon
+    is compared, as the sky's picture sees nothing below; an opening that shows too little of it gets no entry.
+    """
+    found: dict[int, Vector] = {}
+    for number, pane in enumerate(stage.scene.panes):
+        mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number) & (sight.rays[:, 2] > 0.02) & valid)
+        outside = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]).astype(np.float64)
+        area = np.sqrt(1 - sight.rays[mine, 2].astype(np.float64) ** 2)[:, None]
+        there = (outside * area).sum(axis=0)
+        if len(mine) < LEAST_PIXELS or not (there > 0).all():
+            continue
+        share = np.clip((panorama[mine] * area).sum(axis=0) / there, 0, 1)
+        found[pane.opening] = (float(share[0]), float(share[1]), float(share[2]))
+    return found
+
+
+LEAST_PIXELS = 12
+"""Of a window that must show sky, for its transmittance to be told."""
