@@ -112,6 +112,19 @@ class PinError(LayoutError):
     exit_code = 2
 
 
+class ModelFileError(LayoutError):
+    """A furniture file that cannot be read or holds no furniture: damaged, too large, outside its folder."""
+
+    code = "LAY-007"
+
+
+class CatalogueError(LayoutError):
+    """A folder that is no catalogue, a model that is not in it, or a size that a model cannot be made in."""
+
+    code = "LAY-008"
+    exit_code = 2
+
+
 class RoomError(ProcessingError):
     """A room that cannot be: floor, heights or openings that do not fit; names every key."""
 

@@ -1,0 +1,92 @@
+"""The bench that models are built on: the size, a style, seeded chance, and what has been made so far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from processing.layout.furniture.model import Material, Part, Size
+from processing.layout.furniture.solids import Spot, box, leg, square_leg, tube
+from processing.layout.furniture.styles import Style
+from processing.layout.furniture.surface import CREASE_RAD, Points, Solid, box_uv, joined, part_of
+
+
+@dataclass
+class Bench:
+    """A piece under construction: its footprint's middle at the origin, its front at +y, standing on z = 0."""
+
+    size: Size
+    style: Style
+    rng: np.random.Generator
+    made: dict[tuple[int, float], list[tuple[Solid, Points | None]]] = field(default_factory=dict)
+    materials: dict[int, Material] = field(default_factory=dict)
+
+    def add(
+        self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Points | None = None,
+        crease_rad: float = float(CREASE_RAD),
+    ) -> None:  # fmt: skip
+        """Add a body; the texture's v runs along axis `grain` of the body as it was made, or `uv` (m, 3, 2) is taken."""
+        for one in [body] if isinstance(body, Solid) else body:
+            place = uv
+            if place is None and material.texture is not None:
+                place = box_uv(one.rest, one.faces, grain) + self.rng.uniform(0, 3, 2)
+            self.materials[id(material)] = material
+            self.made.setdefault((id(material), crease_rad), []).append((one, place))
+
+    def block(
+        self,
+        low: Spot,
+        high: Spot,
+        material: Material,
+        *,
+        bevel_m: float = 0.003,
+        grain: int | None = None,
+        steps: int = 1,
+    ) -> None:
+        """Add a board or block between two corners; its grain runs along its longest side unless told."""
+        if any(h - lo <= 1e-4 for lo, h in zip(low, high, strict=True)):
+            return
+        run = int(np.argmax(np.subtract(high, low))) if grain is None else grain
+        self.add(box(low, high, bevel_m, steps), material, grain=run)
+
+    def rod(self, path: Sequence[Spot], radius_m: float, material: Material, sides: int = 12) -> None:
+        """Add a round bar along points."""
+        self.add(tube(path, radius_m, sides), material)
+
+    def legs(self, reach: tuple[float, float], top_z: float, *, thick_m: float = 0.04, splay: float = 0.0) -> None:
+        """Add four legs whose hips stand at (+-x, +-y), in the style's manner; splay moves their feet outwards."""
+        x, y = reach
+        s = self.style
+        for sx in (-1, 1):
+            for sy in (-1, 1):
+                hip = (sx * x, sy * y, top_z)
+                foot = (sx * (x + splay), sy * (y + splay), 0.0)
+                if s.legs == "round":
+                    self.add(leg(foot, hip, 0.30 * thick_m, 0.52 * thick_m), s.second_timber)
+                elif s.legs == "square":
+                    self.add(square_leg(foot, hip, 0.72 * thick_m, thick_m), s.timber)
+                else:
+                    self.add(leg(foot, hip, 0.26 * thick_m, 0.26 * thick_m), s.metal)
+
+    def parts(self) -> tuple[Part, ...]:
+        """Return what has been made, one part a material and crease; its bounds are the size's exactly."""
+        low = np.min([b.vertices.min(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
+        high = np.max([b.vertices.max(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
+        scale = np.array(self.size) / (high - low)
+        shift = np.array([-self.size[0] / 2, -self.size[1] / 2, 0.0]) - low * scale
+        parts = []
+        for (key, crease), bodies in self.made.items():
+            whole = joined([body for body, _ in bodies])
+            fitted = Solid(whole.vertices * scale + shift, whole.faces, whole.rest)
+            places = [uv for _, uv in bodies if uv is not None]
+            uv = np.concatenate(places) if len(places) == len(bodies) else None
+            parts.append(part_of(fitted, self.materials[key], uv, crease))
+        return tuple(parts)
+
+    def fit_error(self) -> float:
+        """Return how far the last stretch to the exact size is from none, as a fraction."""
+        low = np.min([b.vertices.min(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
+        high = np.max([b.vertices.max(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
+        return float(np.abs(np.array(self.size) / (high - low) - 1).max())

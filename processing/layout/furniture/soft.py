@@ -1,0 +1,170 @@
+"""Soft shapes: padded boxes, cushions with piping, pillows, covers that hang. All are closed and wind outward."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from processing.layout.furniture.solids import Spot, cleaned, cube_grid, rounded_rectangle, tube
+from processing.layout.furniture.surface import Points, Solid, corner_normals, joined, solid
+
+
+def pad(low: Spot, high: Spot, edge_m: float, puff_m: float | Spot, *, inner: int = 8, steps: int = 3) -> Solid:
+    """Return a padded box: rounded edges, and faces that swell to reach the box by `puff_m` in their middles."""
+    lo, hi = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    puff = np.minimum(np.broadcast_to(np.asarray(puff_m, dtype=np.float64), 3), 0.35 * (hi - lo) / 2)
+    half = (hi - lo) / 2 - puff
+    body = cube_grid(half, float(min(edge_m, 0.95 * half.min())), steps, inner)
+    q = body.vertices / half
+    swell = 1 - np.clip(np.abs(q), 0, 1) ** 2.5
+    out = np.stack([np.sign(q[:, k]) * np.abs(q[:, k]) ** 4 * swell[:, k - 1] * swell[:, k - 2] for k in range(3)], 1)
+    return solid(body.vertices + puff * out, body.faces).moved(*((lo + hi) / 2))
+
+
+def wrinkled(body: Solid, amount_m: float, wave_m: float, seed: int, *, along: Spot = (1.0, 1.0, 1.0)) -> Solid:
+    """Return a soft body with shallow creases; `along` weighs the directions in which they repeat."""
+    rng = np.random.default_rng(seed)
+    shift = np.zeros(len(body.vertices))
+    for octave in range(4):
+        for _ in range(3):
+            wave = rng.normal(size=3) * np.array(along)
+            wave *= 2 * np.pi * 1.7**octave / (wave_m * max(float(np.linalg.norm(wave)), 1e-9))
+            shift += 0.6**octave * np.sin(body.vertices @ wave + rng.uniform(0, 2 * np.pi))
+    normals = np.zeros_like(body.vertices)
+    corner = corner_normals(body.vertices, body.faces, np.pi)
+    np.add.at(normals, body.faces.ravel(), corner.reshape(-1, 3))
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return Solid(body.vertices + normals * (amount_m / 2.5 * shift)[:, None], body.faces, body.rest)
+
+
+def cushion(
+    width_m: float,
+    depth_m: float,
+    thick_m: float,
+    *,
+    crown_m: float = 0.03,
+    seed: int = 0,
+    piping_m: float = 0.005,
+    inner: int = 8,
+) -> Solid:
+    """Return a seat cushion, lying, its middle over the origin and its underside at z = 0, with piped seams."""
+    w, d = width_m / 2, depth_m / 2
+    edge = min(0.42 * thick_m, 0.06)
+    body = pad((-w, -d, 0), (w, d, thick_m), edge, (0.012, 0.012, crown_m), inner=inner, steps=2)
+    body = wrinkled(body, 0.0025, 0.35, seed)
+    if piping_m <= 0:
+        return body
+    crown = min(crown_m, 0.35 * thick_m / 2)
+    inset, radius = 0.012 + 0.29 * edge, 0.75 * edge
+    ring = _dense(rounded_rectangle(2 * (w - inset), 2 * (d - inset), radius, steps=5), 0.12)
+    seams = [
+        tube(ring + np.array([0, 0, z]), piping_m, 5, closed=True)
+        for z in (crown + 0.29 * edge, thick_m - crown - 0.29 * edge)
+    ]
+    return joined([body, *seams])
+
+
+def _dense(ring: Points, step_m: float) -> Points:
+    """Return a closed line with points at least every step."""
+    out = []
+    for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+        count = max(1, int(np.ceil(np.linalg.norm(b - a) / step_m)))
+        out.append(a + (b - a) * (np.arange(count) / count)[:, None])
+    return np.concatenate(out)
+
+
+def sheets(upper: Points, lower: Points) -> Solid:
+    """Return the closed body between two (m, n, 3) sheets with a common rim; x grows with m, y with n."""
+    m, n = upper.shape[:2]
+    i, j = np.meshgrid(np.arange(m - 1), np.arange(n - 1), indexing="ij")
+    a = (i * n + j).ravel()
+    b, c, d = a + n, a + n + 1, a + 1
+    top = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    bottom = top[:, ::-1] + m * n
+    border = np.concatenate([
+        np.arange(m - 1) * n, (m - 1) * n + np.arange(n - 1), np.arange(m - 1, 0, -1) * n + n - 1, np.arange(n - 1, 0, -1),
+    ])  # fmt: skip
+    after = np.roll(border, -1)
+    rim = np.concatenate([
+        np.stack([border, border + m * n, after + m * n], 1), np.stack([border, after + m * n, after], 1),
+    ])  # fmt: skip
+    return cleaned(np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]), np.concatenate([top, bottom, rim]))
+
+
+def pillow(
+    width_m: float, height_m: float, thick_m: float, *, seed: int = 0, grid: int = 13, ears: float = 0.07
+) -> Solid:
+    """Return a pillow lying around the origin, x its width, y its height: two sheets sewn at the rim, ears at corners."""
+    s = np.sin(np.pi / 2 * np.linspace(-1, 1, grid))
+    u, v = np.meshgrid(s, s, indexing="ij")
+    x = width_m / 2 * u * (1 - ears * (1 - np.abs(v) ** 2) * np.abs(u) ** 3)
+    y = height_m / 2 * v * (1 - ears * (1 - np.abs(u) ** 2) * np.abs(v) ** 3)
+    z = thick_m / 2 * ((1 - u**2) * (1 - v**2)) ** 0.42
+    rng = np.random.default_rng(seed)
+    for _ in range(5):
+        k = rng.normal(size=2) * 2.5
+        z = z * (1 + 0.045 * np.sin(k[0] * u * 2 + k[1] * v * 2 + rng.uniform(0, 6.28)))
+    flat = np.stack([x, y, z], axis=-1)
+    body = sheets(flat, flat * np.array([1, 1, -0.85]))
+    return Solid(body.vertices, body.faces, body.rest)
+
+
+def hanging(
+    width_m: float, length_m: float, drop_m: float, thick_m: float, *, seed: int = 0, round_m: float = 0.05,
+    foot_drop_m: float = 0.0, begin_m: float = 0.0, cells: tuple[int, int] = (40, 30),
+) -> Solid:  # fmt: skip
+    """Return a cover lying with its upper middle at z = 0 and hanging down both long sides (and the end at +y).
+
+    x in [-width/2, width/2] over all; y from 0 to `length_m`. Covers of one seed that begin at different `begin_m` have
+    the same folds, so that one lies on the other.
+    """
+    m, n = cells
+    rng = np.random.default_rng(seed)
+    flat = width_m / 2 - round_m - 0.5 * thick_m
+    arc = np.pi / 2 * round_m
+    reach = flat + arc + max(drop_m - round_m, 0.0)
+    s = reach * _spread(np.linspace(-1, 1, m + 1))
+    x, zx, slope = _over_edge(s, flat, round_m)
+    foot_flat = length_m - round_m - 0.5 * thick_m if foot_drop_m > 0 else length_m
+    far = foot_flat + (arc + max(foot_drop_m - round_m, 0.0) if foot_drop_m > 0 else 0.0)
+    t = far * np.linspace(0, 1, n + 1)
+    y, zy, foot_slope = _over_edge(t, foot_flat, round_m) if foot_drop_m > 0 else (t, np.zeros(n + 1), np.zeros(n + 1))
+    gx, gy = np.meshgrid(x, y, indexing="ij")
+    gs, gt = np.meshgrid(s * 0.5 / (width_m / 2), t + begin_m, indexing="ij")
+    z = (
+        zx[:, None]
+        + zy[None, :] * (np.abs(s) <= flat + arc)[:, None]
+        + zy[None, :] * (np.abs(s) > flat + arc)[:, None] * 0.15
+    )
+    puff = np.zeros_like(gx)
+    for octave in range(4):
+        for _ in range(3):
+            k = rng.normal(size=2) * 2 * np.pi / 0.75 * 1.6**octave
+            puff += 0.0065 * 0.55**octave * np.sin(k[0] * gs + k[1] * gt + rng.uniform(0, 6.28))
+    hang = np.abs(slope)[:, None] * np.ones_like(gx)
+    folds = (
+        0.012 * np.sin(2 * np.pi * gt / 0.34 + 1.3 * np.sin(gt * 5)) * np.clip(np.abs(s)[:, None] - flat, 0, None) / 0.2
+    )
+    lift = np.stack(
+        [np.sign(gx) * hang, foot_slope[None, :] * np.ones_like(gx), np.ones_like(gx) * (1 - 0.9 * hang)], -1
+    )
+    lift /= np.linalg.norm(lift, axis=-1, keepdims=True)
+    upper = np.stack([gx, gy, z], -1) + lift * (np.clip(puff + folds, -0.02, 0.02) - 0.02)[..., None]
+    rim = np.minimum.reduce([np.arange(m + 1)[:, None] + 0 * gx, m - np.arange(m + 1)[:, None] + 0 * gx,
+                             np.arange(n + 1)[None, :] + 0 * gx, n - np.arange(n + 1)[None, :] + 0 * gx])  # fmt: skip
+    depth = thick_m * np.clip(rim / 2.0, 0, 1) ** 0.5
+    mid = upper - lift * (thick_m / 2)
+    return sheets(mid + lift * depth[..., None] / 2, mid - lift * depth[..., None] / 2)
+
+
+def _spread(q: Points) -> Points:
+    """Return positions in [-1, 1], a little denser towards the ends."""
+    return np.asarray(np.sign(q) * (1 - (1 - np.abs(q)) ** 1.25), dtype=np.float64)
+
+
+def _over_edge(s: Points, flat: float, r: float) -> tuple[Points, Points, Points]:
+    """Return place, height and steepness (0 to 1) along a line that runs flat, bends down over radius r and hangs."""
+    d = np.abs(s) - flat
+    bend = np.clip(d / r, 0, np.pi / 2)
+    place = np.where(d > 0, flat + r * np.sin(bend), np.abs(s))
+    height = np.where(d > 0, -r * (1 - np.cos(bend)) - np.clip(d - np.pi / 2 * r, 0, None), 0.0)
+    return np.sign(s) * place, height, np.sin(bend)

@@ -1,0 +1,231 @@
+"""Hard shapes: bevelled boxes, lofts, turned pieces, bars, tubes. All are closed and wind outward."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.layout.furniture.surface import Corners, Points, Solid, solid
+
+Spot = tuple[float, float, float]
+
+
+def loft(rings: npt.ArrayLike) -> Solid:
+    """Return the skin over (m, n, 3) rings with fans as ends; rings run counter-clockwise seen from the last one.
+
+    Rings whose points all coincide are fine as ends (a tip).
+    """
+    r = np.asarray(rings, dtype=np.float64)
+    m, n = r.shape[:2]
+    vertices = [r.reshape(-1, 3)]
+    i, j = np.meshgrid(np.arange(m - 1), np.arange(n), indexing="ij")
+    a, b = i * n + j, i * n + (j + 1) % n
+    c, d = a + n, b + n
+    faces = [np.stack([a, b, d], axis=-1).reshape(-1, 3), np.stack([a, d, c], axis=-1).reshape(-1, 3)]
+    around = np.arange(n)
+    for end, k in ((0, m * n), (m - 1, m * n + 1)):
+        vertices.append(r[end].mean(axis=0, keepdims=True))
+        first, second = end * n + around, end * n + (around + 1) % n
+        order = [second, first] if end == 0 else [first, second]
+        faces.append(np.stack([*order, np.full(n, k)], axis=1))
+    return cleaned(np.concatenate(vertices), np.concatenate(faces))
+
+
+def cleaned(vertices: Points, faces: npt.NDArray[np.int64]) -> Solid:
+    """Return a solid whose coinciding vertices are one and which has no face without area."""
+    key = np.rint(vertices * 1e7).astype(np.int64)
+    with np.errstate(over="ignore"):
+        mixed = key @ np.array([73856093, 19349669000003, 83492791000000007], dtype=np.int64)
+    _, first, place = np.unique(mixed, return_index=True, return_inverse=True)
+    f = place[faces]
+    keep = (f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 0] != f[:, 2])
+    return solid(vertices[first], f[keep])
+
+
+def box(low: Spot, high: Spot, bevel_m: float = 0.003, steps: int = 1) -> Solid:
+    """Return a box between two corners with rounded edges; `steps` 0 gives sharp ones (12 triangles)."""
+    lo, hi = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    half = (hi - lo) / 2
+    r = float(min(bevel_m, 0.499 * half.min())) if steps else 0.0
+    return cube_grid(half, r, max(steps, 0), 1).moved(*((lo + hi) / 2))
+
+
+def cube_grid(half: Points, r: float, steps: int, inner: int) -> Solid:
+    """Return a box of half extents with edges of radius r, its flat fields divided `inner` times; rest is itself."""
+    lattice, faces = _lattice(steps, inner)
+    core = half - r
+    turn = np.tan(np.pi / 4 * np.linspace(0, 1, steps + 1)) if steps else np.zeros(1)
+    # Lattice coordinate -> place along the axis (before rounding): rounding region, flat region, rounding region.
+    columns = []
+    for axis in range(3):
+        flat = np.linspace(-core[axis], core[axis], inner + 1)
+        rim = core[axis] + r * turn[1:] if steps else np.empty(0)
+        line = np.concatenate([-rim[::-1], flat, rim])
+        columns.append(line[lattice[:, axis]])
+    points = np.stack(columns, axis=1)
+    if r > 0:
+        inside = np.clip(points, -core, core)
+        away = points - inside
+        points = inside + r * away / np.linalg.norm(away, axis=1, keepdims=True)
+    else:
+        points = np.sign(points) * np.where(np.abs(points) >= core - 1e-12, half, np.abs(points))
+    return solid(points, faces)
+
+
+_LATTICES: dict[tuple[int, int], tuple[Corners, Corners]] = {}
+
+
+def _lattice(steps: int, inner: int) -> tuple[Corners, Corners]:
+    """Return the surface points (integers) and triangles of a cube of 2 steps + inner cells a side."""
+    if (steps, inner) in _LATTICES:
+        return _LATTICES[steps, inner]
+    n = 2 * steps + inner
+    u, v = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    quads = []
+    for axis in range(3):
+        for side in (0, n):
+            corners = []
+            for du, dv in ((0, 0), (1, 0), (1, 1), (0, 1)) if side else ((0, 0), (0, 1), (1, 1), (1, 0)):
+                p = np.zeros((len(u), 3), dtype=np.int64)
+                p[:, axis], p[:, (axis + 1) % 3], p[:, (axis + 2) % 3] = side, u + du, v + dv
+                corners.append(p)
+            quads.append(np.stack(corners, axis=1))
+    every = np.concatenate(quads)
+    code = (every @ np.array([(n + 1) ** 2, n + 1, 1])).ravel()
+    _, first, place = np.unique(code, return_index=True, return_inverse=True)
+    quad = place.reshape(-1, 4)
+    faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
+    _LATTICES[steps, inner] = (every.reshape(-1, 3)[first], faces)
+    return _LATTICES[steps, inner]
+
+
+def circle(radius_m: float, sides: int, z: float = 0.0, start_rad: float = 0.0) -> Points:
+    """Return (sides, 3): a ring about the z axis, counter-clockwise seen from above; extents are exact for 4k sides."""
+    a = start_rad + 2 * np.pi * np.arange(sides) / sides
+    return np.stack([radius_m * np.cos(a), radius_m * np.sin(a), np.full(sides, z)], axis=1)
+
+
+def rounded_rectangle(width_m: float, depth_m: float, radius_m: float, z: float = 0.0, steps: int = 5) -> Points:
+    """Return a ring of 4 (steps + 1) points about the z axis."""
+    r = min(radius_m, width_m / 2 - 1e-4, depth_m / 2 - 1e-4)
+    ring = []
+    for k, (sx, sy) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
+        a = np.pi / 2 * (k + np.linspace(0, 1, steps + 1))
+        ring.append(np.stack([sx * (width_m / 2 - r) + r * np.cos(a), sy * (depth_m / 2 - r) + r * np.sin(a)], axis=1))
+    flat = np.concatenate(ring)
+    return np.column_stack([flat, np.full(len(flat), z)])
+
+
+def slab(
+    width_m: float, depth_m: float, low_z: float, high_z: float, *, corner_m: float, edge_m: float, steps: int = 5
+) -> Solid:
+    """Return a plate with rounded corners and rounded upper and lower edges, about the z axis."""
+    e = min(edge_m, 0.49 * (high_z - low_z), 0.4 * min(width_m, depth_m))
+    c = max(corner_m, e + 1e-4)
+    arc = np.linspace(0, np.pi / 2, 4)
+    rows = [(e * (1 - math.sin(t)), low_z + e * (1 - math.cos(t))) for t in arc]
+    rows += [(e * (1 - math.cos(t)), high_z - e * (1 - math.sin(t))) for t in arc]
+    return loft(
+        [
+            rounded_rectangle(width_m - 2 * inset, depth_m - 2 * inset, max(c - inset, 1e-4), z, steps)
+            for inset, z in rows
+        ]
+    )
+
+
+def turned_piece(profile: Sequence[tuple[float, float]], sides: int = 32) -> Solid:
+    """Return the body of a profile of (radius, height), from its lower to its upper end, about the z axis."""
+    return loft([circle(max(r, 0.0), sides, z) for r, z in profile])
+
+
+def vessel(profile: Sequence[tuple[float, float]], wall_m: float, sides: int = 32) -> Solid:
+    """Return an open vessel: the outside's (radius, height), foot to rim, and a wall of one thickness."""
+    outside = [(0.0, profile[0][1]), *profile]
+    inside = [(max(r - wall_m, 1e-3), max(z, profile[0][1] + wall_m)) for r, z in reversed(profile)]
+    return turned_piece([*outside, *inside, (0.0, inside[-1][1])], sides)
+
+
+def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12, *, closed: bool = False) -> Solid:
+    """Return a round bar along (m, 3) points with slightly rounded ends; a ring where `closed`."""
+    p = np.asarray(path, dtype=np.float64)
+    radii = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(p))
+    if closed:
+        return _ring_tube(p, float(radii[0]), sides)
+    tangents = np.gradient(p, axis=0)
+    frames = _frames(tangents / np.linalg.norm(tangents, axis=1, keepdims=True))
+    a = 2 * np.pi * np.arange(sides) / sides
+    wheel = np.stack([np.cos(a), np.sin(a)], axis=1)
+    rings = p[:, None, :] + radii[:, None, None] * (wheel @ frames)
+    head = p[0] + 0.6 * (rings[0] - p[0]) - 0.0
+    tail = p[-1] + 0.6 * (rings[-1] - p[-1])
+    t0, t1 = p[1] - p[0], p[-1] - p[-2]
+    rings[0] += t0 / np.linalg.norm(t0) * min(0.4 * radii[0], 0.4 * float(np.linalg.norm(t0)))
+    rings[-1] -= t1 / np.linalg.norm(t1) * min(0.4 * radii[-1], 0.4 * float(np.linalg.norm(t1)))
+    return loft(np.concatenate([head[None], rings, tail[None]]))
+
+
+def _frames(tangents: Points) -> Points:
+    """Return (m, 2, 3): two directions across each tangent, turning as little as they can."""
+    first = np.cross(tangents[0], [0.0, 0.0, 1.0])
+    if np.linalg.norm(first) < 1e-6:
+        first = np.array([1.0, 0.0, 0.0])
+    frames = []
+    for t in tangents:
+        first = first - (first @ t) * t
+        first /= np.linalg.norm(first)
+        frames.append(np.stack([first, np.cross(t, first)]))
+    return np.stack(frames)
+
+
+def _ring_tube(p: Points, radius_m: float, sides: int) -> Solid:
+    tangents = np.roll(p, -1, axis=0) - np.roll(p, 1, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    up = np.linalg.svd(p - p.mean(axis=0))[2][2]
+    outward = np.cross(tangents, up)
+    a = 2 * np.pi * np.arange(sides) / sides
+    rings = p[:, None] + radius_m * (
+        np.cos(a)[None, :, None] * outward[:, None] + np.sin(a)[None, :, None] * np.cross(tangents, outward)[:, None]
+    )
+    m, n = rings.shape[:2]
+    i, j = np.meshgrid(np.arange(m), np.arange(n), indexing="ij")
+    a0, b0 = i * n + j, i * n + (j + 1) % n
+    c0, d0 = (i + 1) % m * n + j, (i + 1) % m * n + (j + 1) % n
+    faces = np.concatenate([np.stack([a0, b0, d0], -1).reshape(-1, 3), np.stack([a0, d0, c0], -1).reshape(-1, 3)])
+    return solid(rings.reshape(-1, 3), faces)
+
+
+def leg(foot: Spot, hip: Spot, foot_r: float, hip_r: float, sides: int = 16) -> Solid:
+    """Return a turned leg from its foot (cut level with the floor) up to its hip, thickening evenly."""
+    f, h = np.array(foot), np.array(hip)
+    rows = []
+    for t, scale in ((0.0, 0.85), (0.015, 1.0), (1.0, 1.0)):
+        r = (foot_r + (hip_r - foot_r) * t) * scale
+        rows.append(f + (h - f) * t + circle(r, sides))
+    return loft(rows)
+
+
+def square_leg(foot: Spot, hip: Spot, foot_m: float, hip_m: float, bevel_m: float = 0.003) -> Solid:
+    """Return a square leg from its foot (cut level with the floor) up to its hip, its sides along x and y."""
+    f, h = np.array(foot), np.array(hip)
+    rows = []
+    for t, inset in ((0.0, bevel_m), (0.01, 0.0), (1.0, 0.0)):
+        side = foot_m + (hip_m - foot_m) * t - 2 * inset
+        rows.append(f + (h - f) * t + rounded_rectangle(side, side, bevel_m * 1.2, steps=1))
+    return loft(rows)
+
+
+def curve(points: Sequence[Spot], steps: int = 8) -> Points:
+    """Return a smooth line through points (Catmull and Rom's)."""
+    p = np.asarray(points, dtype=np.float64)
+    if len(p) < 3:
+        return p
+    ext = np.concatenate([[2 * p[0] - p[1]], p, [2 * p[-1] - p[-2]]])
+    out = []
+    for k in range(len(p) - 1):
+        a, b, c, d = ext[k : k + 4]
+        t = np.linspace(0, 1, steps, endpoint=False)[:, None]
+        out.append(0.5 * (2 * b + (c - a) * t + (2 * a - 5 * b + 4 * c - d) * t**2 + (3 * b - a - 3 * c + d) * t**3))
+    return np.concatenate([*out, p[-1:]])

@@ -1,0 +1,1 @@
+"""Quick pictures of furniture for catalogues: soft light and shadow, no bounced light; not the rendering stage."""
