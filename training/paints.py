@@ -55,8 +55,9 @@ def draw_coats(rng: np.random.Generator, paints: list[Paint], bank: list[Tile]) 
         albedo[number] = paint.rgb if keep and paint.rgb is not None else drawn
         if rng.random() < _TEXTURED.get(paint.kind, 0.0):
             among = groups.get(_GROUP.get(paint.kind, "") or str(rng.choice(["cloth", "wood", "plain"])), [])
-            chosen = int(rng.choice(among))
-            tile[number] = chosen if single else one_tile.setdefault(paint.kind, chosen)
+            if among:
+                chosen = int(rng.choice(among))
+                tile[number] = chosen if single else one_tile.setdefault(paint.kind, chosen)
     gloss = np.where(rng.random(count) < 0.25, rng.uniform(0.02, 0.2, count), 0.0)
     floor_gloss = rng.uniform(0.02, 0.25) if rng.random() < 0.5 else 0.0
     gloss[[p.kind == "floor" for p in paints]] = floor_gloss

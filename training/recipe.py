@@ -66,7 +66,7 @@ def _of_room(
         place, eye_m = (0.0, 0.0), room.plan.camera_height_m
         if number:
             place, eye_m = draw_cameras(rng, outline, 1)[0], draw_eye_m(rng, room.plan.height_m)
-        yield from _looks(rng, stage, outline, room.plan.height_m, place, eye_m, tiles, looks, foot=number > 0)
+        yield from looks_of(rng, stage, outline, room.plan.height_m, place, eye_m, tiles, looks, foot=number > 0)
 
 
 def _below(part: Part) -> tuple[float, float, float]:
@@ -79,10 +79,10 @@ def _of_house(rng: np.random.Generator, bank: list[Piece], tiles: list[Tile], lo
     furnish_house(rng, house, bank)
     stage = Stage(house.soup, house.panes, house.portals, house.mirrors, house.lamps)
     for place, eye_m in zip(house.cameras, house.eyes_m, strict=True):
-        yield from _looks(rng, stage, house.outline, house.ceiling_m, place, eye_m, tiles, looks, foot=True)
+        yield from looks_of(rng, stage, house.outline, house.ceiling_m, place, eye_m, tiles, looks, foot=True)
 
 
-def _looks(
+def looks_of(
     rng: np.random.Generator,
     stage: Stage,
     outline: npt.NDArray[np.float64],

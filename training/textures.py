@@ -65,10 +65,10 @@ def make_bank(count: int = 60, seed: int = 5) -> list[Tile]:
             if material.texture is not None:
                 made = tile(material.texture)
                 found.append(_made(group, np.asarray(made.albedo, np.float32), made.size_m))
-    return found + [_plain(np.random.default_rng([seed, 999, k])) for k in range(40)]
+    return found + [plain_tile(np.random.default_rng([seed, 999, k])) for k in range(40)]
 
 
-def _plain(rng: np.random.Generator) -> Tile:
+def plain_tile(rng: np.random.Generator) -> Tile:
     """Return stripes, checks or noise in two tones."""
     y, x = np.mgrid[0:SIDE, 0:SIDE] / SIDE
     kind, n = rng.integers(4), int(rng.integers(2, 9))
