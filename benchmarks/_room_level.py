@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -105,10 +104,10 @@ def simulated(split: Split, count: int, *, tilts: int = 2, empty: bool = False) 
     }
 
 
-def level_metrics(*, quick: bool, data: Path | None = None) -> dict[str, float]:
+def level_metrics(*, quick: bool) -> dict[str, float]:
     """Return the benchmark's figures: test rooms with furniture; real rooms where the shared panoramas are."""
     found = simulated("test", 4 if quick else 16, tilts=1 if quick else 3)
-    out = {
+    return {
         "level_tilt_err_median_deg": float(np.median(found["tilt_err"])),
         "level_tilt_err_p95_deg": float(np.percentile(found["tilt_err"], 95)),
         "level_azimuth_err_median_deg": float(np.median(found["azimuth_err"])),
@@ -116,4 +115,3 @@ def level_metrics(*, quick: bool, data: Path | None = None) -> dict[str, float]:
         "level_error_over_sigma": float(np.sqrt(np.nanmean(np.square(found["z"])))),
         "level_cpu_s": float(np.median(found["cpu_s"])),
     }
-    return out

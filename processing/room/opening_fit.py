@@ -28,9 +28,13 @@ HIDING = (SceneClass.FURNITURE, SceneClass.TRIPOD, SceneClass.FIXTURE)
 """What may hide an opening: there, classes tell nothing."""
 REGION_PER_M2 = 10.0
 """Weight of a square metre of surely right class, against a metre of sharp edge."""
-OUTER_EDGE, INNER_EDGE, COMMON_EDGE = 1.0, 1.0, 0.3
-"""Weights of the edges around the opening and around what is seen of it; edge strength anywhere on a wall."""
+OUTER_EDGE, INNER_EDGE, GLASS_EDGE, COMMON_EDGE = 1.0, 1.0, 1.0, 0.3
+"""Weights of the edges around the opening, around what is seen of it and, further in, around the glass; edge strength
+anywhere on a wall."""
+FRAMES_M = (0.03, 0.045, 0.06, 0.075, 0.1)
 REACH_M, PASSES = 0.3, 3
+STAY_PER_M = 0.3
+"""What a side pays for leaving its place without a reason."""
 LEAST_SIDE_M = 0.3
 
 
@@ -52,7 +56,7 @@ WINDOW = Kind(SceneClass.WINDOW, tuple(0.04 * i for i in range(12)), (0.24, 0.12
 DOOR = Kind(
     SceneClass.DOOR,
     (-0.1, -0.08, -0.06, -0.04, -0.02, 0.0, 0.05, 0.1),
-    (-0.05, 0.04),
+    (-0.06, 0.03),
     to_floor=True,
     usual_width_m=(0.82, 0.12),
     usual_head_m=(2.03, 0.08),
@@ -75,12 +79,12 @@ class Field:
 
     @cached_property
     def _votes_sum(self) -> Doubles:
-        return cv2.integral(self.votes, sdepth=cv2.CV_64F)
+        return np.asarray(cv2.integral(self.votes, sdepth=cv2.CV_64F), dtype=np.float64)
 
     @cached_property
     def _edge_sums(self) -> tuple[Doubles, Doubles]:
         """Return running sums of edges: rightward steps down the columns, downward steps along the rows."""
-        clear = 1 - np.minimum(self.view.share[[SceneClass.FURNITURE, SceneClass.TRIPOD]].sum(axis=0), 1)
+        clear = 1 - np.minimum(self.view.share[list(HIDING)].sum(axis=0), 1)
         across, down = self.view.edges
         known = self.view.known * clear
         # An edge that is tilted or wavy by a texel is still one edge.
@@ -133,6 +137,16 @@ def _line(table: Doubles, at: Doubles, start: Doubles, end: Doubles) -> Doubles:
     return np.where(inside, total, 0.0)
 
 
+@dataclass(frozen=True)
+class Candidate:
+    """A rectangle on a wall, and how well it explains what is seen there."""
+
+    field: Field
+    box: Box
+    recess_m: float
+    score: float
+
+
 def shown_box(view: WallView, recess_m: float, box: tuple[Doubles, ...]) -> tuple[Doubles, ...]:
     """Return what is seen of openings on the wall: behind a reveal, or with the casing around."""
     u0, v0, u1, v1 = box
@@ -174,11 +188,29 @@ def score(field: Field, recess_m: float, box: tuple[Doubles, ...]) -> Doubles:
             continue
         total = total + INNER_EDGE * field.level_edge(inner, s0, s1)
         total = total + OUTER_EDGE * field.level_edge(at, u0, u1) * (np.abs(at - inner) > apart)
+    if not kind.to_floor:
+        total = total + GLASS_EDGE * _glass_edges(field, (s0, t0, s1, t1))
     if kind.usual_width_m:
         total = total - 0.25 * ((u1 - u0 - kind.usual_width_m[0]) / kind.usual_width_m[1]) ** 2
     if kind.usual_head_m:
         total = total - 0.25 * ((view.plane.height_m - v0 - kind.usual_head_m[0]) / kind.usual_head_m[1]) ** 2
     return np.asarray(total)
+
+
+def _glass_edges(field: Field, shown: tuple[Doubles, ...]) -> Doubles:
+    """Return the edges around the glass, within a frame as wide on all sides as suits best."""
+    s0, t0, s1, t1 = shown
+    found = []
+    for frame in FRAMES_M:
+        u0, v0, u1, v1 = s0 + frame, t0 + frame, s1 - frame, t1 - frame
+        upright = field.upright_edge(u0, v0, v1) + field.upright_edge(u1, v0, v1)
+        found.append(upright + field.level_edge(v0, u0, u1) + field.level_edge(v1, u0, u1))
+    return np.asarray(np.max(found, axis=0))
+
+
+def score_of(field: Field, recess_m: float, box: Box) -> float:
+    """Return the score of one opening."""
+    return float(score(field, recess_m, tuple(np.asarray(side) for side in box)))
 
 
 def recess_cost(kind: Kind, recess_m: float) -> float:
@@ -202,8 +234,8 @@ def fitted(field: Field, recess_m: float, start: Box) -> tuple[float, Box]:
             tried = tried[(tried >= low - 1e-9) & (tried <= high + 1e-9)]
             if not tried.size:
                 continue
-            box = tuple(tried if i == which else np.full_like(tried, sides[i]) for i in range(4))
-            found = score(field, recess_m, box)
+            box = tuple(np.asarray(tried if i == which else np.full(tried.shape, sides[i])) for i in range(4))
+            found = score(field, recess_m, box) - STAY_PER_M * np.abs(tried - start[which])
             place = int(found.argmax())
             best, sides[which] = float(found[place]), float(tried[place])
     return best, (sides[0], sides[1], sides[2], sides[3])

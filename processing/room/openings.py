@@ -7,7 +7,6 @@ the reveals is that of the whole room: the one under which all windows together 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -15,7 +14,8 @@ import numpy.typing as npt
 
 from processing.images import LuminanceImage, RelativeImage
 from processing.room.model import Opening, OpeningKind, RoomModel
-from processing.room.opening_fit import DOOR, WINDOW, Box, Field, Kind, box_of_shown, fitted, recess_cost
+from processing.room.opening_cover import uncovered
+from processing.room.opening_fit import DOOR, WINDOW, Box, Candidate, Field, Kind, box_of_shown, fitted, recess_cost
 from processing.room.wall_views import WallView, wall_views
 from processing.segmentation.evidence import SceneEvidence
 
@@ -29,15 +29,6 @@ FLOOR_M = 0.16
 """A window whose lower edge is lower is a glass door."""
 
 
-@dataclass(frozen=True)
-class Candidate:
-    """A rectangle on a wall, with what speaks for it."""
-
-    field: Field
-    box: Box
-    score: float
-
-
 def find_openings(
     image: RelativeImage | LuminanceImage,
     evidence: SceneEvidence,
@@ -47,7 +38,7 @@ def find_openings(
 ) -> tuple[Opening, ...]:
     """Return the openings of a room (its own are not looked at) in an upright equirectangular picture."""
     views = wall_views(image, evidence, room)
-    found = [*_of_kind(views, WINDOW), *_of_kind(views, DOOR)]
+    found = [*uncovered(_of_kind(views, WINDOW)), *_of_kind(views, DOOR)]
     return tuple(_opening(one, room) for one in _apart(found))
 
 
@@ -58,15 +49,15 @@ def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
         return []
     best: tuple[float, list[Candidate]] = (-math.inf, [])
     for recess in kind.recesses_m:
-        tried = [Candidate(f, b, s) for f, b, s in (_fit(field, recess, shown) for field, shown in starts)]
+        tried = [_fit(field, recess, shown) for field, shown in starts]
         total = sum(one.score - recess_cost(kind, recess) for one in tried)
         best = max(best, (total, tried), key=lambda entry: entry[0])
     return best[1]
 
 
-def _fit(field: Field, recess: float, shown: Box) -> tuple[Field, Box, float]:
+def _fit(field: Field, recess: float, shown: Box) -> Candidate:
     value, box = fitted(field, recess, box_of_shown(field.view, recess, shown))
-    return field, box, value
+    return Candidate(field, box, recess, value)
 
 
 def proposals(field: Field) -> list[Box]:

@@ -15,7 +15,6 @@ import numpy.typing as npt
 
 from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.room.model import RoomModel
-from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
 from processing.surfaces.plane import FIRST_WALL, Plane
