@@ -88,7 +88,8 @@ def evaluate(model: Path | None, validation: Path | None, shared: Path | None, q
     from processing.segmentation.embedded import SHIPPED
     from training.judge import on_real, on_validation
 
-    chosen, said = model or SHIPPED, {}
+    chosen = model or SHIPPED
+    said: dict[str, object] = {}
     if validation is not None:
         tally = on_validation(chosen, validation, quality=quality)
         said["validation"] = {name: round(value, 3) for name, value in tally.summary().items()}

@@ -38,7 +38,7 @@ def recoloured(rng: np.random.Generator, picture: Floats) -> Floats:
         out = middle + (out - middle) * np.float32(rng.uniform(0.75, 1.3))
     if rng.random() < 0.5:
         out = out + rng.normal(0, rng.uniform(0, 0.025), out.shape).astype(np.float32)
-    return np.clip(out, 0, 1).astype(np.float32)
+    return np.asarray(np.clip(out, 0, 1), dtype=np.float32)
 
 
 def drawn_batch(rng: np.random.Generator, examples: Examples, chosen: npt.NDArray[np.intp]) -> Arrays:
@@ -47,7 +47,8 @@ def drawn_batch(rng: np.random.Generator, examples: Examples, chosen: npt.NDArra
     for index in chosen:
         one = {"picture": examples.picture[index], **{name: getattr(examples, name)[index] for name in COLUMNS}}
         moved = turned(one, int(rng.integers(examples.picture.shape[2])), bool(rng.random() < 0.5))
-        moved["picture"] = recoloured(rng, moved["picture"].astype(np.float32) / 255).transpose(2, 0, 1)
+        shown = np.asarray(moved["picture"], dtype=np.float32) / np.float32(255)
+        moved["picture"] = recoloured(rng, shown).transpose(2, 0, 1)
         for name, values in moved.items():
             found.setdefault(name, []).append(values)
     return {name: np.stack(values) for name, values in found.items()}

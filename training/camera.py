@@ -80,13 +80,13 @@ def _developed(rng: np.random.Generator, light: Floats) -> Floats:
 
 def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:
     if rng.random() < 0.3:
-        shown = cv2.GaussianBlur(shown, (0, 0), float(rng.uniform(0.4, 1.2)))
+        shown = np.asarray(cv2.GaussianBlur(shown, (0, 0), float(rng.uniform(0.4, 1.2))), dtype=np.float32)
     noisy = shown + rng.normal(0, rng.uniform(0, 0.03), shown.shape)
     codes = np.clip(noisy * 255 + 0.5, 0, 255).astype(np.uint8)
     if rng.random() < 0.6:
         _, data = cv2.imencode(".jpg", codes, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(30, 96))])
-        codes = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    return np.asarray(codes, dtype=np.uint8)
+        codes = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+    return codes
 
 
 def decoded(codes: npt.NDArray[np.uint8]) -> Floats:
@@ -99,4 +99,4 @@ def small_labels(label: Labels) -> npt.NDArray[np.uint8]:
     """Return the commonest class in each of the network's pixels."""
     fine = label.reshape(HEIGHT_PX, label.shape[0] // HEIGHT_PX, WIDTH_PX, label.shape[1] // WIDTH_PX)
     votes = np.stack([(fine == k).sum(axis=(1, 3)) for k in range(len(SceneClass))])
-    return votes.argmax(axis=0).astype(np.uint8)
+    return np.asarray(votes.argmax(axis=0), dtype=np.uint8)

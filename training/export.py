@@ -28,7 +28,7 @@ def export(checkpoint: Path, out: Path, *, name: str, sigma_scale: tuple[float, 
     torch.onnx.export(
         shipped,
         (torch.zeros(2, 3, HEIGHT, WIDTH),),
-        held,
+        held,  # type: ignore[arg-type]
         input_names=["picture"],
         output_names=["probabilities", "columns"],
         dynamic_axes={"picture": {0: "n"}, "probabilities": {0: "n"}, "columns": {0: "n"}},

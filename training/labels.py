@@ -47,4 +47,4 @@ def corner_likelihood(outline: npt.ArrayLike, eye: tuple[float, float], count: i
     away = np.abs((column_longitudes(count)[:, None] - azimuth[None, seen] + np.pi) % (2 * np.pi) - np.pi)
     if not seen.any():
         return np.zeros(count, np.float32)
-    return np.exp(-0.5 * (away.min(axis=1) / CORNER_SPREAD_RAD) ** 2).astype(np.float32)
+    return np.asarray(np.exp(-0.5 * (away.min(axis=1) / CORNER_SPREAD_RAD) ** 2), dtype=np.float32)

@@ -119,7 +119,7 @@ def _bounces(
     count = len(start)
     turn, radius = rng.random((2, count, _BOUNCE_RAYS), dtype=np.float32)
     turn, radius = turn * np.float32(2 * np.pi), np.sqrt(radius)
-    helper = np.where(np.abs(normal[:, 2:]) < 0.9, np.float32([[0, 0, 1]]), np.float32([[1, 0, 0]]))
+    helper = np.where(np.abs(normal[:, 2:]) < 0.9, np.array([[0, 0, 1]], np.float32), np.array([[1, 0, 0]], np.float32))
     a = np.cross(helper, normal)
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     b = np.cross(normal, a)
@@ -138,7 +138,8 @@ def sunlit(geometry: Geometry, points: Points, direction: Floats) -> Floats:
     mine = np.flatnonzero((normal @ direction > 0.02) & points.solid.reshape(-1))
     start = points.place.reshape(-1, 3)[mine] + normal[mine] * np.float32(_LIFT_M)
     out[mine] = ~geometry.blocked(start, np.broadcast_to(direction, start.shape).astype(np.float32))
-    return (out * np.maximum(normal @ direction, 0)).reshape(points.solid.shape).astype(np.float32)
+    lit = out * np.maximum(normal @ direction, 0)
+    return np.asarray(lit.reshape(points.solid.shape), dtype=np.float32)
 
 
 def smoothed(points: Points, light: Floats, reach: int = 2) -> Floats:

@@ -29,7 +29,8 @@ class Around(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Return the features."""
         x = torch.cat([x[..., -1:], x, x[..., :1]], dim=-1)
-        return functional.relu(self.norm(self.conv(x)), inplace=True)
+        found: Tensor = self.norm(self.conv(x))
+        return functional.relu(found, inplace=True)
 
 
 class Block(nn.Module):
@@ -41,7 +42,7 @@ class Block(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the features."""
-        return x + self.second(self.first(x))
+        return torch.add(x, self.second(self.first(x)))
 
 
 class Ring(nn.Module):
@@ -79,7 +80,8 @@ class Columns(nn.Module):
         """Return corrections of both latitudes, both log sigmas, the corner's logit, and a spare."""
         wide = around(self.deep(deep)[:, :, 0], WIDTH // 2)
         x = functional.relu(self.fold(fine)[:, :, 0] + wide + self.edges(edges))
-        return self.out(self.rings(x))
+        found: Tensor = self.out(self.rings(x))
+        return found
 
 
 def around(x: Tensor, width: int) -> Tensor:

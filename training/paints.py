@@ -78,7 +78,7 @@ def _tinted(rng: np.random.Generator, level: float, saturation: float) -> npt.ND
     # Homes are mostly warm: half of the hues lie about orange.
     hue = rng.normal(0.6, 0.5) if rng.random() < 0.5 else rng.uniform(0, 2 * np.pi)
     tint = 1 + saturation * np.cos(hue - np.array([0.0, 2.094, 4.189]))
-    return level * tint / tint.mean()
+    return np.asarray(level * tint / tint.mean(), dtype=np.float64)
 
 
 def _wood(rng: np.random.Generator) -> npt.NDArray[np.float64]:
@@ -94,7 +94,8 @@ def _albedo(rng: np.random.Generator, kind: str) -> npt.NDArray[np.float64]:
     if kind in ("wall", "accent wall"):
         strong = kind == "accent wall" or chance < 0.3
         if not strong:
-            return _tinted(rng, rng.uniform(0.45, 0.86), rng.uniform(0, 0.08)) * np.array([1.05, 1.0, 0.92])
+            pale = _tinted(rng, rng.uniform(0.45, 0.86), rng.uniform(0, 0.08))
+            return np.asarray(pale * np.array([1.05, 1.0, 0.92]), dtype=np.float64)
         return _tinted(rng, np.exp(rng.uniform(-2.3, -0.3)), rng.uniform(0.05, 0.8))
     if kind == "wood door" or (kind == "fitted" and chance < 0.5):
         return _wood(rng)

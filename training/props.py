@@ -53,7 +53,9 @@ def _over(item: Item, other: Item) -> bool:
 
 
 def _piece(item: Item, parts: list[Part]) -> Piece:
-    triangles, paint_of, colours = [], [], []
+    triangles: list[Floats] = []
+    paint_of: list[npt.NDArray[np.int16]] = []
+    colours: list[tuple[float, float, float]] = []
     c, s = np.cos(-item.turn_rad), np.sin(-item.turn_rad)
     for part in parts:
         t = part.mesh.vertices[part.mesh.faces] - np.array([*item.position_m[:2], 0.0])
@@ -143,7 +145,8 @@ def _rug(rng: np.random.Generator, house: House, room: Polygon) -> None:
     low, high = house.outline.min(axis=0), house.outline.max(axis=0)
     x, y = rng.uniform(low, high)
     w, d = rng.uniform(0.6, 2.8), rng.uniform(0.5, 1.9)
-    turn = rng.uniform(0, np.pi) if rng.random() < 0.4 else np.arctan2(*reversed(house.wall(0)[0].along))
+    along = house.wall(0)[0].along
+    turn = rng.uniform(0, np.pi) if rng.random() < 0.4 else np.arctan2(along[1], along[0])
     frame = Frame((float(x), float(y)), (float(np.cos(turn)), float(np.sin(turn))))
     ring = frame.world([(-w / 2, -d / 2, 0.008), (w / 2, -d / 2, 0.008), (w / 2, d / 2, 0.008), (-w / 2, d / 2, 0.008)])
     if room.contains(Polygon(ring[:, :2])):

@@ -94,6 +94,7 @@ def looks_of(
     *,
     foot: bool,
 ) -> Iterator[Example]:
+    """Yield pictures from one camera; ``foot``: something may stand under it. None from a camera in front of a face."""
     seen = see(rng, stage, place, eye_m)
     if np.median(seen.reach_m[seen.reach_m > 0]) < 0.25:
         return

@@ -33,7 +33,7 @@ def write_shard(folder: Path, first_seed: int, examples: Iterable[Example]) -> i
     folder.mkdir(parents=True, exist_ok=True)
     part = folder / f"{first_seed:06d}.part"
     with part.open("wb") as file:
-        np.savez(file, **arrays)
+        np.savez(file, allow_pickle=False, **arrays)
     part.rename(folder / f"{first_seed:06d}.npz")
     return len(found)
 

@@ -97,14 +97,14 @@ def _turned(picture: Floats, turns: tuple[int, ...]) -> Floats:
 
 def _back(values: Floats, number: int, turn: int) -> Floats:
     """Return what was found on a turned picture (..., columns) as it lies on the picture itself."""
-    return np.roll(values[..., :: -1 if number % 2 else 1], -turn, axis=-1)
+    return np.asarray(np.roll(values[..., :: -1 if number % 2 else 1], -turn, axis=-1), dtype=np.float32)
 
 
 def _mean_probabilities(found: Floats, turns: tuple[int, ...]) -> Floats:
     total = np.zeros(found.shape[1:], dtype=np.float64)
     for number, turn in enumerate(turns):
         total += _back(found[number], number, turn)
-    return (total / total.sum(axis=0)).astype(np.float32)
+    return np.asarray(total / total.sum(axis=0), dtype=np.float32)
 
 
 def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> BoundaryEvidence:
