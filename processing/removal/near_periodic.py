@@ -50,8 +50,12 @@ class Repeat(StrEnum):
     NONE = "none"
 
 
-MANNERS = {Repeat.LATTICE: (0.35, 0.6, 2.0), Repeat.LINE: (1.0, 1.0, 8.0), Repeat.NONE: (1.0, 1.0, 16.0)}
-"""Box (of a cell), liveliness and detail (px): where nothing repeats, a mean of copies is a blur."""
+MANNERS = {
+    Repeat.LATTICE: (0.35, 0.6, 2.0, True),
+    Repeat.LINE: (1.8, 1.0, 8.0, False),
+    Repeat.NONE: (1.0, 1.0, 16.0, False),
+}
+"""Box (of a cell), liveliness, detail (px), whether guesses take part: where nothing repeats, a mean of copies is a blur."""
 LOOSE_CELL = 0.045
 """Of the texture's size: the neighbourhood that tells whether a copy fits where there is no lattice."""
 
@@ -147,8 +151,8 @@ def _offsets(
 
 def manner_of(repeat: Repeat, cell_px: float) -> Manner:
     """Return how copies of a texture are compared and blended."""
-    box, lively, detail_px = MANNERS[repeat]
-    return Manner(box * cell_px, lively, detail_px)
+    box, lively, detail_px, guesses = MANNERS[repeat]
+    return Manner(box * cell_px, lively, detail_px, guesses)
 
 
 @dataclass(frozen=True)
@@ -205,7 +209,14 @@ class _Job:
             density = cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA)
         box = max(7, round(manner.box_px * scale))
         return solve_weights(
-            small, seen, lack & ~seen, offsets * scale, (inside[0], inside[1]), box_px=box, density=density
+            small,
+            seen,
+            lack & ~seen,
+            offsets * scale,
+            (inside[0], inside[1]),
+            box_px=box,
+            guesses=manner.guesses,
+            density=density,
         )
 
 

@@ -19,6 +19,8 @@ GUESS_WEIGHT = 0.25
 """Of filled pixels against known ones when copies are compared."""
 ROUNDS = 4
 COARSE_PENALTY = 1.0
+RIM_SCALES = 6
+UNSEEN_COST = 0.5
 PRUNE = 0.002
 """Share of the hole that a copy must serve after the first round to stay."""
 
@@ -32,6 +34,8 @@ class Manner:
     lively: float
     """0: the mean of the copies; 1: all detail below ``detail_px`` is the best copy's alone."""
     detail_px: float
+    guesses: bool
+    """Whether filled pixels take part in the comparison; where nothing repeats they would favour what is smooth."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,7 @@ def solve_weights(
     window: tuple[slice, slice],
     *,
     box_px: int,
+    guesses: bool = True,
     density: Floats | None = None,
 ) -> Weights:
     """Return which copies fill the window's hole; ``tone`` (h, w, c) must be 0 where not known.
@@ -89,15 +94,19 @@ def solve_weights(
     any_copy = np.any(offered, axis=0)
     penalty = _penalties(density, known, offsets, window)
     guess = _first_guess(tone[window], here, copies, offered)
-    for turn in range(ROUNDS):
-        size = max(3, round(box_px * (1.6 - 0.6 * turn / (ROUNDS - 1)))) | 1
-        cost = _costs(guess, here, lack, copies, offered, size)
+    rounds = ROUNDS if guesses else 1
+    for turn in range(rounds):
+        if guesses:
+            size = max(3, round(box_px * (1.6 - 0.6 * turn / (ROUNDS - 1)))) | 1
+            cost = _costs(guess, here, lack, copies, offered, size)
+        else:
+            cost = _rim_costs(guess, here, copies, offered, box_px)
         if penalty is not None:
             cost *= penalty
-        share, least = _shares(cost, 1.0 if turn < ROUNDS - 1 else 0.6)
+        share, least = _shares(cost, 1.0 if turn < rounds - 1 else 0.6)
         soft = _mean(copies, share)
         guess = np.where((lack & any_copy)[..., None], soft, guess).astype(np.float32)
-        if turn == 0 and len(copies) > 8:
+        if turn == 0 and rounds > 1 and len(copies) > 8:
             served = share[:, lack].mean(axis=1)
             keep = np.flatnonzero(served >= min(PRUNE, float(np.sort(served)[-8])))
             lost = any_copy & ~np.any([offered[n] for n in keep], axis=0) & lack
@@ -143,6 +152,25 @@ def _costs(
         total = cv2.boxFilter(error, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
         count = cv2.boxFilter(weight, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
         cost[index] = np.where(some, total / np.maximum(count, 1e-6), np.inf)
+    return cost
+
+
+def _rim_costs(tone: Floats, known: Flags, copies: list[Floats], offered: list[Flags], box_px: int) -> Floats:
+    """Return (n, h, w): the mean squared difference between copies and known pixels, the near ones above all."""
+    sizes = [box_px * 2**k | 1 for k in range(RIM_SCALES) if box_px * 2**k < 2 * max(known.shape)]
+    cost = np.empty((len(copies), *known.shape), np.float32)
+    for index, (copy, some) in enumerate(zip(copies, offered, strict=True)):
+        weight = (known & some).astype(np.float32)
+        off = copy - tone
+        error = np.einsum("hwc,hwc->hw", off, off) * weight
+        total, count = np.zeros_like(error), np.full_like(error, 1e-9)
+        for step, size in enumerate(sizes):
+            # Each doubling counts a hundredth of the one before: it matters only where that one saw nothing.
+            share = np.float32(0.01**step / size**2)
+            total += share * cv2.boxFilter(error, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+            count += share * cv2.boxFilter(weight, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        # A copy that was compared with little is less sure to fit.
+        cost[index] = np.where(some, (total + UNSEEN_COST * 1e-9) / count, np.inf)
     return cost
 
 

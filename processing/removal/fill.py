@@ -1,0 +1,195 @@
+"""The room, emptied: each plane's hole is filled in its rectified texture and drawn back into the panorama.
+
+Fills never cross an edge between planes: those edges are the layout's. Pixels outside the target stay bit for bit
+(Ji et al. 2023, section 4, there with NPP-Net and LaMa).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.removal.near_periodic_correlation import Flags, Floats
+from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
+from processing.removal.regions import TEXELS, texture_density
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import plane_map
+from processing.surfaces.plane import FIRST_WALL, Plane
+from processing.surfaces.planes import planes_of
+from processing.surfaces.textures import unwrap, wrap
+
+Image = TypeVar("Image", LuminanceImage, RelativeImage)
+PlaneFiller = Callable[[FilledPlane], FilledPlane]
+"""What may improve a filled plane (`removal.learned`)."""
+
+MIXED_PX = 1
+"""Panorama pixels beside the target that hold some of what is removed: seen, but not to be copied."""
+FILLED_UNCERTAINTY = 0.05
+"""Relative standard uncertainty of the surest filled pixel."""
+
+
+@dataclass(frozen=True)
+class Emptied:
+    """A panorama without what the target covered."""
+
+    image: LuminanceImage | RelativeImage
+    """Of the given type; pixels outside the target are the given ones, filled ones have validity REPAIRED."""
+    provenance: npt.NDArray[np.uint8]
+    """(H, W): 0 seen, 1 continued from what is seen around, 2 synthesised."""
+    confidence: Floats
+    """(H, W), 0..1: 1 where seen."""
+    textures: tuple[FilledPlane, ...]
+    """Of the planes that had a hole, in their order."""
+    notes: tuple[str, ...]
+
+
+def empty_room(
+    image: LuminanceImage | RelativeImage,
+    target: Flags,
+    room: RoomModel,
+    *,
+    keep_sunlight: bool = False,
+    sunlight: Flags | None = None,
+    quality: str = "standard",
+    filler: PlaneFiller | None = None,
+) -> Emptied:
+    """Return the panorama with the target filled.
+
+    Parameters
+    ----------
+    image
+        Equirectangular and upright.
+    target
+        (H, W): what is to be removed, with its shadow.
+    keep_sunlight
+        Leave direct sunlight (``sunlight``, (H, W)) where it is; else what of it is in the target is filled.
+    quality
+        draft, standard or reference: how fine textures may be.
+
+    Raises
+    ------
+    ParameterError
+        Sizes that do not fit; a picture that is not equirectangular; an unknown quality.
+    RoomError
+        The room cannot stand.
+    """
+    geometry = _checked(image, target, sunlight, quality)
+    wanted = target & ~sunlight if keep_sunlight and sunlight is not None else target
+    provenance = np.zeros(target.shape, np.uint8)
+    confidence = np.ones(target.shape, np.float32)
+    if not wanted.any():
+        return Emptied(image, provenance, confidence, (), ("nothing to remove",))
+    rgb, blind = _finite(image)
+    shown = plane_map(room, geometry)
+    unfit = _unfit(wanted, sunlight)
+    planes = planes_of(room)
+    out, filled, notes = image.rgb.copy(), [], []
+    for plane in planes:
+        where = wanted & (shown == plane.index)
+        if not where.any():
+            continue
+        done = _plane(rgb, geometry, room, plane, wanted | blind, unfit, shown, quality)
+        done = done if filler is None else filler(done)
+        _draw(done, room, geometry, where, (out, provenance, confidence))
+        filled.append(done)
+        notes.append(f"{plane.name}: {where.sum()} px, {done.how}")
+        if (done.confidence[done.hole] < 0.06).all():
+            notes.append(f"{plane.name}: hidden altogether, its colour is a guess")
+    return Emptied(_image(image, out, provenance, confidence), provenance, confidence, tuple(filled), tuple(notes))
+
+
+def _checked(
+    image: LuminanceImage | RelativeImage, target: Flags, sunlight: Flags | None, quality: str
+) -> Equirectangular:
+    if not isinstance(image.geometry, Equirectangular):
+        raise ParameterError("a picture that is no whole panorama", advice="give an equirectangular one")
+    for name, mask in (("target", target), ("sunlight", sunlight)):
+        if mask is not None and (mask.shape != image.rgb.shape[:2] or mask.dtype != np.bool_):
+            raise ParameterError(
+                f"a {name} mask of shape {mask.shape} and type {mask.dtype}",
+                advice=f"give booleans of shape {image.rgb.shape[:2]}",
+            )
+    if quality not in TEXELS:
+        raise ParameterError(f"quality {quality!r}", advice=f"give one of {', '.join(TEXELS)}")
+    return image.geometry
+
+
+def _finite(image: LuminanceImage | RelativeImage) -> tuple[Floats, Flags]:
+    """Return the light with 0 where there is none, and where that is: from there nothing is taken."""
+    broken = ~np.isfinite(image.rgb).all(axis=-1)
+    blind = broken | (image.validity == Validity.OUTSIDE)
+    rgb = np.where(broken[..., None], 0, image.rgb).astype(np.float32) if broken.any() else image.rgb
+    return rgb, blind
+
+
+def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
+    """Return pixels that are seen but show more than their plane: beside the target, and in the sun."""
+    wrapped = np.concatenate([target[:, -MIXED_PX:], target, target[:, :MIXED_PX]], axis=1).astype(np.uint8)
+    kernel = np.ones((2 * MIXED_PX + 1,) * 2, np.uint8)
+    beside = cv2.dilate(wrapped, kernel)[:, MIXED_PX:-MIXED_PX].astype(bool) & ~target
+    return beside if sunlight is None else beside | (sunlight & ~target)
+
+
+def _plane(
+    rgb: Floats,
+    geometry: Equirectangular,
+    room: RoomModel,
+    plane: Plane,
+    masked: Flags,
+    unfit: Flags,
+    shown: npt.NDArray[np.int16],
+    quality: str,
+) -> FilledPlane:
+    px_per_m = texture_density(plane, room, geometry, quality)
+    texture = unwrap(rgb, geometry, room, plane, px_per_m, mask=masked)
+    fit = unwrap(rgb, geometry, room, plane, px_per_m, mask=masked | unfit).known
+    # Texels that the camera sees and that are not known lie under the mask.
+    hole = (texture.density > 0) & ~texture.known
+    elsewhere = None
+    if not texture.known.any():
+        like = (shown >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
+        among = like & ~masked
+        elsewhere = np.median(rgb[among], axis=0).astype(np.float32) if among.any() else None
+    return fill_plane(texture, hole, texture.known & ~fit, room, elsewhere)
+
+
+def _draw(
+    done: FilledPlane,
+    room: RoomModel,
+    geometry: Equirectangular,
+    where: Flags,
+    into: tuple[Floats, npt.NDArray[np.uint8], Floats],
+) -> None:
+    """Draw a plane's filling into the panorama, its provenance and its confidence."""
+    out, provenance, confidence = into
+    layers = np.concatenate([done.values, done.confidence[..., None]], axis=-1)
+    # Texels outside the outline are never right: `wrap` leaves them out.
+    values, mask = wrap(layers, done.texture.plane, done.texture.px_per_m, room, geometry, where)
+    out[mask] = np.maximum(values[:, :3], 0)
+    sure = np.clip(values[:, 3], 0, 1)
+    confidence[mask] = sure
+    provenance[mask] = np.where((sure >= SURE) & done.continued, CONTINUED, SYNTHESISED)
+
+
+def _image(
+    image: Image, rgb: Floats, provenance: npt.NDArray[np.uint8], confidence: Floats
+) -> Image:
+    filled = provenance != SEEN
+    uncertainty, validity = image.uncertainty.copy(), image.validity.copy()
+    uncertainty[filled] = FILLED_UNCERTAINTY + (1 - confidence[filled])
+    validity[filled] = Validity.REPAIRED
+    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity)
+
+
+def mean_luminance(filled: FilledPlane) -> float:
+    """Return the mean luminance of a plane as it now stands, over its texels, in the picture's unit."""
+    inside = filled.texture.known | filled.hole
+    return float(luminance_cd_m2(filled.values[inside]).mean()) if inside.any() else 0.0

@@ -1,0 +1,102 @@
+"""One plane's texture without its holes: which way of filling suits it, region by region."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from processing.images import luminance_cd_m2
+from processing.removal.near_periodic import Repeat, complete
+from processing.removal.near_periodic_correlation import Flags, Floats
+from processing.removal.plain import fill_plain
+from processing.removal.regions import opening_regions, too_bright
+from processing.room.model import RoomModel
+from processing.surfaces.plane import FIRST_WALL, FLOOR
+from processing.surfaces.textures import Texture
+
+PATTERN = 0.035
+"""Roughness about light and profile from which a wall or ceiling is no plain paint but a pattern."""
+SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
+SURE = 0.35
+"""Confidence under which what was filled is called synthesised."""
+
+
+@dataclass(frozen=True)
+class FilledPlane:
+    """A plane's texture, whole."""
+
+    texture: Texture
+    """As seen, holes left out."""
+    values: Floats
+    """(h, w, 3): as seen where seen, else filled; 0 outside the plane."""
+    hole: Flags
+    confidence: Floats
+    """(h, w)."""
+    continued: bool
+    """Whether the surface repeats or is plain, so that its continuation is no invention."""
+    how: str
+
+
+def fill_plane(
+    texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats | None
+) -> FilledPlane:
+    """Fill a texture's hole; ``unfit`` texels are known but nothing is copied from them (sunlight, mixed pixels).
+
+    ``elsewhere`` (3,) is the colour of like planes, taken where nothing of this one is known.
+    """
+    known = texture.known & ~hole
+    sources = known & ~unfit & ~too_bright(luminance_cd_m2(texture.values), known)
+    values = np.where((known | hole)[..., None], texture.values, 0).astype(np.float32)
+    if sources.sum() < 0.002 * max(int((known | hole).sum()), 1) or sources.sum() < 30:
+        colour = _colour(values, known, elsewhere)
+        values[hole] = colour
+        confidence = np.where(hole, 0.05, 1).astype(np.float32)
+        return FilledPlane(texture, values, hole, confidence, False, "nothing of it is seen: one colour")
+    confidence = np.ones(hole.shape, np.float32)
+    rest = np.ones_like(hole)
+    for region in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
+        inside = hole & region
+        if (sources & region).sum() < 0.05 * region.sum():
+            # Of an opening that is hidden altogether nobody knows that it is there: the wall goes on.
+            continue
+        rest &= ~region
+        if inside.any():
+            filled = fill_plain(values, known & region, inside, level_rows=True)
+            values, confidence[inside] = filled.values, 0.7 * filled.confidence[inside]
+    inside = hole & rest
+    continued, how = True, "openings only"
+    if inside.any():
+        values, sure, continued, how = _surface(texture, values, sources & rest, inside)
+        confidence[inside] = sure[inside]
+    return FilledPlane(texture, values, hole, confidence, continued, how)
+
+
+def _colour(values: Floats, known: Flags, elsewhere: Floats | None) -> Floats:
+    if known.any():
+        return np.asarray(np.median(values[known], axis=0), np.float32)
+    return np.zeros(3, np.float32) if elsewhere is None else elsewhere
+
+
+def _surface(
+    texture: Texture, values: Floats, sources: Flags, hole: Flags
+) -> tuple[Floats, Floats, bool, str]:
+    """Return values, confidence, whether it is a continuation, and how it was filled."""
+    if texture.plane.index != FLOOR:
+        plain = fill_plain(values, sources, hole, level_rows=texture.plane.index >= FIRST_WALL)
+        if plain.roughness < PATTERN:
+            return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f})"
+        done = complete(values, sources, hole, density=texture.density)
+        if done.repeat is not Repeat.LATTICE:
+            return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f}, no pattern)"
+    else:
+        done = complete(values, sources, hole, density=texture.density)
+    kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
+    return done.values, done.confidence, done.repeat is not Repeat.NONE, f"{done.repeat.value}{kind}"
+
+
+def eroded(known: Flags, radius_px: int) -> Flags:
+    """Return known texels whose neighbours are known too."""
+    kernel = np.ones((2 * radius_px + 1,) * 2, np.uint8)
+    return cv2.erode(known.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)

@@ -1,0 +1,48 @@
+"""What a plane's texture is divided into: the surface itself, and openings, each filled from its own pixels only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from processing.removal.near_periodic_correlation import Flags, Floats
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.surfaces.plane import FIRST_WALL, Plane
+
+TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}
+"""Of the largest texture."""
+FINER = 1.25
+"""Texels to a panorama's pixel where the plane is nearest, so that copying costs no sharpness."""
+FRAME_M = 0.08
+"""Around an opening: its frame belongs to it."""
+
+
+def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, quality: str) -> float:
+    """Return pixels a metre that do justice to the panorama where it sees the plane best, within the quality's limit."""
+    px_rad = geometry.height_px / math.pi
+    offset = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
+    nearest_m = max(abs(float(offset @ plane.normal)), 0.3)
+    most = math.sqrt(TEXELS[quality] / max(plane.width_m * plane.height_m, 1e-6))
+    return min(FINER * px_rad / nearest_m, most)
+
+
+def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
+    """Yield (h, w) for each opening of a wall: its rectangle with its frame."""
+    v, u = ((np.arange(n) + 0.5) / px_per_m for n in shape)
+    for opening in room.openings:
+        if opening.wall + FIRST_WALL != plane.index:
+            continue
+        right, left = plane.width_m - opening.start_m + FRAME_M, plane.width_m - opening.end_m - FRAME_M
+        top = plane.height_m - opening.head_m - FRAME_M
+        low = plane.height_m - opening.sill_m + (FRAME_M if opening.sill_m > 0 else 0.0)
+        yield ((v >= top) & (v <= low))[:, None] & ((u >= left) & (u <= right))[None, :]
+
+
+def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
+    """Return known pixels far brighter than their surface: lamps, glints, sun; nothing is to be copied from them."""
+    if not known.any():
+        return np.zeros_like(known)
+    return known & (luminance > factor * max(float(np.median(luminance[known])), 1e-9))
