@@ -85,9 +85,10 @@ def cut_picture(probability: Floats, rgb8: Bytes) -> Floats:
         return inside.astype(np.float32)
     # Its colour clusters start from random numbers: the same ones each time.
     cv2.setRNGSeed(SEED)
-    models = np.zeros((1, 65)), np.zeros((1, 65))
+    outside, within = np.zeros((1, 65)), np.zeros((1, 65))
+    whole = (0, 0, part.shape[1], part.shape[0])
     picture = np.ascontiguousarray(rgb8[first:last, :, ::-1])
-    cv2.grabCut(picture, state, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(picture, state, whole, outside, within, ROUNDS, cv2.GC_INIT_WITH_MASK)
     found = inside.astype(np.float32)
     found[first:last] = state % 2
     return found
@@ -107,7 +108,7 @@ def at_full_size(share: Floats, rgb8: Bytes) -> Floats:
             continue
         top, bottom = max(0, rows.start - 2 * radius), min(shape[0], rows.stop + 2 * radius)
         around = np.arange(columns.start - 2 * radius, columns.stop + 2 * radius) % shape[1]
-        guide = rgb8[top:bottom][:, around].astype(np.float32) / np.float32(255)
+        guide = np.asarray(rgb8[top:bottom][:, around], np.float32) / np.float32(255)
         fine = guided(large[top:bottom][:, around], guide, radius)
         inner = fine[rows.start - top : rows.stop - top, 2 * radius : 2 * radius + part.shape[1]]
         out[rows, columns] = np.clip(inner, 0, 1)

@@ -96,7 +96,7 @@ def _moved_rows(mask: Flags, down: int) -> Flags:
     beyond = (source < 0) | (source >= rows)
     if beyond.any():
         moved[beyond] = np.roll(moved[beyond], columns // 2, axis=1)
-    return moved
+    return np.asarray(moved, bool)
 
 
 def _widened(mask: Flags, angle_rad: float) -> Flags:

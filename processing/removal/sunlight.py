@@ -148,12 +148,15 @@ def best_direction(
     else:
         steps = np.linspace(-GIVEN_SLACK_RAD, GIVEN_SLACK_RAD, 5)
         asked = [(sun[0] + float(a), max(0.01, sun[1] + float(e))) for a in steps for e in steps]
-    best, score = None, 0.0
+    best: tuple[float, float] | None = None
+    score = 0.0
     for direction in asked:
         value = explained(scene, room, sun_vector(*direction))
         if value > score:
             best, score = direction, value
-    for step in FINE_STEPS_RAD if best else ():
+    for step in FINE_STEPS_RAD:
+        if best is None:
+            break
         around = [
             (best[0] + i * step, max(0.01, best[1] + j * step)) for i in (-2, -1, 0, 1, 2) for j in (-2, -1, 0, 1, 2)
         ]

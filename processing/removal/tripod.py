@@ -1,4 +1,4 @@
-"""The photographer's own things: the tripod is found at the nadir, not assumed; the meter board where evidence shows it.
+"""The photographer's things: the tripod is found at the nadir, not assumed; the meter board where evidence shows it.
 
 Three signs: the network's evidence, colours that the floor around does not have, and a disc without any detail (what
 cameras and stitchers put over the nadir). Whatever they mark must hang together with the nadir, or the evidence must

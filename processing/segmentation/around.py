@@ -22,7 +22,7 @@ from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.segmentation.segmenters import Segmenter
 from processing.sphere import Equirectangular, Perspective
-from processing.views import Panorama, covering_views, cut_view, view_at, view_ring
+from processing.views import Panorama, cut_view, view_at, view_ring
 from processing.views_stitch import stitch_views
 
 Floats = npt.NDArray[np.float32]
@@ -41,12 +41,13 @@ KNOWN = 0.5
 
 @dataclass(frozen=True)
 class ViewPlan:
-    """Which views are cut. ``size_px`` None: as the network likes best."""
+    """Which views are cut, in rings of square ones around the vertical."""
 
     fov_rad: float = math.radians(90)
-    overlap: float = 0.4
-    """Share of a view's field that its neighbour repeats, 0.2 to 0.7."""
+    rings: tuple[tuple[int, float], ...] = ((8, 0.0), (6, math.radians(-35)), (4, math.radians(60)), (1, -math.pi / 2))
+    """Count and latitude of each ring."""
     size_px: int | None = None
+    """None, and of networks of one size only: as the network likes best."""
     skip: bool = True
     """Whether views without floor or furniture are left to the first, coarse pass."""
 
@@ -78,14 +79,19 @@ def segment_around(
     panorama = Panorama(_srgb(image))
     size_px = segmenter.size_px if plan.size_px is None or segmenter.fixed_size else plan.size_px
     target = Equirectangular(2 * rows, rows)
-    views = covering_views(size_px=size_px, fov_rad=plan.fov_rad, overlap=plan.overlap)
+    views = [
+        view
+        for count, pitch_rad in plan.rings
+        for view in view_ring(count, size_px=size_px, fov_rad=plan.fov_rad, pitch_rad=pitch_rad)
+    ]
     told: list[tuple[Perspective, Floats, float]] = []
     coarse = first.probabilities if first else None
-    if plan.skip and first is None:
-        wide_px = size_px if segmenter.fixed_size else max(size_px // 2, 64)
-        told = [(view, *_asked(panorama, segmenter, view, COARSE_WORTH)) for view in _wide_views(wide_px)]
+    # To a network of one size wide views cost as much as fine ones, as many as they could save.
+    if plan.skip and first is None and not segmenter.fixed_size:
+        wide_views = _wide_views(max(size_px // 2, 64))
+        told = [(view, *_asked(panorama, segmenter, view, COARSE_WORTH)) for view in wide_views]
         coarse = _stitched(told, target, None)
-    chosen = [v for v in views if coarse is None or _worth_a_look(coarse, v)] if plan.skip else list(views)
+    chosen = [v for v in views if coarse is None or _worth_a_look(coarse, v)] if plan.skip else views
     told += [(view, *_asked(panorama, segmenter, view, 1.0)) for view in chosen]
     wide = len(told) - len(chosen)
     skipped = len(views) - len(chosen)

@@ -1,0 +1,207 @@
+"""The masks of what is to be taken out of a panorama, each by itself and united (Ji et al. 2023, section 4, fig. 3c).
+
+All is found at a working size and brought to full size, where furniture's edges are laid on the picture's own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.picture_preview import preview_rgb8
+from processing.removal.edges import at_full_size
+from processing.removal.furniture import FurnitureFound, find_furniture
+from processing.removal.round_masks import grown, resized, row_solid_angles, share_of_sphere
+from processing.removal.shadows import ShadowFound, find_shadows
+from processing.removal.sunlight import SunFound, find_sunlight
+from processing.removal.tripod import TripodFound, find_tripod
+from processing.room.model import RoomModel
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.sphere import Equirectangular, directions
+from processing.surfaces.maps import SurfaceMaps, surface_maps
+from processing.surfaces.plane import CEILING, FLOOR
+
+Flags = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float32]
+
+WORKING_ROWS = 512
+MARGIN_RAD = math.radians(0.6)
+LEAST_ROWS = 16
+BLOCKED = 0.5
+"""Probability of doors, windows and fixtures from which a place is no bare floor or wall."""
+
+
+@dataclass(frozen=True)
+class Masks:
+    """What is to be removed, (H, W) of the picture; ``target`` is all of it with a margin."""
+
+    furniture: Flags
+    """What stands on the floor, and what stands on that."""
+    tripod: Flags
+    """Tripod, painted-over nadir, meter board."""
+    sunlight: Flags
+    """Direct sunlight on floor and walls."""
+    shadow: Flags
+    """Of furniture, on floor and walls."""
+    target: Flags
+    notes: tuple[str, ...] = ()
+    """What was skipped, dropped or not found, and why."""
+    sun: tuple[float, float] | None = None
+    """Azimuth (from +y towards +x) and elevation (rad) of the sun that the sunlight fits."""
+    shares: dict[str, float] = field(default_factory=dict)
+    """Of the sphere, 0..1, by mask."""
+
+
+def find_masks(
+    image: LuminanceImage | RelativeImage,
+    evidence: SceneEvidence,
+    room: RoomModel,
+    *,
+    sun_direction: tuple[float, float] | None = None,
+    sun_possible: bool = True,
+    margin_rad: float = MARGIN_RAD,
+) -> Masks:
+    """Return the masks of an upright, equirectangular panorama.
+
+    Parameters
+    ----------
+    evidence
+        Of any size.
+    sun_direction
+        Azimuth (from +y towards +x) and elevation in rad; None: looked for.
+    sun_possible
+        False: no direct sun is looked for (an overcast sky, as the outdoor picture tells).
+    margin_rad
+        By which the target reaches over what was found, 0 to 0.2.
+
+    Raises
+    ------
+    ParameterError
+        Another geometry, a picture below 16 rows, a margin out of range.
+    RoomError
+        The room cannot stand.
+    """
+    geometry = _checked(image, evidence, margin_rad)
+    rows = min(WORKING_ROWS, geometry.height_px)
+    shape = (rows, round(rows * geometry.width_px / geometry.height_px))
+    rgb = resized(np.asarray(image.rgb, np.float32), shape)
+    if not (rgb > 0).any():
+        return _nothing((geometry.height_px, geometry.width_px), "the picture is black: nothing can be found in it")
+    small = Equirectangular(shape[1], shape[0])
+    maps = surface_maps(room, small)
+    found = _find(rgb, _evidence_at(evidence, shape), room, maps, sun_direction if sun_possible else None, sun_possible)
+    return _united(found, image, geometry, margin_rad)
+
+
+@dataclass(frozen=True)
+class _Found:
+    furniture: FurnitureFound
+    tripod: TripodFound
+    sunlight: SunFound
+    shadow: ShadowFound
+    notes: tuple[str, ...]
+
+
+def _find(
+    rgb: Floats,
+    probabilities: Floats,
+    room: RoomModel,
+    maps: SurfaceMaps,
+    sun: tuple[float, float] | None,
+    sun_possible: bool,
+) -> _Found:
+    shown = preview_rgb8(rgb)
+    geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
+    luminance = luminance_cd_m2(rgb)
+    tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
+    furniture = find_furniture(probabilities, maps, shown)
+    hidden = furniture.mask | tripod.mask
+    others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
+    bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
+    if sun_possible:
+        d, _ = directions(geometry)
+        points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
+        weight = np.broadcast_to(row_solid_angles((rgb.shape[0], rgb.shape[1])), luminance.shape)
+        sunlight = find_sunlight(luminance, points, maps.plane, bare, weight, room, sun)
+    else:
+        sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
+    fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
+    other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
+    shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
+    return _Found(furniture, tripod, sunlight, shadow, _notes(furniture, tripod, sunlight, shadow))
+
+
+def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow: ShadowFound) -> tuple[str, ...]:
+    notes = []
+    if furniture.dropped:
+        share = furniture.dropped_sr / (4 * math.pi)
+        notes.append(
+            f"furniture: {furniture.dropped} parts ({share:.1%} of the sphere) do not reach the floor and were dropped"
+        )
+    if not furniture.mask.any():
+        notes.append("furniture: none found")
+    if tripod.disc_rad:
+        notes.append(f"tripod: the nadir is painted over, {math.degrees(tripod.disc_rad):.0f} degrees around it")
+    elif not tripod.at_nadir:
+        notes.append("tripod: nothing at the nadir differs from the floor")
+    if tripod.boards:
+        notes.append(f"tripod: {tripod.boards} parts of equipment away from the nadir")
+    notes.append(f"sunlight: {sun.reason}")
+    if shadow.planes_without_fit:
+        notes.append(
+            f"shadow: {shadow.planes_without_fit} surfaces show too little beside furniture: only contact bands there"
+        )
+    return tuple(notes)
+
+
+def _united(
+    found: _Found, image: LuminanceImage | RelativeImage, geometry: Equirectangular, margin_rad: float
+) -> Masks:
+    shape = (geometry.height_px, geometry.width_px)
+    soft = found.furniture.probability * grown(found.furniture.mask, math.radians(0.5))
+    if shape[0] > soft.shape[0]:
+        furniture = at_full_size(soft, preview_rgb8(image.rgb)) > 0.5
+    else:
+        furniture = found.furniture.mask
+    tripod, sunlight, shadow = (
+        resized(mask.astype(np.float32), shape) > 0.5
+        for mask in (found.tripod.mask, found.sunlight.mask, found.shadow.mask)
+    )
+    sunlight &= ~furniture & ~tripod
+    shadow &= ~furniture & ~tripod
+    target = grown(furniture | tripod | sunlight | shadow, margin_rad)
+    named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
+    shares = {name: share_of_sphere(mask) for name, mask in named.items()}
+    return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
+
+
+def _evidence_at(evidence: SceneEvidence, shape: tuple[int, int]) -> Floats:
+    found = resized(np.ascontiguousarray(evidence.probabilities.transpose(1, 2, 0)), shape)
+    return np.ascontiguousarray(found.transpose(2, 0, 1))
+
+
+def _nothing(shape: tuple[int, int], why: str) -> Masks:
+    none = np.zeros(shape, bool)
+    names = ("furniture", "tripod", "sunlight", "shadow", "target")
+    return Masks(none, none.copy(), none.copy(), none.copy(), none.copy(), (why,), None, dict.fromkeys(names, 0.0))
+
+
+def _checked(image: LuminanceImage | RelativeImage, evidence: SceneEvidence, margin_rad: float) -> Equirectangular:
+    geometry = image.geometry
+    if not isinstance(geometry, Equirectangular) or geometry.height_px < LEAST_ROWS or geometry.yaw_rad:
+        raise ParameterError(
+            f"masks are found on whole panoramas of at least {LEAST_ROWS} rows, longitude 0 in the middle",
+            where=str(geometry),
+        )
+    if not 0 <= margin_rad <= 0.2:
+        raise ParameterError(f"a margin of {margin_rad} rad", advice="give 0 to 0.2 (11 degrees)")
+    p = evidence.probabilities
+    if p.ndim != 3 or len(p) != len(SceneClass) or not np.isfinite(p).all():
+        raise ParameterError(f"evidence of shape {p.shape}", advice="give (8, H, W) of finite probabilities")
+    return geometry
