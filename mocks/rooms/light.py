@@ -103,8 +103,8 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     if lighting.sun is not None:
         lighting = replace(lighting, sun=None, patches=sun_patches(geometry, room.panes, *lighting.sun))
     sampling = Sampling(cube, quality.samples, seed)
-    matte = render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling)
-    unusable = _unusable(room, geometry, guide, beam=sunny, lamps=lighting.lamps) | _mixed(guide)
+    matte, spoilt = _whole(render_cube(load_scene(geometry.parts, lighting, glossy=False), room.eye, sampling))
+    unusable = _unusable(room, geometry, guide, beam=sunny, lamps=lighting.lamps) | _mixed(guide) | spoilt
     # By the pixel's mean albedo: right even where a pixel sees a white skirting and a dark floor.
     noisy: Floats = matte / np.maximum(guide.albedo / np.float32(np.pi), np.float32(_LEAST_ALBEDO / np.pi))
     irradiance = _beyond(denoised(_filled(noisy, guide, unusable), guide), guide)
@@ -113,10 +113,18 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     if not faces:
         return Baked(irradiance, None)
     few = replace(sampling, samples=max(4, sampling.samples // 2), seed=seed + 1)
-    shiny = render_cube(load_scene(geometry.parts, lighting, glossy=True), room.eye, few, faces)
+    shiny, spoilt = _whole(render_cube(load_scene(geometry.parts, lighting, glossy=True), room.eye, few, faces))
+    unusable |= spoilt
     # Each is denoised by itself: the denoiser takes no negative light, and would brighten a noisy difference.
     clean = denoised(_filled(shiny, guide, unusable), guide) - denoised(_filled(matte, guide, unusable), guide)
     return Baked(irradiance, np.maximum(np.where(glossy[..., None], clean, 0), 0))
+
+
+def _whole(picture: Floats) -> tuple[Floats, Bools]:
+    """Return a picture with 0 for what is not finite, and where that was: by denoising, one would spoil all."""
+    spoilt: Bools = np.asarray(~np.isfinite(picture).all(axis=-1))
+    picture[spoilt] = 0
+    return picture, spoilt
 
 
 def denoised(picture: Floats, guide: Guide) -> Floats:

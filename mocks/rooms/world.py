@@ -113,16 +113,24 @@ def baked_light(room: Room, geometry: Geometry, quality: str, cache: PictureCach
     cache = cache or PictureCache()
     key = content_key("room light", LIGHT_VERSION, room.key, QUALITIES[quality])
     data = cache.read(key, ".light")
-    if data is None:
+    if data is None or not _is_finite(data):
         with cache.rendering("light"):
             data = cache.read(key, ".light")
-            if data is None:
+            if data is None or not _is_finite(data):
                 made = {
                     name: bake(room, geometry, light, QUALITIES[quality]) for name, light in lightings(room).items()
                 }
                 cache.write(key, ".light", _packed(made))
                 return made
     return _unpacked(data)
+
+
+def _is_finite(data: bytes) -> bool:
+    """Return whether all light in a file is finite: older versions kept what one bad sample had spoilt."""
+    return all(
+        np.isfinite(baked.irradiance).all() and (baked.gloss is None or np.isfinite(baked.gloss).all())
+        for baked in _unpacked(data).values()
+    )
 
 
 def _packed(baked: dict[str, Baked]) -> bytes:

@@ -270,3 +270,16 @@ def test_there_is_no_sky_of_the_night():
 
     with pytest.raises(ValueError, match="below the horizon"):
         make_room(1, Use.EMPTY, moment=Moment(40.44, -79.99, datetime(2023, 6, 21, 5, tzinfo=UTC), 0.0))
+
+
+def test_a_sample_that_is_not_finite_spoils_only_itself() -> None:
+    from mocks.rooms.light import _whole
+
+    picture = np.ones((6, 4, 4, 3), np.float32)
+    picture[2, 1, 3, 0] = np.nan
+    picture[0, 0, 0, 1] = np.inf
+    clean, spoilt = _whole(picture)
+    assert np.isfinite(clean).all()
+    assert spoilt.sum() == 2
+    assert spoilt[2, 1, 3]
+    assert clean.sum() == (6 * 4 * 4 - 2) * 3
