@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from processing.errors import ParameterError
 
-ArtifactKind = Literal["picture", "json", "file"]
+ArtifactKind = Literal["picture", "mask", "json", "file"]
 OptionKind = Literal["parameter", "file", "answer"]
 ValueType = Literal["float", "int", "str", "flag"]
 Trade = Literal["quality", "max_error", "time_budget"]
@@ -23,16 +23,16 @@ Trade = Literal["quality", "max_error", "time_budget"]
 
 @dataclass(frozen=True)
 class Artifact:
-    """One thing that a stage makes: a picture (EXR), JSON, or a file that the stage writes itself (``file_name``)."""
+    """One thing that a stage makes: a picture (EXR), a mask (bool (H, W), PNG), JSON, or a file of its own."""
 
     name: str
     kind: ArtifactKind
     optional: bool = False
     """Whether the stage may leave it out, saying why."""
     file_name: str = ""
-    """Of kind "file"; the others are NAME.exr and NAME.json."""
+    """Of kind "file"; the others are NAME.exr, NAME.png and NAME.json."""
     check: str = ""
-    """Of JSON that users may give: "module:function" that takes the value and raises a typed error."""
+    """Of what users may give: "module:function" that takes the value and raises a typed error."""
 
 
 @dataclass(frozen=True)

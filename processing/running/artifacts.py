@@ -1,6 +1,7 @@
 """What stages hand on: in memory within a run, from disk between runs, and no longer than somebody needs it.
 
-Either way a stage sees the same: pictures are float32 in an EXR without loss, JSON is handed on as it reads back.
+Either way a stage sees the same: pictures are float32 in an EXR without loss, masks are bits in a PNG, JSON is handed
+on as it reads back.
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ from processing.pipeline import Artifact, Stage, resolve
 from station import strict_json
 
 MAX_JSON_BYTES = 64 << 20
-_SUFFIX = {"picture": ".exr", "json": ".json"}
+_SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
 _READ_PICTURE = "processing.image_files:read_exr"
 _WRITE_PICTURE = "processing.image_files:write_exr"
+_READ_MASK = "processing.picture_masks:read_mask"
+_WRITE_MASK = "processing.picture_masks:write_mask"
 
 
 def file_name(artifact: Artifact) -> str:
@@ -36,6 +39,9 @@ def save(artifact: Artifact, value: object, folder: Path) -> object:
     if artifact.kind == "picture":
         resolve(_WRITE_PICTURE)(path, value)
         return value
+    if artifact.kind == "mask":
+        resolve(_WRITE_MASK)(path, value)
+        return value
     if artifact.kind == "json":
         data = (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode("utf-8")
         path.write_bytes(data)
@@ -49,6 +55,8 @@ def load(artifact: Artifact, path: Path) -> object:
     """Read an artifact; raises `PictureFileError` or `ProcessingError` naming the file."""
     if artifact.kind == "picture":
         return resolve(_READ_PICTURE)(path)
+    if artifact.kind == "mask":
+        return resolve(_READ_MASK)(path)
     if artifact.kind == "json":
         return read_json(path)
     return path
@@ -69,8 +77,8 @@ def read_json(path: Path) -> Any:
 
 
 def _read_only(value: object) -> object:
-    """Return a picture whose arrays refuse writing: what one stage was handed, the next one gets unchanged."""
-    for part in vars(value).values() if dataclasses.is_dataclass(value) else ():
+    """Return a picture or mask whose arrays refuse writing: what one stage was handed, the next one gets unchanged."""
+    for part in vars(value).values() if dataclasses.is_dataclass(value) else (value,):
         set_flags = getattr(part, "setflags", None)
         if set_flags:
             set_flags(write=False)

@@ -1,0 +1,55 @@
+"""Masks as files: PNG of 8 bits, 0 or 255, that any drawing program opens and corrects."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.picture_checks import check_size, refused
+from processing.picture_preview import write_png
+
+Flags = npt.NDArray[np.bool_]
+
+MAX_BYTES = 1 << 28
+
+
+def write_mask(path: Path, mask: Flags) -> None:
+    """Write booleans (H, W) durably: 255 where true."""
+    if mask.ndim != 2 or mask.dtype != np.bool_ or not mask.size:
+        raise refused(path, f"a mask is bool (H, W), not {mask.dtype} {mask.shape}")
+    write_png(path, mask.astype(np.uint8) * np.uint8(255))
+
+
+def read_mask(path: Path) -> Flags:
+    """Return booleans (H, W): true where a picture file is at least half bright (in any channel), and not transparent.
+
+    Raises
+    ------
+    PictureFileError
+        No picture, or one of a size that masks cannot have; names the file.
+    """
+    from PIL import Image
+
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise refused(path, f"cannot be read: {error.strerror}") from error
+    if len(raw) > MAX_BYTES:
+        raise refused(path, f"larger than {MAX_BYTES} bytes")
+    try:
+        with Image.open(io.BytesIO(raw), formats=("PNG", "JPEG", "BMP", "TIFF")) as picture:
+            # Before anything is decoded: a small file may claim any size.
+            check_size(picture.width, picture.height, path)
+            if picture.mode == "LA" or picture.mode == "RGBA" or "transparency" in picture.info:
+                values = np.asarray(picture.convert("RGBA"))
+                return np.asarray((values[..., :3].max(axis=2) >= 128) & (values[..., 3] >= 128))
+            if picture.mode in ("1", "L"):
+                return np.asarray(np.asarray(picture.convert("L")) >= 128)
+            return np.asarray(np.asarray(picture.convert("RGB")).max(axis=2) >= 128)
+    # Decoders raise whatever their formats make of damaged bytes.
+    except (OSError, SyntaxError, ValueError, EOFError, TypeError, Image.DecompressionBombError) as error:
+        raise refused(path, f"is no mask that can be read: {error}", advice="give a PNG, black and white") from error

@@ -1,0 +1,131 @@
+"""The stage detect: furniture, tripod, direct sunlight and shadows as masks, and the target (paper, section 4)."""
+
+from __future__ import annotations
+
+import json
+import math
+from datetime import datetime
+from typing import Any
+
+from processing.calibration.sun import Place, sun_place
+from processing.errors import ParameterError
+from processing.images import LuminanceImage
+from processing.removal.masks import Masks, find_masks
+from processing.room.model import RoomModel
+from processing.segmentation.around import segment_around
+from processing.segmentation.embedded import scene_evidence
+from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.segmenters import open_segmenter
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.detect_parameters import DetectParameters
+from station.session import FrameRecord, SessionManifest, Side
+
+MASKS = ("furniture", "tripod", "sunlight", "shadow")
+MUCH = 0.5
+"""Share of the sphere that a target may cover before it is told."""
+
+
+def run(context: StageContext) -> StageOutput:
+    """Find the masks on the upright panorama, with the room and the sun's place as far as they are known."""
+    asked = context.parameters
+    assert isinstance(asked, DetectParameters)
+    image = panorama(context)
+    room = RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
+    context.progress(0.0, "segmentation")
+    evidence = _evidence(context, image)
+    context.progress(0.4, "masks")
+    sun = sun_direction(context.session)
+    possible, why = _sun_possible(context, sun, asked)
+    found = find_masks(
+        image,
+        evidence,
+        room,
+        sun_direction=sun if possible else None,
+        sun_possible=possible,
+        margin_rad=math.radians(asked.margin_deg),
+    )
+    return _output(found, evidence, why)
+
+
+def panorama(context: StageContext) -> LuminanceImage:
+    """Return the upright panorama: the room stage's, or the calibrated one where that is upright already."""
+    image = context.optional_artifact("room", "panorama") or context.artifact("calibrate", "indoor")
+    assert isinstance(image, LuminanceImage)
+    return image
+
+
+def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
+    """Return the sun's azimuth (from the panorama's +y towards +x) and elevation; None where not all is recorded."""
+    moment = _moment(session)
+    site = session.site
+    known = site.latitude_deg is not None and site.longitude_deg is not None and session.heading_rad is not None
+    if moment is None or not known:
+        return None
+    assert site.latitude_deg is not None
+    assert site.longitude_deg is not None
+    assert session.heading_rad is not None
+    there = sun_place(moment, Place(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0))
+    return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
+
+
+def _moment(session: SessionManifest) -> datetime | None:
+    """Return when the shortest indoor frame was taken, which shows sunlit places best."""
+
+    def seconds(frame: FrameRecord) -> float:
+        return frame.camera_s
+
+    frames = sorted((f for f in session.frames if f.side is Side.INDOOR and f.taken_utc), key=seconds)
+    return frames[0].taken_utc if frames else None
+
+
+def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked: DetectParameters) -> tuple[bool, str]:
+    """Return whether direct sun is to be looked for, and why not."""
+    if asked.sunlight == "off":
+        return False, "not looked for, as asked"
+    if sun is not None and sun[1] <= 0:
+        return False, "the sun was below the horizon"
+    facts: dict[str, Any] = context.artifact("calibrate", "calibration")
+    outdoor = facts.get("outdoor")
+    if outdoor and str(outdoor["sun"]["found"]).startswith("no"):
+        return False, "the outdoor picture shows no sun"
+    return True, ""
+
+
+def _evidence(context: StageContext, image: LuminanceImage) -> SceneEvidence:
+    """Return what the embedded network sees, or the user's through views, skipping by the embedded one's."""
+    embedded = scene_evidence(image, quality=context.quality.value)
+    network, contract = context.files.get("segmenter"), context.files.get("segmenter_contract")
+    if (network is None) != (contract is None):
+        raise ParameterError(
+            "--segmenter and --segmenter-contract belong together", advice="give the network and its contract (JSON)"
+        )
+    if network is None:
+        return embedded
+    return segment_around(image, open_segmenter(network, contract), first=embedded)
+
+
+def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str) -> StageOutput:
+    masks = {name: getattr(found, name) for name in MASKS}
+    left_out = {name: "nothing found" for name, mask in masks.items() if not mask.any()}
+    if why_no_sun:
+        left_out["sunlight"] = why_no_sun
+    warnings = []
+    if found.shares["target"] > MUCH:
+        text = f"{found.shares['target']:.0%} of all directions are to be removed: look at the masks"
+        warnings.append(StageWarning(code="target", message=text))
+    metrics: dict[str, Any] = {
+        "evidence": evidence.source,
+        "views_used": evidence.views_used,
+        "views_skipped": evidence.views_skipped,
+        "shares": {name: round(share, 5) for name, share in found.shares.items()},
+        "notes": [*evidence.notes, *found.notes],
+    }
+    if found.sun is not None:
+        metrics["sun_azimuth_deg"], metrics["sun_elevation_deg"] = (round(math.degrees(a), 2) for a in found.sun)
+    return StageOutput(
+        artifacts={name: mask for name, mask in masks.items() if name not in left_out} | {"target": found.target},
+        metrics=metrics,
+        warnings=tuple(warnings),
+        left_out=left_out,
+        honoured={"quality": f"evidence by the {evidence.source}"},
+    )
