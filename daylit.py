@@ -32,6 +32,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
         "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),
+        "furniture": Entry("processing.commands.furniture", "furniture", "List, show and export furniture models."),
     },
     "Try it": {
         "demo": Entry("processing.commands.demo", "demo", "Calibrate, capture and process on simulated instruments."),

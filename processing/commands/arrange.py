@@ -10,6 +10,7 @@ import click
 
 if TYPE_CHECKING:
     from processing.layout.arrangement import Arrangement, Arrangements
+    from processing.layout.items import Item
     from processing.layout.plan import FloorPlan
 
 IN_A_SESSION = ("room.json", "stages/room/room.json")
@@ -30,6 +31,7 @@ IN_A_SESSION = ("room.json", "stages/room/room.json")
 @click.option(
     "--place", "places", multiple=True, metavar="ITEM=EDGE,ALONG,AWAY,FACING", help="The paper's form; see below."
 )
+@click.option("--catalogue", type=click.Path(path_type=Path), metavar="FOLDER", help="Take models and sizes from it.")
 @click.option("--keep-camera", is_flag=True, help="Keep the floor at the camera free (rooms and sessions).")
 @click.option("--output", type=click.Path(path_type=Path, file_okay=False), help="Folder for the results.")
 @click.option("--no-pictures", is_flag=True, help="Write arrangement.json only.")
@@ -45,6 +47,7 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
     Examples:
       daylit arrange plan.json --set bedroom
       daylit arrange plan.json --items "bed, 2 nightstand, desk, desk chair" --rules tight -n 3
+      daylit arrange plan.json --set living --catalogue models/
       daylit arrange room.json --set living --pin tv-stand=0.2,2.4,-90 --place sofa=window,0.5,0,in
     Exit code: 0 all items placed · 1 some have no place (each with its reason) · 2, 5 refused.
     """
@@ -79,19 +82,30 @@ def _rule_set(options: dict[str, Any]) -> Any:
 def _solve(room: Path, **options: Any) -> Arrangements:
     from processing.errors import ParameterError
     from processing.layout.arrange import arrange as solve
-    from processing.layout.item_list import parse_items, set_items
     from processing.layout.paper_form import parse_place, placed_by_ratios
     from processing.layout.pins import parse_pin
 
     if (options["items"] is None) == (options["set_name"] is None):
         raise ParameterError("give either --items or --set")
-    items = parse_items(options["items"]) if options["items"] is not None else set_items(options["set_name"])
+    items = _items(options)
     plan = _plan(room, keep_camera_free=options["keep_camera"])
     book = _book(options)
     rules = book.named(options["rules"])
     pins = dict(parse_pin(text) for text in options["pins"])
     pins = placed_by_ratios(plan, items, rules, [parse_place(text) for text in options["places"]], pins)
     return solve(plan, items, rules, n=options["count"], seed=options["seed"], pins=pins, book=book)
+
+
+def _items(options: dict[str, Any]) -> list[Item]:
+    """Return the items asked for; with a catalogue, in the sizes of its models (kinds that it lacks stay as they are)."""
+    from processing.layout.catalogue import Catalogue
+    from processing.layout.item_list import parse_items, set_items, set_list
+    from processing.layout.item_table import KINDS
+
+    if options["catalogue"] is None:
+        return parse_items(options["items"]) if options["items"] is not None else set_items(options["set_name"])
+    kinds = {**KINDS, **Catalogue.at(options["catalogue"]).kinds(options["seed"])}
+    return parse_items(options["items"] if options["items"] is not None else set_list(options["set_name"]), kinds)
 
 
 def _plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:

@@ -34,9 +34,14 @@ def parse_items(text: str, kinds: Mapping[str, ItemSpec] = KINDS) -> list[Item]:
 
 def set_items(name: str) -> list[Item]:
     """Return the items of a built-in set; raise `ItemError` naming those there are."""
+    return parse_items(set_list(name))
+
+
+def set_list(name: str) -> str:
+    """Return a built-in set as a list; raise `ItemError` naming those there are."""
     if name not in SETS:
         raise ItemError(f"no set '{name}'; there are: {', '.join(SETS)}")
-    return parse_items(SETS[name])
+    return SETS[name]
 
 
 def number_items(specs: Sequence[ItemSpec]) -> list[Item]:
