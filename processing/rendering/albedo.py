@@ -1,9 +1,9 @@
 """Albedo of a room's surfaces from its calibrated, emptied panorama: pi times radiance over irradiance.
 
 Irradiance comes from the panorama itself (`room_light`), so no albedo is needed to find albedo. Where the sun falls is
-known from geometry up to errors of the model and to what it leaves out, bars of a window for instance: near the sun's
-patch every pixel is taken as sunlit or not by what fits its surface better. Pixels of which nothing can be told (clipped,
-nearly dark, in half shadow, hidden) take what their surface shows around them.
+known from geometry up to errors of the model and to what it leaves out, bars of a window for instance: near the
+sun's patch every pixel is taken as sunlit or not by what fits its surface better. Pixels of which nothing can be told
+(clipped, nearly dark, in half shadow, hidden) take what their surface shows around them.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ import numpy as np
 from processing.errors import AlbedoError
 from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.rendering.irradiance import Effort
+from processing.rendering.kernels import towards_panes
+from processing.rendering.render import sun_of
 from processing.rendering.room_light import irradiance_by_picture, measured_light, window_transmittance
 from processing.rendering.scene import Doubles, Floats, Outdoors, Scene, Vector, plain
 from processing.rendering.shell import REVEAL_M, shell_of
-from processing.rendering.sight import Sight, sight_of
+from processing.rendering.sight import Sight, albedo_of, sight_of
 from processing.rendering.stage import Stage
-from processing.rendering.render import sun_of
 from processing.rendering.upsample import upsampled
 from processing.resampling import resample
 from processing.room.model import RoomModel
@@ -177,8 +178,6 @@ def _open_sun(stage: Stage, sight: Sight) -> Doubles:
 
 def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
     """Return which pixels (n,) see a place within `SUN_MARGIN_M` of the sun's patch."""
-    from processing.rendering.kernels import towards_panes
-
     sun, panes = stage.scene.outdoors.sun, stage.scene.panes
     near = np.zeros(len(sight.label), bool)
     if sun is None:
@@ -227,7 +226,7 @@ def _usual(value: Doubles, sight: Sight, among: np.ndarray) -> Doubles:
         mine = sight.label == label
         if (mine & among).sum() >= 8:
             out[mine] = np.median(value[mine & among], axis=0)
-    return np.maximum(out, LEAST_ALBEDO)
+    return np.asarray(np.maximum(out, LEAST_ALBEDO))
 
 
 def _spread(value: Doubles, usual: Doubles, sight: Sight, among: np.ndarray) -> Doubles:
@@ -259,8 +258,6 @@ def _textured(scene: Scene, room: RoomModel, sight: Sight, value: Doubles, told:
             texture = _filled(found.values, found.known, colour)
         surfaces.append(replace(surface, albedo=texture))
     textured = replace(scene, surfaces=tuple(surfaces))
-    from processing.rendering.sight import albedo_of
-
     picture = value.astype(np.float32)
     again = albedo_of(Stage.of(textured, 1.0), sight)
     return textured, np.where(told[:, None], picture, again)

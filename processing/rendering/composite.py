@@ -70,8 +70,9 @@ def differential(
     bare, full = Stage.of(room, effort.texel_m), Stage.of(room.furnished(parts), effort.texel_m)
     small = sight_of(full, small_geometry(geometry, effort.rows), eye_m)
     after = irradiance_of(full, small, effort, seed, wraps=True)
-    shell = _without_furniture(small)
-    before = irradiance_of(bare, shell, replace(effort, max_error=None, most_rounds=after.rounds), seed, wraps=True)
+    # The same places, on furniture too, so that both meet the same chance.
+    same = replace(effort, max_error=1e-12, budget_s=None, most_rounds=after.rounds)
+    before = irradiance_of(bare, small, same, seed, wraps=True)
     large = sight_of(full, geometry, eye_m)
     furniture = large.label >= FIRST_PART
     ratio = _change(bare, full, before, after, small, large, photograph, effort, seed)
@@ -144,7 +145,7 @@ def ibl(
     clean: bool = True,
     seed: int = 0,
 ) -> Staged:
-    """Return the photograph with furniture lit by the photograph alone; ``room`` only hides what is behind its walls."""
+    """Return the photograph with furniture lit by the photograph alone; ``room`` only hides what is behind walls."""
     geometry = _panorama(photograph)
     full = Stage.of(room.furnished(parts), 0.2)
     sight = sight_of(full, geometry, eye_m)

@@ -10,8 +10,8 @@ from processing.rendering.patches import PANE
 from processing.rendering.scene import Doubles, Floats, Pane, Sun
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 
-FEW_SUN_RAYS = 4
-"""After which a pixel is taken to lie wholly in the sun or in the shade if they agree."""
+RIM_RAYS, RIM_AREA = 12, 0.98
+"""Rays to the sun's rim (as a share of its area): if they agree, less than 2 % of the disc can look otherwise."""
 
 
 def skylight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
@@ -76,22 +76,18 @@ def sunlight(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
 
 
 def _adaptive(stage: Stage, sun: Sun, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
-    """Return the sun's irradiance by a few rays each, and by ``samples`` where those differ: in half shadow."""
-
-    def some(chosen: np.ndarray, count: int, purpose: int) -> Doubles:
-        total = np.zeros((count, len(chosen), 3))
-        shift = random((*key, purpose), len(chosen), 2)
-        for k in range(count):
-            spread = (shift + (k + 0.5) * np.array([FIRST, SECOND])) % 1.0
-            total[k] = _disc_light(stage, sun, points[chosen], normals[chosen], spread)
-        return total
-
-    few = min(FEW_SUN_RAYS, samples)
-    first = some(np.arange(len(points)), few, 0)
-    out = first.mean(axis=0)
-    unsure = np.flatnonzero((first.max(axis=0) > 1.01 * first.min(axis=0)).any(axis=1))
-    if samples > few and len(unsure):
-        out[unsure] = some(unsure, samples, 1).mean(axis=0)
+    """Return the sun's irradiance by rays to its rim, and by ``samples`` all over it where those differ."""
+    shift = random((*key, 0), len(points), 2)
+    rim = np.empty((RIM_RAYS, len(points), 3))
+    for k in range(RIM_RAYS):
+        spread = np.column_stack([np.full(len(points), RIM_AREA), (shift[:, 1] + k) / RIM_RAYS])
+        rim[k] = _disc_light(stage, sun, points, normals, spread)
+    out: Doubles = rim.mean(axis=0)
+    unsure = np.flatnonzero((rim.max(axis=0) > 1.01 * rim.min(axis=0)).any(axis=1))
+    out[unsure] = 0
+    for k in range(samples if len(unsure) else 0):
+        spread = (shift[unsure] + (k + 0.5) * np.array([FIRST, SECOND])) % 1.0
+        out[unsure] += _disc_light(stage, sun, points[unsure], normals[unsure], spread) / samples
     return out
 
 

@@ -36,7 +36,7 @@ class Effort:
     """Height of the picture in which irradiance is gathered; never more than the picture asked for."""
     pixel_samples: int = 16
     """Rays from each of its pixels in a round."""
-    sun_samples: int = 32
+    sun_samples: int = 128
     """Rays to the sun's disc from pixels in half shadow."""
     clean: bool = True
     """Whether noise is taken out."""
@@ -53,9 +53,9 @@ class Effort:
 
 
 EFFORTS = {
-    "draft": Effort(texel_m=0.15, patch_samples=32, rows=128, pixel_samples=8, sun_samples=8),
+    "draft": Effort(texel_m=0.15, patch_samples=32, rows=128, pixel_samples=8, sun_samples=16),
     "standard": Effort(),
-    "reference": Effort(texel_m=0.05, patch_samples=256, rows=512, pixel_samples=256, sun_samples=128, clean=False),
+    "reference": Effort(texel_m=0.05, patch_samples=256, rows=512, pixel_samples=256, sun_samples=512, clean=False),
 }
 
 
@@ -106,10 +106,10 @@ def irradiance_of(stage: Stage, sight: Sight, effort: Effort, seed: int, *, wrap
     while True:
         halves.add([_half(stage, sight, solid, effort, (seed * 1000 + halves.rounds) * 2 + half) for half in range(2)])
         noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
-        error = _difference(*noisy, sight, blurred=effort.clean)
+        error = _difference(noisy[0], noisy[1], sight, blurred=effort.clean)
         spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
         if effort.max_error is None or error <= effort.max_error or spent or halves.rounds >= effort.most_rounds:
-            mean = (noisy[0] + noisy[1]) / 2
+            mean: Floats = (noisy[0] + noisy[1]) * np.float32(0.5)
             return Irradiance(cleaned(mean, sight, wraps=wraps) if effort.clean else mean, error, halves.rounds)
 
 
@@ -125,6 +125,7 @@ def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:
 
 
 def cleaned(picture: Floats, sight: Sight, *, wraps: bool) -> Floats:
+    """Return irradiance (H, W, 3) of what pixels see without its noise."""
     nearness = np.where(sight.solid, 1 / (1 + np.where(sight.solid, sight.distance_m, 0)), 0)
     guides = sight.normal.reshape(*sight.shape, 3), nearness.reshape(sight.shape).astype(np.float32)
     return denoised(picture, *guides, wraps=wraps)

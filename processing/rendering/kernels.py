@@ -75,8 +75,8 @@ def met_patches(  # type: ignore[no-untyped-def]
             u += place * frames[f, 1, c]
             v += place * frames[f, 2, c]
         columns, rows = grids[f, 0], grids[f, 1]
-        column = min(max(int(math.floor(u)), 0), columns - 1)
-        row = min(max(int(math.floor(v)), 0), rows - 1)
+        column = min(max(math.floor(u), 0), columns - 1)
+        row = min(max(math.floor(v), 0), rows - 1)
         patch[i] = grids[f, 2] + row * columns + column
         facing[i] = cosine
 
@@ -179,7 +179,7 @@ def pane_rays(  # type: ignore[no-untyped-def]
 
 @compiled
 def add_outdoors(owner, item, pane, triangle, ray, directions, weight, picture, tint, samples, out):  # type: ignore[no-untyped-def]
-    """Add to ``out`` (n, 3) what rays (k) that reach a pane bring in; ``ray`` tells each one's point, ``weight`` (k,)."""
+    """Add to ``out`` (n, 3) what rays (k) that reach a pane bring in; ``ray`` (k,) tells each one's point."""
     rows, columns = picture.shape[0], picture.shape[1]
     for k in range(ray.shape[0]):
         t = triangle[k]

@@ -87,14 +87,14 @@ def with_ground(panorama: Floats, known: np.ndarray, sun: Sun | None, albedo: fl
     return np.where(below[..., None], ground, panorama)
 
 
-def without_sun(rgb: Doubles, rays: Floats, area_sr: Doubles) -> tuple[Doubles, Sun | None]:
+def without_sun(rgb: Doubles, rays: Doubles, area_sr: Doubles) -> tuple[Doubles, Sun | None]:
     """Return a picture (H, W, 3) without its sun, and the sun; all its excess over the sky beside it is kept.
 
     The excess's illuminance on a plane facing it becomes the sun's; its middle is weighted by light.
     """
     luminance = rgb @ np.asarray(LUMINANCE_WEIGHTS) * (area_sr > 0)
     peak = np.unravel_index(int(luminance.argmax()), luminance.shape)
-    away = np.arccos(np.clip(rays @ rays[peak].astype(np.float64), -1, 1))
+    away = np.arccos(np.clip(rays @ rays[peak], -1, 1))
     near, ring = away < SUN_SEARCH_RAD, (away >= SUN_SEARCH_RAD) & (away < 2 * SUN_SEARCH_RAD) & (area_sr > 0)
     if luminance[peak] <= 0 or not ring.any():
         return rgb, None
@@ -104,7 +104,7 @@ def without_sun(rgb: Doubles, rays: Floats, area_sr: Doubles) -> tuple[Doubles, 
     light = excess.sum(axis=(0, 1))
     if light @ np.asarray(LUMINANCE_WEIGHTS) < LEAST_SUN_LX or not over.any():
         return rgb, None
-    middle = np.tensordot(excess @ np.asarray(LUMINANCE_WEIGHTS), rays.astype(np.float64), axes=2)
+    middle = np.tensordot(excess @ np.asarray(LUMINANCE_WEIGHTS), rays, axes=2)
     x, y, z = (float(v) for v in middle / np.linalg.norm(middle))
     red, green, blue = (float(v) for v in light)
     rest = np.where(over[..., None], np.minimum(rgb, beside), rgb)

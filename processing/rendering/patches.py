@@ -1,6 +1,6 @@
-"""A scene cut into patches, the texels of its light map: flat squares on the surfaces, clusters of triangles on furniture.
+"""A scene cut into patches, the texels of its light map: squares on the surfaces, clusters of triangles on furniture.
 
-Each patch has one irradiance and one albedo for what it passes on to others; pictures look closer (`picture`).
+Each patch has one irradiance and one albedo for what it passes on to others; pictures look closer (`sight`).
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from processing.errors import ParameterError, SceneError
 from processing.rendering.chance import Key, random
@@ -93,10 +94,13 @@ class _Builder:
         self.normals: list[Doubles] = []
         self.count = 0
 
-    def add_triangles(self, corners: Doubles, owner: int, item: object = -1, part: int = -1, face: object = -1) -> None:
+    def add_triangles(
+        self, corners: Doubles, owner: int, item: npt.ArrayLike = -1, part: int = -1, face: npt.ArrayLike = -1
+    ) -> None:
         self.triangles.append(corners)
         tags = np.empty((len(corners), 4), np.int32)
-        tags[:, 0], tags[:, 1], tags[:, 2], tags[:, 3] = owner, item, part, face
+        tags[:, 0], tags[:, 1] = owner, np.asarray(item)
+        tags[:, 2], tags[:, 3] = part, np.asarray(face)
         self.tags.append(tags)
 
     def add_elements(self, patch: np.ndarray, corner: Doubles, a: Doubles, b: Doubles, triangular: bool) -> None:
@@ -231,7 +235,7 @@ def _cut(corners: Doubles, longest_m: float) -> tuple[Doubles, Ints]:
     todo, source = corners, np.arange(len(corners), dtype=np.int32)
     while len(todo):
         edges = np.linalg.norm(np.roll(todo, -1, axis=1) - todo, axis=2)
-        small = edges.max(axis=1) <= longest_m
+        small = np.asarray(edges.max(axis=1) <= longest_m)
         done.append(todo[small])
         done_from.append(source[small])
         todo, source, edges = todo[~small], source[~small], edges[~small]

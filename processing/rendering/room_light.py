@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.chance import Key
 from processing.rendering.daylight import skylight
 from processing.rendering.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
@@ -19,7 +20,6 @@ from processing.rendering.scene import Doubles, Floats, Vector
 from processing.rendering.sight import GLASS, Sight, looked_up
 from processing.rendering.stage import Stage
 from processing.rendering.transport import BrightPatches, from_bright, links_of
-from processing.images import LUMINANCE_WEIGHTS
 
 LOOKS = 8
 """Places on each patch that are looked up in the panorama."""
@@ -85,7 +85,7 @@ def irradiance_by_picture(
         picture = np.zeros((len(sight.label), 3), np.float32)
         picture[solid] = values
         halves.append(picture.reshape(*sight.shape, 3))
-    mean = (halves[0] + halves[1]) / 2
+    mean: Floats = (halves[0] + halves[1]) * np.float32(0.5)
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
     apart, whole = (halves[0] - halves[1]) @ weights, np.maximum((halves[0] + halves[1]) @ weights, 1e-9)
     error = np.sqrt(cv2.blur((apart / whole) ** 2, (9, 9))) / 5

@@ -82,17 +82,15 @@ class Stage:
 
 def area_means(texture: Floats, rows: int, columns: int) -> Doubles:
     """Return a texture's means over a grid of rows x columns cells that cover it, exact for any sizes."""
-    return np.asarray(
-        _shares(texture.shape[0], rows)
-        @ np.tensordot(_shares(texture.shape[1], columns), texture, (1, 1)).swapaxes(0, 1).reshape(texture.shape[0], -1)
-    ).reshape(rows, columns, 3)
+    down, across = _shares(texture.shape[0], rows), _shares(texture.shape[1], columns)
+    return np.asarray(np.tensordot(across, np.tensordot(down, texture, (1, 0)), (1, 1)).swapaxes(0, 1))
 
 
 def _shares(fine: int, coarse: int) -> Doubles:
     """Return (coarse, fine): what share of each coarse cell each fine cell is."""
     low, high = np.arange(fine) / fine, (np.arange(fine) + 1) / fine
     start, end = np.arange(coarse)[:, None] / coarse, (np.arange(coarse)[:, None] + 1) / coarse
-    return np.maximum(np.minimum(high, end) - np.maximum(low, start), 0) * coarse
+    return np.asarray(np.maximum(np.minimum(high, end) - np.maximum(low, start), 0) * coarse)
 
 
 def part_albedo(part: Part, face: Ints, places: Doubles) -> Doubles:

@@ -2,8 +2,8 @@
 
 Rays spread by the cosine from every patch tell which patches light it: their mean radiosity is its irradiance. The
 same rays serve every bounce, every sky and every albedo, so that all of them are cheap once the rays are cast. Small
-bright patches (where the sun falls, lamps) are rarely met by chance: shots are aimed at them too, and both are joined by
-the balance heuristic (Veach 1997).
+bright patches (where the sun falls, lamps) are rarely met by chance: shots are aimed at them too, and both are
+joined by the balance heuristic (Veach 1997).
 """
 
 from __future__ import annotations

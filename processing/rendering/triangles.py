@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from processing.errors import SceneError
@@ -31,8 +33,8 @@ def _with_holes(surface: Surface) -> Doubles:
     us = np.unique([0.0, surface.width_m, *(h[0] for h in surface.holes_m), *(h[2] for h in surface.holes_m)])
     vs = np.unique([0.0, surface.height_m, *(h[1] for h in surface.holes_m), *(h[3] for h in surface.holes_m)])
     found = []
-    for u0, u1 in zip(us[:-1], us[1:], strict=True):
-        for v0, v1 in zip(vs[:-1], vs[1:], strict=True):
+    for u0, u1 in pairwise(us):
+        for v0, v1 in pairwise(vs):
             u, v = (u0 + u1) / 2, (v0 + v1) / 2
             if not any(h[0] < u < h[2] and h[1] < v < h[3] for h in surface.holes_m):
                 found += [[(u0, v0), (u1, v0), (u1, v1)], [(u0, v0), (u1, v1), (u0, v1)]]

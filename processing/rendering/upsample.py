@@ -46,41 +46,48 @@ def _likeness(label, other, normal, others_normal, point, others_point) -> float
         far2 += step * step
     if abs(lift) > 0.01 + 0.3 * math.sqrt(far2):
         return 0.0
-    return turned**8
+    return float(turned**8)
+
+
+@compiled
+def _sum(low, high, y, x, wraps, values, labels, normals, points, label, normal, point, total):  # type: ignore[no-untyped-def]
+    """Fill ``total`` (4,) with the weight and weighted values of the alike among small pixels around (y, x).
+
+    From ``low`` to ``high`` about the pixel before: the four around by their share, a wider reach by nearness.
+    """
+    total[:] = 0.0
+    rows, columns = labels.shape
+    for r in range(max(math.floor(y) + low, 0), min(math.floor(y) + high, rows)):
+        for c in range(math.floor(x) + low, math.floor(x) + high):
+            if (c < 0 or c >= columns) and not wraps:
+                continue
+            k = c % columns
+            share = _likeness(label, labels[r, k], normal, normals[r, k], point, points[r, k])
+            if share == 0.0:
+                continue
+            if low == 0:
+                share *= (1 - abs(y - r)) * (1 - abs(x - c)) + 1e-4
+            else:
+                share /= (0.01 + (y - r) ** 2 + (x - c) ** 2) ** 2
+            total[0] += share
+            for channel in range(3):
+                total[1 + channel] += share * values[r, k, channel]
 
 
 @compiled
 def _spread(values, labels, normals, points, label, normal, point, shape, wraps, out, missed):  # type: ignore[no-untyped-def]
     rows, columns = labels.shape
+    total = np.zeros(4)
     for i in range(label.shape[0]):
         if label[i] < 0:
             continue
         y = (shape[0] + i // shape[2] + 0.5) * rows / shape[1] - 0.5
         x = (i % shape[2] + 0.5) * columns / shape[2] - 0.5
-        r0, c0 = math.floor(y), math.floor(x)
-        total = red = green = blue = 0.0
-        for step in range(2):
-            # First the four pixels around, by their share; where none is alike, the nearest alike.
-            low, high = (0, 2) if step == 0 else (1 - REACH_PX, 1 + REACH_PX)
-            for r in range(r0 + low, r0 + high):
-                for c in range(c0 + low, c0 + high):
-                    if r < 0 or r >= rows or ((c < 0 or c >= columns) and not wraps):
-                        continue
-                    k = c % columns
-                    like = _likeness(label[i], labels[r, k], normal[i], normals[r, k], point[i], points[r, k])
-                    if like == 0.0:
-                        continue
-                    if step == 0:
-                        share = like * ((1 - abs(y - r)) * (1 - abs(x - c)) + 1e-4)
-                    else:
-                        share = like / (0.01 + (y - r) ** 2 + (x - c) ** 2) ** 2
-                    total += share
-                    red += share * values[r, k, 0]
-                    green += share * values[r, k, 1]
-                    blue += share * values[r, k, 2]
-            if total > 0:
-                break
-        if total > 0:
-            out[i, 0], out[i, 1], out[i, 2] = red / total, green / total, blue / total
-        else:
-            missed[i] = True
+        _sum(0, 2, y, x, wraps, values, labels, normals, points, label[i], normal[i], point[i], total)
+        if total[0] == 0:
+            low, high = 1 - REACH_PX, 1 + REACH_PX
+            _sum(low, high, y, x, wraps, values, labels, normals, points, label[i], normal[i], point[i], total)
+        missed[i] = total[0] == 0
+        if total[0] > 0:
+            for channel in range(3):
+                out[i, channel] = total[1 + channel] / total[0]
