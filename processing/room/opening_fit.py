@@ -33,7 +33,7 @@ OUTER_EDGE, INNER_EDGE, GLASS_EDGE, COMMON_EDGE = 1.0, 1.0, 1.0, 0.3
 anywhere on a wall."""
 FRAMES_M = (0.03, 0.045, 0.06, 0.075, 0.1)
 REACH_M, PASSES = 0.3, 3
-STAY_PER_M = 0.3
+STAY_PER_M = 1.0
 """What a side pays for leaving its place without a reason."""
 LEAST_SIDE_M = 0.3
 
@@ -221,14 +221,15 @@ def recess_cost(kind: Kind, recess_m: float) -> float:
 def fitted(field: Field, recess_m: float, start: Box) -> tuple[float, Box]:
     """Return the best score and rectangle near a start: each side is moved in turn, a few times."""
     view = field.view
-    sides = list(_kept_inside(view, start))
+    start = _kept_inside(view, start)
+    sides = list(start)
     step = 1 / view.px_per_m
     moves = np.arange(-math.ceil(REACH_M / step), math.ceil(REACH_M / step) + 1) * step
     limits = (view.plane.width_m, view.plane.height_m)
     best = -math.inf
     for _ in range(PASSES):
         for which in (0, 2, 1) if field.kind.to_floor else (0, 2, 1, 3):
-            tried = sides[which] + moves
+            tried = start[which] + moves
             low = 0.0 if which < 2 else sides[which - 2] + LEAST_SIDE_M
             high = sides[which + 2] - LEAST_SIDE_M if which < 2 else limits[which % 2]
             tried = tried[(tried >= low - 1e-9) & (tried <= high + 1e-9)]
