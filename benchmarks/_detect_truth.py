@@ -8,11 +8,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks._truth_rooms import room_model_of
 from mocks.rooms.model import Item, Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
 from processing.images import Floats, RelativeImage
-from processing.sphere import Equirectangular, solid_angles
+from processing.removal.sun_geometry import wall_between, window_depth
+from processing.sphere import Equirectangular, directions, solid_angles
+from processing.surfaces.maps import surface_maps
+from processing.surfaces.plane import CEILING
 
 Flags = npt.NDArray[np.bool_]
 
@@ -74,6 +78,20 @@ def _stands_on(item: Item, shelf: Item) -> bool:
     x, y = (a - b for a, b in zip(item.position_m[:2], shelf.position_m[:2], strict=True))
     near = float(np.hypot(x, y)) < shelf.size_m[0] / 2 + 0.05
     return item.role is Role.CLUTTER and near and abs(item.position_m[2] - shelf.position_m[2]) < shelf.size_m[2] + 0.1
+
+
+def sun_enters(room: Room, least_share: float = 0.005) -> bool:
+    """Return whether direct sun should cover a share of the sphere on the empty room's floor and walls."""
+    if room.sky.disc() is None:
+        return False
+    model, geometry = room_model_of(room), Equirectangular(128, 64)
+    maps = surface_maps(model, geometry)
+    d, _ = directions(geometry)
+    points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, model.camera_height_m])
+    depth, _ = window_depth(model, points, room.sky.sun_direction)
+    lit = (depth > 0) & (maps.opening < 0) & (maps.plane != CEILING)
+    lit[lit] &= ~wall_between(model, points[lit], room.sky.sun_direction)
+    return share(lit) >= least_share
 
 
 def score(found: Flags, true: Flags, ignore: Flags | None = None) -> Score:
