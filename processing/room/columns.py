@@ -125,7 +125,7 @@ def _binned(values: Doubles, count: int) -> Doubles:
     n = len(values)
     running = np.concatenate([[0.0], np.cumsum(values)])
     edges = np.interp(np.arange(count + 1) * (n / count), np.arange(n + 1), running)
-    return np.diff(edges) * (count / n)
+    return np.asarray(np.diff(edges) * (count / n))
 
 
 def _largest(values: Doubles, count: int) -> Doubles:

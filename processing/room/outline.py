@@ -37,7 +37,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class Outline:
-    """Walls clockwise seen from above (by growing azimuth), in axes turned by ``turned_rad``, and the heights' ratio."""
+    """Walls clockwise seen from above (by azimuth), in axes turned by ``turned_rad``, and the heights' ratio."""
 
     walls: tuple[Wall, ...]
     turned_rad: float

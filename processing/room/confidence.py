@@ -1,0 +1,143 @@
+"""How sure a room is: what was odd on the way to it, as one probability.
+
+The probability is that of a 3D IoU of at least 0.85 with the true room, by a logistic fit on a few diagnostics
+(docs/room.md says on which rooms; `python -m benchmarks room` measures it on others).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from processing.room.columns import Columns
+from processing.room.fit import CAP, residuals
+from processing.room.hypotheses import Hypothesis
+from processing.room.model import RoomModel
+from processing.room.refine import Refined
+
+Doubles = npt.NDArray[np.float64]
+
+RIVAL_WITHIN = 60.0
+"""Cost by which another room may be worse and still be a rival."""
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """What confidence is told from; none needs the truth."""
+
+    misfit: float
+    """Root mean square of capped residuals of both boundaries, in standard deviations."""
+    unexplained: float
+    """Share of columns that no wall explains."""
+    sigma_deg: float
+    """Median uncertainty of the boundaries as the network states it."""
+    ratio_spread: float
+    """How far floor and ceiling disagree about distances, relative."""
+    rival: float
+    """1 - IoU of the floor with the most different room that fits nearly as well."""
+    loss: float
+    """Mean -log share of classes where the room puts them."""
+    overhead: float
+    """Share of ceiling above 50 degrees."""
+    blank: float
+    """Share of the sphere that shows nothing."""
+    nearest: float
+    """Distance of the nearest wall, in camera heights: in a doorway it is small."""
+    edges: float
+    """Share of azimuths at which an edge of floor or ceiling was found in the picture."""
+    corners: float
+    """Number of walls."""
+
+    def values(self) -> dict[str, float]:
+        """Return name and value of each, rounded."""
+        return {name: round(float(value), 4) for name, value in asdict(self).items()}
+
+
+def diagnose(
+    columns: Columns, ranked: list[Hypothesis], refined: Refined, *, overhead: float, blank: float, loss: float
+) -> Diagnostics:
+    """Return the diagnostics of the room chosen among hypotheses."""
+    found = np.minimum(np.abs(residuals(refined.polygon, refined.outline.ratio, columns)), CAP)
+    sigma = np.degrees(np.median(columns.floor_sigma / (1 + columns.floor**2)))
+    other = np.degrees(np.median(columns.ceiling_sigma / (1 + columns.ceiling**2)))
+    walls = shapely.LinearRing(refined.polygon)
+    return Diagnostics(
+        misfit=float(np.sqrt((found**2).mean())),
+        unexplained=float((found >= CAP).any(axis=0).mean()),
+        sigma_deg=float((sigma + other) / 2),
+        ratio_spread=columns.ratio_spread,
+        rival=_rival(ranked, refined.polygon),
+        loss=loss,
+        overhead=overhead,
+        blank=blank,
+        nearest=float(walls.distance(shapely.Point(0, 0))),
+        edges=(refined.floor_share + refined.ceiling_share) / 2,
+        corners=float(len(refined.polygon)),
+    )
+
+
+def _rival(ranked: list[Hypothesis], polygon: Doubles) -> float:
+    chosen, most = shapely.Polygon(polygon), 0.0
+    for hypothesis in ranked:
+        if hypothesis.total > ranked[0].total + RIVAL_WITHIN:
+            break
+        other = shapely.Polygon(hypothesis.fit.polygon)
+        if other.is_valid:
+            most = max(most, 1 - chosen.intersection(other).area / chosen.union(other).area)
+    return float(most)
+
+
+COEFFICIENTS: dict[str, float] = {"misfit": -1.5, "ratio_spread": -6.0, "rival": -4.0, "loss": -8.0, "sigma_deg": -0.5}
+INTERCEPT = 5.0
+LEAST, MOST = 0.02, 0.98
+
+
+def confidence_of(found: Diagnostics) -> float:
+    """Return the probability, 0.02..0.98, that the room is right (3D IoU of 0.85 or more)."""
+    score = INTERCEPT + sum(weight * getattr(found, name) for name, weight in COEFFICIENTS.items())
+    sure = 1 / (1 + math.exp(-max(-30.0, min(30.0, score))))
+    return float(np.clip(sure * _credible(found), LEAST, MOST))
+
+
+def _credible(found: Diagnostics) -> float:
+    """Return a factor for what no simulated room shows: parts missing, no ceiling, a wall at the lens."""
+    blank = 1 - min(1.0, found.blank / 0.3)
+    overhead = min(1.0, found.overhead / 0.5)
+    near = min(1.0, found.nearest / 0.25)
+    return blank * overhead * near
+
+
+def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
+    """Return in words what makes a room doubtful; nothing for a sure one."""
+    told = []
+    if found.blank > 0.05:
+        told.append(f"{100 * found.blank:.0f} % of the sphere show nothing: cropped?")
+    if found.overhead < 0.5:
+        told.append("little ceiling is seen overhead: outdoors, or an open roof?")
+    if found.nearest < 0.25:
+        told.append("a wall is very near the camera: does it stand in a doorway?")
+    if found.unexplained > 0.25:
+        told.append(f"no wall explains {100 * found.unexplained:.0f} % of the directions: open doors or mirrors?")
+    if found.ratio_spread > 0.15:
+        told.append("floor and ceiling disagree about distances: not level, or several ceiling heights?")
+    if found.rival > 0.15:
+        told.append("another room fits nearly as well")
+    if sure < 0.5:
+        told.append(f"the room is doubtful (confidence {sure:.2f}): check it, daylit room SESSION --edit")
+    return tuple(told)
+
+
+def wall_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[float, ...]:
+    """Return each wall's confidence: the room's, less where its columns are not explained; 0.3 of it if unseen."""
+    from processing.surfaces.sight import wall_ranges
+
+    polygon = np.asarray(room.floor) / room.camera_height_m
+    _, wall = wall_ranges(polygon, columns.azimuth_rad)
+    ratio = room.ceiling_height_m / room.camera_height_m - 1
+    explained = 1 - (np.minimum(np.abs(residuals(polygon, ratio, columns)), CAP) / CAP).mean(axis=0)
+    shares = [float(explained[wall == i].mean()) if (wall == i).any() else 0.3 for i in range(len(polygon))]
+    return tuple(round(sure * min(1.0, share / 0.75), 3) for share in shares)

@@ -1,0 +1,182 @@
+"""A room from the evidence of one upright panorama: its floor, its height, and how sure that is.
+
+The boundaries of walls with floor and ceiling (a network's, `BoundaryEvidence`) give each column's distance twice; the
+ratio of ceiling to camera height makes them agree. Rooms that may be meant (`hypotheses`) compete by unexplained
+columns, pixels of classes that cannot be where the room puts them, and the number of their walls.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import NoRoomError, ParameterError
+from processing.images import LuminanceImage, RelativeImage
+from processing.room.columns import Columns, columns_of
+from processing.room.confidence import Diagnostics, confidence_of, diagnose, doubts, wall_confidences
+from processing.room.hypotheses import Hypothesis, hypotheses
+from processing.room.joint import ClassTable, overhead_share
+from processing.room.model import RoomModel, geometry_problems
+from processing.room.outline import Outline
+from processing.room.picture_doubts import check_picture
+from processing.room.refine import Refined, refine
+from processing.room.tidy import tidied
+from processing.segmentation.evidence import SceneEvidence
+
+Doubles = npt.NDArray[np.float64]
+
+CLASS_WEIGHT = 400.0
+"""Squared standard deviations for a mean loss of 1 over the sphere."""
+LEAST_OVERHEAD = 0.1
+"""Share of ceiling above 50 degrees below which the picture is taken to be outdoors."""
+MOST_KEPT = 24
+
+
+@dataclass(frozen=True)
+class RoomEstimate:
+    """A room without openings, and how sure it is; ``room.confidence`` is that of the whole."""
+
+    room: RoomModel
+    walls: tuple[float, ...]
+    """Confidence of each wall, 0..1: seen, and explained by what is seen."""
+    ceiling: float
+    """Confidence of the ceiling's height."""
+    warnings: tuple[str, ...]
+    diagnostics: Diagnostics
+    manhattan_rad: float
+    """The walls' azimuth, as fitted."""
+    alternatives: tuple[str, ...] = field(default=())
+    """The rooms that came next, in words."""
+    skipped: tuple[str, ...] = field(default=())
+    """What was not done, and why."""
+
+
+def estimate_room(
+    image: RelativeImage | LuminanceImage,
+    evidence: SceneEvidence,
+    *,
+    camera_height_m: float = 1.6,
+    manhattan_rad: float | None = None,
+    quality: str = "standard",
+) -> RoomEstimate:
+    """Return the room that an upright panorama shows.
+
+    Parameters
+    ----------
+    image
+        Upright, equirectangular; edges are refined in it at its full size.
+    evidence
+        With boundaries.
+    camera_height_m
+        Sets the scale.
+    manhattan_rad
+        Azimuth of the walls (`processing.room.level.find_upright`); None: told from the boundaries.
+    quality
+        ``draft``: no refinement on the picture. ``standard``, ``reference``.
+
+    Raises
+    ------
+    NoRoomError
+        Black, cropped, outdoors, or boundaries that no room explains.
+    ParameterError
+        No boundaries, a camera height out of range, a picture looking another way than longitude 0.
+    """
+    if not (math.isfinite(camera_height_m) and 0.1 <= camera_height_m < 20):
+        raise ParameterError(f"a camera height of {camera_height_m} m", advice="give 0.1 to 20")
+    facts = check_picture(image)
+    if evidence.boundary is None:
+        raise ParameterError("evidence without boundaries", advice="use evidence with boundaries, or --layout-model")
+    overhead = overhead_share(evidence)
+    if overhead < LEAST_OVERHEAD:
+        raise NoRoomError(
+            f"only {100 * overhead:.0f} % of what is overhead may be a ceiling", likely="the picture is taken outdoors"
+        )
+    columns = columns_of(evidence.boundary)
+    turned = walls_azimuth(columns) if manhattan_rad is None else manhattan_rad
+    ranked = ranked_hypotheses(columns, evidence, turned)
+    chosen = _first_that_stands(ranked, camera_height_m)
+    refined = (
+        Refined(chosen.fit.polygon, chosen.fit.outline, skipped=("edges in the picture: not at draft quality",))
+        if quality == "draft"
+        else refine(image, evidence, chosen.fit, columns)
+    )
+    room = _model(refined.polygon, refined.outline, camera_height_m)
+    if room is None:
+        refined = replace(refined, polygon=chosen.fit.polygon, outline=chosen.fit.outline)
+        room = _model(refined.polygon, refined.outline, camera_height_m)
+        assert room is not None
+    found = diagnose(columns, ranked, refined, overhead=overhead, blank=facts.blank, loss=_loss(evidence, refined))
+    sure = confidence_of(found)
+    return RoomEstimate(
+        room=room.model_copy(update={"confidence": round(sure, 3), "note": _note(chosen, refined)}),
+        walls=wall_confidences(room, columns, sure),
+        ceiling=round(sure * math.exp(-((columns.ratio_spread / 0.3) ** 2)), 3),
+        warnings=doubts(found, sure),
+        diagnostics=found,
+        manhattan_rad=refined.outline.turned_rad,
+        alternatives=tuple(_described(h) for h in ranked[1:4]),
+        skipped=refined.skipped,
+    )
+
+
+def ranked_hypotheses(columns: Columns, evidence: SceneEvidence, turned_rad: float) -> list[Hypothesis]:
+    """Return the rooms that may be meant, the best first: by columns, walls and classes together."""
+    table = ClassTable(evidence)
+    found = hypotheses(columns, turned_rad)[:MOST_KEPT]
+    return sorted(
+        (replace(h, price=h.price + CLASS_WEIGHT * table.loss(h.fit.polygon, h.fit.outline.ratio)) for h in found),
+        key=lambda h: h.total,
+    )
+
+
+def walls_azimuth(columns: Columns) -> float:
+    """Return the direction, modulo a quarter turn, in which most of the walls look, told from boundaries alone."""
+    inverse = (columns.floor + columns.ceiling / columns.ratio) / 2
+    reach = 1 / np.maximum(inverse, 0.05)
+    points = np.stack([reach * np.sin(columns.azimuth_rad), reach * np.cos(columns.azimuth_rad)], axis=-1)
+    # Chords over seven columns: long enough for noise, short enough for walls.
+    chords = np.roll(points, -4, axis=0) - np.roll(points, 3, axis=0)
+    length, angle = np.hypot(chords[:, 0], chords[:, 1]), np.arctan2(chords[:, 0], chords[:, 1])
+    candidates = np.linspace(-math.pi / 4, math.pi / 4, 181)[1:]
+    off = np.abs(np.sin(2 * (angle[None] - candidates[:, None])))
+    return float(candidates[(length * np.minimum(off, 0.4)).sum(axis=1).argmin()])
+
+
+def _first_that_stands(ranked: list[Hypothesis], camera_height_m: float) -> Hypothesis:
+    for hypothesis in ranked:
+        if _model(hypothesis.fit.polygon, hypothesis.fit.outline, camera_height_m) is not None:
+            return hypothesis
+    raise NoRoomError(
+        "no room explains the boundaries found",
+        likely="the picture is not of a room, or the camera stands in a doorway",
+        advice="give the room by hand: daylit room SESSION --edit",
+    )
+
+
+def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomModel | None:
+    floor = tidied(polygon * camera_height_m)
+    if floor is None or not np.abs(floor).max() < 100:
+        return None
+    height = camera_height_m * (1 + outline.ratio)
+    room = RoomModel(
+        source="estimated",
+        floor=tuple((round(float(x), 4), round(float(y), 4)) for x, y in floor),
+        camera_height_m=camera_height_m,
+        ceiling_height_m=round(height, 4),
+    )
+    return None if geometry_problems(room) else room
+
+
+def _loss(evidence: SceneEvidence, refined: Refined) -> float:
+    return ClassTable(evidence).loss(refined.polygon, refined.outline.ratio)
+
+
+def _note(chosen: Hypothesis, refined: Refined) -> str:
+    return f"{chosen.name}, {len(refined.polygon)} walls; {refined.edges} of them refined on edges"
+
+
+def _described(hypothesis: Hypothesis) -> str:
+    return f"{hypothesis.name}, {len(hypothesis.fit.polygon)} walls, cost {hypothesis.total:.0f}"

@@ -1,0 +1,247 @@
+"""Walls and heights to a part of a pixel: where the full-size picture shows the edges that the room predicts.
+
+First, for all walls at once, how far each is to be moved and how much the ceiling, so that floor and ceiling edges
+are met together: a skirting's upper edge, a rug's border or a cornice would each need another ceiling. Then each column
+gives the place of its edge, and the walls are fitted to these places, robustly. Where furniture hides the boundary, or
+nothing is to be seen, the network's boundary stands.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.images import LuminanceImage, RelativeImage
+from processing.room.columns import Columns
+from processing.room.edges import Strip, peaks_near, strip_along
+from processing.room.fit import Fit, fitted
+from processing.room.outline import Outline
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.surfaces.sight import wall_ranges
+
+Doubles = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+AZIMUTHS = 768
+SHIFTS = np.linspace(-0.08, 0.08, 81)
+"""Relative changes of a wall's distance that are tried."""
+SHIFT_SIGMA = 0.03
+RATIO_SHIFTS = np.linspace(-0.06, 0.06, 61)
+RATIO_SHIFT_SIGMA = 0.015
+RATIO_WEIGHT = 4.0
+"""The network's word on the heights stands on all columns at once."""
+SKIRTING = (0.025, 0.08)
+"""Relative distances by which a skirting's upper edge seems farther than its lower one: 4 to 12 cm of 1.6 m."""
+SKIRTING_LESS = 0.7
+SKIRTING_SEEN = 0.5
+"""Strength of a second edge above the floor's from which the wall has a skirting."""
+SKIRTING_DEPTH = 0.009
+"""By which a skirting stands before its wall, in camera heights: 14 mm of 1.6 m, as most do; the floor ends there."""
+PEAK_WITHIN_RAD = math.radians(0.35)
+LEAST_STRENGTH = 0.25
+EDGE_SIGMA_RAD = math.radians(0.12)
+LEAST_COLUMNS = 8
+"""Columns with an edge that make a wall refined."""
+LEAST_GAIN = 0.08
+"""Mean strength along a wall below which it shows no edge."""
+PROBE_RAD = math.radians(2.0)
+"""How far from a boundary the classes are asked what is there."""
+LEAST_CLEAR = 0.5
+COLUMN_WEIGHT = 0.25
+"""Of a column in choosing shifts: neighbours tell the same."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A room after refinement, in camera heights."""
+
+    polygon: Doubles
+    outline: Outline
+    edges: int = 0
+    """Walls of which an edge was found."""
+    floor_share: float = 0.0
+    """Share of the azimuths at which the floor's edge was found."""
+    ceiling_share: float = 0.0
+    skipped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Moves:
+    """What meets the edges best."""
+
+    shift: Doubles
+    """(walls,): of the logarithm of each wall's distance."""
+    ratio_shift: float
+    """Of the logarithm of the heights' ratio."""
+    strength: Doubles
+    """(walls,): mean strength of the edges met."""
+    skirting: Flags
+    """(walls,): whether a second edge runs above the floor's."""
+
+
+@dataclass(frozen=True)
+class _Sight:
+    """The predicted boundaries at `AZIMUTHS` azimuths, strips along them, and where they can be seen."""
+
+    azimuth_rad: Doubles
+    distance: Doubles
+    wall: npt.NDArray[np.int16]
+    floor_rad: Doubles
+    ceiling_rad: Doubles
+    floor: Strip
+    ceiling: Strip
+    floor_clear: Flags
+    ceiling_clear: Flags
+
+
+def refine(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: Fit, columns: Columns) -> Refined:
+    """Return a fitted room with its walls on the picture's edges; as it was where there are none."""
+    if not fit.outline.walls:
+        return Refined(fit.polygon, fit.outline, skipped=("edges in the picture: the room is a bare polygon",))
+    sight = _look(image, evidence, fit)
+    moves = _moves(sight, len(fit.polygon))
+    measured, found = _measured(sight, moves, fit, columns)
+    again = fitted(fit.outline, measured)
+    if again is None:
+        return Refined(fit.polygon, fit.outline, skipped=("edges in the picture: they make no room",))
+    count = np.bincount(sight.wall, weights=(found[0] | found[1]), minlength=len(fit.polygon))
+    seen = np.unique(sight.wall)
+    without = [int(w) for w in seen if count[w] < LEAST_COLUMNS]
+    skipped = (f"edges of {len(without)} of {len(seen)} walls in sight: none is clear of furniture",) if without else ()
+    return Refined(
+        again.polygon,
+        again.outline,
+        edges=len(seen) - len(without),
+        floor_share=float(found[0].mean()),
+        ceiling_share=float(found[1].mean()),
+        skipped=skipped,
+    )
+
+
+def _look(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: Fit) -> _Sight:
+    azimuth = ((np.arange(AZIMUTHS) + 0.5) / AZIMUTHS - 0.5) * (2 * math.pi)
+    distance, wall = wall_ranges(fit.polygon, azimuth)
+    floor, ceiling = -np.arctan2(1.0, distance), np.arctan2(fit.outline.ratio, distance)
+    above, below = _classes(evidence, azimuth, floor + PROBE_RAD), _classes(evidence, azimuth, floor - PROBE_RAD)
+    over, under = _classes(evidence, azimuth, ceiling + PROBE_RAD), _classes(evidence, azimuth, ceiling - PROBE_RAD)
+    upright = (SceneClass.WALL, SceneClass.DOOR, SceneClass.WINDOW)
+    return _Sight(
+        azimuth_rad=azimuth,
+        distance=distance,
+        wall=wall,
+        floor_rad=floor,
+        ceiling_rad=ceiling,
+        floor=strip_along(image, azimuth, floor),
+        ceiling=strip_along(image, azimuth, ceiling),
+        floor_clear=(below[SceneClass.FLOOR] >= LEAST_CLEAR) & (sum(above[c] for c in upright) >= LEAST_CLEAR),
+        ceiling_clear=(over[SceneClass.CEILING] >= LEAST_CLEAR) & (sum(under[c] for c in upright) >= LEAST_CLEAR),
+    )
+
+
+def _classes(evidence: SceneEvidence, azimuth_rad: Doubles, latitude_rad: Doubles) -> npt.NDArray[np.float32]:
+    """Return the probabilities (classes, n) at places of the sphere."""
+    rows, columns = evidence.probabilities.shape[1:]
+    x = ((azimuth_rad / (2 * math.pi) + 0.5) * columns).astype(int) % columns
+    y = np.clip(((0.5 - latitude_rad / math.pi) * rows).astype(int), 0, rows - 1)
+    return evidence.probabilities[:, y, x]
+
+
+def _moved(sight: _Sight, shift: npt.ArrayLike, ratio_shift: float = 0.0) -> tuple[Doubles, Doubles]:
+    """Return offsets of floor and ceiling (..., n) where walls are farther by exp(shift)."""
+    closer = np.exp(-np.asarray(shift, dtype=np.float64))
+    floor = np.arctan(closer * np.tan(sight.floor_rad)) - sight.floor_rad
+    ceiling = np.arctan(closer * math.exp(ratio_shift) * np.tan(sight.ceiling_rad)) - sight.ceiling_rad
+    return floor, ceiling
+
+
+def _moves(sight: _Sight, walls: int) -> _Moves:
+    """Return how far all walls and the ceiling are to be moved to meet the edges together."""
+    shift = np.broadcast_to(SHIFTS[:, None], (len(SHIFTS), AZIMUTHS))
+    floor_offset, _ = _moved(sight, shift)
+    floor = sight.floor.at(floor_offset) * sight.floor_clear
+    # For the ceiling only the difference of both shifts counts.
+    both = np.arange(-(len(RATIO_SHIFTS) // 2) - len(SHIFTS) // 2, len(RATIO_SHIFTS) // 2 + len(SHIFTS) // 2 + 1)
+    step = SHIFTS[1] - SHIFTS[0]
+    _, ceiling_offset = _moved(sight, np.broadcast_to((both * step)[:, None], (len(both), AZIMUTHS)))
+    ceiling = sight.ceiling.at(ceiling_offset) * sight.ceiling_clear
+    by_wall = np.zeros((walls, AZIMUTHS))
+    by_wall[sight.wall, np.arange(AZIMUTHS)] = 1.0
+    floor_sum, ceiling_sum = by_wall @ floor.T, by_wall @ ceiling.T
+    floor_mean = floor_sum / np.maximum(by_wall @ sight.floor_clear, 1.0)[:, None]
+    floor_sum *= 1 - SKIRTING_LESS * _below(floor_mean)
+    prior = -0.5 * (SHIFTS / SHIFT_SIGMA) ** 2
+    best, chosen, ratio_shift = -np.inf, np.zeros(walls, int), 0.0
+    for k, ratio in enumerate(RATIO_SHIFTS):
+        # Ceiling shift = wall shift - ratio shift; columns of ceiling_sum count from the least.
+        first = len(RATIO_SHIFTS) - 1 - k
+        total = COLUMN_WEIGHT * (floor_sum + ceiling_sum[:, first : first + len(SHIFTS)]) + prior
+        value = float(total.max(axis=1).sum()) - 0.5 * RATIO_WEIGHT * (ratio / RATIO_SHIFT_SIGMA) ** 2
+        if value > best:
+            best, chosen, ratio_shift = value, total.argmax(axis=1), float(ratio)
+            first_best = first
+    rows = np.arange(walls)
+    strength = floor_sum[rows, chosen] + ceiling_sum[rows, chosen + first_best]
+    clear = by_wall @ (sight.floor_clear.astype(float) + sight.ceiling_clear)
+    above = _below(floor_mean[:, ::-1])[:, ::-1][rows, chosen]
+    return _Moves(SHIFTS[chosen], ratio_shift, strength / np.maximum(clear, 1.0), above >= SKIRTING_SEEN)
+
+
+def _distances(fit: Fit) -> Doubles:
+    """Return the distances (walls,) of the polygon's walls from the camera, along their normals."""
+    start, end = fit.polygon, np.roll(fit.polygon, -1, axis=0)
+    area = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+    return np.asarray(area / np.maximum(np.hypot(*(end - start).T), 1e-9))
+
+
+def _below(floor: Doubles) -> Doubles:
+    """Return (walls, shifts) the strongest edge that a skirting's lower edge would make, were this its upper one."""
+    step = SHIFTS[1] - SHIFTS[0]
+    out = np.zeros_like(floor)
+    for lag in range(round(SKIRTING[0] / step), round(SKIRTING[1] / step) + 1):
+        out[:, lag:] = np.maximum(out[:, lag:], floor[:, :-lag])
+    return out
+
+
+def _measured(sight: _Sight, moves: _Moves, fit: Fit, columns: Columns) -> tuple[Columns, tuple[Flags, Flags]]:
+    """Return columns with the edges found as boundaries, and the network's, less sure, elsewhere."""
+    usable = moves.strength[sight.wall] >= LEAST_GAIN
+    floor_offset, ceiling_offset = _moved(sight, moves.shift[sight.wall], moves.ratio_shift)
+    floor_at, floor_found = peaks_near(sight.floor, floor_offset, PEAK_WITHIN_RAD, LEAST_STRENGTH)
+    ceiling_at, ceiling_found = peaks_near(sight.ceiling, ceiling_offset, PEAK_WITHIN_RAD, LEAST_STRENGTH)
+    floor_found &= sight.floor_clear & usable
+    ceiling_found &= sight.ceiling_clear & usable
+    # As many azimuths as columns fell on each: the network's word must not grow by being repeated.
+    often = math.sqrt(AZIMUTHS / len(columns.azimuth_rad))
+    around = {name: _spread(getattr(columns, name), sight.azimuth_rad, columns) for name in _FIELDS}
+    proud = SKIRTING_DEPTH * moves.skirting / np.maximum(np.abs(_distances(fit)), 0.3)
+    floor_edge = np.tan(-(sight.floor_rad + floor_at)) * (1 - proud[sight.wall])
+    floor = np.where(floor_found, floor_edge, around["floor"])
+    ceiling = np.where(ceiling_found, np.tan(sight.ceiling_rad + ceiling_at), around["ceiling"])
+    floor_sigma = np.where(
+        floor_found, EDGE_SIGMA_RAD / np.cos(sight.floor_rad) ** 2, around["floor_sigma"] * often * 2
+    )
+    ceiling_sigma = np.where(
+        ceiling_found, EDGE_SIGMA_RAD / np.cos(sight.ceiling_rad) ** 2, around["ceiling_sigma"] * often * 2
+    )
+    measured = replace(
+        columns,
+        azimuth_rad=sight.azimuth_rad,
+        floor=floor,
+        floor_sigma=floor_sigma,
+        ceiling=ceiling,
+        ceiling_sigma=ceiling_sigma,
+        corner=np.zeros(AZIMUTHS),
+        ratio=fit.outline.ratio * math.exp(moves.ratio_shift),
+    )
+    return measured, (floor_found, ceiling_found)
+
+
+_FIELDS = ("floor", "floor_sigma", "ceiling", "ceiling_sigma")
+
+
+def _spread(values: Doubles, azimuth_rad: Doubles, columns: Columns) -> Doubles:
+    return np.asarray(np.interp(azimuth_rad, columns.azimuth_rad, values, period=2 * math.pi))
