@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,6 @@ from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.layout.item_list import set_items
 from processing.layout.item_table import KINDS as ITEMS
-from processing.layout.items import ItemSpec
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet, built_in_rules
 from processing.layout.verify import Judge, Piece
@@ -181,9 +181,7 @@ def _pieces(one: Arrangement) -> list[Piece]:
     return [
         Piece(
             i.id,
-            ItemSpec(
-                i.category, i.size_m, i.base_m, zones=ITEMS[i.category].zones, sides_rule=ITEMS[i.category].sides_rule
-            ),
+            replace(ITEMS[i.category], size_m=i.size_m, base_m=i.base_m),
             *i.t_m[:2],
             i.theta_rad,
             i.group,

@@ -33,6 +33,14 @@ def add_unit(rects, kinds, line, s, dyn, heights, classes, count):  # type: igno
 
 
 @njit(cache=True)
+def stamp_bodies(blocked, dyn, heights, classes, first, end, x0, y0, cell, radius2):  # type: ignore[no-untyped-def]
+    """Mark where no walker's middle can be for the bodies among outlines first..end - 1."""
+    for r in range(first, end):
+        if classes[r] == BODY and heights[r, 0] < WALKER_M:
+            stamp(blocked, dyn[r], x0, y0, cell, radius2)
+
+
+@njit(cache=True)
 def copy_outline(old, new):  # type: ignore[no-untyped-def]
     """Copy four corners."""
     for c in range(4):
@@ -87,9 +95,18 @@ def select(  # type: ignore[no-untyped-def]
             new_dyn[found], new_heights[found], new_classes[found], before,
         )  # fmt: skip
         copy_grid(blocked[b], new_blocked[found])
-        for r in range(before, count):
-            if new_classes[found, r] == BODY and new_heights[found, r, 0] < WALKER_M:
-                stamp(new_blocked[found], new_dyn[found, r], x0, y0, cell, radius2)
+        stamp_bodies(
+            new_blocked[found],
+            new_dyn[found],
+            new_heights[found],
+            new_classes[found],
+            before,
+            count,
+            x0,
+            y0,
+            cell,
+            radius2,
+        )
         n_zones = 0
         for r in range(count):
             if new_classes[found, r] == ZONE:
@@ -107,4 +124,4 @@ def select(  # type: ignore[no-untyped-def]
     return found
 
 
-__all__ = ["BODY", "RUG", "ZONE", "add_unit", "place_rect", "select"]
+__all__ = ["BODY", "RUG", "ZONE", "add_unit", "place_rect", "select", "stamp_bodies"]

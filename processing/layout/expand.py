@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from processing.layout.beam import place_rect
 from processing.layout.free_sets import SKIN_M, add_forbidden, add_walls, complement, merged, rects_inside
 from processing.layout.soft import score_place
+from processing.layout.walk_grid import rect_distance2
 
 KEPT_INTERVALS = 40
 MOST_ROWS = 12_000
@@ -62,8 +64,29 @@ def places_in(low, high, fractions, wanted, n_wanted, out):  # type: ignore[no-u
 
 
 @njit(cache=True)
+def stands_by(line, s, rect, near, anchors, n_anchors):  # type: ignore[no-untyped-def]
+    """Tell whether a unit's first rectangle at s stands within near[1] metres of an anchor of role near[0]."""
+    own, other = np.empty((4, 2)), np.empty((4, 2))
+    place_rect(rect, line[0], line[1], line[2], line[3], s, own)
+    for a in range(n_anchors):
+        if int(anchors[a, 4]) != near[0]:
+            continue
+        x, y, fx, fy, w, d = anchors[a, 0], anchors[a, 1], anchors[a, 2], anchors[a, 3], anchors[a, 5], anchors[a, 6]
+        for c in range(4):
+            across, ahead = (-w if c in (0, 3) else w), (-d if c < 2 else d)
+            other[c, 0] = x + across * fy + ahead * fx
+            other[c, 1] = y - across * fx + ahead * fy
+        for c in range(4):
+            if min(
+                rect_distance2(other, own[c, 0], own[c, 1]), rect_distance2(own, other[c, 0], other[c, 1])
+            ) <= near[1] * near[1]:  # fmt: skip
+                return True
+    return False
+
+
+@njit(cache=True)
 def try_places(  # type: ignore[no-untyped-def]
-    free, n_free, line, own, bonus, at, to, half, role, walls, longest, anchors, n_anchors, fractions, doors, windows,
+    free, n_free, line, own, bonus, at, to, half, role, near, walls, longest, anchors, n_anchors, fractions, doors, windows,
     middle, b, v, k, out_index, out_place, out_score, found, places, wanted,
 ):  # fmt: skip
     """Write the rows of one line's free intervals from row `found`; return how many rows there are then."""
@@ -76,7 +99,11 @@ def try_places(  # type: ignore[no-untyped-def]
     for i in range(n_free):
         for p in range(places_in(free[i, 0], free[i, 1], fractions, wanted, n_wanted, places)):
             s = places[p]
-            if found >= out_score.shape[0] or not rects_inside(walls, ox, oy, ux, uy, s, own):
+            if found >= out_score.shape[0]:
+                continue
+            if near[0] >= 0 and not stands_by(line, s, own[0], near, anchors, n_anchors):
+                continue
+            if not rects_inside(walls, ox, oy, ux, uy, s, own):
                 continue
             ax, ay = s + at[0], at[1]
             ends = int(s - free[i, 0] < 1e-3) + int(free[i, 1] - s < 1e-3)
@@ -86,7 +113,7 @@ def try_places(  # type: ignore[no-untyped-def]
             centred = 1.0 if abs(s - 0.5 * longest) < 1e-3 else 0.0
             out_score[found] = bonus - sliver + score_place(
                 role, ox + ax * ux - ay * uy, oy + ax * uy + ay * ux, to[0] * ux - to[1] * uy, to[0] * uy + to[1] * ux,
-                int(line[5]), ax - half, ax + half, ends, centred, doors, windows, anchors, n_anchors, middle,
+                int(line[5]), ax - half[0], ax + half[0], ends, centred, doors, windows, anchors, n_anchors, middle,
             )  # fmt: skip
             out_index[found, 0], out_index[found, 1], out_index[found, 2] = b, v, k
             out_place[found] = s
@@ -96,7 +123,7 @@ def try_places(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def expand(  # type: ignore[no-untyped-def]
-    walls, rects, kinds, n_rects, widths, bonus, anchor_at, anchor_to, half, role, lines, allowed, meets,
+    walls, rects, kinds, n_rects, widths, bonus, anchor_at, anchor_to, half, role, near, lines, allowed, meets,
     fixed, fixed_counts, dyn, dyn_heights, dyn_classes, dyn_n, anchors, n_anchors, fractions, doors, windows, middle,
     out_index, out_place, out_score,
 ):  # fmt: skip
@@ -121,7 +148,7 @@ def expand(  # type: ignore[no-untyped-def]
                 longest = lines[k, 4] - widths[v]
                 n_free = complement(scratch, count, 0.0, longest, free)
                 found = try_places(
-                    free, n_free, lines[k], own, bonus[v], anchor_at[v], anchor_to[v], half[v], role, walls,
+                    free, n_free, lines[k], own, bonus[v], anchor_at[v], anchor_to[v], half[v], role, near, walls,
                     longest, anchors[b], n_anchors[b], fractions, doors, windows, middle,
                     b, v, k, out_index, out_place, out_score, found, places, wanted,
                 )  # fmt: skip

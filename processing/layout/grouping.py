@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from processing.layout.items import Item
@@ -17,6 +17,7 @@ from processing.layout.units import (
     seating,
     sideways,
     single,
+    turned,
     zone_choices,
 )
 
@@ -40,6 +41,8 @@ ROLES = {
     "rug": "rug",
 }
 HUNG_TV_M = 1.0
+END_TO_WALL = -0.6
+"""Bonus of a desk with an end to the wall."""
 LAST_SPLIT = 3
 
 
@@ -69,7 +72,8 @@ def _packing(items: list[Item], rules: RuleSet, split: int) -> Packing:
     for build in (_beds, _sofas, _tvs, _desks, _tables):
         units += build(left, rules, split)
     total = len(items)
-    units += [alone(item, rules, split) for item in left]
+    hosts = {item.spec.category for item in items}
+    units += [alone(item, rules, split, hosts) for item in left]
     apart = sum(1 for item in left if item.spec.group_with) if total else 0
     units.sort(key=lambda u: (-_priority(u), -u.footprint_m2, u.items[0].id))
     return Packing(tuple(units), apart)
@@ -145,11 +149,14 @@ def _tvs(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
 
 
 def _desks(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
+    del split  # a chair never leaves its desk
     desks, chairs = _take(left, "desk"), _take(left, "desk chair")
     units = []
     for number, desk in enumerate(desks):
-        own = chairs[number : number + 1] if split < 3 else []
-        units.append(Unit((desk, *own), tuple(desk_and_chair(desk, own, rules)), "desk"))
+        own = chairs[number : number + 1]
+        straight = desk_and_chair(desk, own, rules)
+        across = [turned(v, quarters, END_TO_WALL) for v in straight for quarters in (1, 3)]
+        units.append(Unit((desk, *own), (*straight, *across), "desk"))
     used = {item.id for unit in units for item in unit.items}
     left += [chair for chair in chairs if chair.id not in used]
     return units
@@ -171,15 +178,25 @@ def _tables(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     return [Unit(tuple(members), tuple(variants), "dining")]
 
 
-def alone(item: Item, rules: RuleSet, split: int) -> Unit:
-    """Return the unit of a piece that stands by itself; the last split allows every legal position."""
-    at_wall = item.spec.placement == "wall" or item.spec.category in {"desk chair", "dining chair"}
-    role = ROLES.get(
-        item.spec.category, "tall" if item.spec.size_m[2] > 1.2 and item.spec.footprint_m2 > 0.2 else "small"
-    )
+def alone(item: Item, rules: RuleSet, split: int, hosts: Collection[str] = ()) -> Unit:
+    """Return the unit of a piece that stands by itself; the last split allows every legal position.
+
+    Against walls only, but what is made to stand free, and armchairs. Where its host is among `hosts`, a bound piece
+    keeps near it.
+    """
+    spec = item.spec
+    at_wall = spec.placement == "wall" or spec.category in {"desk chair", "dining chair"}
+    role = ROLES.get(spec.category, "tall" if spec.size_m[2] > 1.2 and spec.footprint_m2 > 0.2 else "small")
     variants = single(item, rules, at_wall=at_wall)
-    if at_wall and item.spec.footprint_m2 < 0.35 and item.spec.base_m == 0:
-        variants += single(item, rules, at_wall=False, bonus=-1.5)
-    if split == LAST_SPLIT and at_wall and item.spec.base_m == 0 and item.spec.footprint_m2 >= 0.35:
+    if spec.category == "armchair":
+        variants += single(item, rules, at_wall=False)
+    if split == LAST_SPLIT and at_wall and spec.base_m == 0 and spec.footprint_m2 >= 0.35:
         variants += sideways(item, rules, bonus=-1.0)
-    return Unit((item,), tuple(variants), role)
+    near = host_role(item, hosts)
+    return Unit((item,), tuple(variants), role, near, rules.together if near else 0.0)
+
+
+def host_role(item: Item, categories: Collection[str]) -> str:
+    """Return the role of what a bound piece keeps to, where one of `categories` is that; else nothing."""
+    role = ROLES.get(item.spec.group_with, "")
+    return role if item.spec.bound and role in {ROLES.get(name) for name in categories} else ""

@@ -48,6 +48,8 @@ class ItemSpec:
     """Key of the number of its left and right zones that must be free; empty: all."""
     group_with: str = ""
     """Category that it belongs to: a nightstand to a bed."""
+    bound: bool = False
+    """It is of no use away from what it belongs to, and stands within `together` metres of it."""
     model: str = ""
     """Key of its mesh in the catalogue; empty: the category's built-in one."""
     handed: bool = False

@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from processing.layout.canonical import Frame, wrapped
-from processing.layout.grouping import Packing
+from processing.layout.grouping import ROLES, Packing
 from processing.layout.items import Item
-from processing.layout.search import Choice, Found
+from processing.layout.polygons import Array
+from processing.layout.soft import ROLE
+from processing.layout.states import Choice, Found
 from processing.layout.units import Rect
 
 
@@ -39,6 +43,13 @@ class Stand:
         return [
             (self.x_m + x * c - y * s, self.y_m + x * s + y * c) for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
         ]
+
+
+def anchor(stand: Stand) -> Array:
+    """Return a piece as an anchor row of the search's score (`soft`)."""
+    role = ROLE[ROLES.get(stand.item.spec.category, "small")]
+    half_w, half_d = (v / 2 for v in stand.item.spec.size_m[:2])
+    return np.array([stand.x_m, stand.y_m, *stand.facing(), float(role), half_w, half_d])
 
 
 def stands(found: Found, packing: Packing) -> list[Stand]:

@@ -13,16 +13,15 @@ import numpy as np
 
 from processing.errors import RoomTooSmallError
 from processing.layout.arrangement import NotPlaced
-from processing.layout.field import PERSON_M, Field, Row, outlines
+from processing.layout.field import PERSON_M, Row, outlines
 from processing.layout.free_sets import BODY, DOOR, KEPT, RUG, WINDOW, ZONE
-from processing.layout.grouping import LAST_SPLIT, Packing, alone
+from processing.layout.grouping import LAST_SPLIT, alone, host_role
 from processing.layout.items import Item
-from processing.layout.poses import Stand
-from processing.layout.search import Effort, Search
+from processing.layout.poses import Stand, anchor
+from processing.layout.search import Search
 
 HALVINGS = 7
 LEAST_WIDTH_M = 0.05
-_LOOK = Effort(1, 1, 1, 1, (0.0,), 0.0)
 _RULES = {
     "window": ("window free", "nothing taller than the sill stands before a window"),
     "door": ("door free", "doors and the floor before them stay free"),
@@ -34,15 +33,17 @@ _RULES = {
 class _Look:
     """A room to look for a place in: what counts as an obstacle, and whether the piece's own zones do."""
 
-    field: Field
+    search: Search
+    """A search in the room without the placed pieces."""
     stands: tuple[Stand, ...]
     zones_of_others: bool = True
     own_zones: bool = True
+    keeps_near: bool = True
     without: tuple[int, ...] = ()
 
     def fits(self, item: Item) -> bool:
         """Tell whether the piece has a place, paths aside."""
-        fixed = self.field.fixed
+        fixed = self.search.field.fixed
         keep = [i for i, kind in enumerate(fixed.classes) if kind not in self.without]
         heights = fixed.heights_m.tolist()
         rows: list[Row] = [
@@ -50,10 +51,10 @@ class _Look:
         ]
         rows += [row for stand in self.stands for row in outline_rows(stand, zones=self.zones_of_others)]
         bare = item if self.own_zones else Item(item.id, replace(item.spec, zones=(), sides_rule=""))
-        field = replace(self.field, fixed=outlines(rows))
-        unit = alone(bare, self.field.rules, LAST_SPLIT)
-        found = Search(field, ()).run(Packing((unit,), 0), _LOOK, 0)
-        return bool(found) and not found[0].dropped
+        field = replace(self.search.field, fixed=outlines(rows))
+        hosts = [stand.item.spec.category for stand in self.stands] if self.keeps_near else []
+        unit = alone(bare, field.rules, LAST_SPLIT, hosts)
+        return Search(field, (), [anchor(stand) for stand in self.stands], self.search).has_place(unit)
 
 
 def outline_rows(stand: Stand, *, zones: bool = True) -> list[Row]:
@@ -69,29 +70,33 @@ def outline_rows(stand: Stand, *, zones: bool = True) -> list[Row]:
     return rows
 
 
-def refuse_too_small(field: Field, items: Sequence[Item]) -> None:
+def refuse_too_small(search: Search, items: Sequence[Item]) -> None:
     """Raise `RoomTooSmallError` where the largest piece has no place on the bare floor, whatever the rules."""
     largest = max(items, key=lambda item: item.spec.footprint_m2)
-    bare = _Look(field, (), own_zones=False, without=(DOOR, WINDOW, KEPT, BODY, ZONE, RUG))
+    bare = _Look(search, (), own_zones=False, without=(DOOR, WINDOW, KEPT, BODY, ZONE, RUG))
     if bare.fits(largest):
         return
     missing = _missing_m(bare, largest)
     size = f"{largest.spec.size_m[0]:.2f} x {largest.spec.size_m[1]:.2f} m"
     raise RoomTooSmallError(
-        f"{largest.id} ({size}) fits nowhere on the bare floor of {field.plan.area_m2:.1f} m2"
+        f"{largest.id} ({size}) fits nowhere on the bare floor of {search.field.plan.area_m2:.1f} m2"
         + (f"; {missing:.2f} m of width are missing" if missing is not None else ""),
-        where=field.plan.name,
+        where=search.field.plan.name,
         item=largest.id,
     )
 
 
-def not_placed(item: Item, placed: Sequence[Stand], field: Field) -> NotPlaced:
-    """Return why a piece has no place beside those that are placed (both in the field's frame)."""
-    whole = _Look(field, tuple(placed))
+def not_placed(item: Item, placed: Sequence[Stand], search: Search) -> NotPlaced:
+    """Return why a piece has no place beside those that are placed (both in the frame of the search's field)."""
+    whole, rules = _Look(search, tuple(placed)), search.field.rules
+    hosts = [s for s in placed if host_role(item, [s.item.spec.category])]
     if whole.fits(item):
-        path_m = field.rules.path
+        path_m = rules.path
         return _told(item, "path", "", None, f"every place left for it closes a path of {path_m:.2f} m")
-    room = replace(whole, stands=())
+    if hosts and replace(whole, keeps_near=False).fits(item):
+        why = f"no place is left for it within {rules.together:.2f} m of {hosts[0].item.id}"
+        return _told(item, "kept together", hosts[0].item.id, None, why)
+    room = replace(whole, stands=(), keeps_near=False)
     if not room.fits(item):
         return _stopped_by_room(item, room)
     missing = _missing_m(whole, item)

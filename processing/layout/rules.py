@@ -13,7 +13,7 @@ from typing import Any
 
 from processing.errors import RulesError
 
-LIMITS_M = {"path": (0.3, 3.0), "door_approach": (0.3, 3.0), "door_reach": (0.5, 2.0)}
+LIMITS_M = {"path": (0.3, 3.0), "door_approach": (0.3, 3.0), "door_reach": (0.5, 2.0), "together": (0.1, 20.0)}
 COUNTS = {"bed_sides": (0, 2), "bed_single_sides": (0, 2)}
 MAX_LENGTH_M = 3.0
 
@@ -41,6 +41,7 @@ class RuleSet:
     tv_front: float
     dining_edge: float
     turning_circle: float
+    together: float
 
     def length(self, key: str) -> float:
         """Return a length by its key; an item's use zone names its depth so."""

@@ -4,38 +4,62 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from shapely import Polygon, union_all
 
 from processing.layout.grouping import ROLES
 from processing.layout.plan import FloorPlan
 from processing.layout.polygons import Array
 from processing.layout.poses import Stand
+from processing.layout.score_kernels import largest_circle, share_in_one_piece
+from processing.layout.walk_grid import wall_clearance2
 
 Pair: TypeAlias = tuple[float, float]
-Samples: TypeAlias = tuple[Array, Array]
-"""Points (n, 2) on the floor and their distances (n,) to the walls."""
 SEATS = ("sofa", "armchair")
-SAMPLES = 18
+SAMPLES = 20
+SLIM_M = 0.2
+"""Half the width of the walker of the score `walk`."""
+WALK_CELL_M = 0.07
+HEAD_ROOM_M = 2.0
 
 
-def soft_scores(plan: FloorPlan, placed: Sequence[Stand], samples: Samples | None = None) -> dict[str, float]:
-    """Return the scores that apply to what is placed; `samples` (of the same plan) spare time where there are many."""
-    samples = samples or floor_samples(plan)
+@dataclass(frozen=True)
+class Floor:
+    """What scores need to know of a room, made once."""
+
+    plan: FloorPlan
+    points: Array
+    """(n, 2), spread over the floor."""
+    clear_m: Array
+    """(n,): their distance to the nearest wall."""
+    cells2: Array
+    """Squared distance to the walls at the cells of a grid; -1 outside."""
+    corner_m: Pair
+    cell_m: float
+    middle_m: Pair
+    area_m2: float
+    doors: tuple[tuple[Pair, Pair, float], ...]
+    """(middle, inward direction, width) of each; windows too."""
+    windows: tuple[tuple[Pair, Pair, float], ...]
+
+
+def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
+    """Return the scores that apply to what is placed (in the frame of the floor's plan)."""
+    solid = _boxes(placed)
     found: dict[str, float | None] = {
         "conversation": _conversation(placed),
         "viewing": _viewing(placed),
-        "bed_view": _bed_view(plan, placed),
-        "bed_wall": _bed_wall(plan, placed),
-        "desk_light": _desk_light(plan, placed),
+        "bed_view": _bed_view(floor, placed),
+        "bed_wall": _bed_wall(floor.plan, placed),
+        "desk_light": _desk_light(floor, placed),
         "wall_use": _wall_use(placed),
         "alignment": _alignment(placed),
-        "balance": _balance(plan, placed),
-        "openness": _openness(plan, placed, samples),
-        "daylight": _daylight(plan, placed),
-        "walk": _walk(plan, placed),
+        "balance": _balance(floor, placed),
+        "openness": _openness(floor, placed, solid),
+        "daylight": _daylight(floor, placed),
+        "walk": _walk(floor, solid),
         "together": _together(placed),
     }
     return {name: round(min(1.0, max(0.0, value)), 4) for name, value in found.items() if value is not None}
@@ -103,8 +127,8 @@ def _openings(plan: FloorPlan, kind: str) -> list[tuple[Pair, Pair, float]]:
     return found
 
 
-def _bed_view(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
-    beds, doors = _of(placed, "bed"), _openings(plan, "door")
+def _bed_view(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    beds, doors = _of(placed, "bed"), floor.doors
     if not beds or not doors:
         return None
     values = []
@@ -143,8 +167,8 @@ def _behind(plan: FloorPlan, stand: Stand) -> float:
     return min(1.0, over / (2 * half))
 
 
-def _desk_light(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
-    desks, windows = _of(placed, "desk"), _openings(plan, "window")
+def _desk_light(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    desks, windows = _of(placed, "desk"), floor.windows
     if not desks or not windows:
         return None
     values = []
@@ -176,63 +200,61 @@ def _alignment(placed: Sequence[Stand]) -> float | None:
     return float(np.hypot((weights * np.cos(phases)).sum(), (weights * np.sin(phases)).sum()) / weights.sum())
 
 
-def _balance(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
+def _balance(floor: Floor, placed: Sequence[Stand]) -> float | None:
     solid = [s for s in placed if not s.item.spec.is_rug]
     if not solid:
         return None
-    weights = np.array([math.prod(s.item.spec.size_m) for s in solid])
-    at = (np.array([[s.x_m, s.y_m] for s in solid]) * weights[:, None]).sum(axis=0) / weights.sum()
-    ring = plan.corners
-    cross = ring[:, 0] * np.roll(ring[:, 1], -1) - np.roll(ring[:, 0], -1) * ring[:, 1]
-    middle = ((ring + np.roll(ring, -1, axis=0)) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
-    return 1 - float(np.hypot(*(at - middle))) / (0.5 * math.sqrt(plan.area_m2))
+    total = x = y = 0.0
+    for s in solid:
+        weight = math.prod(s.item.spec.size_m)
+        total, x, y = total + weight, x + weight * s.x_m, y + weight * s.y_m
+    away_m = math.hypot(x / total - floor.middle_m[0], y / total - floor.middle_m[1])
+    return 1 - away_m / (0.5 * math.sqrt(floor.area_m2))
 
 
-def floor_samples(plan: FloorPlan) -> Samples:
-    """Return points over the floor and their distance to the nearest wall."""
+def make_floor(plan: FloorPlan) -> Floor:
+    """Return what scores need of a plan."""
+    walls = np.concatenate([np.concatenate([r, np.roll(r, -1, axis=0)], axis=1) for r in (plan.corners, *plan.holes)])
     low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
-    xs, ys = np.meshgrid(np.linspace(low[0], high[0], SAMPLES), np.linspace(low[1], high[1], SAMPLES))
-    points = np.stack([xs.ravel(), ys.ravel()], axis=1)
-    clear = _wall_distance(plan, points)
-    return points[clear > 0.1], clear[clear > 0.1]
+    step = float(max(high - low)) / SAMPLES
+    cell = max(WALK_CELL_M, float(max(high - low)) / 150)
+    at = (float(low[0]), float(low[1]))
+    rows, columns = (int((high - low)[i] / step) + 1 for i in (1, 0))
+    coarse = wall_clearance2(walls, *at, step, rows, columns)
+    i, j = np.nonzero(coarse > 0.01)
+    points = np.stack([at[0] + (j + 0.5) * step, at[1] + (i + 0.5) * step], axis=1)
+    rows, columns = (int((high - low)[i] / cell) + 1 for i in (1, 0))
+    ring, nxt = plan.corners, np.roll(plan.corners, -1, axis=0)
+    cross = ring[:, 0] * nxt[:, 1] - nxt[:, 0] * ring[:, 1]
+    middle = ((ring + nxt) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    return Floor(
+        plan, np.ascontiguousarray(points), np.sqrt(coarse[i, j]), wall_clearance2(walls, *at, cell, rows, columns),
+        at, cell, (float(middle[0]), float(middle[1])), plan.area_m2,
+        tuple(_openings(plan, "door")), tuple(_openings(plan, "window")),
+    )  # fmt: skip
 
 
-def _openness(plan: FloorPlan, placed: Sequence[Stand], samples: Samples) -> float:
+def _boxes(placed: Sequence[Stand]) -> Array:
+    """Return (x, y, cos, sin, half width, half depth, underside) of what stands on the floor."""
+    rows = [
+        (s.x_m, s.y_m, math.cos(s.theta_rad), math.sin(s.theta_rad), w / 2, d / 2)
+        for s in placed
+        for w, d, _ in [s.item.spec.size_m]
+        if not s.item.spec.is_rug and s.item.spec.base_m < HEAD_ROOM_M
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def _openness(floor: Floor, placed: Sequence[Stand], solid: Array) -> float:
     """Return how large a free circle is left, against the largest that furniture of this area could leave."""
-    solid = [s for s in placed if not s.item.spec.is_rug]
-    points, clear = samples
-    if solid and len(points):
-        at = np.array([(s.x_m, s.y_m, math.cos(s.theta_rad), math.sin(s.theta_rad)) for s in solid])
-        half = np.array([s.item.spec.size_m[:2] for s in solid]) / 2
-        dx, dy = points[:, :1] - at[:, 0], points[:, 1:] - at[:, 1]
-        u = np.abs(dx * at[:, 2] + dy * at[:, 3]) - half[:, 0]
-        v = np.abs(dy * at[:, 2] - dx * at[:, 3]) - half[:, 1]
-        gap = np.sqrt(np.maximum(u, 0) ** 2 + np.maximum(v, 0) ** 2) + np.minimum(0, np.maximum(u, v))
-        clear = np.minimum(clear, gap.min(axis=1))
-    covered = sum(s.item.spec.footprint_m2 for s in solid)
-    best = 0.5 * math.sqrt(max(0.5, plan.area_m2 - covered))
-    return float(max(0.0, clear.max(initial=0.0)) / (0.8 * best))
+    covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
+    best = 0.5 * math.sqrt(max(0.5, floor.area_m2 - covered))
+    return float(largest_circle(floor.points, floor.clear_m, solid) / (0.8 * best))
 
 
-def _wall_distance(plan: FloorPlan, points: Array) -> Array:
-    """Return the distance to the nearest wall, negative outside."""
-    best = np.full(len(points), np.inf)
-    odd = np.zeros(len(points), dtype=bool)
-    for ring in (plan.corners, *plan.holes):
-        for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-            d = b - a
-            t = np.clip((points - a) @ d / float(d @ d), 0, 1)
-            gap = points - a - t[:, None] * d
-            best = np.minimum(best, np.hypot(gap[:, 0], gap[:, 1]))
-            if a[1] != b[1]:
-                spans = (a[1] > points[:, 1]) != (b[1] > points[:, 1])
-                odd ^= spans & (points[:, 0] < a[0] + (points[:, 1] - a[1]) * d[0] / d[1])
-    return np.where(odd, best, -best)
-
-
-def _daylight(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
+def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
     """Return how much of the windows' light is kept: tall pieces near a window take from it."""
-    windows = _openings(plan, "window")
+    windows = floor.windows
     if not windows:
         return None
     lost, total = 0.0, 0.0
@@ -250,12 +272,9 @@ def _daylight(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
     return 1 - lost / total
 
 
-def _walk(plan: FloorPlan, placed: Sequence[Stand]) -> float:
+def _walk(floor: Floor, solid: Array) -> float:
     """Return how much of the floor that a slim walker (0.4 m) can stand on is in one piece: 0 at 90 %, 1 at all."""
-    solid = [Polygon(s.corners()) for s in placed if not s.item.spec.is_rug and s.item.spec.base_m < 2.0]
-    floor = Polygon(plan.corners, list(plan.holes)).difference(union_all(solid)).buffer(-0.2, quad_segs=2)
-    areas = [part.area for part in getattr(floor, "geoms", [floor])]
-    return _ramp(max(areas) / sum(areas), 0.9, 1.0) if sum(areas) > 0 else 0.0
+    return _ramp(share_in_one_piece(floor.cells2, *floor.corner_m, floor.cell_m, SLIM_M, solid), 0.9, 1.0)
 
 
 def _together(placed: Sequence[Stand]) -> float | None:

@@ -5,26 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.layout.beam import select
 from processing.layout.expand import KEPT_INTERVALS, MOST_ROWS, expand, standing
 from processing.layout.field import PERSON_M, Field
-from processing.layout.free_sets import BODY, MEETS, RUG, ZONE
+from processing.layout.free_sets import BODY, MEETS
 from processing.layout.grouping import Packing
 from processing.layout.lines import FreeLines, wall_lines
 from processing.layout.polygons import Array
 from processing.layout.reach import PATH_SLACK_M
+from processing.layout.rebuild import RoomArrays, rebuild
 from processing.layout.soft import ROLE
-from processing.layout.units import Unit, Variant
+from processing.layout.states import Beam, Choice, Found, Ints, UnitArrays, Walk, quarter, rows_of
+from processing.layout.unit_table import found_of, unit_table
+from processing.layout.units import Unit
 from processing.layout.walk_grid import TOUCH_M, stamp, wall_clearance2
-
-DROPPED = 1000.0
-"""Taken off the score for what is left out, times its loss (`units.loss_of`)."""
-Ints: TypeAlias = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -42,72 +40,53 @@ class Effort:
 
 
 @dataclass(frozen=True)
-class Choice:
-    """Where a unit went: variant, line (x, y, direction, length, edge) and place along it."""
+class Rounds:
+    """How long units are taken out and placed anew."""
 
-    unit: int
-    variant: int
-    line: tuple[float, ...]
-    s_m: float
-
-
-@dataclass(frozen=True)
-class Found:
-    """A state of the search: what was placed where, and what was left out (unit numbers)."""
-
-    choices: tuple[Choice, ...]
-    dropped: tuple[int, ...]
-    score: float
-    stratum: int
+    rounds: int
+    enough: int
+    """Whole states after which it ends."""
+    most_out: int = 3
+    patience: int = 40
+    noise: float = 0.7
+    fractions: tuple[float, ...] = (0.0, 1.0)
 
 
-@dataclass
-class _Unit:
-    """A unit as arrays over its variants."""
+class Shared:
+    """What all searches in one plan share."""
 
-    rects: Array
-    kinds: Ints
-    n_rects: Ints
-    widths: Array
-    bonus: Array
-    anchor_at: Array
-    anchor_to: Array
-    half: Array
-    lines: Array
-    allowed: npt.NDArray[np.bool_]
-    fixed: Array
-    fixed_counts: Ints
-    role: int
+    def __init__(self, field: Field) -> None:
+        self._field = field
+        self.walls = wall_lines(field.plan)
+        self.windows = _window_rows(field)
+        self.middle = _middle(field)
+        self.rows = np.empty((MOST_ROWS, 3), dtype=np.int64), np.empty(MOST_ROWS), np.empty(MOST_ROWS)
 
+    @cached_property
+    def free(self) -> FreeLines:
+        """Lines for what stands free."""
+        return FreeLines(self._field.plan)
 
-@dataclass
-class _Walk:
-    """The grid that paths are checked on."""
-
-    grid: Array
-    blocked: npt.NDArray[np.uint8]
-    doors: Array
-    radius2: float
-    reach: float
+    @cached_property
+    def clearance(self) -> tuple[Array, Array]:
+        """The path grid (x0, y0, cell) and its cells' squared distances to the walls."""
+        return _clearance(self._field)
 
 
 class Search:
     """Searches in one field; keeps what does not change between runs."""
 
-    def __init__(self, field: Field, doors: Sequence[int], stood: Sequence[Array] = ()) -> None:
+    def __init__(
+        self, field: Field, doors: Sequence[int], stood: Sequence[Array] = (), like: Search | None = None
+    ) -> None:
         """Prepare for a field: `doors` are those that paths must reach (none: paths are not looked at), `stood` the
-        anchors (`soft`) of pieces that stand already."""
+        anchors (`soft`) of pieces that stand already, `like` a search in the same plan to share from."""
         self.field = field
-        self._walls = wall_lines(field.plan)
-        self._free = FreeLines(field.plan)
-        self._units: dict[tuple[str, ...], _Unit] = {}
-        self._clearance: tuple[Array, Array] | None = None
-        self._rows = np.empty((MOST_ROWS, 3), dtype=np.int64), np.empty(MOST_ROWS), np.empty(MOST_ROWS)
-        self._windows = _window_rows(field)
+        self.shared: Shared = like.shared if like else Shared(field)
+        self._units: dict[tuple[str, ...], UnitArrays] = {}
         ways = np.array([d.corners for d in field.doorways]).reshape(-1, 4, 2)
         self._doors = np.ascontiguousarray(ways[list(doors)])
         self._door_middles = np.ascontiguousarray(0.5 * (ways[:, 0] + ways[:, 1]))
-        self._middle = _middle(field)
         self.stood = [np.asarray(row, dtype=np.float64) for row in stood]
 
     def run(self, packing: Packing, effort: Effort, seed: int, first: int | None = None) -> list[Found]:
@@ -117,44 +96,82 @@ class Search:
         if first is not None:
             weights = [u.footprint_m2 + rng.random() * 0.8 for u in packing.units]
             order.sort(key=lambda i: (packing.units[i].role == "rug", -weights[i]))
-        state = _Beam.start(self, packing, effort)
+        return self._filled(
+            Beam.start(self.walk(optimistic=effort.optimistic), self.stood, packing, effort.beam),
+            packing,
+            order,
+            effort,
+            rng,
+        )
+
+    def rebuild(self, packing: Packing, effort: Rounds, seed: int) -> list[Found]:
+        """Return whole states, or the one that leaves out least, by taking units out and placing them anew."""
+        units = [self.arrays(unit) for unit in packing.units]
+        walk = self.walk(optimistic=True)
+        room = RoomArrays(
+            self.field.walls, walk.blocked, walk.grid, walk.doors, self._door_middles, self.shared.windows,
+            self.shared.middle,
+            self._stood_rows(), walk.radius2, walk.reach,
+        )  # fmt: skip
+        table, origin = unit_table(units, packing)
+        shape = (max(1, effort.enough), len(units))
+        slots, places, gains = np.full(shape, -1), np.zeros(shape), np.zeros(shape)
+        whole = rebuild(
+            room, table, seed, effort.rounds, effort.most_out, effort.patience, effort.noise,
+            np.array(effort.fractions), max(1, effort.enough), slots, places, gains,
+        )  # fmt: skip
+        return [found_of(packing, table, origin, slots[k], places[k], gains[k]) for k in range(max(1, whole))]
+
+    def _filled(
+        self, state: Beam, packing: Packing, order: Sequence[int], effort: Effort, rng: np.random.Generator
+    ) -> list[Found]:
         for number in order:
             state = self._step(state, packing, number, effort, rng)
         found = [
-            Found(tuple(state.choices[b]), tuple(state.dropped[b]), float(state.scores[b]), int(state.strata[b]))
-            for b in range(state.size)
+            Found(tuple(state.choices[b]), tuple(state.dropped[b]), float(state.scores[b])) for b in range(state.size)
         ]
         return sorted(found, key=lambda f: -f.score)
 
-    def arrays(self, unit: Unit) -> _Unit:
+    def has_place(self, unit: Unit) -> bool:
+        """Tell whether a unit has a place, paths aside."""
+        made = self.arrays(unit)
+        none = np.empty((1, 0, 4, 2)), np.empty((1, 0, 2)), np.empty((1, 0), np.int64), np.zeros(1, np.int64)
+        return self._expand(made, none, self._stood_rows()[None], np.array([len(self.stood)]), (0.0,)) > 0
+
+    def _stood_rows(self) -> Array:
+        return np.array(self.stood, dtype=np.float64).reshape(-1, 7)
+
+    def arrays(self, unit: Unit) -> UnitArrays:
         """Return a unit's arrays, made once."""
         key = (unit.role, *(item.id for item in unit.items), str(len(unit.variants)))
         if key not in self._units:
             self._units[key] = self._prepare(unit)
         return self._units[key]
 
-    def walk(self, *, optimistic: bool) -> _Walk:
+    def walk(self, *, optimistic: bool) -> Walk:
         """Return the path grid for the empty room."""
-        if self._clearance is None:
-            self._clearance = _clearance(self.field)
-        grid, clearance2 = self._clearance
+        grid, clearance2 = self.shared.clearance
         r, cell = (self.field.rules.path - PATH_SLACK_M) / 2, float(grid[2])
         radius = r - 0.45 * cell if optimistic else math.sqrt(r * r + cell * cell / 4) + 1e-7
         blocked = (clearance2 < radius * radius).astype(np.uint8)
+        fixed = self.field.fixed
+        for corners, (low, _), kind in zip(fixed.corners, fixed.heights_m, fixed.classes, strict=True):
+            if kind == BODY and low < PERSON_M:
+                stamp(blocked, corners, grid[0], grid[1], grid[2], radius * radius)
         reach = r - TOUCH_M - 1e-6 + (0.3 * cell if optimistic else 0.0)
-        return _Walk(grid, blocked, self._doors, radius * radius, reach)
+        return Walk(grid, blocked, self._doors, radius * radius, reach)
 
-    def _prepare(self, unit: Unit) -> _Unit:
-        count = max(len(_rows(v)) for v in unit.variants)
+    def _prepare(self, unit: Unit) -> UnitArrays:
+        count = max(len(rows_of(v)) for v in unit.variants)
         n = len(unit.variants)
         rects, kinds = np.zeros((n, count, 6)), np.zeros((n, count), dtype=np.int64)
         for v, variant in enumerate(unit.variants):
-            for r, (rect, kind) in enumerate(_rows(variant)):
+            for r, (rect, kind) in enumerate(rows_of(variant)):
                 rects[v, r], kinds[v, r] = rect, kind
-        n_rects = np.array([len(_rows(v)) for v in unit.variants], dtype=np.int64)
-        lines = [self._walls]
+        n_rects = np.array([len(rows_of(v)) for v in unit.variants], dtype=np.int64)
+        lines = [self.shared.walls]
         depths = sorted({round(v.depth_m, 6) for v in unit.variants if not v.at_wall})
-        lines += [self._free.lines(depth) for depth in depths]
+        lines += [self.shared.free.lines(depth) for depth in depths]
         allowed = np.zeros((n, sum(len(rows) for rows in lines)), dtype=np.bool_)
         for v, variant in enumerate(unit.variants):
             at = 0
@@ -164,14 +181,15 @@ class Search:
                 )
                 at += len(rows)
         anchors = [v.members[0] for v in unit.variants]
-        to = [_quarter(m.quarters) for m in anchors]
-        made = _Unit(
+        to = [quarter(m.quarters) for m in anchors]
+        made = UnitArrays(
             rects, kinds, n_rects,
             np.array([v.width_m for v in unit.variants]),
             np.array([v.bonus for v in unit.variants]),
             np.array([[m.x_m, m.y_m] for m in anchors]),
             np.array(to, dtype=np.float64),
-            np.array([m.item.spec.size_m[0] / 2 for m in anchors]),
+            np.array([[v / 2 for v in m.item.spec.size_m[:2]] for m in anchors]),
+            (ROLE[unit.keeps_to], unit.keeps_within_m) if unit.keeps_to else (-1, 0.0),
             np.ascontiguousarray(np.concatenate(lines)),
             allowed,
             np.empty((n, allowed.shape[1], KEPT_INTERVALS, 2)),
@@ -185,15 +203,27 @@ class Search:
         )  # fmt: skip
         return made
 
-    def _step(self, beam: _Beam, packing: Packing, number: int, effort: Effort, rng: np.random.Generator) -> _Beam:
+    def _expand(
+        self, unit: UnitArrays, placed: tuple[Array, Array, Ints, Ints], anchors: Array, n_anchors: Ints,
+        fractions: tuple[float, ...],
+    ) -> int:  # fmt: skip
+        """Write all places of a unit beside what is placed in each state; return how many."""
+        return int(
+            expand(
+                self.field.walls, unit.rects, unit.kinds, unit.n_rects, unit.widths, unit.bonus, unit.anchor_at,
+                unit.anchor_to, unit.half, unit.role, unit.near, unit.lines, unit.allowed, MEETS, unit.fixed,
+                unit.fixed_counts, *placed, anchors, n_anchors, np.array(fractions), self._door_middles,
+                self.shared.windows, self.shared.middle, *self.shared.rows,
+            )
+        )  # fmt: skip
+
+    def _step(self, beam: Beam, packing: Packing, number: int, effort: Effort, rng: np.random.Generator) -> Beam:
         unit = self.arrays(packing.units[number])
-        index, place, score = self._rows
+        index, place, score = self.shared.rows
         b = beam.size
-        count = expand(
-            self.field.walls, unit.rects, unit.kinds, unit.n_rects, unit.widths, unit.bonus, unit.anchor_at,
-            unit.anchor_to, unit.half, unit.role, unit.lines, unit.allowed, MEETS, unit.fixed, unit.fixed_counts,
-            beam.dyn[:b], beam.heights[:b], beam.classes[:b], beam.counts[:b], beam.anchors[:b], beam.n_anchors[:b],
-            np.array(effort.fractions), self._door_middles, self._windows, self._middle, index, place, score,
+        count = self._expand(
+            unit, (beam.dyn[:b], beam.heights[:b], beam.classes[:b], beam.counts[:b]), beam.anchors[:b],
+            beam.n_anchors[:b], effort.fractions,
         )  # fmt: skip
         index, place = index[:count], place[:count]
         gained = score[:count] + effort.noise * rng.standard_normal(count)
@@ -211,124 +241,13 @@ class Search:
         )  # fmt: skip
         for new, row in enumerate(accepted[:kept]):
             parent, variant, line = (int(i) for i in index[row])
-            choice = Choice(number, variant, tuple(float(v) for v in unit.lines[line]), float(place[row]))
+            line_at = tuple(float(v) for v in unit.lines[line])
+            choice = Choice(number, variant, line_at, float(place[row]))
             after.adopt(new, beam, parent, float(total[row]), choice, int(strata[row]), unit)
         after.size = kept
         after.placed = beam.placed or kept > 0
         after.fill_with_drops(beam, number, packing.units[number], set(index[accepted[:kept], 0].tolist()))
         return after
-
-
-@dataclass
-class _Beam:
-    """The states of one depth, as arrays."""
-
-    walk: _Walk
-    dyn: Array
-    heights: Array
-    classes: Ints
-    counts: Ints
-    blocked: npt.NDArray[np.uint8]
-    anchors: Array
-    n_anchors: Ints
-    scores: Array
-    strata: Ints
-    choices: list[list[Choice]]
-    dropped: list[list[int]]
-    size: int
-    placed: bool
-    spare: _Beam | None = None
-
-    @classmethod
-    def start(cls, search: Search, packing: Packing, effort: Effort) -> _Beam:
-        """Return the beam that holds the empty room."""
-        rows = sum(max(len(_rows(v)) for v in u.variants) for u in packing.units) + 1
-        walk = search.walk(optimistic=effort.optimistic)
-        beam = cls._empty(walk, effort.beam, rows, len(packing.units) + 1 + len(search.stood))
-        beam.blocked[0] = walk.blocked
-        fixed = search.field.fixed
-        for corners, (low, _), kind in zip(fixed.corners, fixed.heights_m, fixed.classes, strict=True):
-            if kind == BODY and low < PERSON_M:
-                stamp(beam.blocked[0], corners, walk.grid[0], walk.grid[1], walk.grid[2], walk.radius2)
-        for number, row in enumerate(search.stood):
-            beam.anchors[0, number] = row
-        beam.n_anchors[0] = len(search.stood)
-        beam.size = 1
-        return beam
-
-    @classmethod
-    def _empty(cls, walk: _Walk, width: int, rows: int, units: int) -> _Beam:
-        return cls(
-            walk,
-            np.zeros((width, rows, 4, 2)),
-            np.zeros((width, rows, 2)),
-            np.zeros((width, rows), dtype=np.int64),
-            np.zeros(width, dtype=np.int64),
-            np.empty((width, *walk.blocked.shape), dtype=np.uint8),
-            np.zeros((width, units, 6)),
-            np.zeros(width, dtype=np.int64),
-            np.zeros(width),
-            np.zeros(width, dtype=np.int64),
-            [[] for _ in range(width)],
-            [[] for _ in range(width)],
-            0,
-            False,
-        )
-
-    def other(self) -> _Beam:
-        """Return the beam for the next depth: the one before this, whose arrays are used again."""
-        after = self.spare or self._empty(self.walk, len(self.choices), self.dyn.shape[1], self.anchors.shape[1])
-        after.spare, after.size = self, 0
-        return after
-
-    def adopt(self, new: int, old: _Beam, parent: int, score: float, choice: Choice, stratum: int, unit: _Unit) -> None:
-        """Write what the compiled step left to Python for one new state."""
-        self.scores[new], self.strata[new] = score, stratum
-        self.choices[new] = [*old.choices[parent], choice]
-        self.dropped[new] = list(old.dropped[parent])
-        n = int(old.n_anchors[parent])
-        self.anchors[new] = old.anchors[parent]
-        ox, oy, ux, uy = choice.line[:4]
-        ax, ay = unit.anchor_at[choice.variant] + (choice.s_m, 0.0)
-        tx, ty = unit.anchor_to[choice.variant]
-        self.anchors[new, n] = (
-            ox + ax * ux - ay * uy, oy + ax * uy + ay * ux, tx * ux - ty * uy, tx * uy + ty * ux,
-            unit.role, unit.half[choice.variant],
-        )  # fmt: skip
-        self.n_anchors[new] = n + 1
-
-    def fill_with_drops(self, old: _Beam, number: int, unit: Unit, went_on: set[int]) -> None:
-        """Let states in which the unit has no place go on without it, where there is room for them."""
-        for parent in np.argsort(-old.scores[: old.size], kind="stable"):
-            if self.size == len(self.choices):
-                break
-            if int(parent) in went_on and self.size:
-                continue
-            new = self.size
-            for mine, theirs in (
-                (self.dyn, old.dyn), (self.heights, old.heights), (self.classes, old.classes),
-                (self.counts, old.counts), (self.blocked, old.blocked), (self.anchors, old.anchors),
-                (self.n_anchors, old.n_anchors), (self.strata, old.strata),
-            ):  # fmt: skip
-                mine[new] = theirs[parent]
-            self.scores[new] = old.scores[parent] - DROPPED * unit.loss
-            self.choices[new] = list(old.choices[parent])
-            self.dropped[new] = [*old.dropped[parent], number]
-            self.size += 1
-
-
-def _rows(variant: Variant) -> list[tuple[tuple[float, ...], int]]:
-    """Return (x0, x1, y0, y1, low, high) and class of a variant's footprints and zones."""
-    rows: list[tuple[tuple[float, ...], int]] = []
-    for member in variant.members:
-        spec = member.item.spec
-        rows.append(((*member.body(), spec.base_m, spec.top_m), RUG if spec.is_rug else BODY))
-        rows += [((*member.rect(zone), 0.0, PERSON_M), ZONE) for zone in member.zones]
-    return rows
-
-
-def _quarter(quarters: int) -> tuple[float, float]:
-    return ((0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0))[quarters % 4]
 
 
 def _strata(index: Ints, place: Array) -> Ints:

@@ -1,7 +1,7 @@
 """What makes one place better than another while searching: a compiled score of a unit's place among those placed.
 
-Roles are numbers (`ROLE`), anchors rows of (x, y, facing x, facing y, role, half width). The scores that users see are
- `scores.py`'s; this one only steers.
+Roles are numbers (`ROLE`), anchors rows of (x, y, facing x, facing y, role, half width, half depth). The scores that
+users see are `scores.py`'s; this one only steers.
 """
 
 from __future__ import annotations

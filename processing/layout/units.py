@@ -67,6 +67,9 @@ class Unit:
     items: tuple[Item, ...]
     variants: tuple[Variant, ...]
     role: str
+    keeps_to: str = ""
+    """Role of what it stands by: a nightstand alone by the bed."""
+    keeps_within_m: float = 0.0
 
     @property
     def footprint_m2(self) -> float:
@@ -133,6 +136,22 @@ def sideways(item: Item, rules: RuleSet, *, bonus: float) -> list[Variant]:
         for zones in zone_choices(item, rules)
         for quarters in (1, 3)
     ]
+
+
+def turned(variant: Variant, quarters: int, bonus: float) -> Variant:
+    """Return a variant turned by right angles, moved so that its bodies begin at the line and at x = 0."""
+    members = list(variant.members)
+    for _ in range(quarters % 4):
+        members = [Member(m.item, -m.y_m, m.x_m, m.quarters + 1, m.zones) for m in members]
+    return from_zero(members, at_wall=variant.at_wall, bonus=variant.bonus + bonus)
+
+
+def from_zero(members: Sequence[Member], *, at_wall: bool, bonus: float = 0.0) -> Variant:
+    """Return members as a variant, moved so that its bodies begin at the line and at x = 0."""
+    bodies = [m.body() for m in members if not m.item.spec.is_rug]
+    x0, y0 = min(b[0] for b in bodies), min(b[2] for b in bodies)
+    moved = tuple(Member(m.item, m.x_m - x0, m.y_m - y0, m.quarters, m.zones) for m in members)
+    return Variant(moved, max(b[1] for b in bodies) - x0, max(b[3] for b in bodies) - y0, at_wall, bonus)
 
 
 def beside(bed: Item, left: Sequence[Item], right: Sequence[Item], rules: RuleSet, gap_m: float) -> list[Variant]:
@@ -246,7 +265,4 @@ def _table_set(
         members.append(Member(rug, 0.0, 0.0))
     if turned:
         members = [Member(m.item, -m.y_m, m.x_m, m.quarters + 1, m.zones) for m in members]
-    bodies = [m.body() for m in members if not m.item.spec.is_rug]
-    x0, y0 = min(b[0] for b in bodies), min(b[2] for b in bodies)
-    moved = tuple(Member(m.item, m.x_m - x0, m.y_m - y0, m.quarters, m.zones) for m in members)
-    return Variant(moved, max(b[1] for b in bodies) - x0, max(b[3] for b in bodies) - y0, at_wall=True)
+    return from_zero(members, at_wall=True)

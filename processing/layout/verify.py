@@ -103,7 +103,7 @@ class Judge:
         return next(filter(None, ({n for n, w in enumerate(self._ways) if p.intersects(w)} for p in parts)), set())
 
     def judge(self, pieces: Sequence[Piece]) -> Verdict:
-        """Check every hard rule (H1 to H6, H8, H9 of docs/arrangement.md)."""
+        """Check every hard rule (1 to 6, 8 to 10 of docs/arrangement.md)."""
         found = tuple(self._violations(pieces))
         return Verdict(found, tuple(n for n in range(len(self._ways)) if n not in self._needed))
 
@@ -117,6 +117,7 @@ class Judge:
             yield from _outside(self.room, pieces, shapes)
             yield from _overlaps(pieces, shapes)
             yield from _under_ceiling(self._plan, pieces)
+        yield from _apart(pieces, shapes, self.rules.together)
         yield from self._openings(pieces, shapes)
         zones, clashes = _zones(self.room, pieces, shapes, [_asked(piece, self.rules) for piece in pieces])
         yield from clashes
@@ -203,6 +204,19 @@ def _overlaps(pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violat
             shared = shapes[i].intersection(shapes[j])
             if _deep(shared):
                 found.append(Violation("no overlap", (pieces[i].id, pieces[j].id), shared.area))
+    return found
+
+
+def _apart(pieces: Sequence[Piece], shapes: Sequence[Polygon], within_m: float) -> list[Violation]:
+    """Return bound pieces that stand away from what they belong to, where that is there."""
+    found = []
+    for piece, shape in zip(pieces, shapes, strict=True):
+        host = piece.spec.group_with
+        hosts = [s for p, s in zip(pieces, shapes, strict=True) if host and p.spec.category.endswith(host)]
+        if piece.spec.bound and hosts:
+            gap_m = min(shape.distance(s) for s in hosts)
+            if gap_m > within_m + PATH_M:
+                found.append(Violation("kept together", (piece.id,), gap_m - within_m))
     return found
 
 

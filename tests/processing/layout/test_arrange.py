@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,6 @@ from processing.layout.drawing import write_drawings
 from processing.layout.item_list import parse_items, set_items
 from processing.layout.item_table import KINDS as ITEMS
 from processing.layout.item_table import SETS
-from processing.layout.items import ItemSpec
 from processing.layout.paper_form import Place, placed_by_ratios
 from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.rules import built_in_rules, read_rules
@@ -37,8 +37,7 @@ ROOM = make_plan(
 def judged(plan: FloorPlan, one: Arrangement, rules: str) -> list[str]:
     pieces = []
     for i in one.items:
-        kind = ITEMS[i.category]
-        spec = ItemSpec(i.category, i.size_m, i.base_m, zones=kind.zones, sides_rule=kind.sides_rule)
+        spec = replace(ITEMS[i.category], size_m=i.size_m, base_m=i.base_m)
         pieces.append(Piece(i.id, spec, i.t_m[0], i.t_m[1], i.theta_rad, i.group))
     return [str(v) for v in verify(plan, pieces, built_in_rules().named(rules)).violations]
 
