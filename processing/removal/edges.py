@@ -109,7 +109,7 @@ def at_full_size(share: Floats, rgb8: Bytes) -> Floats:
         top, bottom = max(0, rows.start - 2 * radius), min(shape[0], rows.stop + 2 * radius)
         around = np.arange(columns.start - 2 * radius, columns.stop + 2 * radius) % shape[1]
         guide = np.asarray(rgb8[top:bottom][:, around], np.float32) / np.float32(255)
-        fine = guided(large[top:bottom][:, around], guide, radius)
+        fine = guided(np.asarray(large[top:bottom][:, around], np.float32), guide, radius)
         inner = fine[rows.start - top : rows.stop - top, 2 * radius : 2 * radius + part.shape[1]]
         out[rows, columns] = np.clip(inner, 0, 1)
     return out
@@ -129,7 +129,7 @@ def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS
         return np.asarray(cv2.boxFilter(picture, -1, (side, side), borderType=cv2.BORDER_REFLECT), np.float32)
 
     colour, value = mean(guide), mean(values)
-    covariance = mean(guide * values[..., None]) - colour * value[..., None]
+    covariance = mean(np.asarray(guide * values[..., None], np.float32)) - colour * value[..., None]
     spread = np.empty((*values.shape, 3, 3), np.float32)
     for i in range(3):
         for j in range(i, 3):

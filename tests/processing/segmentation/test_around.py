@@ -1,0 +1,178 @@
+"""Views around the sphere: a network that is always right stays right, at the seam and at the poles too."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from processing.errors import ParameterError, SegmenterError
+from processing.segmentation.around import ViewPlan, segment_around
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.segmenters import OnnxSegmenter, open_segmenter
+from processing.sphere import Equirectangular, directions
+
+Floats = npt.NDArray[np.float32]
+COLOURS = np.array(
+    [[0, 0, 0], [0, 255, 0], [0, 0, 255], [255, 0, 0], [255, 255, 0], [255, 0, 255], [0, 255, 255], [255, 255, 255]],
+    np.uint8,
+)
+"""Corners of the colour cube: no mixture of two neighbours along an edge is near to a third."""
+
+
+class ByColour:
+    """Tells classes by their colours, and counts the views it was shown."""
+
+    name = "by colour"
+    size_px = 96
+    fixed_size = False
+
+    def __init__(self) -> None:
+        self.views = 0
+
+    def probabilities(self, view_rgb8: npt.NDArray[np.uint8]) -> Floats:
+        self.views += 1
+        off = np.abs(view_rgb8.astype(int)[..., None, :] - COLOURS.astype(int)).sum(axis=-1)
+        return np.eye(len(SceneClass), dtype=np.float32)[off.argmin(axis=-1)]
+
+
+def world(rows: int) -> npt.NDArray[np.int64]:
+    """Classes of a room: floor, ceiling, walls; furniture across the seam, a tripod at the nadir, a window aside."""
+    d, _ = directions(Equirectangular(2 * rows, rows))
+    longitude, latitude = np.arctan2(d[..., 0], d[..., 1]), np.arcsin(d[..., 2])
+    found = np.full(longitude.shape, int(SceneClass.WALL))
+    found[latitude < -0.5] = SceneClass.FLOOR
+    found[latitude > 0.6] = SceneClass.CEILING
+    found[(np.abs(np.abs(longitude) - math.pi) < 0.5) & (np.abs(latitude + 0.4) < 0.3)] = SceneClass.FURNITURE
+    found[(np.abs(longitude - 1.0) < 0.4) & (np.abs(latitude - 0.1) < 0.3)] = SceneClass.WINDOW
+    found[latitude < -1.35] = SceneClass.TRIPOD
+    return found
+
+
+@pytest.mark.parametrize("skip", [False, True])
+def test_a_perfect_network_stays_perfect(skip: bool) -> None:
+    classes, network = world(128), ByColour()
+    found = segment_around(COLOURS[world(256)], network, plan=ViewPlan(skip=skip), rows=128)
+    np.testing.assert_allclose(found.probabilities.sum(axis=0), 1.0, rtol=1e-4)
+    right = found.probabilities.argmax(axis=0) == classes
+    weight = np.cos((0.5 - (np.arange(128) + 0.5) / 128) * math.pi)[:, None] * np.ones_like(right)
+    # Edges are a pixel of the views wide, and there is a lot of edge.
+    assert float((weight * right).sum() / weight.sum()) > 0.985
+    assert right[:, [0, -1]].mean() > 0.95, "the seam"
+    assert right[[0, -1]].all(), "the poles"
+    assert found.views_used == network.views
+    assert (found.views_skipped > 0) == skip
+
+
+def test_labels_are_not_interpolated() -> None:
+    """Between classes 0 and 2 there is no 1: no WALL appears between FLOOR and CEILING."""
+    classes = np.where(world(256) == SceneClass.FLOOR, SceneClass.FLOOR, SceneClass.CEILING)
+    found = segment_around(COLOURS[classes], ByColour(), plan=ViewPlan(skip=False), rows=64)
+    assert set(np.unique(found.probabilities.argmax(axis=0))) <= {int(SceneClass.FLOOR), int(SceneClass.CEILING)}
+
+
+def test_what_is_known_first_saves_views() -> None:
+    known = np.full((len(SceneClass), 32, 64), 0.01, np.float32)
+    known[SceneClass.CEILING] = 1 - 0.07
+    first = SceneEvidence(known, "known")
+    network = ByColour()
+    found = segment_around(COLOURS[world(128)], network, first=first, rows=32)
+    assert network.views == 0
+    assert found.views_skipped == 19
+    np.testing.assert_allclose(found.probabilities, known, atol=1e-3)
+    assert "skipped" in found.notes[0] or "neither floor nor furniture" in found.notes[0]
+
+
+def test_pictures_that_are_no_panorama_are_refused() -> None:
+    with pytest.raises(ParameterError):
+        segment_around(np.zeros((8, 16), np.uint8), ByColour())  # type: ignore[arg-type]
+
+
+def onnx_file(tmp_path: Path, **changes: object) -> Path:
+    """Write a network that takes brightness for the class: a 1 x 1 convolution to two logits, at half the size."""
+    onnx = pytest.importorskip("onnx")
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    weight = np.array([[[[1.0]], [[1.0]], [[1.0]]], [[[-1.0]], [[-1.0]], [[-1.0]]]], np.float32)
+    graph = helper.make_graph(
+        [
+            helper.make_node("Conv", ["image", "w", "b"], ["full"], kernel_shape=[1, 1]),
+            helper.make_node("AveragePool", ["full"], ["logits"], kernel_shape=[2, 2], strides=[2, 2]),
+        ],
+        "toy",
+        [helper.make_tensor_value_info("image", kind, [1, 3, "h", "w"])],
+        [helper.make_tensor_value_info("logits", kind, [1, 2, "h2", "w2"])],
+        [
+            helper.make_tensor("w", kind, [2, 3, 1, 1], weight.ravel()),
+            helper.make_tensor("b", kind, [2], [-15.0, 15.0]),
+        ],
+    )
+    path = tmp_path / "toy.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
+    contract = {"name": "toy", "input": "image", "size_px": 32, "fixed_size": False, "output": "logits"}
+    contract |= {"outputs": ["logits"], "output_stride": 2, "classes": ["wall", "floor"], "std": [0.1, 0.1, 0.1]}
+    path.with_suffix(".json").write_text(json.dumps(contract | changes))
+    return path
+
+
+def test_an_onnx_network_through_views(tmp_path: Path) -> None:
+    network = open_segmenter(onnx_file(tmp_path), threads=1)
+    assert isinstance(network, OnnxSegmenter)
+    bright = np.zeros((64, 128, 3), np.uint8)
+    bright[:32] = 255
+    found = segment_around(bright, network, plan=ViewPlan(skip=False), rows=32)
+    assert (found.probabilities[SceneClass.WALL, :14] > 0.99).all()
+    assert (found.probabilities[SceneClass.FLOOR, 18:] > 0.99).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "told_of"),
+    [
+        ({"input": "pixels"}, "no pixels"),
+        ({"outputs": ["scores"]}, "no scores"),
+        ({"classes": ["wall", "floor", "bed"]}, "gives 2 classes"),
+        ({"output_stride": 4}, "output is 16 x 16"),
+        ({"layout": "NHWC"}, "refuses"),
+    ],
+)
+def test_a_contract_that_is_not_kept_is_found_on_loading(
+    tmp_path: Path, changes: dict[str, object], told_of: str
+) -> None:
+    with pytest.raises(SegmenterError) as caught:
+        open_segmenter(onnx_file(tmp_path, **changes), threads=1)
+    assert told_of in str(caught.value)
+
+
+def test_files_that_are_no_network_are_refused(tmp_path: Path) -> None:
+    good = onnx_file(tmp_path)
+    good.write_bytes(b"version https://git-lfs.github.com/spec/v1\n")
+    with pytest.raises(SegmenterError, match="cannot be loaded"):
+        open_segmenter(good)
+    with pytest.raises(SegmenterError, match="no such network"):
+        open_segmenter(tmp_path / "none.onnx")
+    with pytest.raises(SegmenterError, match="onnx or"):
+        open_segmenter(tmp_path / "toy.pt")
+
+
+def test_a_real_network_of_pascal_voc() -> None:
+    """The published picture and its mask: fore- and background agree to 97 % at least (98.2 % is stated)."""
+    pytest.importorskip("ai_edge_litert")
+    from PIL import Image
+
+    from benchmarks._detect_rivals import voc_segmenter
+    from benchmarks._detect_truth import DATA
+
+    network = voc_segmenter()
+    if network is None:
+        pytest.skip("../shared/data/weights is not there")
+    with Image.open(DATA / "weights" / "bird_segmentation.bmp") as file:
+        picture = np.asarray(file.convert("RGB").resize((513, 513), Image.Resampling.BILINEAR))
+    with Image.open(DATA / "weights" / "bird_segmentation_mask.bmp") as file:
+        mask = np.asarray(file.convert("L").resize((513, 513), Image.Resampling.NEAREST)) > 0
+    found = network.probabilities(picture)
+    # A bird is seen through a window.
+    assert float(((found[..., SceneClass.WINDOW] > 0.9) == mask).mean()) > 0.97
