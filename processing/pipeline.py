@@ -134,6 +134,27 @@ STAGES: tuple[Stage, ...] = (
         ),
     ),
     Stage(
+        name="room",
+        version=1,
+        title="tell the room",
+        function="processing.stages.room:run",
+        needs=("calibrate",),
+        reads=("camera_height_m",),
+        makes=(
+            Artifact("panorama", "picture", optional=True),
+            Artifact("room", "json", optional=True, check="processing.room.model_file:check_room"),
+            Artifact("evidence", "file", optional=True, file_name="evidence.npz"),
+        ),
+        parameters="processing.stages.room_parameters:RoomParameters",
+        trades=("quality",),
+        options=(
+            Option("--room", "file", "room", "Room of `daylit room`, instead of one told from the panorama."),
+            Option("--layout-model", "file", "layout_model", "ONNX of HorizonNet, LED2-Net or LGT-Net."),
+            Option("--camera-height", "parameter", "camera_height_m", "Of the panorama camera, metres: the scale."),
+            Option("--level", "parameter", "level", "A tilted panorama: auto makes it upright, off leaves it.", "str"),
+        ),
+    ),
+    Stage(
         name="report",
         version=1,
         title="write the report",

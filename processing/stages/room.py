@@ -1,0 +1,156 @@
+"""The stage room: the upright panorama, what its pixels show, and the room's shape with its windows and doors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from processing.errors import NoRoomError
+from processing.images import LuminanceImage
+from processing.room.estimate import RoomEstimate, estimate_room
+from processing.room.layout_networks import layout_boundary, load_layout_network
+from processing.room.level import Upright, find_upright, make_upright
+from processing.room.model import RoomModel
+from processing.room.model_file import read_room
+from processing.room.openings import find_openings
+from processing.room.picture_doubts import check_picture
+from processing.segmentation.embedded import scene_evidence
+from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence_file import write_evidence
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.room_parameters import RoomParameters
+
+EVIDENCE_FILE = "evidence.npz"
+LEAST_SQUARE = 0.3
+"""Support of the walls' azimuth below which it is told from the boundaries instead."""
+
+
+@dataclass
+class _Gathered:
+    artifacts: dict[str, object] = field(default_factory=dict)
+    metrics: dict[str, Any] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def run(context: StageContext) -> StageOutput:
+    """Level the panorama, ask the network, and tell the room; a given room (--room) is only checked.
+
+    A picture that shows no room is no failure of the session: the room is left out with the reason.
+    """
+    asked = context.parameters
+    assert isinstance(asked, RoomParameters)
+    given = read_room(context.files["room"]) if "room" in context.files else None
+    image: LuminanceImage = context.artifact("calibrate", "indoor")
+    gathered = _Gathered()
+    try:
+        check_picture(image)
+        context.progress(0.0, "levelling")
+        upright, turned = _levelled(image, asked, gathered)
+        context.progress(0.3, "what the pixels show")
+        evidence = _evidence(context, upright, turned)
+        write_evidence(context.folder / EVIDENCE_FILE, evidence)
+        gathered.artifacts["evidence"] = True
+        context.progress(0.6, "the room")
+        _tell_room(context, upright, evidence, (given, turned), gathered)
+    except NoRoomError as error:
+        _refused(error, given, gathered)
+    return StageOutput(
+        artifacts=gathered.artifacts,
+        metrics=gathered.metrics,
+        warnings=tuple(StageWarning(code="room", message=text[:500]) for text in gathered.warnings),
+        left_out=gathered.left_out,
+        honoured={"quality": context.quality.value},
+    )
+
+
+def _levelled(
+    image: LuminanceImage, asked: RoomParameters, gathered: _Gathered
+) -> tuple[LuminanceImage, Upright | None]:
+    if asked.level == "off":
+        gathered.left_out["panorama"] = "levelling is off: the calibrated picture is taken as upright"
+        return image, None
+    found = find_upright(image)
+    gathered.metrics |= {
+        "tilt_deg": round(math.degrees(found.tilt_rad), 3),
+        "tilt_sigma_deg": round(math.degrees(found.sigma_rad), 3) if math.isfinite(found.sigma_rad) else None,
+        "walls_azimuth_deg": round(math.degrees(found.manhattan_rad), 2),
+    }
+    if not found.turned:
+        gathered.left_out["panorama"] = f"the calibrated picture stands as it is: {found.note}"
+        return image, found
+    upright = make_upright(image, found.rotation)
+    gathered.artifacts["panorama"] = upright
+    return upright, found
+
+
+def _evidence(context: StageContext, image: LuminanceImage, turned: Upright | None) -> SceneEvidence:
+    evidence = scene_evidence(image, quality=context.quality.value)
+    path: Path | None = context.files.get("layout_model")
+    if path is None:
+        return evidence
+    network = load_layout_network(path)
+    boundary = layout_boundary(image, network, turn_rad=turned.manhattan_rad if turned else 0.0)
+    source = f"{evidence.source}; boundaries: {network.kind} {network.name}"
+    return replace(evidence, boundary=boundary, source=source)
+
+
+def _tell_room(
+    context: StageContext,
+    image: LuminanceImage,
+    evidence: SceneEvidence,
+    known: tuple[RoomModel | None, Upright | None],
+    gathered: _Gathered,
+) -> None:
+    given, turned = known
+    asked = context.parameters
+    assert isinstance(asked, RoomParameters)
+    if given is not None:
+        gathered.left_out["estimate"] = "the room is given"
+        gathered.metrics |= {"source": evidence.source, "confidence": given.confidence, "walls": len(given.floor)}
+        gathered.artifacts["room"] = given.model_dump(mode="json")
+        return
+    if evidence.boundary is None:
+        raise NoRoomError("the network tells no boundaries", likely="; ".join(evidence.notes) or "an unusual picture")
+    square = turned is not None and turned.manhattan_support >= LEAST_SQUARE
+    found = estimate_room(
+        image,
+        evidence,
+        camera_height_m=asked.camera_height_m or context.session.camera_height_m,
+        manhattan_rad=turned.manhattan_rad if square and turned is not None else None,
+        quality=context.quality.value,
+    )
+    context.progress(0.8, "windows and doors")
+    outdoor = context.optional_artifact("calibrate", "outdoor")
+    openings = find_openings(image, evidence, found.room, outdoor=outdoor)
+    room = found.room.model_copy(update={"openings": openings})
+    gathered.artifacts["room"] = room.model_dump(mode="json")
+    gathered.metrics |= _metrics(found, evidence) | {"openings": len(openings)}
+    gathered.warnings += found.warnings
+    gathered.left_out |= {f"part {k}": text for k, text in enumerate(found.skipped)}
+
+
+def _metrics(found: RoomEstimate, evidence: SceneEvidence) -> dict[str, Any]:
+    return {
+        "source": evidence.source,
+        "confidence": found.room.confidence,
+        "ceiling_confidence": found.ceiling,
+        "wall_confidences": list(found.walls),
+        "walls": len(found.room.floor),
+        "alternatives": list(found.alternatives),
+        "diagnostics": found.diagnostics.values(),
+    }
+
+
+def _refused(error: NoRoomError, given: RoomModel | None, gathered: _Gathered) -> None:
+    """Tell why there is no room; one that is given stands all the same."""
+    reason = f"{error.code}: {error}"
+    for name in ("panorama", "room", "evidence"):
+        if name not in gathered.artifacts:
+            gathered.left_out.setdefault(name, reason)
+    if given is not None:
+        gathered.artifacts["room"] = given.model_dump(mode="json")
+        gathered.left_out.pop("room", None)
+    gathered.warnings.append(f"no room was told from the panorama: {reason}")
