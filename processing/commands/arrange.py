@@ -97,7 +97,7 @@ def _solve(room: Path, **options: Any) -> Arrangements:
 
 
 def _items(options: dict[str, Any]) -> list[Item]:
-    """Return the items asked for; with a catalogue, in the sizes of its models (kinds that it lacks stay as they are)."""
+    """Return the items asked for; with a catalogue, in the sizes of its models (kinds that it lacks stay)."""
     from processing.layout.catalogue import Catalogue
     from processing.layout.item_list import parse_items, set_items, set_list
     from processing.layout.item_table import KINDS

@@ -49,7 +49,10 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
         rows = [
             {
                 **{key: getattr(e, key) for key in ("model_id", "category", "size_m", "smallest_m", "largest_m")},
-                **{"licence": e.licence, "file": e.file, "front": "+y", "notes": e.notes},
+                "licence": e.licence,
+                "file": e.file,
+                "front": "+y",
+                "notes": e.notes,
                 "zones": [{"side": z.side, "rule": z.rule} for z in e.zones],
             }
             for e in entries

@@ -188,7 +188,7 @@ class Catalogue:
         return self._source(model_id).model(None if size_m is None else (size_m[0], size_m[1], size_m[2]))
 
     def kinds(self, seed: int = 0) -> dict[str, ItemSpec]:
-        """Return item specs for the arranger: one model a category, drawn by a seed, and every model by its own name."""
+        """Return item specs for the arranger: for each category one model, drawn by a seed, in its own size."""
         kinds: dict[str, ItemSpec] = {}
         for category in sorted({s.category for s in self._sources.values()} & set(KINDS)):
             try:

@@ -81,7 +81,8 @@ def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[F
     for file in files:
         name = file.relative_to(path).with_suffix("").as_posix()
         row = told.get(file.resolve(), {})
-        given = replace(_given(row, file.name), **{k: v for k, v in (("unit", unit), ("front", front)) if v})
+        given = _given(row, file.name)
+        given = replace(given, unit=unit or given.unit, front=front or given.front)
         parts = name.split("/")
         short = "/".join(parts[:-1]) if len(parts) > 1 and parts[-1] == parts[-2] else name
         own = _licence(file.parent) if file.parent != path else ""

@@ -16,8 +16,10 @@ MAX_INFO_BYTES = 256 * 2**20
 CATEGORIES = {
     "king-size bed": "king bed", "single bed": "single bed", "kids bed": "single bed", "bunk bed": "bunk bed",
     "bed frame": "bed", "double bed": "bed", "nightstand": "nightstand", "wardrobe": "wardrobe",
-    "drawer chest / corner cabinet": "chest", "children cabinet": "chest", "sideboard / side cabinet / console table": "chest",
-    "bookcase / jewelry armoire": "bookshelf", "shelf": "bookshelf", "tv stand": "tv stand", "coffee table": "coffee table",
+    "drawer chest / corner cabinet": "chest", "children cabinet": "chest",
+    "sideboard / side cabinet / console table": "chest",
+    "bookcase / jewelry armoire": "bookshelf", "shelf": "bookshelf", "tv stand": "tv stand",
+    "coffee table": "coffee table",
     "corner/side table": "side table", "round end table": "side table", "dining table": "dining table", "desk": "desk",
     "dressing table": "desk", "dining chair": "dining chair", "lounge chair / cafe chair / office chair": "armchair",
     "classic chinese chair": "dining chair", "dressing chair": "stool", "folding chair": "dining chair",

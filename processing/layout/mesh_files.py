@@ -10,10 +10,11 @@ import io
 import logging
 import re
 import urllib.parse
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,7 @@ MAX_FILE_BYTES = 96 * 2**20
 MAX_TRIANGLES = 1_000_000
 MAX_TEXTURE_PIXELS = 8192 * 8192
 KEPT_TEXTURE_PX = 1024
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif")
 GREY = (0.5, 0.5, 0.5)
 
 
@@ -54,7 +56,7 @@ class RawModel:
 
 @dataclass
 class FolderFiles:
-    """What trimesh may read besides the file itself (its "resolver"): files of the catalogue's folder, not too large."""
+    """What trimesh may read besides the file (its "resolver"): files of the catalogue's folder, not too large."""
 
     folder: Path
     root: Path
@@ -62,16 +64,20 @@ class FolderFiles:
 
     def get(self, name: str) -> bytes:
         """Return a file's bytes; raise `FileNotFoundError` (noted) where it is missing, outside, or too large."""
-        path = self._inside(str(name))
-        if path is None:
-            self._refuse(f"'{_shown(name)}' leads out of the folder and was not read")
-        if not path.is_file():
-            path = _any_case(path)
-            if path is None:
-                self._refuse(f"'{_shown(name)}' is missing")
+        asked = self._inside(str(name))
+        if asked is None:
+            raise self._refused(f"'{_shown(name)}' leads out of the folder and was not read")
+        path = asked if asked.is_file() else _any_case(asked)
+        if path is None or not path.resolve().is_relative_to(self.root.resolve()):
+            raise self._refused(f"'{_shown(name)}' is missing")
         if path.stat().st_size > MAX_FILE_BYTES:
-            self._refuse(f"'{_shown(name)}' is larger than {MAX_FILE_BYTES // 2**20} MiB and was not read")
-        return path.read_bytes()
+            raise self._refused(f"'{_shown(name)}' is larger than {MAX_FILE_BYTES // 2**20} MiB and was not read")
+        data = path.read_bytes()
+        if path.suffix.lower() in PICTURES:
+            wrong = picture_fault(data)
+            if wrong:
+                raise self._refused(f"texture '{_shown(name)}' {wrong} and was left out")
+        return data
 
     __getitem__ = get
 
@@ -95,10 +101,21 @@ class FolderFiles:
         path = (self.folder / plain).resolve()
         return path if path.is_relative_to(self.root.resolve()) else None
 
-    def _refuse(self, note: str) -> Any:
+    def _refused(self, note: str) -> FileNotFoundError:
         if note not in self.notes:
             self.notes.append(note)
-        raise FileNotFoundError(note)
+        return FileNotFoundError(note)
+
+
+def picture_fault(data: bytes) -> str:
+    """Return what is wrong with a picture's header, or "" for nothing."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            width, height = Image.open(io.BytesIO(data)).size
+        except Exception:  # noqa: BLE001 (Pillow fails in many ways on damaged pictures, and on bombs)
+            return "cannot be read"
+    return f"has {width} x {height} pixels" if width * height > MAX_TEXTURE_PIXELS else ""
 
 
 def _shown(name: object) -> str:
@@ -185,8 +202,9 @@ def _absolute(data: bytes) -> bytes:
                 corners.append(
                     b"/".join(b"%d" % (int(p) + 1 + n if int(p) < 0 else int(p)) if p else b"" for p, n in places)
                 )
-            line = b" ".join([b"f", *corners])
-        lines.append(line)
+            lines.append(b" ".join([b"f", *corners]))
+        else:
+            lines.append(line)
     return b"\n".join(lines) + b"\n"
 
 
@@ -197,7 +215,7 @@ def _loaded(data: bytes, kind: str, files: FolderFiles, where: str) -> list[Any]
     logger = logging.getLogger("trimesh")
     quiet, logger.disabled = logger.disabled, True
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=files, process=False)
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=cast(Any, files), process=False)
         return [m for m in scene.dump(concatenate=False) if isinstance(m, trimesh.Trimesh) and len(m.faces)]
     except Exception as error:  # noqa: BLE001 (a damaged file makes its reader fail in any way)
         said = "; ".join(files.notes) or f"{type(error).__name__}: {_shown(error)}"

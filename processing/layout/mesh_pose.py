@@ -23,6 +23,7 @@ FAR = 1.3
 """Mean difference of the sizes' logarithms to the usual ones from which a unit is not believed (3.7 times)."""
 MOST_UNEVEN = 1.6
 OFTEN_WIDE = ("sofa", "tv", "tv stand", "desk", "wardrobe", "bookshelf", "chest")
+LONG = ("single bed", "bed")
 BACKED = ("sofa", "armchair", "dining chair", "desk chair", "bed", "single bed", "king bed")
 """Kinds whose upper part stands at their back."""
 
@@ -82,7 +83,7 @@ _STAND = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 
 def _misfit(extent: Points, size: Size) -> float:
     """Return how unlike two boxes' proportions are, 0 for alike."""
-    ratio = np.log(np.maximum(extent, 1e-12) / np.array(size))
+    ratio = np.log(np.maximum(extent, 1e-3 * extent.max()) / np.array(size))
     return float(np.ptp(ratio))
 
 
@@ -100,29 +101,30 @@ def _up(extent: Points, category: str, given: Given, notes: list[str]) -> str:
 def _front_turn(standing: Points, category: str, given: Given, notes: list[str]) -> Points:
     """Return the turn about z (quarter steps) that brings the front to +y."""
     if given.front is not None:
-        return _quarter({"+z": 0, "+x": 1, "-z": 2, "-x": 3}[given.front])
-    steps = 0
-    extent = np.ptp(standing, axis=0)
-    size = given.size_m
-    if size is not None and size[0] != size[1]:
-        across = _misfit(extent[[1, 0, 2]], size) + 0.05 < _misfit(extent, size)
+        return _quarter({"+z": 0, "-x": 1, "-z": 2, "+x": 3}[given.front])
+    across = _across(np.ptp(standing, axis=0), category, given)
+    back = _backward(standing) if category in BACKED else None
+    if back is not None and (across is None or (back % 2 == 1) == across):
+        steps = back
     else:
-        across = category in OFTEN_WIDE and extent[0] < 0.72 * extent[1]
-    if category in BACKED:
-        back = _backward(standing)
-        if back is not None and (back % 2 == 1) == across:
-            steps = back
-        elif back is not None and not across:
-            steps = 0 if back % 2 else back
-        else:
-            steps = 1 if across else 0
-    elif across:
-        steps = 1
+        steps = 1 if across else 0
     if steps:
         notes.append(f"turned by {90 * steps} degrees: its front was guessed from its shape")
-    elif category not in BACKED:
+    elif back is None:
         notes.append("its front is taken to be the format's usual one")
     return _quarter(steps)
+
+
+def _across(extent: Points, category: str, given: Given) -> bool | None:
+    """Return whether its width lies along y, from its proportions; None where they do not tell."""
+    if given.size_m is not None:
+        turned, straight = _misfit(extent[[1, 0, 2]], given.size_m), _misfit(extent, given.size_m)
+        return None if abs(turned - straight) < 0.05 else turned < straight
+    wide = category in OFTEN_WIDE
+    if not wide and category not in LONG:
+        return None
+    ratio = extent[0] / max(extent[1], 1e-12) if wide else extent[1] / max(extent[0], 1e-12)
+    return None if 0.75 < ratio < 1.3 else bool(ratio <= 0.75)
 
 
 def _backward(standing: Points) -> int | None:
@@ -163,15 +165,16 @@ def _scale(extent: Points, category: str, given: Given, notes: list[str]) -> Poi
         return each * mean
     if given.unit is not None:
         return each * UNITS[given.unit]
-    size = np.array(usual_size(category))
-    off = {name: float(np.abs(np.log(np.maximum(extent, 1e-12) * unit / size)).mean()) for name, unit in UNITS.items()}
+    thick = extent > 1e-3 * extent.max()
+    ratio = np.log(extent[thick] / np.array(usual_size(category))[thick])
+    off = {name: float(np.abs(ratio + np.log(unit)).mean()) for name, unit in UNITS.items()}
     best = min(("m", "cm", "mm", "in"), key=lambda name: off[name])
     best = "m" if off["m"] < FAR else best
     if off[best] < FAR:
         if best != "m":
             notes.append(f"taken to be in {best}, from its size")
         return each * UNITS[best]
-    scale = float(np.exp(np.mean(np.log(size / np.maximum(extent, 1e-12)))))
+    scale = float(np.exp(-ratio.mean()))
     usual = category if category != "other" else "size"
     notes.append(f"its unit could not be told: scaled by {scale:.4g} to a usual {usual}")
     return each * scale

@@ -1,4 +1,4 @@
-"""Loaded triangles made sound: no values that are no numbers, no faces without area, winding outward where it can be told."""
+"""Loaded triangles made sound: values that are numbers, faces with an area, winding outward where it can be told."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Sound:
 
 def repaired(part: RawPart, scale: float) -> Sound | None:
     """Return a sound copy of a part, or None where nothing is left; `scale` is the whole model's extent."""
-    finite = np.isfinite(part.vertices).all(axis=1) & (np.abs(part.vertices) < 1e12).all(axis=1)
-    keep = finite[part.faces].all(axis=1)
+    finite: Flags = np.all(np.isfinite(part.vertices) & (np.abs(part.vertices) < 1e12), axis=1)
+    keep: Flags = np.all(finite[part.faces], axis=1)
     faces, uv = part.faces[keep], None if part.uv is None else part.uv[part.faces[keep]]
     vertices = np.where(finite[:, None], part.vertices, 0.0)
     lost = int((~keep).sum())
@@ -63,7 +63,7 @@ def _merged(vertices: Points, step: float) -> tuple[Points, Corners]:
 
 
 def _winding(vertices: Points, faces: Corners) -> tuple[Flags, bool]:
-    """Return which faces to turn so that neighbours agree and closed bodies wind outward, and whether all are closed."""
+    """Return which faces to turn so that neighbours agree and closed bodies wind outward, and if all are closed."""
     count = len(faces)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     owner = np.tile(np.arange(count), 3)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -68,7 +69,7 @@ def write_arrangement(path: Path, arrangement: Arrangement, catalogue: Catalogue
 def _write(path: Path, groups: Sequence[tuple[str, Sequence[Part]]], models: Sequence[FurnitureModel]) -> None:
     import trimesh
 
-    scene = trimesh.Scene()
+    scene: Any = trimesh.Scene()
     for name, parts in groups:
         for number, part in enumerate(parts):
             label = f"{name}.{number}".replace("/", "_")
@@ -78,12 +79,13 @@ def _write(path: Path, groups: Sequence[tuple[str, Sequence[Part]]], models: Seq
     path.write_bytes(scene.export(file_type="glb"))
 
 
-def _trimesh(part: Part) -> object:
+def _trimesh(part: Part) -> Any:
     import trimesh
 
+    visuals: Any = trimesh.visual
     m = part.material
     picture = None if m.texture is None else Image.fromarray(m.texture)
-    look = trimesh.visual.material.PBRMaterial(
+    look = visuals.material.PBRMaterial(
         name=m.name,
         baseColorFactor=[*(float(c) for c in m.base_colour), float(m.opacity)],
         baseColorTexture=picture,
@@ -93,7 +95,7 @@ def _trimesh(part: Part) -> object:
         alphaMode="BLEND" if m.opacity < 1 else "OPAQUE",
     )
     uv = part.texture_coordinates()
-    visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(part.vertices), 2)) if uv is None else uv, material=look)
+    visual = visuals.TextureVisuals(uv=np.zeros((len(part.vertices), 2)) if uv is None else uv, material=look)
     return trimesh.Trimesh(
         vertices=y_up(part.vertices), faces=part.faces, vertex_normals=y_up(part.normals), visual=visual, process=False
     )

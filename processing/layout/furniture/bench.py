@@ -27,7 +27,7 @@ class Bench:
         self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Points | None = None,
         crease_rad: float = float(CREASE_RAD),
     ) -> None:  # fmt: skip
-        """Add a body; the texture's v runs along axis `grain` of the body as it was made, or `uv` (m, 3, 2) is taken."""
+        """Add a body; its texture's v runs along axis `grain` of it as it was made, or `uv` (m, 3, 2) is taken."""
         for one in [body] if isinstance(body, Solid) else body:
             place = uv
             if place is None and material.texture is not None:

@@ -51,7 +51,7 @@ BUILT_IN: dict[str, Kind] = {
 
 
 def checked_size(category: str, size_m: Size | None) -> Size:
-    """Return a size within the kind's limits, its usual one for None; raise `CatalogueError` naming what does not fit."""
+    """Return a size within the kind's limits, its usual one for None; raise `CatalogueError` for others."""
     kind = BUILT_IN[category]
     size = KINDS[category].size_m if size_m is None else size_m
     rows = zip(("wide", "deep", "high"), size, kind.smallest_m, kind.largest_m, strict=True)

@@ -37,8 +37,8 @@ def dining_chair(b: Bench) -> None:
         b.add(
             leg((side * (x - 0.017), y - 0.02, 0.0), (side * (x - 0.032), y - 0.05, seat - 0.02), 0.012, 0.021), timber
         )
-        b.block((side * (x - 0.032) - 0.009, -y + 0.08, seat - 0.085), (side * (x - 0.032) + 0.009, y - 0.055, seat - 0.03),
-                timber, grain=1)  # fmt: skip
+        rail = side * (x - 0.032)
+        b.block((rail - 0.009, -y + 0.08, seat - 0.085), (rail + 0.009, y - 0.055, seat - 0.03), timber, grain=1)
     for yy in (-y + 0.075, y - 0.05):
         b.block((-x + 0.035, yy - 0.009, seat - 0.085), (x - 0.035, yy + 0.009, seat - 0.03), timber, grain=0)
     b.add(_seat(w, d, seat), b.style.fabric)
@@ -99,8 +99,8 @@ def desk_chair(b: Bench) -> None:
     seat = min(0.47, 0.5 * h)
     r = min(x, y) / max(abs(math.cos(math.radians(18))), 0.9)
     _star(b, r)
-    b.add(turned_piece([(0, 0.07), (0.032, 0.07), (0.030, 0.16), (0.026, 0.165), (0.026, seat - 0.18), (0, seat - 0.18)], 20),
-          BLACK)  # fmt: skip
+    sleeve = [(0, 0.07), (0.032, 0.07), (0.030, 0.16), (0.026, 0.165), (0.026, seat - 0.18), (0, seat - 0.18)]
+    b.add(turned_piece(sleeve, 20), BLACK)
     b.add(turned_piece([(0, 0.16), (0.015, 0.16), (0.015, seat - 0.075), (0, seat - 0.075)], 16), b.style.metal)
     b.block((-0.09, -0.11, seat - 0.095), (0.09, 0.11, seat - 0.055), BLACK, bevel_m=0.012, steps=2)
     sx, front = 0.43 * w, 0.86 * y

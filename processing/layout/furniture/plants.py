@@ -49,7 +49,8 @@ def _pot(b: Bench, r: float, tall: float) -> None:
     wall = 0.011
     soil = 0.88 * tall
     profile = [(0, 0), (0.72 * r, 0), (0.76 * r, 0.012), (r - 0.004, tall - 0.03), (r, tall - 0.028), (r, tall - 0.004),
-               (r - 0.004, tall), (r - wall + 0.003, tall), (r - wall, tall - 0.004), (r - 1.6 * wall, soil - 0.02), (0, soil - 0.02)]  # fmt: skip
+               (r - 0.004, tall), (r - wall + 0.003, tall), (r - wall, tall - 0.004), (r - 1.6 * wall, soil - 0.02),
+                (0, soil - 0.02)]  # fmt: skip
     b.add(turned_piece(profile, 48), b.style.pot)
     inner = r - 1.7 * wall
     heap = [circle(inner, 32, soil - 0.03), circle(inner, 32, soil - 0.004), circle(0.6 * inner, 32, soil + 0.006)]

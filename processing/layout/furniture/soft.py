@@ -55,7 +55,7 @@ def cushion(
         return body
     crown = min(crown_m, 0.35 * thick_m / 2)
     inset, radius = 0.012 + 0.29 * edge, 0.75 * edge
-    ring = _dense(rounded_rectangle(2 * (w - inset), 2 * (d - inset), radius, steps=5), 0.12)
+    ring = _dense(rounded_rectangle(2 * (w - inset), 2 * (d - inset), radius, steps=4), 0.18)
     seams = [
         tube(ring + np.array([0, 0, z]), piping_m, 5, closed=True)
         for z in (crown + 0.29 * edge, thick_m - crown - 0.29 * edge)
@@ -81,7 +81,8 @@ def sheets(upper: Points, lower: Points) -> Solid:
     top = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     bottom = top[:, ::-1] + m * n
     border = np.concatenate([
-        np.arange(m - 1) * n, (m - 1) * n + np.arange(n - 1), np.arange(m - 1, 0, -1) * n + n - 1, np.arange(n - 1, 0, -1),
+        np.arange(m - 1) * n, (m - 1) * n + np.arange(n - 1), np.arange(m - 1, 0, -1) * n + n - 1,
+        np.arange(n - 1, 0, -1),
     ])  # fmt: skip
     after = np.roll(border, -1)
     rim = np.concatenate([
@@ -93,7 +94,7 @@ def sheets(upper: Points, lower: Points) -> Solid:
 def pillow(
     width_m: float, height_m: float, thick_m: float, *, seed: int = 0, grid: int = 13, ears: float = 0.07
 ) -> Solid:
-    """Return a pillow lying around the origin, x its width, y its height: two sheets sewn at the rim, ears at corners."""
+    """Return a pillow lying around the origin, x its width, y its height: two sheets sewn at the rim, with ears."""
     s = np.sin(np.pi / 2 * np.linspace(-1, 1, grid))
     u, v = np.meshgrid(s, s, indexing="ij")
     x = width_m / 2 * u * (1 - ears * (1 - np.abs(v) ** 2) * np.abs(u) ** 3)

@@ -68,7 +68,8 @@ NICKEL = Material("nickel", (0.62, 0.60, 0.57), 0.30, 1.0)
 def _oak() -> Style:
     oak = _wood("oak", (0.50, 0.335, 0.185))
     return Style(
-        "oak", oak, oak, oak, _cloth("linen, natural", (0.56, 0.51, 0.43)), _boucle("boucle, cream", (0.68, 0.63, 0.55)),
+        "oak", oak, oak, oak, _cloth("linen, natural", (0.56, 0.51, 0.43)),
+        _boucle("boucle, cream", (0.68, 0.63, 0.55)),
         _cloth("linen, sage", (0.24, 0.28, 0.19)), _cloth("cotton, white", (0.80, 0.79, 0.76), 0.35), BLACK_STEEL,
         "round", "knob", "slats", ((0.62, 0.57, 0.48), (0.36, 0.33, 0.26), (0.20, 0.20, 0.16)),
         Material("clay", (0.46, 0.24, 0.14), 0.8),

@@ -79,7 +79,7 @@ def crosses(vertices: Points, faces: Corners) -> Points:
 
 
 def corner_normals(vertices: Points, faces: Corners, crease_rad: float = CREASE_RAD) -> Points:
-    """Return (m, 3, 3): each corner's normal, the area-weighted mean of those faces around it that turn less than a crease."""
+    """Return (m, 3, 3): each corner's normal, the area-weighted mean of the faces around it within a crease."""
     cross = crosses(vertices, faces)
     unit = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
     corner_vertex = faces.ravel()
@@ -100,7 +100,7 @@ def corner_normals(vertices: Points, faces: Corners, crease_rad: float = CREASE_
 
 
 def box_uv(rest: Points, faces: Corners, grain: int) -> Points:
-    """Return (m, 3, 2): the corners' places in metres, seen along the axis each face looks to; v runs along the grain."""
+    """Return (m, 3, 2): the corners' places in metres, seen along the axis each face looks to; v is the grain."""
     facing = np.argmax(np.abs(crosses(rest, faces)) + np.array([3e-12, 2e-12, 1e-12]), axis=1)
     others = np.array([[a for a in range(3) if a != f] for f in range(3)])[facing]
     swap = others[:, 0] == grain

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from processing.layout.furniture.model import Bytes, Colour, srgb_of_linear
 
 Field = npt.NDArray[np.float64]
-SIDE = 512
+SIDE = 384
 WOOD_M = (0.40, 1.20)
 CLOTH_M = (0.16, 0.16)
 LEATHER_M = (0.30, 0.30)

@@ -16,7 +16,7 @@ Ids: TypeAlias = npt.NDArray[np.int32]
 def nearest_faces(
     points: Reals, faces: Ids, rows: int, columns: int
 ) -> tuple[Reals, Ids]:  # pragma: no cover (compiled)
-    """Return (rows, columns) depth (inf: none) and face (-1: none) of triangles whose points are (x, y, depth) in pixels.
+    """Return (rows, columns) depth (inf: none) and face (-1: none) of triangles; points are (x, y, depth) in pixels.
 
     Depth is interpolated linearly in the picture, which is right where it is a distance along parallel rays or the
     negative inverse of one along a pinhole's axis.

@@ -1,0 +1,150 @@
+"""Every built-in model in its smallest, usual and largest size: sound, exact, facing +y."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from processing.errors import CatalogueError, ItemError
+from processing.layout.catalogue import Catalogue
+from processing.layout.furniture.builtin import BUILT_IN, build_model
+from processing.layout.furniture.model import FurnitureModel
+from processing.layout.furniture.styles import STYLES
+from processing.layout.furniture.surface import signed_volume_m3
+from processing.layout.furniture.textures import noise, wood
+from processing.layout.item_table import KINDS
+from processing.layout.items import ItemSpec
+from processing.layout.mesh_files import RawPart
+from processing.layout.mesh_repair import repaired
+
+MOST_TRIANGLES = 20_000
+
+
+def assert_sound(model: FurnitureModel) -> None:
+    low, high = model.bounds()
+    np.testing.assert_allclose(high - low, model.size_m, atol=1e-3)
+    np.testing.assert_allclose((low + high)[:2] / 2, 0.0, atol=1e-3)
+    assert abs(low[2]) < 1e-3, "stands on the floor"
+    assert 100 < model.triangles <= MOST_TRIANGLES
+    for part in model.parts:
+        assert np.isfinite(part.vertices).all()
+        np.testing.assert_allclose(np.linalg.norm(part.normals, axis=1), 1.0, atol=1e-4)
+        assert part.faces.min() >= 0
+        assert part.faces.max() < len(part.vertices)
+        assert signed_volume_m3(part.vertices.astype(np.float64), part.faces.astype(np.int64)) > 0, part.material.name
+        assert_closed(part.vertices, part.faces, part.material.name)
+        assert (part.uv is not None) == (part.material.texture is not None)
+        assert all(0 <= c <= 0.9 for c in part.material.albedo), "no surface gives back more light than it gets"
+
+
+def assert_closed(vertices: np.ndarray, faces: np.ndarray, name: str) -> None:
+    """Each directed edge has its opposite, positions that coincide to 10 um being one."""
+    key = np.rint(vertices * 1e5).astype(np.int64)
+    mixed = key[:, 0] * 4_000_037 + key[:, 1] * 2_000_003_000_017 + key[:, 2]
+    place = np.unique(mixed, return_inverse=True)[1][faces]
+    edges = np.concatenate([place[:, [0, 1]], place[:, [1, 2]], place[:, [2, 0]]])
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    n = len(vertices)
+    assert np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0])), name
+
+
+@pytest.mark.parametrize("category", sorted(BUILT_IN))
+def test_model_is_sound_in_every_size(category: str) -> None:
+    kind = BUILT_IN[category]
+    first = sorted(BUILT_IN).index(category)
+    styles = [list(STYLES)[(first + k) % 4] for k in range(3)]
+    for style, size in zip(styles, (None, kind.smallest_m, kind.largest_m), strict=True):
+        model = build_model(category, style, size)
+        assert model.size_m == (size or KINDS[category].size_m)
+        assert_sound(model)
+
+
+def test_every_kind_of_the_item_table_has_a_model() -> None:
+    assert set(BUILT_IN) == set(KINDS)
+    for category, kind in BUILT_IN.items():
+        usual = KINDS[category].size_m
+        assert all(a <= v <= b for a, v, b in zip(kind.smallest_m, usual, kind.largest_m, strict=True)), category
+
+
+@pytest.mark.parametrize("category", ["sofa", "armchair", "dining chair", "desk chair", "bed"])
+def test_backs_are_at_the_back(category: str) -> None:
+    model = build_model(category, "oak")
+    points = np.concatenate([p.vertices for p in model.parts])
+    upper = points[points[:, 2] > 0.85 * model.size_m[2]]
+    assert upper[:, 1].mean() < -0.1 * model.size_m[1]
+
+
+@pytest.mark.parametrize("category", ["chest", "wardrobe", "nightstand"])
+def test_handles_are_at_the_front(category: str) -> None:
+    model = build_model(category, "walnut")
+    metal = [p for p in model.parts if p.material.metallic == 1]
+    points = np.concatenate([p.vertices for p in metal])
+    assert points[:, 1].max() > 0.99 * model.size_m[1] / 2
+    assert points[points[:, 2] > 0.5 * model.size_m[2]][:, 1].min() > 0.3 * model.size_m[1]
+
+
+def test_legs_keep_their_thickness_when_a_table_grows() -> None:
+    def leg_width(size: tuple[float, float, float]) -> float:
+        model = build_model("dining table", "white", size)
+        points = np.concatenate([p.vertices for p in model.parts if p.material.texture is None])
+        foot = points[(points[:, 2] < 0.02) & (points[:, 0] > 0) & (points[:, 1] > 0)]
+        return float(np.ptp(foot[:, 0]))
+
+    assert leg_width((1.0, 0.7, 0.74)) == pytest.approx(leg_width((2.4, 1.1, 0.74)), rel=0.02)
+
+
+def test_same_arguments_give_the_same_triangles_and_styles_differ() -> None:
+    build_model.cache_clear()
+    one = build_model("plant", "oak", (0.5, 0.5, 1.0))
+    build_model.cache_clear()
+    two = build_model("plant", "oak", (0.5, 0.5, 1.0))
+    for a, b in zip(one.parts, two.parts, strict=True):
+        assert np.array_equal(a.vertices, b.vertices)
+    colours = {build_model("chest", style).parts[0].material.albedo for style in STYLES}
+    assert len(colours) == len(STYLES)
+
+
+def test_textures_repeat_without_a_seam_and_keep_their_mean_colour() -> None:
+    field = noise((128, 128), (20, 20), 1)
+    inside = np.abs(np.diff(field, axis=0)).mean()
+    assert np.abs(field[0] - field[-1]).mean() < 1.5 * inside
+    picture = wood((0.5, 0.335, 0.185))
+    from processing.layout.furniture.model import linear_of_srgb
+
+    np.testing.assert_allclose(linear_of_srgb(picture).mean(axis=(0, 1)), (0.5, 0.335, 0.185), rtol=0.02)
+
+
+def test_catalogue_answers_for_names_sizes_and_limits() -> None:
+    catalogue = Catalogue.builtin("walnut")
+    assert len(catalogue.entries) == len(BUILT_IN)
+    assert catalogue.mesh("coffee-table").category == "coffee table"
+    entry = catalogue.entry("bed/walnut")
+    assert entry.zones == KINDS["bed"].zones
+    spec = entry.item_spec()
+    assert isinstance(spec, ItemSpec)
+    assert spec.model == "bed/walnut"
+    with pytest.raises(CatalogueError, match="0.9 to 2 m wide"):
+        catalogue.mesh("desk", (3.0, 0.6, 0.74))
+    with pytest.raises(CatalogueError, match="nearest: sofa/walnut"):
+        catalogue.mesh("sofaa/walnut")
+    with pytest.raises(ItemError, match="there are: oak"):
+        Catalogue.builtin("baroque")
+
+
+def test_choose_is_seeded_and_keeps_the_limits() -> None:
+    catalogue = Catalogue.builtin()
+    drawn = {catalogue.choose("sofa", seed=seed).model_id for seed in range(12)}
+    assert len(drawn) > 1
+    assert catalogue.choose("sofa", seed=3) == catalogue.choose("sofa", seed=3)
+    with pytest.raises(CatalogueError, match="none of 4 models"):
+        catalogue.choose("sofa", largest_m=(1.0, 1.0, 1.0))
+    with pytest.raises(CatalogueError, match="no harp here"):
+        catalogue.choose("harp")
+
+
+def test_repair_finds_nothing_to_repair_in_our_own() -> None:
+    """The loader's repair and the builder agree on what outward is."""
+    part = build_model("nightstand", "oak").parts[0]
+    sound = repaired(RawPart(part.vertices.astype(float), part.faces.astype(np.int64), None, part.material), 1.0)
+    assert sound is not None
+    assert sound.turned == 0
