@@ -159,7 +159,7 @@ STAGES: tuple[Stage, ...] = (
         version=1,
         title="write the report",
         function="processing.report.stage:run",
-        needs=("verify", "merge", "calibrate"),
+        needs=("verify", "merge", "calibrate", "room"),
         reads=("name", "site", "frames", "devices"),
         makes=(Artifact("page", "file", file_name="index.html"),),
     ),

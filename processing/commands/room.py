@@ -17,11 +17,27 @@ ROOM_FILE = "room.json"
 
 @click.command()
 @click.argument("session", type=click.Path(path_type=Path))
-@click.option("--edit", is_flag=True, help="Open SESSION/room.json in $EDITOR; made where it is missing.")
+@click.option(
+    "--edit", is_flag=True, help="Open SESSION/room.json in $EDITOR; where it is missing, the estimated room."
+)
 @click.option("--from", "start", type=click.Path(path_type=Path), help="With --edit: begin with this room.")
+@click.option(
+    "--import", "imported", type=click.Choice(["zind", "led2net", "horizonnet"]),
+    help="With --from: its file is a layout in this format (led2net: PanoAnnotator's, too).",
+)  # fmt: skip
+@click.option("--panorama", help="With --import zind: which picture's room.")
 @click.option("--check", type=click.Path(path_type=Path), help="Say all that is wrong with a room's file.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
-def room(session: Path, *, edit: bool, start: Path | None, check: Path | None, as_json: bool) -> int:
+def room(
+    session: Path,
+    *,
+    edit: bool,
+    start: Path | None,
+    imported: str | None,
+    panorama: str | None,
+    check: Path | None,
+    as_json: bool,
+) -> int:
     """Correct the room of SESSION by hand: floor corners, heights, windows and doors, in metres, as JSON.
 
     Wall i runs from corner i to corner i + 1; corners run counter-clockwise seen from above; the camera stands at
@@ -30,6 +46,7 @@ def room(session: Path, *, edit: bool, start: Path | None, check: Path | None, a
     \b
     Examples:
       daylit room sessions/2023-05-19T1554Z_coda-320 --edit
+      daylit room sessions/2023-05-19T1554Z_coda-320 --edit --import zind --from zind_data.json --panorama pano_15
       daylit room sessions/2023-05-19T1554Z_coda-320 --check room.json --json
     Exit code: 0 the room can be used · 1 something is wrong with it.
     """
@@ -38,29 +55,47 @@ def room(session: Path, *, edit: bool, start: Path | None, check: Path | None, a
 
     if edit == (check is not None) or (start and not edit):
         raise ParameterError("give either --edit (with --from if wanted) or --check FILE")
+    if (imported and not start) or (panorama and not imported):
+        raise ParameterError("--import needs --from FILE, and --panorama needs --import")
     manifest = load_manifest(session)
     path = check or session / ROOM_FILE
     if edit:
-        _prepare(path, start, manifest.camera_height_m)
+        begin = _beginning(session, start, (imported, panorama), manifest.camera_height_m)
+        _prepare(path, start, begin)
         if sys.stdin.isatty() and sys.stdout.isatty() and not as_json:
             click.edit(filename=str(path))
     return _tell(path, as_json=as_json)
 
 
-def _prepare(path: Path, start: Path | None, camera_height_m: float) -> None:
-    """Put a room to edit in its place: the one given, the one there, or a rectangle."""
-    from processing.errors import ParameterError
+def _beginning(
+    session: Path, start: Path | None, imported: tuple[str | None, str | None], camera_height_m: float
+) -> RoomModel:
+    """Return the room to begin with: the one given, the one that the stage room has told, or a rectangle."""
     from processing.room.model import starter_room
-    from processing.room.model_file import read_room, write_room
+    from processing.room.model_file import read_room
+
+    layout_format, panorama = imported
+    if start and layout_format:
+        from processing.room.readers import read_layout
+
+        return read_layout(start, layout_format, camera_height_m=camera_height_m, panorama=panorama)  # type: ignore[arg-type]
+    if start:
+        return read_room(start)
+    told = session / "stages" / "room" / ROOM_FILE
+    return read_room(told) if told.exists() else starter_room(camera_height_m)
+
+
+def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
+    """Put a room to edit in its place, unless there is one already."""
+    from processing.errors import ParameterError
+    from processing.room.model_file import write_room
 
     if start and path.exists() and start.resolve() != path.resolve():
         raise ParameterError(
             "--from: there is a room already", where=str(path), advice="move it away, or leave out --from"
         )
-    if start:
-        write_room(path, read_room(start))
-    elif not path.exists():
-        write_room(path, starter_room(camera_height_m))
+    if start or not path.exists():
+        write_room(path, begin)
 
 
 def _tell(path: Path, *, as_json: bool) -> int:

@@ -6,6 +6,7 @@ Colours of the channels are told apart by line style, too. No plot touches matpl
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -167,6 +168,30 @@ def _empty_figure(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in), dpi=100, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def plan_plot(
+    floor_m: Sequence[tuple[float, float]],
+    openings: Sequence[tuple[str, tuple[float, float], tuple[float, float]]] = (),
+) -> bytes:
+    """Return an SVG of a floor plan seen from above: walls by number, openings by kind, the camera at (0, 0)."""
+    figure, axes = _figure(5.2)
+    corners = [*floor_m, floor_m[0]]
+    axes.plot([x for x, _ in corners], [y for _, y in corners], color="#343a40", linewidth=2.5)
+    for wall, ((x0, y0), (x1, y1)) in enumerate(itertools.pairwise(corners)):
+        axes.annotate(str(wall), ((x0 + x1) / 2, (y0 + y1) / 2), fontsize=8, color="#868e96")
+    colours = {"window": "#1c7ed6", "door": "#e8590c", "passage": "#9c36b5"}
+    for kind in colours:
+        ends = [(a, b) for name, a, b in openings if name == kind]
+        for k, (a, b) in enumerate(ends):
+            label = kind if k == 0 else None
+            axes.plot([a[0], b[0]], [a[1], b[1]], color=colours[kind], linewidth=5, solid_capstyle="butt", label=label)
+    axes.plot([0], [0], "^", color="#2b8a3e", label="camera")
+    axes.set_aspect("equal")
+    axes.set_xlabel("m to the right")
+    axes.set_ylabel("m ahead")
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return _svg(figure)
 
 
 def _figure(height_in: float = _SIZE_IN[1]) -> tuple[Figure, Any]:

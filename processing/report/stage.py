@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
@@ -9,10 +10,12 @@ from typing import Any
 from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
 from processing.report.page import write_page
+from processing.report.room_sections import room_section
+from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from station.session import SessionManifest, Side
 
-BEFORE = ("verify", "merge", "calibrate")
+BEFORE = ("verify", "merge", "calibrate", "room")
 """Stages that the report tells of; each of them is also in its row's ``needs``."""
 FILES = {
     ("merge", "indoor.exr"): "room before calibration, relative",
@@ -21,6 +24,9 @@ FILES = {
     ("calibrate", "indoor.exr"): "room in cd/m2, uncertainty, validity",
     ("calibrate", "outdoor.exr"): "sky in cd/m2, uncertainty, validity",
     ("calibrate", "calibration.json"): "scale factors, lens, north, sun, illuminances",
+    ("room", "panorama.exr"): "the panorama made upright",
+    ("room", "room.json"): "floor, heights, windows and doors; to be corrected by daylit room --edit",
+    ("room", "evidence.npz"): "what the pixels show, and the boundaries",
 }
 
 
@@ -98,6 +104,7 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     if sky is not None:
         found.append(outdoor_section(sky, facts["outdoor"]))
     found.append(light_section(facts))
+    found += _room(context)
     for side in Side:
         if side.value in response:
             frames = [frame for frame in context.session.frames if frame.side is side and frame.format == "jpeg"]
@@ -105,6 +112,16 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
                 camera_section(side, response[side.value], metrics[side.value], (context.session_path, frames))
             )
     return tuple(found)
+
+
+def _room(context: StageContext) -> list[Section]:
+    room = context.optional_artifact("room", "room")
+    if room is None:
+        return []
+    upright = context.optional_artifact("room", "panorama")
+    image = context.artifact("calibrate", "indoor") if upright is None else upright
+    told = context.summary("room")
+    return [room_section(image, RoomModel.model_validate_json(json.dumps(room)), told["metrics"], told["left_out"])]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

@@ -1,0 +1,103 @@
+"""Section of the report on the room: its layout on the panorama, its plan, and how sure each part is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.images import LuminanceImage
+from processing.picture_preview import jpeg_bytes, preview_rgb8
+from processing.report.data import Picture, Quantity, Section, Table
+from processing.report.plots import plan_plot
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import plane_map, surface_maps
+
+Bytes = npt.NDArray[np.uint8]
+
+WIDTH_PX = 1200
+EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
+
+
+def room_section(
+    image: LuminanceImage, room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]
+) -> Section:
+    """Return the room as it was told or given; ``facts`` are the stage's metrics."""
+    area = _area_m2(room)
+    quantities = [
+        Quantity("Floor", area, "m2"),
+        Quantity(
+            "Ceiling's height", room.ceiling_height_m, "m", note=f"camera at {room.camera_height_m:g} m: the scale"
+        ),
+        Quantity("Confidence", room.confidence, "", note="estimated probability of a 3D IoU of 0.85 or more"),
+    ]
+    if "tilt_deg" in facts:
+        quantities.append(Quantity("Tilt of the panorama", facts["tilt_deg"], "degrees", facts.get("tilt_sigma_deg")))
+    pictures = (
+        Picture("Layout", jpeg_bytes(drawn(image, room)), "panorama with the room's edges and openings", wide=True),
+        Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
+    )
+    told = "given by the user" if room.source == "given" else f"told from the panorama ({room.note})"
+    text = f"The room is {told}. Evidence: {facts.get('source', 'none')}."
+    return Section("Room's shape", text, tuple(quantities), pictures, _tables(room, facts, left_out))
+
+
+def drawn(image: LuminanceImage, room: RoomModel) -> Bytes:
+    """Return a small panorama with the edges of walls, floor and ceiling in green and openings' in orange."""
+    step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
+    rgb8 = preview_rgb8(image.rgb[step // 2 :: step, step // 2 :: step])
+    geometry = Equirectangular(rgb8.shape[1], rgb8.shape[0])
+    plane, opening = plane_map(room, geometry), surface_maps(room, geometry).opening
+    out = rgb8.copy()
+    out[_edges(opening)] = OPENING_RGB
+    out[_edges(plane)] = EDGE_RGB
+    return out
+
+
+def _edges(labels: npt.NDArray[np.int16]) -> npt.NDArray[np.bool_]:
+    edge = labels != np.roll(labels, 1, axis=1)
+    edge[1:] |= labels[1:] != labels[:-1]
+    return np.asarray(edge)
+
+
+def _tables(room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]) -> tuple[Table, ...]:
+    sure = facts.get("wall_confidences", [])
+    walls = tuple(
+        (f"wall {i}", f"{room.wall_length_m(i):.2f} m", f"{sure[i]:.2f}" if i < len(sure) else "-")
+        for i in range(len(room.floor))
+    )
+    openings = tuple(
+        (
+            o.kind.value,
+            f"wall {o.wall}",
+            f"{o.start_m:.2f} to {o.end_m:.2f} m",
+            f"{o.sill_m:.2f} to {o.head_m:.2f} m",
+            f"{o.confidence:.2f}",
+        )
+        for o in room.openings
+    )
+    found = [Table("Walls", ("wall", "length", "confidence"), walls)]
+    if openings:
+        found.append(Table("Openings", ("kind", "wall", "along it", "height", "confidence"), openings))
+    if left_out:
+        found.append(Table("Not done", ("what", "why"), tuple((str(k), str(v)) for k, v in left_out.items())))
+    return tuple(found)
+
+
+def _ends(room: RoomModel, opening: int) -> tuple[str, tuple[float, float], tuple[float, float]]:
+    """Return an opening's kind and its ends in the plan."""
+    one = room.openings[opening]
+    (x0, y0), (x1, y1) = room.floor[one.wall], room.floor[(one.wall + 1) % len(room.floor)]
+    length = max(math.dist((x0, y0), (x1, y1)), 1e-9)
+    a, b = ((x0 + (x1 - x0) * s / length, y0 + (y1 - y0) * s / length) for s in (one.start_m, one.end_m))
+    return one.kind.value, a, b
+
+
+def _area_m2(room: RoomModel) -> float:
+    corners = np.array(room.floor)
+    following = np.roll(corners, -1, axis=0)
+    return float((corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum() / 2)
