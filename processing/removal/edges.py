@@ -124,12 +124,14 @@ def _tiles(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
 def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS) -> Floats:
     """Return ``values`` (h, w) smoothed along a colour guide (h, w, 3): linear in its colours within each window."""
 
-    def mean(picture: Floats) -> Floats:
+    def mean(picture: npt.NDArray[np.floating]) -> Floats:
         side = 2 * radius_px + 1
-        return np.asarray(cv2.boxFilter(picture, -1, (side, side), borderType=cv2.BORDER_REFLECT), np.float32)
+        return np.asarray(
+            cv2.boxFilter(np.asarray(picture, np.float32), -1, (side, side), borderType=cv2.BORDER_REFLECT), np.float32
+        )
 
     colour, value = mean(guide), mean(values)
-    covariance = mean(np.asarray(guide * values[..., None], np.float32)) - colour * value[..., None]
+    covariance = mean(guide * values[..., None]) - colour * value[..., None]
     spread = np.empty((*values.shape, 3, 3), np.float32)
     for i in range(3):
         for j in range(i, 3):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -64,58 +65,52 @@ def _rows_beside(rows: int, step: int) -> list[tuple[int, int]]:
 
 
 def grown(mask: Flags, angle_rad: float) -> Flags:
-    """Return all places within an angle of a mask (H, W), on the sphere.
-
-    Up to a pixel: rows and columns are treated one after the other, so that the reach is a lens, not a circle, which
-    differs by less than a tenth up to 0.2 rad.
-    """
-    rows = mask.shape[0]
-    if angle_rad <= 0 or not mask.any():
-        return mask.copy()
+    """Return all places within an angle of a mask (H, W), on the sphere: exact for the middles of pixels."""
+    rows, columns = mask.shape
     found = mask.copy()
-    step = math.pi / rows
-    reach = max(1, round(angle_rad / step))
+    if angle_rad <= 0 or not mask.any():
+        return found
+    latitude, step = row_latitudes(rows), math.pi / rows
+    reach = math.ceil(angle_rad / step)
+    padded, most = _round_sums(mask)
+    some = np.asarray(mask.any(axis=1), bool)
     for down in range(-reach, reach + 1):
-        rest = math.sqrt(max(angle_rad**2 - (down * step) ** 2, 0.0))
-        moved = _moved_rows(mask, down)
-        found |= _widened(moved, rest)
+        source = np.arange(max(0, -down), min(rows, rows - down))
+        source = source[some[source]]
+        if not source.size:
+            continue
+        half = _half_widths(latitude[source], latitude[source + down], angle_rad, columns)
+        seen = half >= 0
+        source, half = source[seen], half[seen]
+        middle = np.arange(columns)[None, :] + most
+        high = np.take_along_axis(padded[source], middle + half[:, None] + 1, axis=1)
+        found[source + down] |= high > np.take_along_axis(padded[source], middle - half[:, None], axis=1)
     return found
+
+
+def _round_sums(mask: Flags) -> tuple[Integers, int]:
+    """Return running sums along each row, continued half a turn beyond both ends, and by how many columns."""
+    columns = mask.shape[1]
+    most = columns // 2
+    part = mask.astype(np.int32)
+    wide = np.concatenate([part[:, columns - most :], part, part[:, :most]], axis=1)
+    sums = np.concatenate([np.zeros((len(mask), 1), np.int32), np.cumsum(wide, axis=1, dtype=np.int32)], axis=1)
+    return sums, most
+
+
+def _half_widths(here: Doubles, there: Doubles, angle_rad: float, columns: int) -> npt.NDArray[np.int64]:
+    """Return how many columns to either side lie within an angle, from latitudes to others; -1: none does."""
+    level = np.maximum(np.cos(here) * np.cos(there), 1e-12)
+    cosine = (math.cos(angle_rad) - np.sin(here) * np.sin(there)) / level
+    half = np.arccos(np.clip(cosine, -1, 1)) / (2 * math.pi / columns)
+    # Rounding must not take the place itself.
+    none = (cosine > 1 + 1e-9) & (np.abs(here - there) > angle_rad)
+    return np.where(none, -1, np.minimum(np.floor(half + 1e-9), columns // 2)).astype(np.int64)
 
 
 def shrunk(mask: Flags, angle_rad: float) -> Flags:
     """Return the places of a mask that are farther than an angle from everything outside it."""
     return ~grown(~mask, angle_rad)
-
-
-def _moved_rows(mask: Flags, down: int) -> Flags:
-    """Return the mask moved down by rows; what passes a pole comes down half way round."""
-    rows, columns = mask.shape
-    source = np.arange(rows) - down
-    inside = np.where(source < 0, -1 - source, np.where(source >= rows, 2 * rows - 1 - source, source))
-    moved = mask[np.clip(inside, 0, rows - 1)]
-    beyond = (source < 0) | (source >= rows)
-    if beyond.any():
-        moved[beyond] = np.roll(moved[beyond], columns // 2, axis=1)
-    return np.asarray(moved, bool)
-
-
-def _widened(mask: Flags, angle_rad: float) -> Flags:
-    """Return the mask widened along each row by an angle on the sphere, round the seam."""
-    rows, columns = mask.shape
-    cosine = np.maximum(np.cos(row_latitudes(rows)), 1e-9)
-    half = np.minimum(np.floor(angle_rad / cosine / (2 * math.pi / columns) + 0.5), columns // 2).astype(np.int64)
-    some = np.flatnonzero(mask.any(axis=1))
-    out = np.zeros_like(mask)
-    if not some.size:
-        return out
-    most = int(half[some].max())
-    part = mask[some].astype(np.int32)
-    padded = np.concatenate([part[:, columns - most :], part, part[:, :most]], axis=1) if most else part
-    sums = np.concatenate([np.zeros((len(some), 1), np.int64), np.cumsum(padded, axis=1)], axis=1)
-    middle = np.arange(columns)[None, :] + most
-    low, high = middle - half[some, None], middle + half[some, None] + 1
-    out[some] = np.take_along_axis(sums, high, axis=1) > np.take_along_axis(sums, low, axis=1)
-    return out
 
 
 def resized(values: Floats, shape: tuple[int, int]) -> Floats:
@@ -124,15 +119,24 @@ def resized(values: Floats, shape: tuple[int, int]) -> Floats:
     if (height, width) == shape:
         return np.asarray(values, dtype=np.float32)
     if shape[0] <= height and shape[1] <= width:
-        return np.asarray(cv2.resize(values, shape[::-1], interpolation=cv2.INTER_AREA), dtype=np.float32)
+        return _by_channel(values, lambda flat: cv2.resize(flat, shape[::-1], interpolation=cv2.INTER_AREA))
     pad = 2
     wide = np.concatenate([values[:, width - pad :], values, values[:, :pad]], axis=1)
     scale = shape[1] / width
     x = ((np.arange(shape[1]) + 0.5) / scale - 0.5 + pad).astype(np.float32)
     y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32)
     at_x, at_y = np.meshgrid(x, np.clip(y, 0, height - 1))
-    out = cv2.remap(wide, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(out.reshape(*shape, *values.shape[2:]), dtype=np.float32)
+    return _by_channel(
+        wide, lambda flat: cv2.remap(flat, at_x, at_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    )
+
+
+def _by_channel(values: Floats, change: Callable[[Floats], npt.ArrayLike]) -> Floats:
+    """Return a picture changed channel by channel: OpenCV takes no more than four at once everywhere."""
+    if values.ndim == 2:
+        return np.asarray(change(values), dtype=np.float32)
+    layers = [np.asarray(change(np.ascontiguousarray(values[..., k])), np.float32) for k in range(values.shape[2])]
+    return np.stack(layers, axis=-1)
 
 
 def smoothed(values: Floats, angle_rad: float) -> Floats:

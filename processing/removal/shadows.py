@@ -24,12 +24,12 @@ Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 
 PX_PER_M = 20.0
-CONTACT_M = 0.06
+CONTACT_M = 0.10
 FAR_M = 0.7
 """From furniture, where its shadow no longer counts as seen."""
-REACH_M = 1.0
+REACH_M = 0.8
 """How far a shadow is followed."""
-LEAST_STOPS = 0.2
+LEAST_STOPS = 0.3
 """Darker than without furniture."""
 NOISE_FACTOR = 2.0
 """Times the spread (robust standard deviation) of the light far from furniture."""

@@ -37,10 +37,11 @@ def detect_section(image: LuminanceImage, masks: Mapping[str, Flags], facts: Map
 
     ``masks``: by name, (H, W) each, those that were found; ``facts``: the stage's metrics.
     """
+    fitting = {name: mask for name, mask in masks.items() if mask.shape == image.rgb.shape[:2]}
     step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
     rows = slice(step // 2, None, step)
-    shown = tinted(preview_rgb8(image.rgb[rows, rows]), {name: mask[rows, rows] for name, mask in masks.items()})
-    shares = facts["shares"]
+    shown = tinted(preview_rgb8(image.rgb[rows, rows]), {name: mask[rows, rows] for name, mask in fitting.items()})
+    shares = facts.get("shares", {})
     quantities = [
         Quantity(text[0].upper() + text[1:], 100 * shares[name], "% of all directions")
         for name, text in _NAMES.items()
@@ -49,9 +50,13 @@ def detect_section(image: LuminanceImage, masks: Mapping[str, Flags], facts: Map
     tables = []
     if notes := facts.get("notes"):
         tables.append(Table("What was skipped, dropped or not found", ("note",), tuple((note,) for note in notes)))
-    views = f"; {facts['views_skipped']} views skipped" if facts.get("views_skipped") else ""
+    if "evidence" not in facts:
+        text = "Given by the user."
+    else:
+        text = f"Evidence: {facts['evidence']}"
+        text += f"; {facts['views_skipped']} views skipped." if facts["views_skipped"] else "."
     picture = Picture("What is to be removed", jpeg_bytes(shown), "panorama with tinted masks", wide=True)
-    return Section("Detection", f"Evidence: {facts['evidence']}{views}.", tuple(quantities), (picture,), tuple(tables))
+    return Section("Detection", text, tuple(quantities), (picture,), tuple(tables))
 
 
 def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:

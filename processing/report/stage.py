@@ -9,13 +9,14 @@ from typing import Any
 
 from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
+from processing.report.detect_sections import TINTS, detect_section
 from processing.report.page import write_page
 from processing.report.room_sections import room_section
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from station.session import SessionManifest, Side
 
-BEFORE = ("verify", "merge", "calibrate", "room")
+BEFORE = ("verify", "merge", "calibrate", "room", "detect")
 """Stages that the report tells of; each of them is also in its row's ``needs``."""
 FILES = {
     ("merge", "indoor.exr"): "room before calibration, relative",
@@ -27,6 +28,11 @@ FILES = {
     ("room", "panorama.exr"): "the panorama made upright",
     ("room", "room.json"): "floor, heights, windows and doors; to be corrected by daylit room --edit",
     ("room", "evidence.npz"): "what the pixels show, and the boundaries",
+    ("detect", "target.png"): "all that is to be removed; correct it in a drawing program, give it back by --mask",
+    ("detect", "furniture.png"): "furniture alone",
+    ("detect", "tripod.png"): "tripod and equipment alone",
+    ("detect", "sunlight.png"): "direct sunlight alone",
+    ("detect", "shadow.png"): "shadows of furniture alone",
 }
 
 
@@ -105,6 +111,7 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
         found.append(outdoor_section(sky, facts["outdoor"]))
     found.append(light_section(facts))
     found += _room(context)
+    found += _detect(context)
     for side in Side:
         if side.value in response:
             frames = [frame for frame in context.session.frames if frame.side is side and frame.format == "jpeg"]
@@ -122,6 +129,17 @@ def _room(context: StageContext) -> list[Section]:
     image = context.artifact("calibrate", "indoor") if upright is None else upright
     told = context.summary("room")
     return [room_section(image, RoomModel.model_validate_json(json.dumps(room)), told["metrics"], told["left_out"])]
+
+
+def _detect(context: StageContext) -> list[Section]:
+    target = context.optional_artifact("detect", "target")
+    if target is None:
+        return []
+    masks = {name: context.optional_artifact("detect", name) for name in TINTS} | {"target": target}
+    upright = context.optional_artifact("room", "panorama")
+    image = context.artifact("calibrate", "indoor") if upright is None else upright
+    there = {name: mask for name, mask in masks.items() if mask is not None}
+    return [detect_section(image, there, context.summary("detect")["metrics"])]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

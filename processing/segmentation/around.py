@@ -148,8 +148,9 @@ def _stitched(
     shape = (target.height_px, target.width_px)
     rest = np.full((*shape, len(SceneClass)), 1 / len(SceneClass), dtype=np.float32)
     if first is not None:
-        known = np.ascontiguousarray(first.probabilities.transpose(1, 2, 0))
-        rest = np.asarray(cv2.resize(known, shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+        # OpenCV resizes no more than four channels at once.
+        layers = [cv2.resize(one, shape[::-1], interpolation=cv2.INTER_LINEAR) for one in first.probabilities]
+        rest = np.stack(layers, axis=-1).astype(np.float32)
     if told:
         views = [_of_output(view, found) for view, found, _ in told]
         weights = [worth * _solid_angle_share(view) for view, (_, _, worth) in zip(views, told, strict=True)]

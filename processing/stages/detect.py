@@ -7,14 +7,18 @@ import math
 from datetime import datetime
 from typing import Any
 
+import numpy as np
+
 from processing.calibration.sun import Place, sun_place
 from processing.errors import ParameterError
 from processing.images import LuminanceImage
 from processing.removal.masks import Masks, find_masks
+from processing.removal.sun_geometry import sun_vector
 from processing.room.model import RoomModel
 from processing.segmentation.around import segment_around
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence_file import read_evidence
 from processing.segmentation.segmenters import open_segmenter
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.detect_parameters import DetectParameters
@@ -23,6 +27,13 @@ from station.session import FrameRecord, SessionManifest, Side
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 MUCH = 0.5
 """Share of the sphere that a target may cover before it is told."""
+
+
+def nothing_to_go_by(context: StageContext) -> str | None:
+    """Return why no masks can be found: no room."""
+    if context.optional_artifact("room", "room") is not None:
+        return None
+    return "the stage room told no room; give one (--room), or the mask itself (--mask)"
 
 
 def run(context: StageContext) -> StageOutput:
@@ -34,7 +45,7 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.0, "segmentation")
     evidence = _evidence(context, image)
     context.progress(0.4, "masks")
-    sun = sun_direction(context.session)
+    sun = turned(sun_direction(context.session), image)
     possible, why = _sun_possible(context, sun, asked)
     found = find_masks(
         image,
@@ -68,6 +79,15 @@ def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
     return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
 
 
+def turned(sun: tuple[float, float] | None, image: LuminanceImage) -> tuple[float, float] | None:
+    """Return the sun's place as a panorama shows it that was levelled (its attribute ``level_rotation``)."""
+    rotation = image.attributes.get("level_rotation")
+    if sun is None or rotation is None:
+        return sun
+    x, y, z = np.asarray(rotation, np.float64) @ sun_vector(*sun)
+    return math.atan2(x, y), math.asin(max(-1.0, min(1.0, z)))
+
+
 def _moment(session: SessionManifest) -> datetime | None:
     """Return when the shortest indoor frame was taken, which shows sunlit places best."""
 
@@ -92,8 +112,9 @@ def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked:
 
 
 def _evidence(context: StageContext, image: LuminanceImage) -> SceneEvidence:
-    """Return what the embedded network sees, or the user's through views, skipping by the embedded one's."""
-    embedded = scene_evidence(image, quality=context.quality.value)
+    """Return what the room stage's network sees, or the user's through views, skipping by the former."""
+    kept = context.optional_artifact("room", "evidence")
+    embedded = scene_evidence(image, quality=context.quality.value) if kept is None else read_evidence(kept)
     network, contract = context.files.get("segmenter"), context.files.get("segmenter_contract")
     if (network is None) != (contract is None):
         raise ParameterError(
