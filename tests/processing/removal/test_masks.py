@@ -1,0 +1,171 @@
+"""All masks of a painted room, each against what was painted; what is missing is said."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from processing.errors import ParameterError, RoomError
+from processing.images import RelativeImage
+from processing.picture_preview import preview_rgb8
+from processing.removal.edges import at_full_size, snapped
+from processing.removal.furniture import attached
+from processing.removal.masks import find_masks
+from processing.removal.round_masks import grown, share_of_sphere
+from processing.removal.tripod import find_tripod, painted_disc
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.sphere import Equirectangular
+from processing.surfaces.plane import FLOOR
+from tests.processing.removal.painted_room import SUN, Painted, iou, paint
+
+
+@pytest.fixture(scope="module")
+def painted() -> Painted:
+    return paint(rows=256)
+
+
+def test_each_mask_is_what_was_painted(painted: Painted) -> None:
+    found = find_masks(painted.image, painted.evidence, painted.room, sun_direction=SUN)
+    assert iou(found.furniture, painted.furniture) > 0.95
+    assert iou(found.tripod, painted.tripod) > 0.9
+    assert iou(found.sunlight, painted.sunlit) > 0.88
+    assert not (found.furniture & painted.hung).any(), "what hangs on the wall is not attached to the floor"
+    assert any("do not reach the floor" in note for note in found.notes)
+    united = found.furniture | found.tripod | found.sunlight | found.shadow
+    assert (found.target >= united).all()
+    assert found.shares["target"] == pytest.approx(share_of_sphere(found.target))
+    assert not (found.shadow & (found.furniture | found.tripod)).any()
+
+
+def test_a_contact_band_lies_around_the_foot(painted: Painted) -> None:
+    found = find_masks(painted.image, painted.evidence, painted.room, sun_direction=SUN)
+    below = np.roll(found.furniture, 1, axis=0) & ~found.furniture & (painted.maps.plane == FLOOR)
+    assert found.shadow[below & ~found.sunlight].mean() > 0.8
+    assert found.shadow.sum() < 3 * painted.furniture.sum()
+
+
+def test_the_margin_is_kept(painted: Painted) -> None:
+    none = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.0)
+    wide = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.05)
+    np.testing.assert_array_equal(wide.target, grown(none.target, 0.05))
+    assert not none.sunlight.any()
+    assert any("no sun" in note for note in none.notes)
+
+
+def test_an_empty_room_has_nothing_to_remove() -> None:
+    bare = paint(sun=False, things=False)
+    found = find_masks(bare.image, bare.evidence, bare.room)
+    assert not found.target.any()
+    assert any("furniture: none" in note for note in found.notes)
+    assert any("nadir" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_pictures_of_one_tone_give_no_nonsense(painted: Painted, value: float) -> None:
+    flat = replace(painted.image, rgb=np.full_like(painted.image.rgb, value))
+    unknown = SceneEvidence(np.full((8, 16, 32), 1 / 8, np.float32), "nothing")
+    found = find_masks(flat, unknown, painted.room)
+    assert not found.target.any()
+    assert found.notes
+
+
+def test_the_sun_itself_in_the_picture_does_no_harm(painted: Painted) -> None:
+    rgb = painted.image.rgb.copy()
+    rgb[painted.maps.opening >= 0] = 1.6e9
+    found = find_masks(replace(painted.image, rgb=rgb), painted.evidence, painted.room, sun_direction=SUN)
+    assert iou(found.sunlight, painted.sunlit) > 0.85
+    assert iou(found.furniture, painted.furniture) > 0.8
+
+
+def test_a_large_picture_keeps_its_own_edges() -> None:
+    large = paint(rows=640)
+    found = find_masks(large.image, large.evidence, large.room, sun_possible=False)
+    assert found.furniture.shape == (640, 1280)
+    assert iou(found.furniture, large.furniture) > 0.95
+
+
+def test_evidence_of_any_size_and_odd_pictures() -> None:
+    small = paint(rows=17)
+    evidence = SceneEvidence(np.full((8, 3, 7), 1 / 8, np.float32), "coarse")
+    assert find_masks(small.image, evidence, small.room).target.shape == (17, 34)
+
+
+def test_what_cannot_be_is_refused(painted: Painted) -> None:
+    with pytest.raises(ParameterError, match="margin"):
+        find_masks(painted.image, painted.evidence, painted.room, margin_rad=1.0)
+    bad = SceneEvidence(np.full((8, 4, 8), np.nan, np.float32), "broken")
+    with pytest.raises(ParameterError, match="evidence"):
+        find_masks(painted.image, bad, painted.room)
+    tiny = RelativeImage(
+        np.ones((4, 8, 3), np.float32), np.ones((4, 8), np.float32), np.zeros((4, 8), np.uint8), Equirectangular(8, 4)
+    )
+    with pytest.raises(ParameterError, match="rows"):
+        find_masks(tiny, painted.evidence, painted.room)
+    outside = painted.room.model_copy(update={"floor": ((1.0, 1.0), (3.0, 1.0), (3.0, 3.0), (1.0, 3.0))})
+    with pytest.raises(RoomError):
+        find_masks(painted.image, painted.evidence, outside)
+
+
+def test_components_by_the_floor() -> None:
+    """One stands on the floor, one hangs, one stands far away with its foot at the floor's edge."""
+    floor = np.zeros((90, 180), bool)
+    floor[60:] = True
+    mask = np.zeros_like(floor)
+    mask[40:64, 20:30] = mask[20:35, 60:80] = mask[30:60, 100:110] = True
+    kept, dropped, dropped_sr = attached(mask, floor)
+    assert kept[50, 25]
+    assert kept[40, 105]
+    assert not kept[25, 70]
+    assert (dropped, dropped_sr > 0) == (1, True)
+
+
+def test_edges_are_found_in_the_picture() -> None:
+    """A blurred, shifted probability snaps onto the disc that the picture shows."""
+    rows = 128
+    y, x = np.indices((rows, 2 * rows))
+    disc = np.hypot(x - 3, y - 70) < 18
+    disc |= np.hypot(x - 259, y - 70) < 18
+    shown = np.where(disc[..., None], np.array([180, 40, 40]), np.array([90, 110, 90])).astype(np.float64)
+    shown = np.clip(shown + np.random.default_rng(1).normal(0, 6, shown.shape), 0, 255).astype(np.uint8)
+    away = np.minimum(np.hypot(x - 5, y - 72), np.hypot(x - 261, y - 72))
+    blurred = (1 / (1 + np.exp((away - 16) / 3.0))).astype(np.float32)
+    assert iou(blurred > 0.5, disc) < 0.8
+    assert iou(snapped(blurred, shown) > 0.5, disc) > 0.97
+
+
+def test_full_size_edges_follow_the_large_picture() -> None:
+    y, x = np.indices((256, 512))
+    disc = np.hypot(x - 200, y - 128) < 50
+    shown = np.where(disc[..., None], 200, 60).astype(np.uint8) * np.ones(3, np.uint8)
+    small = np.asarray(disc[2::4, 2::4], np.float32)
+    small = np.roll(small, 1, axis=1)
+    assert iou(at_full_size(small, shown) > 0.5, disc) > iou(np.kron(small, np.ones((4, 4))) > 0.5, disc) + 0.02
+
+
+def test_a_painted_over_nadir_is_found_without_evidence() -> None:
+    bare = paint(rows=256, sun=False, things=False)
+    shown = preview_rgb8(bare.image.rgb)
+    assert painted_disc(shown) == 0.0
+    over = shown.copy()
+    latitude = 0.5 - (np.arange(256) + 0.5) / 256
+    over[latitude * 180 < -78] = (120, 118, 110)
+    assert math.degrees(painted_disc(over)) == pytest.approx(11, abs=2)
+    nothing = np.full((8, 256, 512), 1 / 8, np.float32)
+    nothing[SceneClass.TRIPOD] = 0.0
+    found = find_tripod(nothing, over, bare.maps.plane == FLOOR)
+    assert found.at_nadir
+    assert share_of_sphere(found.mask) == pytest.approx((1 - math.cos(math.radians(12))) / 2, rel=0.3)
+
+
+def test_a_dark_tripod_is_found_by_its_colours() -> None:
+    painted = paint(rows=256, sun=False)
+    nothing = np.full((8, 256, 512), 1 / 8, np.float32)
+    nothing[SceneClass.TRIPOD] = 0.0
+    found = find_tripod(nothing, preview_rgb8(painted.image.rgb), painted.maps.plane == FLOOR)
+    assert iou(found.mask, painted.tripod) > 0.85
+    bare = paint(rows=256, sun=False, things=False)
+    assert not find_tripod(nothing, preview_rgb8(bare.image.rgb), bare.maps.plane == FLOOR).mask.any()

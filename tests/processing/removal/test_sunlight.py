@@ -1,0 +1,83 @@
+"""Direct sunlight: beams of windows, with the sun known, searched, or absent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from processing.images import luminance_cd_m2
+from processing.removal.round_masks import row_solid_angles
+from processing.removal.sun_geometry import OUTSIDE, sun_vector, wall_between, window_depth
+from processing.removal.sunlight import SunFound, find_sunlight
+from processing.surfaces.plane import CEILING
+from tests.processing.removal.painted_room import SUN, Painted, box_room, iou, paint
+
+
+def test_a_window_s_beam_by_hand() -> None:
+    """The sun straight behind at 45 degrees: the window's edges land where the ray's slope of 1 puts them."""
+    room, sun = box_room(), sun_vector(math.pi, math.radians(45))
+    # Sill 0.8 m and head 2.2 m at y = -2: on the floor, light from y = -1.2 to 0.2.
+    at = np.array([[0.0, y, 0.0] for y in (-1.3, -1.1, -0.5, 0.1, 0.3)])
+    depth, which = window_depth(room, at, sun)
+    assert ((depth > 0) == [False, True, True, True, False]).all()
+    assert which[2] == 0
+    slope = math.sqrt(0.5)
+    assert depth[1] == pytest.approx(0.1, abs=1e-6), "0.1 m of window above the sill"
+    assert slope > 0
+    assert (window_depth(room, at, sun_vector(0.0, 0.5))[0] == OUTSIDE).all(), "the sun ahead, the window behind"
+
+
+def test_another_wing_s_wall_hides_a_window() -> None:
+    room = box_room().model_copy(
+        update={"floor": ((-2.0, -2.0), (2.0, -2.0), (2.0, 3.0), (1.0, 3.0), (1.0, 0.0), (-2.0, 0.0))}
+    )
+    across, straight = np.array([[1.5, 2.5, 0.0]]), np.array([[1.5, -1.0, 0.0]])
+    towards = sun_vector(math.radians(-150), 0.3)
+    assert wall_between(room, across, towards).all()
+    assert not wall_between(room, straight, towards).any()
+
+
+def sunlight(painted: Painted, sun: tuple[float, float] | None) -> SunFound:
+    usable = (painted.maps.opening < 0) & (painted.maps.plane != CEILING) & ~painted.furniture & ~painted.tripod
+    usable &= ~painted.hung
+    weight = np.broadcast_to(row_solid_angles(painted.maps.plane.shape), painted.maps.plane.shape)
+    luminance = luminance_cd_m2(painted.image.rgb)
+    return find_sunlight(luminance, painted.points_m, painted.maps.plane, usable, weight, painted.room, sun)
+
+
+@pytest.mark.parametrize("sun", [SUN, (SUN[0] + 0.05, SUN[1] - 0.05), None])
+@pytest.mark.parametrize("ratio", [3.0, 30.0, 1.6e5])
+def test_a_beam_is_found_with_the_sun_known_roughly_known_and_searched(
+    sun: tuple[float, float] | None, ratio: float
+) -> None:
+    painted = paint(sun_ratio=ratio)
+    found = sunlight(painted, sun)
+    assert painted.sunlit.sum() > 100
+    assert iou(found.mask, painted.sunlit) > 0.9
+    assert found.confirmed
+    assert found.direction is not None
+
+
+def test_no_sun_is_said() -> None:
+    overcast = sunlight(paint(sun=False), SUN)
+    assert not overcast.mask.any()
+    assert "overcast" in overcast.reason
+    night = sunlight(paint(sun=False), (0.0, -0.1))
+    assert "horizon" in night.reason
+
+
+def test_a_bright_spot_that_no_window_explains_is_no_sunlight() -> None:
+    painted = paint(sun=False)
+    lamp = (np.abs(painted.points_m[..., 0] - 1.7) < 0.25) & (np.abs(painted.points_m[..., 1] - 2.6) < 0.25)
+    painted.image.rgb[lamp & (painted.maps.plane == 0)] *= 20
+    assert not sunlight(painted, SUN).mask.any()
+
+
+def test_without_windows_luminance_alone_decides_and_says_so() -> None:
+    painted = paint(window=False)
+    found = sunlight(painted, None)
+    assert iou(found.mask, painted.sunlit) > 0.9
+    assert not found.confirmed
+    assert "luminance alone" in found.reason
