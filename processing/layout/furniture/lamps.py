@@ -41,6 +41,18 @@ def floor_lamp(b: Bench) -> None:
         start = 0.03
     b.rod([(0, 0, start), (0, 0, low + 0.02)], 0.0105, b.style.metal)
     b.rod([(0, 0, low + 0.01), (0, 0, low + 0.07)], 0.017, b.style.metal, 16)
+    _bulb(b, low, h)
+    top, wall = (0.72 if b.style.legs != "metal" else 1.0) * r, 0.003
+    cone = [(r - wall, low), (r, low), (top, h), (top - wall, h)]
+    b.add(_band(cone).scaled(*stretch), SHADE)
+    for k in range(3):
+        a = math.radians(30 + 120 * k)
+        end = ((top - wall) * math.cos(a) * stretch[0], (top - wall) * math.sin(a) * stretch[1], h - 0.030)
+        b.rod([(0, 0, h - 0.030), end], 0.0022, b.style.metal, 6)
+
+
+def _bulb(b: Bench, low: float, h: float) -> None:
+    """Add a bulb above a height, and the rod that carries the shade."""
     b.rod([(0, 0, low + 0.06), (0, 0, h - 0.028)], 0.004, b.style.metal, 8)
     bulb = [
         (0, 0.07),
@@ -53,13 +65,6 @@ def floor_lamp(b: Bench) -> None:
         (0, 0.184),
     ]
     b.add(turned_piece([(q, z + low - 0.005) for q, z in bulb], 20), BULB)
-    top, wall = (0.72 if b.style.legs != "metal" else 1.0) * r, 0.003
-    cone = [(r - wall, low), (r, low), (top, h), (top - wall, h)]
-    b.add(_band(cone).scaled(*stretch), SHADE)
-    for k in range(3):
-        a = math.radians(30 + 120 * k)
-        end = ((top - wall) * math.cos(a) * stretch[0], (top - wall) * math.sin(a) * stretch[1], h - 0.030)
-        b.rod([(0, 0, h - 0.030), end], 0.0022, b.style.metal, 6)
 
 
 def _band(profile: list[tuple[float, float]], sides: int = 48) -> Solid:

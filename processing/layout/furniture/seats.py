@@ -41,7 +41,7 @@ def _places(b: Bench, half: float, base: float) -> None:
     _, d, h = b.size
     count = max(1, round(2 * half / 0.72))
     wide = (2 * half - 0.01) / count
-    cells = 8 if count < 3 else 6
+    cells = 8 if count < 3 else 5
     deep, thick = d - 0.16 - 0.03, 0.16
     for k in range(count):
         middle = -half + 0.005 + (k + 0.5) * wide

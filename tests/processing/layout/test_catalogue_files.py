@@ -293,7 +293,7 @@ def test_shared_furniture_loads() -> None:
 
 
 def test_a_folder_without_models_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(CatalogueError, match="no .glb"):
+    with pytest.raises(CatalogueError, match=r"no \.glb"):
         Catalogue.folder(tmp_path)
     with pytest.raises(CatalogueError, match="no such folder"):
         Catalogue.folder(tmp_path / "absent")

@@ -123,7 +123,7 @@ def test_catalogue_answers_for_names_sizes_and_limits() -> None:
     spec = entry.item_spec()
     assert isinstance(spec, ItemSpec)
     assert spec.model == "bed/walnut"
-    with pytest.raises(CatalogueError, match="0.9 to 2 m wide"):
+    with pytest.raises(CatalogueError, match=r"0\.9 to 2 m wide"):
         catalogue.mesh("desk", (3.0, 0.6, 0.74))
     with pytest.raises(CatalogueError, match="nearest: sofa/walnut"):
         catalogue.mesh("sofaa/walnut")
