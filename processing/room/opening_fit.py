@@ -52,7 +52,7 @@ class Kind:
     usual_head_m: tuple[float, float] | None = None
 
 
-WINDOW = Kind(SceneClass.WINDOW, tuple(0.04 * i for i in range(12)), (0.24, 0.12), to_floor=False)
+WINDOW = Kind(SceneClass.WINDOW, (-0.08, -0.05, *(0.04 * i for i in range(12))), (0.23, 0.12), to_floor=False)
 DOOR = Kind(
     SceneClass.DOOR,
     (-0.1, -0.08, -0.06, -0.04, -0.02, 0.0, 0.05, 0.1),
@@ -69,12 +69,21 @@ class Field:
 
     view: WallView
     kind: Kind
+    cloth: bool = False
+    """Blinds belong to what is looked for."""
+
+    @cached_property
+    def shown(self) -> Floats:
+        """Return the share (h, w) of what is looked for."""
+        share = self.view.share
+        return share[self.kind.shown] + share[SceneClass.FIXTURE] if self.cloth else share[self.kind.shown]
 
     @cached_property
     def votes(self) -> Floats:
         """Return for and against the kind at each texel (h, w), -1..1; 0 where something hides the wall."""
-        shown = self.view.share[self.kind.shown]
-        hidden = self.view.share[list(HIDING)].sum(axis=0)
+        shown = self.shown
+        hiding = [each for each in HIDING if not (self.cloth and each is SceneClass.FIXTURE)]
+        hidden = self.view.share[hiding].sum(axis=0)
         return np.where(self.view.known, 2 * shown + hidden - 1, 0.0).astype(np.float32)
 
     @cached_property
@@ -84,7 +93,8 @@ class Field:
     @cached_property
     def _edge_sums(self) -> tuple[Doubles, Doubles]:
         """Return running sums of edges: rightward steps down the columns, downward steps along the rows."""
-        clear = 1 - np.minimum(self.view.share[list(HIDING)].sum(axis=0), 1)
+        hiding = [each for each in HIDING if not (self.cloth and each is SceneClass.FIXTURE)]
+        clear = 1 - np.minimum(self.view.share[hiding].sum(axis=0), 1)
         across, down = self.view.edges
         known = self.view.known * clear
         # An edge that is tilted or wavy by a texel is still one edge.

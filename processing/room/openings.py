@@ -17,6 +17,7 @@ from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.room.opening_cover import uncovered
 from processing.room.opening_fit import DOOR, WINDOW, Box, Candidate, Field, Kind, box_of_shown, fitted, recess_cost
 from processing.room.wall_views import WallView, wall_views
+from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 
 Floats = npt.NDArray[np.float32]
@@ -25,6 +26,9 @@ LEAST_SHARE = 0.5
 LEAST_AREA_M2 = 0.08
 GAP_M = 0.1
 """Narrower bars across an opening do not divide it."""
+BLIND_GAP_M = 0.05
+GLIMPSE, GLIMPSED_SHARE, FULL_SHARE, BLIND_SHARE = 0.15, 0.7, 0.8, 0.3
+"""Of a blind's columns, the share through which a window is glimpsed; how full its rectangle is; how much is cloth."""
 FLOOR_M = 0.16
 """A window whose lower edge is lower is a glass door."""
 
@@ -44,7 +48,10 @@ def find_openings(
 
 def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
     """Return the fitted openings of a kind on all walls, at the recess that suits all of them."""
-    starts = [(field, box) for field in (Field(view, kind) for view in views) for box in proposals(field)]
+    fields = [Field(view, kind) for view in views]
+    if kind is WINDOW:
+        fields += [Field(view, kind, cloth=True) for view in views]
+    starts = [(field, box) for field in fields for box in proposals(field)]
     if not starts:
         return []
     best: tuple[float, list[Candidate]] = (-math.inf, [])
@@ -63,8 +70,8 @@ def _fit(field: Field, recess: float, shown: Box) -> Candidate:
 def proposals(field: Field) -> list[Box]:
     """Return boxes (u0, v0, u1, v1) around what is surely of the kind: what is seen of it, not the opening itself."""
     view, p = field.view, field.view.px_per_m
-    there = ((view.share[field.kind.shown] > LEAST_SHARE) & view.known).astype(np.uint8)
-    size = max(1, round(GAP_M * p)) | 1
+    there = ((field.shown > LEAST_SHARE) & view.known).astype(np.uint8)
+    size = max(1, round((BLIND_GAP_M if field.cloth else GAP_M) * p)) | 1
     there = cv2.morphologyEx(there, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
     count, labels, stats, _ = cv2.connectedComponentsWithStats(there, connectivity=4)
     found = []
@@ -73,11 +80,33 @@ def proposals(field: Field) -> list[Box]:
             continue
         rows, columns = np.nonzero(labels == label)
         # Its sides lie where most of its rows and columns end, not where a spur reaches to.
-        u0, u1 = np.percentile(columns, [2, 98])
-        v0, v1 = np.percentile(rows, [2, 98])
+        u0, u1 = (int(value) for value in np.percentile(columns, [2, 98]))
+        v0, v1 = (int(value) for value in np.percentile(rows, [2, 98]))
+        if field.cloth:
+            v1 = _lowest_glimpse(field, (u0, v0, u1 + 1, v1 + 1))
+            if not _is_blind(field, labels == label, (u0, v0, u1 + 1, v1 + 1)):
+                continue
         bottom = view.plane.height_m if field.kind.to_floor else (v1 + 1) / p
-        found.append((float(u0 / p), float(v0 / p), float((u1 + 1) / p), float(bottom)))
+        found.append((u0 / p, v0 / p, (u1 + 1) / p, bottom))
     return found
+
+
+def _lowest_glimpse(field: Field, texels: tuple[int, int, int, int]) -> int:
+    """Return the lowest row in which a window is glimpsed: what hangs lower is a radiator or a curtain's end."""
+    u0, v0, u1, v1 = texels
+    rows = np.flatnonzero(field.view.share[field.kind.shown][v0:v1, u0:u1].max(axis=1) > GLIMPSE)
+    return v0 + (int(rows[-1]) if rows.size else 0)
+
+
+def _is_blind(field: Field, there: npt.NDArray[np.bool_], texels: tuple[int, int, int, int]) -> bool:
+    """Return whether cloth and window form one rectangle, and cloth hangs before the window rather than beside it."""
+    u0, v0, u1, v1 = texels
+    window = field.view.share[field.kind.shown][v0:v1, u0:u1]
+    cloth = field.view.share[SceneClass.FIXTURE][v0:v1, u0:u1]
+    glimpsed = window.max(axis=0) > GLIMPSE if window.size else np.zeros(0, bool)
+    if not glimpsed.any() or there[v0:v1, u0:u1].mean() < FULL_SHARE:
+        return False
+    return bool(glimpsed.mean() > GLIMPSED_SHARE and np.median(cloth[:, glimpsed].mean(axis=0)) > BLIND_SHARE)
 
 
 def _apart(found: list[Candidate]) -> list[Candidate]:
