@@ -70,7 +70,7 @@ def export(checkpoint: Path, validation: Path, out: Path, name: str) -> None:
     from training.judge import on_validation
 
     run(checkpoint, out, name=name, sigma_scale=(1.0, 1.0))
-    scales = on_validation(out, validation).scales()
+    scales = on_validation(out, validation, every=2).scales()
     run(checkpoint, out, name=name, sigma_scale=scales)
     click.echo(f"{out}: sigma scales {scales[0]:.2f} {scales[1]:.2f}")
 

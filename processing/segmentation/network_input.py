@@ -41,17 +41,32 @@ def network_picture(rgb: npt.ArrayLike) -> Floats:
             f"a picture of shape {picture.shape} for the room network", advice="give (H, W, 3), 8 x 4 pixels or more"
         )
     gain = exposure(picture)
-    rows = picture.shape[0]
-    scaled = np.empty(picture.shape, dtype=np.float32)
-    for start in range(0, rows, _BAND_ROWS):
-        band = np.asarray(picture[start : start + _BAND_ROWS], dtype=np.float64)
-        if not np.isfinite(band).all() or (band < 0).any():
-            raise ParameterError(
-                f"values that light cannot have in rows {start} to {min(start + _BAND_ROWS, rows) - 1}",
-                advice="replace NaN, infinite and negative pixels; mark them invalid instead",
-            )
-        np.minimum(band * gain, BRIGHTEST, out=scaled[start : start + _BAND_ROWS], casting="same_kind")
-    return curve(_resized(scaled))
+    wide = picture.shape[1] >= WIDTH_PX and picture.shape[0] >= HEIGHT_PX
+    bands = []
+    for start in range(0, picture.shape[0], _BAND_ROWS):
+        band = _scaled(picture[start : start + _BAND_ROWS], gain, start)
+        # Means over an area are means over rows of means over columns: no scaled copy of the whole picture is needed.
+        if wide:
+            band = np.asarray(cv2.resize(band, (WIDTH_PX, len(band)), interpolation=cv2.INTER_AREA), np.float32)
+        bands.append(band)
+    joined = np.concatenate(bands)
+    if wide:
+        return curve(np.asarray(cv2.resize(joined, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA), np.float32))
+    return curve(_enlarged(joined))
+
+
+def _scaled(band: npt.NDArray[np.floating], gain: float, first_row: int) -> Floats:
+    """Return values times the gain, cut at `BRIGHTEST`."""
+    lowest, highest = band.min(), band.max()
+    if not (lowest >= 0 and highest < np.inf):
+        raise ParameterError(
+            f"values that light cannot have in rows {first_row} to {first_row + len(band) - 1}",
+            advice="replace NaN, infinite and negative pixels; mark them invalid instead",
+        )
+    exact = 1e-30 < gain < 1e30 and band.dtype == np.float32
+    factor = np.float32(gain) if exact else np.float64(gain)
+    with np.errstate(over="ignore"):
+        return np.asarray(np.minimum(band * factor, BRIGHTEST), dtype=np.float32)
 
 
 def exposure(picture: npt.NDArray[np.floating]) -> float:
@@ -75,11 +90,9 @@ def curve(scaled: Floats) -> Floats:
     return np.sqrt(scaled / (scaled + np.float32(_KNEE)))
 
 
-def _resized(scaled: Floats) -> Floats:
-    """Return the copy: means over each pixel's area, or linear where the picture is smaller than the copy."""
+def _enlarged(scaled: Floats) -> Floats:
+    """Return a picture smaller than the copy at the copy's size, linear between its pixels' middles."""
     height, width = scaled.shape[:2]
-    if width >= WIDTH_PX and height >= HEIGHT_PX:
-        return np.asarray(cv2.resize(scaled, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA), dtype=np.float32)
     pad = width // 2
     around = np.concatenate([scaled[:, -pad:], scaled, scaled[:, :pad]], axis=1)
     x = ((np.arange(WIDTH_PX) + 0.5) * width / WIDTH_PX - 0.5 + pad).astype(np.float32)
