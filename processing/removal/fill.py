@@ -30,6 +30,7 @@ Image = TypeVar("Image", LuminanceImage, RelativeImage)
 PlaneFiller = Callable[[FilledPlane], FilledPlane]
 """What may improve a filled plane (`removal.learned`)."""
 
+MIXED_SHARE = 0.1
 MIXED_PX = 1
 """Panorama pixels beside the target that hold some of what is removed: seen, but not to be copied."""
 FILLED_UNCERTAINTY = 0.05
@@ -149,8 +150,10 @@ def _plane(
     quality: str,
 ) -> FilledPlane:
     px_per_m = texture_density(plane, room, geometry, quality)
-    texture = unwrap(rgb, geometry, room, plane, px_per_m, mask=masked)
-    fit = unwrap(rgb, geometry, room, plane, px_per_m, mask=masked | unfit).known
+    layers = np.concatenate([rgb, unfit[..., None].astype(np.float32)], axis=-1)
+    whole = unwrap(layers, geometry, room, plane, px_per_m, mask=masked)
+    texture = replace(whole, values=np.ascontiguousarray(whole.values[..., :3]))
+    mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
     elsewhere = None
@@ -158,7 +161,7 @@ def _plane(
         like = (shown >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
         among = like & ~masked
         elsewhere = np.median(rgb[among], axis=0).astype(np.float32) if among.any() else None
-    return fill_plane(texture, hole, texture.known & ~fit, room, elsewhere)
+    return fill_plane(texture, hole, mixed, room, elsewhere)
 
 
 def _draw(
@@ -179,9 +182,7 @@ def _draw(
     provenance[mask] = np.where((sure >= SURE) & done.continued, CONTINUED, SYNTHESISED)
 
 
-def _image(
-    image: Image, rgb: Floats, provenance: npt.NDArray[np.uint8], confidence: Floats
-) -> Image:
+def _image(image: Image, rgb: Floats, provenance: npt.NDArray[np.uint8], confidence: Floats) -> Image:
     filled = provenance != SEEN
     uncertainty, validity = image.uncertainty.copy(), image.validity.copy()
     uncertainty[filled] = FILLED_UNCERTAINTY + (1 - confidence[filled])

@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing.removal.blurs import blurred
+from processing.removal.membrane import spread
 from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
 from processing.removal.near_periodic_lattice import Lattice
 from processing.removal.tone import grey
@@ -22,6 +24,7 @@ CELLS = 7
 SAMPLES = 6000
 ROUNDS = 5
 BRIGHT = 1.0
+LEAST_SHARE = 0.3
 SLOPE = 0.7
 """Of the resistance to slopes against that to bends: what the pattern may explain is not light."""
 
@@ -46,7 +49,12 @@ class _Grid:
         fv, fu = v - i, u - j
         design = np.zeros((len(y), self.rows * self.columns))
         n = np.arange(len(y))
-        for di, dj, share in ((0, 0, (1 - fv) * (1 - fu)), (0, 1, (1 - fv) * fu), (1, 0, fv * (1 - fu)), (1, 1, fv * fu)):
+        for di, dj, share in (
+            (0, 0, (1 - fv) * (1 - fu)),
+            (0, 1, (1 - fv) * fu),
+            (1, 0, fv * (1 - fu)),
+            (1, 1, fv * fu),
+        ):
             design[n, (i + di) * self.columns + j + dj] += share
         return design
 
@@ -73,8 +81,7 @@ class _Grid:
         at = (x / np.float32(self.step_px), y / np.float32(self.step_px))
         out = cv2.remap(grid, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         out = out.reshape(*shape, -1)
-        blurred = cv2.GaussianBlur(out, (0, 0), 0.35 * self.step_px, borderType=cv2.BORDER_REFLECT)
-        return np.asarray(blurred.reshape(*shape, -1), np.float32)
+        return blurred(out, 0.35 * self.step_px)
 
 
 _CORNERS = (
@@ -117,9 +124,18 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, lattice: Lattice |
     return _clamped(slow, known, hole)
 
 
+def local_light(rest: Floats, known: Flags, sigma_px: float) -> Floats:
+    """Return (h, w, c): what slow part a fit left, at the scale of ``sigma_px``, and its membrane through holes.
+
+    For surfaces without a lattice, whose pattern nobody can tell from light: glow and soft shadows meet at the rim.
+    """
+    share = blurred(known.astype(np.float32), sigma_px)
+    return spread(_blurred(rest, known, sigma_px), known & (share > LEAST_SHARE))
+
+
 def _blurred(tone: Floats, known: Flags, sigma: float) -> Floats:
-    share = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma)
-    low = cv2.GaussianBlur(np.where(known[..., None], tone, 0).astype(np.float32), (0, 0), sigma)
+    share = blurred(known.astype(np.float32), sigma)
+    low = blurred(np.where(known[..., None], tone, 0).astype(np.float32), sigma)
     return np.asarray(low / np.maximum(share, 1e-4)[..., None], np.float32)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from processing.removal.near_periodic_correlation import Flags, Floats
 
-SWEEPS = 12
+SWEEPS = 6
 _CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32) / 4
 
 

@@ -15,7 +15,7 @@ from enum import StrEnum
 import cv2
 import numpy as np
 
-from processing.removal.illumination import fit_illumination
+from processing.removal.illumination import fit_illumination, local_light
 from processing.removal.membrane import spread
 from processing.removal.near_periodic_blend import blend, met_to_rim
 from processing.removal.near_periodic_correlation import (
@@ -56,6 +56,8 @@ MANNERS = {
     Repeat.NONE: (1.0, 1.0, 16.0, False),
 }
 """Box (of a cell), liveliness, detail (px), whether guesses take part: where nothing repeats, a mean of copies is a blur."""
+LOCAL = 0.02
+"""Of the texture's size: the scale below which a pattern without lattice is told from light."""
 LOOSE_CELL = 0.045
 """Of the texture's size: the neighbourhood that tells whether a copy fits where there is no lattice."""
 
@@ -75,12 +77,14 @@ class Completion:
     """(h, w, 3): the factor by which the light differs from its mean."""
 
 
-def complete(values: Floats, known: Flags, hole: Flags, *, density: Floats | None = None) -> Completion:
+def complete(
+    values: Floats, known: Flags, hole: Flags, *, density: Floats | None = None, found: Analysis | None = None
+) -> Completion:
     """Fill ``hole`` of a texture (h, w, 3), linear light >= 0, from the ``known`` pixels; both masks (h, w).
 
     ``density`` (h, w): picture pixels a texel; what was seen finely is then preferred where it was to be seen so.
 
-    Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
+    ``found`` is what `analyse` gave, if asked before. Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
     """
     known = known & ~hole
     if not hole.any() or known.sum() < 4:
@@ -89,16 +93,18 @@ def complete(values: Floats, known: Flags, hole: Flags, *, density: Floats | Non
         return Completion(out.astype(np.float32), confidence, Repeat.NONE, None, np.ones_like(values))
     scale = ToneScale.of(values, known)
     tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
-    lattice, line, correlation, factor = analysed(grey(tone), known)
+    found = found or analyse(values, known)
+    lattice, repeat = found.lattice, found.repeat
     slow = fit_illumination(tone, known, hole, lattice)
+    if lattice is None:
+        slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, LOCAL * max(known.shape))
     flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
-    repeat = Repeat.LATTICE if lattice else Repeat.LINE if line else Repeat.NONE
-    offsets, cell = _offsets(lattice, line, correlation, factor, known, hole)
+    offsets, cell = _offsets(found, known, hole)
     job = _Job(flat, known, hole, density)
     filled, confidence, left = job.filled(offsets, manner_of(repeat, cell))
     if left.any() and repeat is not Repeat.NONE:
         rest = _Job(filled, known | (hole & ~left), left, density)
-        loose = loose_offsets(correlation) / factor
+        loose = loose_offsets(found.correlation) / found.factor
         filled, more, left = rest.filled(loose, manner_of(Repeat.NONE, LOOSE_CELL * max(known.shape)))
         confidence = np.where(rest.known, confidence, 0.5 * more)
     if left.any():
@@ -108,8 +114,26 @@ def complete(values: Floats, known: Flags, hole: Flags, *, density: Floats | Non
     return Completion(out, confidence, repeat, lattice, np.exp(slow).astype(np.float32))
 
 
-def analysed(tone: Floats, known: Flags) -> tuple[Lattice | None, Line | None, SelfCorrelation, float]:
-    """Return lattice, else line (both in the texture's pixels), and the correlation of a picture ``factor`` as large."""
+@dataclass(frozen=True)
+class Analysis:
+    """How a texture repeats."""
+
+    lattice: Lattice | None
+    """In the texture's pixels."""
+    line: Line | None
+    correlation: SelfCorrelation
+    factor: float
+    """The correlation is that of a picture so many times as large."""
+
+    @property
+    def repeat(self) -> Repeat:
+        """Return the kind."""
+        return Repeat.LATTICE if self.lattice else Repeat.LINE if self.line else Repeat.NONE
+
+
+def analyse(values: Floats, known: Flags) -> Analysis:
+    """Return how the known part of a texture (h, w, 3) repeats."""
+    tone = np.where(known, grey(ToneScale.of(values, known).tone(values)), 0).astype(np.float32)
     factor = min(1.0, SEARCH_PX / max(tone.shape))
     small, share = _smaller(tone[..., None], known, factor)
     seen = share > 0.5
@@ -121,8 +145,8 @@ def analysed(tone: Floats, known: Flags) -> tuple[Lattice | None, Line | None, S
         lattice = find_lattice(self_correlation(field, inner), ORIENTED_NCC)
     if lattice is not None:
         scaled = Lattice(lattice.a_px / factor, lattice.b_px / factor, lattice.strength)
-        return scaled, None, correlation, factor
-    return None, find_line(field, inner), correlation, factor
+        return Analysis(scaled, None, correlation, factor)
+    return Analysis(None, find_line(field, inner), correlation, factor)
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:
@@ -136,17 +160,15 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
     return np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32), share
 
 
-def _offsets(
-    lattice: Lattice | None, line: Line | None, correlation: SelfCorrelation, factor: float, known: Flags, hole: Flags
-) -> tuple[Doubles, float]:
+def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float]:
     """Return the shifts to try, in the texture's pixels, and how large a neighbourhood tells whether one fits."""
-    if lattice is not None:
-        cell = float(np.sqrt(abs(np.linalg.det(np.stack([lattice.a_px, lattice.b_px])))))
-        return lattice_offsets(lattice, known, hole), cell
+    if found.lattice is not None:
+        basis = np.stack([found.lattice.a_px, found.lattice.b_px])
+        return lattice_offsets(found.lattice, known, hole), float(np.sqrt(abs(np.linalg.det(basis))))
     cell = LOOSE_CELL * max(known.shape)
-    if line is not None:
-        return line_offsets(line, correlation) / factor, cell
-    return loose_offsets(correlation) / factor, cell
+    if found.line is not None:
+        return line_offsets(found.line, found.correlation) / found.factor, cell
+    return loose_offsets(found.correlation) / found.factor, cell
 
 
 def manner_of(repeat: Repeat, cell_px: float) -> Manner:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from processing.removal.blurs import blurred
 from processing.removal.membrane import spread
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.near_periodic_fill import Manner, Weights, shifted
@@ -50,7 +51,7 @@ def blend(
     mean /= np.maximum(total, 1e-6)[..., None]
     sharp = np.where((sharp_total > 1e-3)[..., None], sharp / np.maximum(sharp_total, 1e-6)[..., None], mean)
     change = sharp - mean
-    detail = change - cv2.GaussianBlur(change, (0, 0), manner.detail_px).reshape(change.shape)
+    detail = change - blurred(change, manner.detail_px)
     return np.asarray(mean + np.float32(manner.lively) * detail, np.float32), offered
 
 

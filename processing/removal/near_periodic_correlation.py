@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
+from processing.removal.blurs import blurred
+
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -46,8 +48,8 @@ class SelfCorrelation:
 def high_passed(tone: Floats, known: Flags, sigma_px: float) -> Floats:
     """Return (h, w): the tone less its weighted local mean; 0 where unknown."""
     weight = known.astype(np.float32)
-    low = cv2.GaussianBlur(np.where(known, tone, 0).astype(np.float32), (0, 0), sigma_px)
-    share = cv2.GaussianBlur(weight, (0, 0), sigma_px)
+    low = blurred(np.where(known, tone, 0).astype(np.float32), sigma_px)
+    share = blurred(weight, sigma_px)
     return np.asarray(np.where(known, tone - low / np.maximum(share, 1e-6), 0), np.float32)
 
 

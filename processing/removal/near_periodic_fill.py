@@ -116,9 +116,7 @@ def solve_weights(
     return Weights(share, np.argmin(cost, axis=0), any_copy, least, offsets)
 
 
-def _penalties(
-    density: Floats | None, known: Flags, offsets: Doubles, window: tuple[slice, slice]
-) -> Floats | None:
+def _penalties(density: Floats | None, known: Flags, offsets: Doubles, window: tuple[slice, slice]) -> Floats | None:
     """Return (n, h, w) >= 1: by how much a copy's cost rises for being seen less finely than its place."""
     if density is None:
         return None
@@ -139,9 +137,7 @@ def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list
     return np.asarray(guess, np.float32)
 
 
-def _costs(
-    guess: Floats, known: Flags, hole: Flags, copies: list[Floats], offered: list[Flags], size: int
-) -> Floats:
+def _costs(guess: Floats, known: Flags, hole: Flags, copies: list[Floats], offered: list[Flags], size: int) -> Floats:
     """Return (n, h, w): the mean squared difference between each copy and the guess in a box; inf where not offered."""
     trust = np.where(known, 1.0, np.where(hole, GUESS_WEIGHT, 0.0)).astype(np.float32)
     cost = np.empty((len(copies), *known.shape), np.float32)

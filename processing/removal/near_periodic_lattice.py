@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from processing.removal.near_periodic_correlation import Doubles, SelfCorrelation
 
-LATTICE_NCC = 0.35
+LATTICE_NCC = 0.45
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
 laminate 0.05 to 0.14 (measured)."""
 CANDIDATES = 48

@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
+from processing.removal.blurs import blurred
 from processing.removal.illumination import fit_illumination
 from processing.removal.membrane import spread
 from processing.removal.near_periodic_correlation import Flags, Floats
@@ -20,6 +22,12 @@ OUTLIER = 4.0
 """Robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch."""
 LEAST_SPREAD = 0.01
 GRAIN_PX = 3.0
+FEW = 0.1
+"""Of the columns near the hole: rows with fewer known ones hardly have a profile."""
+UNEVEN = 0.04
+"""Tone by which a row of skirting may vary along the wall."""
+SLOW_ROWS = 0.08
+"""Of the height: slower changes are light."""
 NEAR = 0.25
 """Of the texture's width: how far from the hole rows are still looked at for their profile."""
 
@@ -31,6 +39,10 @@ class PlainFill:
     values: Floats
     """(h, w, 3): the given values, bit for bit, but in the hole."""
     confidence: Floats
+    profile: Floats
+    """(h, 1, 3): tone of each row against the light."""
+    clean: Flags
+    """(h, w): known pixels that show the surface itself."""
     roughness: float
     """Standard deviation of the known tones about light and profile: 0.01 paint, above 0.1 a pattern."""
 
@@ -51,7 +63,7 @@ def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -
     out = values.copy()
     out[hole] = scale.light(filled[hole])
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
-    return PlainFill(out, _confidence(clean, hole), roughness)
+    return PlainFill(out, _confidence(clean, hole), profile, clean, roughness)
 
 
 def _profile(rest: Floats, known: Flags, hole: Flags) -> Floats:
@@ -62,15 +74,17 @@ def _profile(rest: Floats, known: Flags, hole: Flags) -> Floats:
     part, seen = rest[:, near], known[:, near]
     if not seen.any():
         part, seen = rest, known
-    with np.errstate(all="ignore"):
-        masked = np.ma.masked_array(part, ~np.repeat(seen[..., None], part.shape[2], axis=2))
-        middle = np.ma.median(masked, axis=1)
-    given = seen.sum(axis=1) >= 3
-    rows = np.where(given[:, None], np.ma.filled(middle, 0.0), 0).astype(np.float32)
-    if not given.any():
-        return np.zeros((len(rest), 1, rest.shape[2]), np.float32)
-    at = np.arange(len(rest))
-    return np.stack([np.interp(at, at[given], rows[given, c]) for c in range(rest.shape[2])], -1)[:, None].astype(np.float32)
+    middle, trust = np.zeros((len(rest), rest.shape[2])), np.zeros(len(rest))
+    for row in np.flatnonzero(seen.sum(axis=1) >= 3):
+        values = part[row, seen[row]]
+        at = np.median(values, axis=0)
+        off = float(np.median(np.abs(grey(values) - grey(at.astype(np.float32)))))
+        middle[row] = at
+        # Of rows seen little, or with a window in them, little is to be learnt.
+        trust[row] = len(values) / (len(values) + FEW * seen.shape[1]) / (1 + (off / UNEVEN) ** 2)
+    weight = gaussian_filter1d(trust, SLOW_ROWS * len(rest))[:, None]
+    slow = gaussian_filter1d(middle * trust[:, None], SLOW_ROWS * len(rest), axis=0) / np.maximum(weight, 1e-6)
+    return ((middle - slow) * trust[:, None])[:, None].astype(np.float32)
 
 
 def _outliers(rest: Floats, known: Flags) -> Flags:
@@ -79,8 +93,8 @@ def _outliers(rest: Floats, known: Flags) -> Flags:
     if not known.any():
         return np.zeros_like(known)
     wide = max(4.0, 0.06 * max(known.shape))
-    share = cv2.GaussianBlur(known.astype(np.float32), (0, 0), wide)
-    local = cv2.GaussianBlur(np.where(known, level, 0).astype(np.float32), (0, 0), wide) / np.maximum(share, 1e-4)
+    share = blurred(known.astype(np.float32), wide)
+    local = blurred(np.where(known, level, 0).astype(np.float32), wide) / np.maximum(share, 1e-4)
     off = np.abs(level - local)
     spread_of = max(1.4826 * float(np.median(off[known])), LEAST_SPREAD)
     odd = known & (off > OUTLIER * spread_of)
@@ -89,8 +103,8 @@ def _outliers(rest: Floats, known: Flags) -> Flags:
 
 def _low(rest: Floats, clean: Flags) -> Floats:
     """Return (h, w, 3) what is left of the light, smooth, and its membrane through holes."""
-    share = cv2.GaussianBlur(clean.astype(np.float32), (0, 0), GRAIN_PX)
-    low = cv2.GaussianBlur(np.where(clean[..., None], rest, 0).astype(np.float32), (0, 0), GRAIN_PX)
+    share = blurred(clean.astype(np.float32), GRAIN_PX)
+    low = blurred(np.where(clean[..., None], rest, 0).astype(np.float32), GRAIN_PX)
     low = low / np.maximum(share, 1e-4)[..., None]
     return spread(low.astype(np.float32), clean & (share > 0.3))
 

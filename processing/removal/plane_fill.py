@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from processing.images import luminance_cd_m2
-from processing.removal.near_periodic import Repeat, complete
+from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plain import fill_plain
 from processing.removal.regions import opening_regions, too_bright
@@ -16,8 +16,10 @@ from processing.room.model import RoomModel
 from processing.surfaces.plane import FIRST_WALL, FLOOR
 from processing.surfaces.textures import Texture
 
-PATTERN = 0.035
+PATTERN = 0.012
 """Roughness about light and profile from which a wall or ceiling is no plain paint but a pattern."""
+WALL_NCC = 0.55
+"""Of a wall's lattice: what hangs on it imitates one more easily than on a floor."""
 SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35
 """Confidence under which what was filled is called synthesised."""
@@ -39,9 +41,7 @@ class FilledPlane:
     how: str
 
 
-def fill_plane(
-    texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats | None
-) -> FilledPlane:
+def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats | None) -> FilledPlane:
     """Fill a texture's hole; ``unfit`` texels are known but nothing is copied from them (sunlight, mixed pixels).
 
     ``elsewhere`` (3,) is the colour of like planes, taken where nothing of this one is known.
@@ -79,19 +79,22 @@ def _colour(values: Floats, known: Flags, elsewhere: Floats | None) -> Floats:
     return np.zeros(3, np.float32) if elsewhere is None else elsewhere
 
 
-def _surface(
-    texture: Texture, values: Floats, sources: Flags, hole: Flags
-) -> tuple[Floats, Floats, bool, str]:
+def _surface(texture: Texture, values: Floats, sources: Flags, hole: Flags) -> tuple[Floats, Floats, bool, str]:
     """Return values, confidence, whether it is a continuation, and how it was filled."""
-    if texture.plane.index != FLOOR:
-        plain = fill_plain(values, sources, hole, level_rows=texture.plane.index >= FIRST_WALL)
-        if plain.roughness < PATTERN:
-            return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f})"
+    if texture.plane.index == FLOOR:
         done = complete(values, sources, hole, density=texture.density)
-        if done.repeat is not Repeat.LATTICE:
-            return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f}, no pattern)"
     else:
-        done = complete(values, sources, hole, density=texture.density)
+        plain = fill_plain(values, sources, hole, level_rows=texture.plane.index >= FIRST_WALL)
+        said = f"plain (roughness {plain.roughness:.3f})"
+        if plain.roughness < PATTERN:
+            return plain.values, plain.confidence, True, said
+        # Skirting runs along the wall and is no part of its pattern.
+        rows = np.exp(plain.profile)
+        found = analyse(values / rows, plain.clean)
+        if found.repeat is Repeat.NONE or (found.lattice is not None and found.lattice.strength < WALL_NCC):
+            return plain.values, plain.confidence, True, said + ", no pattern"
+        done = complete(values / rows, plain.clean, hole, density=texture.density, found=found)
+        done = replace(done, values=np.where(hole[..., None], done.values * rows, values))
     kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
     return done.values, done.confidence, done.repeat is not Repeat.NONE, f"{done.repeat.value}{kind}"
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from processing.removal.blurs import blurred
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
@@ -42,7 +43,11 @@ def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_pe
 
 
 def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
-    """Return known pixels far brighter than their surface: lamps, glints, sun; nothing is to be copied from them."""
+    """Return known pixels far brighter than their surface around: lamps, glints; nothing is to be copied from them."""
     if not known.any():
         return np.zeros_like(known)
-    return known & (luminance > factor * max(float(np.median(luminance[known])), 1e-9))
+    wide = max(3.0, 0.08 * max(known.shape))
+    share = blurred(known.astype(np.float32), wide)
+    level = np.where(known, np.log(np.maximum(luminance, 1e-9)), 0).astype(np.float32)
+    local = blurred(level, wide) / np.maximum(share, 1e-4)
+    return known & (level > local + math.log(factor))
