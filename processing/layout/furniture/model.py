@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -57,10 +57,16 @@ def linear_of_srgb(values: Bytes) -> Reals:
 
 
 def srgb_of_linear(values: npt.ArrayLike) -> Bytes:
-    """Return sRGB bytes of linear values, clipped to [0, 1]."""
-    v = np.clip(np.asarray(values, dtype=np.float64), 0.0, 1.0)
+    """Return sRGB bytes of linear values, clipped to [0, 1]; to the nearest of 65,536 levels."""
+    v = np.clip(np.asarray(values, dtype=np.float32), 0.0, 1.0)
+    return np.asarray(_srgb_table()[np.rint(65535 * v).astype(np.uint16)], dtype=np.uint8)
+
+
+@lru_cache(maxsize=1)
+def _srgb_table() -> Bytes:
+    v = np.arange(65536) / 65535
     coded = np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255.0 * coded), dtype=np.uint8)
+    return np.asarray(np.rint(255 * coded), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)

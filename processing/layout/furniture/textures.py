@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy import fft
 
 from processing.layout.furniture.model import Bytes, Colour, srgb_of_linear
 
@@ -22,7 +23,8 @@ def noise(shape: tuple[int, int], wave: tuple[float, float], seed: int) -> Field
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     keep = np.exp(-2 * np.pi**2 * ((fy * wave[0] / 2.4) ** 2 + (fx * wave[1] / 2.4) ** 2))
     keep[0, 0] = 0.0
-    field = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape, dtype=np.float32)) * keep, s=shape)
+    keep = keep.astype(np.float32)
+    field = fft.irfft2(fft.rfft2(rng.standard_normal(shape, dtype=np.float32)) * keep, s=shape)
     return np.asarray(field / max(float(field.std()), 1e-12))
 
 
@@ -30,7 +32,7 @@ def _coloured(tone: Field, colour: Colour, tint: Colour = (0.0, 0.0, 0.0)) -> By
     """Return colour x exp(tone), each channel's tone weighed by 1 + tint; the mean colour stays."""
     channels = []
     for c, t in zip(colour, tint, strict=True):
-        layer = np.exp(tone * (1 + t))
+        layer = np.exp((tone * (1 + t)).astype(np.float32))
         channels.append(c * layer / layer.mean())
     return srgb_of_linear(np.stack(channels, axis=-1))
 
