@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from processing.room.opening_fit import Box, Candidate, score_of
+from processing.room.opening_fit import Candidate, score_of
 from processing.segmentation.classes import SceneClass
 
 Doubles = npt.NDArray[np.float64]
@@ -90,20 +90,21 @@ def _behind_blind(one: Candidate) -> Candidate:
 
 def _shared(windows: list[Candidate]) -> list[Candidate]:
     """Return windows whose head and sill are those of the surest one, where that costs little."""
-    ranked = sorted(windows, key=lambda one: -one.score)
     done: list[Candidate] = []
-    for one in ranked:
-        for side in (1, 3):
-            best = one
-            for other in done:
-                theirs = other.box[side]
-                ceiling_apart = other.field.view.plane.height_m - one.field.view.plane.height_m
-                if abs(theirs - one.box[side]) > SHARED_REACH_M or abs(ceiling_apart) > 1e-6:
-                    continue
-                box: Box = tuple(theirs if i == side else value for i, value in enumerate(one.box))  # type: ignore[assignment]
-                if score_of(one.field, one.recess_m, box) >= score_of(one.field, one.recess_m, one.box) - SHARED_COST:
-                    best = replace(one, box=box)
-                    break
-            one = best
-        done.append(one)
+    for one in sorted(windows, key=lambda each: -each.score):
+        done.append(_aligned(_aligned(one, done, 1), done, 3))
     return done
+
+
+def _aligned(one: Candidate, surer: list[Candidate], side: int) -> Candidate:
+    """Return a window with the head (side 1) or sill (3) of the first of surer ones under which it is as good."""
+    least = score_of(one.field, one.recess_m, one.box) - SHARED_COST
+    for other in surer:
+        theirs = other.box[side]
+        if abs(theirs - one.box[side]) > SHARED_REACH_M:
+            continue
+        u0, v0, u1, v1 = one.box
+        box = (u0, theirs, u1, v1) if side == 1 else (u0, v0, u1, theirs)
+        if score_of(one.field, one.recess_m, box) >= least:
+            return replace(one, box=box)
+    return one

@@ -76,7 +76,8 @@ class Field:
     def shown(self) -> Floats:
         """Return the share (h, w) of what is looked for."""
         share = self.view.share
-        return share[self.kind.shown] + share[SceneClass.FIXTURE] if self.cloth else share[self.kind.shown]
+        shown = share[self.kind.shown] + share[SceneClass.FIXTURE] if self.cloth else share[self.kind.shown]
+        return np.asarray(shown, dtype=np.float32)
 
     @cached_property
     def votes(self) -> Floats:

@@ -72,8 +72,8 @@ def proposals(field: Field) -> list[Box]:
     view, p = field.view, field.view.px_per_m
     there = ((field.shown > LEAST_SHARE) & view.known).astype(np.uint8)
     size = max(1, round((BLIND_GAP_M if field.cloth else GAP_M) * p)) | 1
-    there = cv2.morphologyEx(there, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(there, connectivity=4)
+    closed = cv2.morphologyEx(there, cv2.MORPH_CLOSE, np.ones((size, size), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
     found = []
     for label in range(1, count):
         if stats[label, cv2.CC_STAT_AREA] < LEAST_AREA_M2 * p**2:
