@@ -16,9 +16,10 @@ Floats = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
 
 PICTURE_PX = (480, 640)
-FLAT_PX = 560
-FLAT_M = 3.0
-NEAR_M = 1.0
+FLAT_PX = 440
+FLAT_M = 2.2
+"""Less than a generated texture takes to repeat."""
+NEAR_M = 1.1
 CAMERA_M = 1.6
 PITCH_RAD = 0.62
 FOCAL_PX = 420.0

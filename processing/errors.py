@@ -190,3 +190,9 @@ class LayoutNetworkError(ProcessingError):
     """A layout network that cannot be loaded, or whose inputs and outputs are not what its kind has."""
 
     code = "ROO-004"
+
+
+class FillerError(ProcessingError):
+    """A filling network that cannot be loaded, or whose inputs and outputs are not what the contract asks."""
+
+    code = "RMV-001"

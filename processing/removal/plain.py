@@ -48,7 +48,7 @@ class PlainFill:
 
 
 def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -> PlainFill:
-    """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile (walls)."""
+    """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile."""
     known = known & ~hole
     scale = ToneScale.of(values, known)
     tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
@@ -67,7 +67,7 @@ def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -
 
 
 def _profile(rest: Floats, known: Flags, hole: Flags) -> Floats:
-    """Return (h, 1, 3): each row's median over the known pixels near the hole; rows without any take their neighbours'."""
+    """Return (h, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted."""
     columns = np.flatnonzero(hole.any(axis=0))
     reach = round(NEAR * rest.shape[1]) + 1
     near = slice(max(0, int(columns[0]) - reach), int(columns[-1]) + reach + 1) if len(columns) else slice(None)

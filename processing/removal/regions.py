@@ -22,7 +22,7 @@ FRAME_M = 0.08
 
 
 def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, quality: str) -> float:
-    """Return pixels a metre that do justice to the panorama where it sees the plane best, within the quality's limit."""
+    """Return pixels a metre that do justice to the panorama where it sees the plane best, within the limit."""
     px_rad = geometry.height_px / math.pi
     offset = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
     nearest_m = max(abs(float(offset @ plane.normal)), 0.3)

@@ -11,12 +11,13 @@ from processing.report.calibration_sections import camera_section, indoor_sectio
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
 from processing.report.detect_sections import TINTS, detect_section
 from processing.report.page import write_page
+from processing.report.remove_sections import remove_section
 from processing.report.room_sections import room_section
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from station.session import SessionManifest, Side
 
-BEFORE = ("verify", "merge", "calibrate", "room", "detect")
+BEFORE = ("verify", "merge", "calibrate", "room", "detect", "remove")
 """Stages that the report tells of; each of them is also in its row's ``needs``."""
 FILES = {
     ("merge", "indoor.exr"): "room before calibration, relative",
@@ -33,6 +34,9 @@ FILES = {
     ("detect", "tripod.png"): "tripod and equipment alone",
     ("detect", "sunlight.png"): "direct sunlight alone",
     ("detect", "shadow.png"): "shadows of furniture alone",
+    ("remove", "empty.exr"): "the emptied room in cd/m2",
+    ("remove", "filled.png"): "which pixels were filled",
+    ("remove", "surfaces.npz"): "provenance, confidence, and the filled surfaces as textures",
 }
 
 
@@ -112,6 +116,7 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     found.append(light_section(facts))
     found += _room(context)
     found += _detect(context)
+    found += _remove(context)
     for side in Side:
         if side.value in response:
             frames = [frame for frame in context.session.frames if frame.side is side and frame.format == "jpeg"]
@@ -140,6 +145,16 @@ def _detect(context: StageContext) -> list[Section]:
     image = context.artifact("calibrate", "indoor") if upright is None else upright
     there = {name: mask for name, mask in masks.items() if mask is not None}
     return [detect_section(image, there, context.summary("detect")["metrics"])]
+
+
+def _remove(context: StageContext) -> list[Section]:
+    after = context.optional_artifact("remove", "empty")
+    if after is None:
+        return []
+    upright = context.optional_artifact("room", "panorama")
+    before = context.artifact("calibrate", "indoor") if upright is None else upright
+    filled = context.artifact("remove", "filled")
+    return [remove_section(before, after, filled, context.summary("remove")["metrics"])]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

@@ -1,0 +1,145 @@
+"""Learned fillers of the user's own, on the planes' rectified textures, where ours are unsure.
+
+The contract is that of the LaMa exports: inputs ``image`` (1, 3, H, W), sRGB 0..1, and ``mask`` (1, 1, H, W), 1 in the
+hole; one output (1, 3, H, W) in 0..1 or 0..255, which is found out on loading. H and W are fixed, or multiples of 8.
+No network is shipped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from processing.errors import FillerError
+from processing.images import luminance_cd_m2
+from processing.removal.near_periodic_correlation import Flags, Floats
+from processing.removal.plane_fill import FilledPlane
+
+SIZE_PX = 512
+"""Of the longer side, where the network takes any."""
+WHITE = 4.0
+"""Times the median luminance: what the network is shown as white."""
+SURE, UNSURE = 0.65, 0.25
+"""Confidence above which our filling stays, and below which the network's takes its place."""
+LEARNED_CONFIDENCE = 0.5
+CONTEXT = 0.35
+"""Of the hole's size that the network sees around it."""
+THREADS = 2
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """What the network takes; 0: any multiple of 8."""
+
+    height: int
+    width: int
+
+
+class LamaFiller:
+    """A LaMa export as ONNX; checked on a grey picture when it is opened."""
+
+    def __init__(self, path: Path, *, bgr: bool = False, threads: int = THREADS) -> None:
+        """Load and check; `FillerError` says what does not fit. ``bgr``: the export's channel order."""
+        import onnxruntime as ort
+
+        self.path, self.bgr = path, bgr
+        asked = ort.SessionOptions()
+        asked.intra_op_num_threads = threads
+        asked.log_severity_level = 3
+        try:
+            self._session = ort.InferenceSession(str(path), asked, providers=["CPUExecutionProvider"])
+        # onnxruntime's errors have no common base of their own.
+        except Exception as exc:
+            raise FillerError(f"{path.name} is no ONNX network: {exc}", advice="give a LaMa export") from exc
+        self._sizes = self._checked_inputs()
+        self._range = 1.0
+        grey = np.full((self._sizes.height or 64, self._sizes.width or 64, 3), 0.5, np.float32)
+        mean = float(self._run(grey, np.zeros(grey.shape[:2], bool)).mean())
+        if not (0.2 < mean < 0.8 or 50 < mean < 205):
+            raise self._misfit(f"a grey picture without a hole comes back with a mean of {mean:.3g}")
+        self._range = 1.0 if mean < 1 else 255.0
+
+    def _checked_inputs(self) -> _Sizes:
+        inputs = {one.name: one.shape for one in self._session.get_inputs()}
+        if set(inputs) != {"image", "mask"} or any(len(shape) != 4 for shape in inputs.values()):
+            raise self._misfit(f"its inputs are {inputs}")
+        height, width = (n if isinstance(n, int) else 0 for n in inputs["image"][2:])
+        return _Sizes(height, width)
+
+    def _misfit(self, what: str) -> FillerError:
+        return FillerError(
+            f"{self.path.name} does not follow the LaMa contract: {what}",
+            advice="inputs image (1,3,H,W) and mask (1,1,H,W), one output (1,3,H,W)",
+        )
+
+    def _run(self, srgb: Floats, hole: Flags) -> Floats:
+        """Return (h, w, 3) sRGB 0..1 for sRGB 0..1 of a size that the network takes."""
+        picture = srgb[..., ::-1] if self.bgr else srgb
+        feed: dict[str, Any] = {
+            "image": np.ascontiguousarray(picture.transpose(2, 0, 1)[None], np.float32),
+            "mask": hole[None, None].astype(np.float32),
+        }
+        try:
+            found = np.asarray(self._session.run(None, feed)[0], np.float32)
+        except Exception as exc:
+            raise self._misfit(f"it failed on a picture of {srgb.shape}: {exc}") from exc
+        if found.shape != (1, 3, *srgb.shape[:2]) or not np.isfinite(found).all():
+            raise self._misfit(f"its output has the shape {found.shape}, or is not finite")
+        out = found[0].transpose(1, 2, 0) / self._range
+        return np.asarray(out[..., ::-1] if self.bgr else out, np.float32)
+
+    def __call__(self, filled: FilledPlane) -> FilledPlane:
+        """Return the plane with the network's filling where ours is unsure."""
+        weight = np.clip((SURE - filled.confidence) / (SURE - UNSURE), 0, 1) * filled.hole
+        if not (weight > 0.01).any():
+            return filled
+        window = _window(filled.hole, CONTEXT)
+        light, hole = filled.values[window], filled.hole[window]
+        seen = filled.texture.known[window]
+        among = seen if seen.any() else np.ones_like(seen)
+        white = max(WHITE * float(np.median(luminance_cd_m2(light[among]))), 1e-6)
+        theirs = white * _linear(self._fitted(_srgb(light / white), hole | ~(seen | hole)))
+        share = cv2.GaussianBlur(weight[window].astype(np.float32), (0, 0), 2.0)[..., None] * hole[..., None]
+        # In the logarithm, so that bright places do not win.
+        toe = np.float32(0.01 * white)
+        mixed = np.exp((1 - share) * np.log(light + toe) + share * np.log(np.maximum(theirs, 0) + toe)) - toe
+        values, confidence = filled.values.copy(), filled.confidence.copy()
+        values[window] = np.where(hole[..., None], np.maximum(mixed, 0), light)
+        ours = confidence[window]
+        confidence[window] = np.where(hole, np.maximum(ours, LEARNED_CONFIDENCE * share[..., 0]), ours)
+        return replace(filled, values=values, confidence=confidence, how=f"{filled.how}; {self.path.stem} where unsure")
+
+    def _fitted(self, srgb: Floats, hole: Flags) -> Floats:
+        """Return the network's picture at the given size."""
+        height, width = hole.shape
+        scale = min(1.0, SIZE_PX / max(height, width))
+        size = (
+            self._sizes.width or max(8, round(width * scale / 8) * 8),
+            self._sizes.height or max(8, round(height * scale / 8) * 8),
+        )
+        small = cv2.resize(srgb, size, interpolation=cv2.INTER_AREA)
+        mask = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
+        found = np.clip(self._run(small, mask), 0, 1)
+        return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _window(hole: Flags, context: float) -> tuple[slice, slice]:
+    parts = []
+    for axis in (1, 0):
+        places = np.flatnonzero(hole.any(axis=axis))
+        margin = 8 + round(context * (places[-1] - places[0]))
+        parts.append(slice(max(0, int(places[0]) - margin), min(hole.shape[1 - axis], int(places[-1]) + margin + 1)))
+    return parts[0], parts[1]
+
+
+def _srgb(light: Floats) -> Floats:
+    x = np.clip(light, 0, 1)
+    return np.asarray(np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055), np.float32)
+
+
+def _linear(srgb: Floats) -> Floats:
+    return np.asarray(np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4), np.float32)
