@@ -1,4 +1,9 @@
-"""A second check of arrangements, on a 1 cm raster: numpy and OpenCV only, no code of the solver or of its judge."""
+"""A second check of arrangements, on a 1 cm raster: numpy and OpenCV only, no code of the solver or of its judge.
+
+It raises no false alarm. A cell whose middle lies in two shapes shows that they overlap (overlaps thinner than a cell
+may be missed). A way that exists passes cells whose middles are at most half a cell's diagonal off it, so that paths
+are looked for that much narrower, and doors reached from that far.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +18,11 @@ from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet
 
 CELL_M = 0.01
-PATH_SKIN_M = 0.0075
-"""Half a cell's diagonal: so far may the middle of an exact fit lie from the nearest cell's middle."""
-SKIN_M = 0.006
-"""Cells whose middles are this near an outline are nobody's."""
+HALF_M = 0.0085
+"""Half a cell's diagonal (7.1 mm), the judge's millimetre of path width, and its arcs."""
+SKIN_M = 1e-4
+"""Middles this near an outline are nobody's."""
+TALL_M = 2.0
 
 
 class Raster:
@@ -37,16 +43,17 @@ class Raster:
                     self.room ^= spans & (self.x < a[0] + (self.y - a[1]) * (b[0] - a[0]) / (b[1] - a[1]))
         self.doors = [self._door(door) for door in plan.doors]
         self.ways = [
-            self._strip(d.edge, d.start_m, d.end_m, max(rules.door_approach, rules.path / 2 + 0.1)) for d in plan.doors
+            self._strip(d.edge, d.start_m, d.end_m, max(rules.door_approach, rules.path / 2 + 0.1), HALF_M)
+            for d in plan.doors
         ]
         self.windows = [self._strip(w.edge, w.start_m, w.end_m, rules.window_band) for w in plan.windows]
         self.needed = self._needed()
 
-    def _strip(self, edge: int, t0: float, t1: float, deep: float) -> Any:
+    def _strip(self, edge: int, t0: float, t1: float, deep: float, more: float = -SKIN_M) -> Any:
         corner, u, _ = self.plan.edge(edge)
         dx, dy = self.x - corner[0], self.y - corner[1]
         t, n = dx * u[0] + dy * u[1], dy * u[0] - dx * u[1]
-        return (t > t0) & (t < t1) & (n > 0) & (n < deep)
+        return (t > t0 - more) & (t < t1 + more) & (n > -more) & (n < deep + more)
 
     def _door(self, door: Any) -> Any:
         r = self.rules
@@ -61,89 +68,87 @@ class Raster:
         t, n = dx * u[0] + dy * u[1], dy * u[0] - dx * u[1]
         for hand, at, sign in (("left", door.end_m, -1), ("right", door.start_m, 1)):
             if pair or door.hinge in (hand, "unknown"):
-                zone |= (n > 0) & (sign * (t - at) > 0) & (np.hypot(t - at, n) < leaf)
+                zone |= (n > SKIN_M) & (sign * (t - at) > SKIN_M) & (np.hypot(t - at, n) < leaf - SKIN_M)
         return zone
 
-    def _inside(self, item: PlacedItem, rect: tuple[float, float, float, float], skin: float = SKIN_M) -> Any:
+    def _cells(self, item: PlacedItem, rect: tuple[float, float, float, float], more: float = -SKIN_M) -> Any:
+        """Return the rows and columns of the cells in a rectangle of an item's frame, grown by `more`."""
         c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
-        reach = max(abs(v) for v in rect) * 1.5 + abs(skin) + CELL_M
-        i, j = ((item.t_m[1] - self.y[0, 0]) / CELL_M, (item.t_m[0] - self.x[0, 0]) / CELL_M)
-        n = int(reach / CELL_M) + 1
-        window = (slice(max(0, int(i) - n), max(0, int(i) + n + 1)), slice(max(0, int(j) - n), max(0, int(j) + n + 1)))
-        dx, dy = self.x[window] - item.t_m[0], self.y[window] - item.t_m[1]
+        far = max(math.hypot(x, y) for x in rect[:2] for y in rect[2:]) + 1.5 * abs(more) + CELL_M
+        (i0, i1), (j0, j1) = (
+            (max(0, int((at - far - first) / CELL_M)), max(0, int((at + far - first) / CELL_M) + 1))
+            for at, first in ((item.t_m[1], self.y[0, 0]), (item.t_m[0], self.x[0, 0]))
+        )
+        dx, dy = self.x[0, j0:j1] - item.t_m[0], self.y[i0:i1, :1] - item.t_m[1]
         u, v = dx * c + dy * s, dy * c - dx * s
-        mask = np.zeros(self.x.shape, dtype=bool)
-        mask[window] = (u > rect[0] + skin) & (u < rect[1] - skin) & (v > rect[2] + skin) & (v < rect[3] - skin)
-        return mask
+        mask = (u > rect[0] - more) & (u < rect[1] + more) & (v > rect[2] - more) & (v < rect[3] + more)
+        i, j = np.nonzero(mask)
+        return i + i0, j + j0
 
     def faults(self, arrangement: Arrangement) -> list[str]:
         """Return the hard rules that the raster sees broken."""
-        found = []
+        found: list[str] = []
         items = arrangement.items
-        bodies = [
-            self._inside(i, (-i.size_m[0] / 2, i.size_m[0] / 2, -i.size_m[1] / 2, i.size_m[1] / 2)) for i in items
-        ]
-        for k, (item, body) in enumerate(zip(items, bodies, strict=True)):
-            rug = item.category == "rug"
+        floors = np.zeros((2, *self.room.shape), dtype=np.int16)
+        for k, item in enumerate(items):
+            w, d = item.size_m[0] / 2, item.size_m[1] / 2
+            cells = self._cells(item, (-w, w, -d, d))
+            found += self._room_faults(item, cells)
+            floor = floors[int(item.category == "rug")]
             top = item.base_m + item.size_m[2]
-            if (body & ~self.room).any():
-                found.append(f"{item.id} outside")
-            if top > self.plan.ceiling_height_m:
-                found.append(f"{item.id} through the ceiling")
-            if any((body & door).any() for door in self.doors) and item.base_m < 2.1:
-                found.append(f"{item.id} in a door")
-            for window, band in zip(self.plan.windows, self.windows, strict=True):
-                if (
-                    not rug
-                    and top > max(0.0, window.sill_m - 0.05) + 1e-6
-                    and item.base_m < window.head_m
-                    and (body & band).any()
-                ):
-                    found.append(f"{item.id} before a window")
-            for other, theirs in zip(items[:k], bodies[:k], strict=True):
-                apart = min(top, other.base_m + other.size_m[2]) <= max(item.base_m, other.base_m) + 1e-6
-                if rug == (other.category == "rug") and not apart and (body & theirs).any():
+            for other in (items[n - 1] for n in np.unique(floor[cells]) if n):
+                if min(top, other.base_m + other.size_m[2]) > max(item.base_m, other.base_m) + 1e-6:
                     found.append(f"{item.id} in {other.id}")
-            found += self._use_faults(item, items, bodies)
-        return found + self._paths(items)
+            if item.base_m < TALL_M and not floor[cells].all():
+                floor[cells] = k + 1
+        for item in items:
+            found += self._use_faults(item, items, floors[0])
+        return found + self._paths(items, floors[0])
 
-    def _use_faults(self, item: PlacedItem, items: tuple[PlacedItem, ...], bodies: list[Any]) -> list[str]:
+    def _room_faults(self, item: PlacedItem, cells: Any) -> list[str]:
         found = []
-        for zone in item.use_zones_m:
-            area = self._inside(item, zone)
-            if (area & ~self.room).any():
-                found.append(f"use of {item.id} in a wall")
-            for other, theirs in zip(items, bodies, strict=True):
-                solid = other.group != item.group and other.category != "rug" and other.base_m < 2
-                if solid and (area & theirs).any():
-                    found.append(f"use of {item.id} blocked by {other.id}")
+        top = item.base_m + item.size_m[2]
+        if not self.room[cells].all():
+            found.append(f"{item.id} outside")
+        if top > self.plan.ceiling_height_m:
+            found.append(f"{item.id} through the ceiling")
+        if item.base_m < 2.1 and any(door[cells].any() for door in self.doors):
+            found.append(f"{item.id} in a door")
+        for window, band in zip(self.plan.windows, self.windows, strict=True):
+            tall = top > max(0.0, window.sill_m - 0.05) + 1e-6 and item.base_m < window.head_m
+            if item.category != "rug" and tall and band[cells].any():
+                found.append(f"{item.id} before a window")
         return found
 
-    def _components(self, free: Any, slack_m: float) -> tuple[int, Any]:
+    def _use_faults(self, item: PlacedItem, items: tuple[PlacedItem, ...], floor: Any) -> list[str]:
+        found = []
+        for zone in item.use_zones_m:
+            cells = self._cells(item, zone)
+            if not self.room[cells].all():
+                found.append(f"use of {item.id} in a wall")
+            there = [items[n - 1] for n in np.unique(floor[cells]) if n]
+            found += [f"use of {item.id} blocked by {o.id}" for o in there if o.group != item.group]
+        return found
+
+    def _parts(self, free: Any, radius_m: float) -> Any:
         far = cv2.distanceTransform(np.pad(free, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-        count, labels = cv2.connectedComponents((far * CELL_M > self.rules.path / 2 - slack_m).astype(np.uint8))
-        return count, labels
+        return cv2.connectedComponents((far * CELL_M > radius_m).astype(np.uint8))[1]
 
     def _needed(self) -> set[int]:
         # Passages that the raster cannot tell from too narrow ones are not asked for.
-        _, labels = self._components(self.room, -PATH_SKIN_M)
+        labels = self._parts(self.room, self.rules.path / 2 + HALF_M)
         served = [set(np.unique(labels[way]).tolist()) - {0} for way in self.ways]
         parts = sorted(set().union(*served), key=lambda k: -np.count_nonzero(labels == k))
         return {n for n, s in enumerate(served) if parts and parts[0] in s}
 
-    def _paths(self, items: tuple[PlacedItem, ...]) -> list[str]:
-        free = self.room.copy()
-        for item in items:
-            if item.category != "rug" and item.base_m < 2:
-                w, d = item.size_m[0] / 2, item.size_m[1] / 2
-                free &= ~self._inside(item, (-w, w, -d, d), 0.0)
-        _, labels = self._components(free, PATH_SKIN_M)
+    def _paths(self, items: tuple[PlacedItem, ...], floor: Any) -> list[str]:
+        labels = self._parts(self.room & (floor == 0), self.rules.path / 2 - HALF_M)
         reach = self.rules.path / 2 - 0.05 + 0.01
-        goals = [(f"door {n + 1}", self.ways[n]) for n in sorted(self.needed)]
-        goals += [(item.id, self._inside(item, zone, -reach)) for item in items for zone in item.use_zones_m]
-        served = [set(np.unique(labels[mask]).tolist()) - {0} for _, mask in goals]
-        parts = sorted(set().union(*served))
+        goals: list[tuple[str, Any]] = [(f"door {n + 1}", self.ways[n]) for n in sorted(self.needed)]
+        goals += [(item.id, self._cells(item, zone, reach)) for item in items for zone in item.use_zones_m]
+        served = [set(np.unique(labels[cells]).tolist()) - {0} for _, cells in goals]
         failed = [
-            [f"no path to {name}" for (name, _), s in zip(goals, served, strict=True) if k not in s] for k in parts
+            [f"no path to {name}" for (name, _), s in zip(goals, served, strict=True) if k not in s]
+            for k in sorted(set().union(*served))
         ]
         return min(failed, key=len, default=["nowhere to walk"])

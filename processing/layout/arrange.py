@@ -11,13 +11,14 @@ from processing.layout.arrangement import Arrangement, Arrangements, NotPlaced, 
 from processing.layout.canonical import Frame, Pose, canonical_plan
 from processing.layout.choose import Candidate, Chosen, choose
 from processing.layout.field import make_field
+from processing.layout.grouping import host_role
 from processing.layout.items import Item
 from processing.layout.pins import in_frame, pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
 from processing.layout.poses import Stand, anchor, in_room, stands
 from processing.layout.reach import reachable_doors
-from processing.layout.refusals import not_placed, outline_rows, refuse_too_small
+from processing.layout.refusals import host_lost, not_placed, outline_rows, refuse_too_small
 from processing.layout.rules import Rules, RuleSet, built_in_rules
 from processing.layout.scores import make_floor, soft_scores, weighted
 from processing.layout.search import Search
@@ -201,7 +202,11 @@ def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
     refused = [_too_tall(item, task.plan) for item in task.too_tall]
     inner = [in_frame(s, task.frame) for s in candidate.placed]
     bare = task.bare if candidate.left_out else task.search
-    refused += [not_placed(by_id[name], inner, bare) for name in candidate.left_out]
+    stood = {s.item.spec.category for s in candidate.placed}
+    asked = {item.spec.category for item in task.items}
+    for item in (by_id[name] for name in candidate.left_out):
+        lost = host_role(item, asked) and not host_role(item, stood)
+        refused.append(host_lost(item) if lost else not_placed(item, inner, bare))
     known = pieces(candidate.placed)
     meets = [n for n, judge in task.judges.items() if n == task.rules.name or judge.passes(known, fits=True)]
     return Arrangement(

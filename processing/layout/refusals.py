@@ -113,6 +113,12 @@ def not_placed(item: Item, placed: Sequence[Stand], search: Search) -> NotPlaced
     return _told(item, "no overlap", names, missing, "no gap between the pieces is wide enough")
 
 
+def host_lost(item: Item) -> NotPlaced:
+    """Return that what a piece belongs to has no place itself."""
+    host = item.spec.group_with
+    return _told(item, "kept together", host, None, f"the {host} that it belongs to has no place")
+
+
 def _stopped_by_room(item: Item, room: _Look) -> NotPlaced:
     """Return which rule of the empty room leaves no place."""
     missing = _missing_m(room, item)

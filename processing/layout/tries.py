@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from processing.layout.choose import BIG_M2
-from processing.layout.grouping import LAST_SPLIT, Packing, alone, packings
+from processing.layout.grouping import LAST_SPLIT, Packing, alone, host_role, packings
 from processing.layout.items import Item
 from processing.layout.rules import RuleSet
 from processing.layout.search import Effort, Rounds, Search
@@ -27,7 +27,7 @@ REPAIRS = (
     (2, Rounds(120, 12, 3, 20, fractions=_FIVE)),
 )
 """(division, rounds) where not everything has found a place."""
-VARIATIONS = (Rounds(160, 90, noise=0.3, fractions=_THREE), Rounds(240, 120, 4, noise=0.6, fractions=_THREE))
+VARIATIONS = (Rounds(160, 90, noise=0.3, fractions=_THREE), Rounds(480, 200, 5, noise=1.0, fractions=_THREE))
 """Rounds for more kinds of whole states."""
 
 
@@ -92,15 +92,10 @@ def run_search(
     if not pool.kinds:
         hopeless = without_place(search, max(pool.finals, key=lambda f: f.found.score).left_out(), rules)
         if hopeless:
+            hopeless += _guests(items, hopeless)
             finals = run_search(search, [i for i in items if i not in hopeless], rules, n, seed, valid)
             return [replace(f, hopeless=(*hopeless, *f.hopeless)) for f in finals]
-    for number, (split, rounds) in enumerate(REPAIRS if not pool.kinds else ()):
-        made = [Final(f, divisions[split]) for f in search.rebuild(divisions[split], rounds, 1000 * seed + number)]
-        passed = [final for final in made[:: max(1, len(made) // 4)] if final.found.dropped or valid(final)]
-        if passed:
-            pool.add([final.found for final in made], divisions[split])
-        if pool.kinds:
-            break
+        _repair(search, divisions, pool, seed, valid)
     for number, rounds in enumerate(VARIATIONS if n > 1 and pool.kinds else ()):
         if len(pool.kinds) >= wanted:
             break
@@ -120,6 +115,23 @@ def without_place(search: Search, items: Sequence[Item], rules: RuleSet) -> list
             if search.run(packing, _ALL, 0)[0].dropped:
                 found.append(item)
     return found
+
+
+def _repair(search: Search, divisions: Divisions, pool: _Pool, seed: int, valid: Callable[[Final], bool]) -> None:
+    """Take units out and place them anew, until whole states are found that the judge passes."""
+    for number, (split, rounds) in enumerate(REPAIRS):
+        made = [Final(f, divisions[split]) for f in search.rebuild(divisions[split], rounds, 1000 * seed + number)]
+        if any(final.found.dropped or valid(final) for final in made[:: max(1, len(made) // 4)]):
+            pool.add([final.found for final in made], divisions[split])
+        if pool.kinds:
+            break
+
+
+def _guests(items: Sequence[Item], hopeless: Sequence[Item]) -> list[Item]:
+    """Return the bound items whose hosts are all without a place."""
+    left = [item for item in items if item not in hopeless]
+    asked, hosts = ({i.spec.category for i in some} for some in (items, left))
+    return [item for item in left if host_role(item, asked) and not host_role(item, hosts)]
 
 
 class Divisions:
