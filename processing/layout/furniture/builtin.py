@@ -28,9 +28,9 @@ class Kind:
 
 
 BUILT_IN: dict[str, Kind] = {
-    "bed": Kind(beds.bed, (1.2, 1.9, 0.6), (1.6, 2.2, 1.3)),
-    "single bed": Kind(beds.bed, (0.8, 1.9, 0.6), (1.1, 2.2, 1.3)),
-    "king bed": Kind(beds.bed, (1.6, 1.9, 0.6), (2.2, 2.2, 1.3)),
+    "bed": Kind(beds.bed, (1.2, 1.9, 0.8), (1.6, 2.2, 1.3)),
+    "single bed": Kind(beds.bed, (0.8, 1.9, 0.8), (1.1, 2.2, 1.3)),
+    "king bed": Kind(beds.bed, (1.6, 1.9, 0.8), (2.2, 2.2, 1.3)),
     "nightstand": Kind(storage.nightstand, (0.35, 0.30, 0.40), (0.65, 0.50, 0.70)),
     "wardrobe": Kind(storage.wardrobe, (0.5, 0.45, 1.6), (3.0, 0.70, 2.6)),
     "chest": Kind(storage.chest, (0.45, 0.35, 0.60), (1.8, 0.60, 1.30)),
