@@ -1,8 +1,8 @@
 """An oracle for rooms that are not fully furnished: does any arrangement exist? CP-SAT, rooms with right angles, mm.
 
-Pieces stand at right angles to the walls, anywhere (`custom` off) or by the solver's custom too (storage, beds and desks
-with a side to a wall). What follows its host is left out: the TV, and the desk chair, which stands in its desk's own
-use zone. *Relaxed* (obstacles 1 mm smaller, paths not looked at): without a solution none exists. *Strict* (1 mm
+Pieces stand at right angles to the walls, anywhere (`custom` off) or by the solver's custom too (storage, beds and
+desks with a side to a wall). What follows its host is left out: the TV, and the desk chair, which stands in its desk's
+own use zone. *Relaxed* (obstacles 1 mm smaller, paths not looked at): without a solution none exists. *Strict* (1 mm
 larger): each solution goes to the judge; where a path is closed, those pieces may not stand so again (to 10 cm).
 """
 
@@ -121,7 +121,7 @@ class _Model:
         self.solver.parameters.num_workers = 1
         self.solver.parameters.max_deterministic_time = 4 * seconds
         self.solver.parameters.max_time_in_seconds = 6 * seconds
-        return self.solver.Solve(self.model)
+        return self.solver.solve(self.model)
 
     def pieces(self) -> list[Piece]:
         found = [self._piece(k, item) for k, item in enumerate(self.items)]
@@ -136,41 +136,41 @@ class _Model:
 
     def forbid(self, which: Sequence[int]) -> None:
         """Keep these pieces (with hosts for followers) from standing as they do, to 10 cm."""
-        clause = []
+        clause: list[Any] = []
         hosts = [i.spec.category for i in self.items]
         names = [FOLLOWS[i.spec.category] for i in self.followers]
         for k in {k if k < len(hosts) else hosts.index(names[k - len(hosts)]) for k in which}:
             for var in (self.x[k], self.y[k]):
-                at = self.solver.Value(var)
+                at = self.solver.value(var)
                 for low, high in ((-(10**6), at - STEP_MM), (at + STEP_MM, 10**6)):
-                    away = self.model.NewBoolVar("")
-                    self.model.AddLinearConstraint(var, low, high).OnlyEnforceIf(away)
+                    away = self.model.new_bool_var("")
+                    self.model.add_linear_constraint(var, low, high).only_enforce_if(away)
                     clause.append(away)
-            clause += [self.turn[k][q].Not() for q in range(4) if self.solver.Value(self.turn[k][q])]
-        self.model.AddBoolOr(clause)
+            clause += [self.turn[k][q].negated() for q in range(4) if self.solver.value(self.turn[k][q])]
+        self.model.add_bool_or(clause)
 
     def _piece(self, k: int, item: Item) -> Piece:
-        q = next(q for q in range(4) if self.solver.Value(self.turn[k][q]))
+        q = next(q for q in range(4) if self.solver.value(self.turn[k][q]))
         w, d = _size(item, q)
-        x, y = (self.solver.Value(self.x[k]) + w / 2) / 1000, (self.solver.Value(self.y[k]) + d / 2) / 1000
+        x, y = (self.solver.value(self.x[k]) + w / 2) / 1000, (self.solver.value(self.y[k]) + d / 2) / 1000
         return Piece(item.id, item.spec, x, y, q * np.pi / 2, item.spec.group_with or item.spec.category)
 
     def _variables(self) -> None:
         x0, y0, x1, y1 = self.bounds
         m = self.model
-        self.x = [m.NewIntVar(x0, x1, "") for _ in self.items]
-        self.y = [m.NewIntVar(y0, y1, "") for _ in self.items]
-        self.turn = [[m.NewBoolVar("") for _ in range(4)] for _ in self.items]
+        self.x = [m.new_int_var(x0, x1, "") for _ in self.items]
+        self.y = [m.new_int_var(y0, y1, "") for _ in self.items]
+        self.turn = [[m.new_bool_var("") for _ in range(4)] for _ in self.items]
         self.bodies = []
         for k, item in enumerate(self.items):
-            m.AddExactlyOne(self.turn[k])
+            m.add_exactly_one(self.turn[k])
             self.bodies.append([self._box(k, (0, 0, *_size(item, q)), self.turn[k][q]) for q in range(4)])
 
     def _box(self, k: int, rect: Rect, present: Any) -> tuple[Any, Any]:
         """Return the intervals of a rectangle (offsets from the piece's corner)."""
         a, b, c, d = rect
         spans = ((self.x[k] + a, c - a), (self.y[k] + b, d - b))
-        made = [self.model.NewOptionalFixedSizeIntervalVar(at, int(size), present, "") for at, size in spans]
+        made = [self.model.new_optional_fixed_size_interval_var(at, int(size), present, "") for at, size in spans]
         return made[0], made[1]
 
     def _fixed(self, area: Any) -> list[tuple[Any, Any]]:
@@ -182,13 +182,13 @@ class _Model:
             edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]])))
             for a, b in zip(edges[::2], edges[1::2], strict=True):
                 spans = ((xs[a], xs[b] - xs[a]), (y0, y1 - y0))
-                both = [self.model.NewFixedSizeIntervalVar(at, size, "") for at, size in spans]
+                both = [self.model.new_fixed_size_interval_var(at, size, "") for at, size in spans]
                 made.append((both[0], both[1]))
         return made
 
     def _apart(self, groups: Sequence[Sequence[tuple[Any, Any]]]) -> None:
         boxes = [b for group in groups for b in group]
-        self.model.AddNoOverlap2D([b[0] for b in boxes], [b[1] for b in boxes])
+        self.model.add_no_overlap_2d([b[0] for b in boxes], [b[1] for b in boxes])
 
     def _zones(self, k: int) -> None:
         """Keep the use zones of a piece free of walls and of the pieces of other groups."""
@@ -204,19 +204,19 @@ class _Model:
             if deep <= 0:
                 continue
             optional = bool(item.spec.sides_rule) and zone.side in ("left", "right")
-            kept = self.model.NewBoolVar("") if optional else None
+            kept = self.model.new_bool_var("") if optional else None
             free.setdefault("side" if optional else "all", []).append(kept)
             boxes = []
             for q in range(4):
                 present = self.turn[k][q]
                 if kept is not None:
-                    present = self.model.NewBoolVar("")
-                    self.model.AddBoolOr([present, kept.Not(), self.turn[k][q].Not()])
-                    self.model.AddImplication(present, self.turn[k][q])
+                    present = self.model.new_bool_var("")
+                    self.model.add_bool_or([present, kept.negated(), self.turn[k][q].negated()])
+                    self.model.add_implication(present, self.turn[k][q])
                 boxes.append(self._box(k, _zone_rect(item, zone.side, deep, q), present))
             self._apart([boxes, *others, self.walls])
         if free.get("side"):
-            self.model.Add(sum(free["side"]) >= min(len(free["side"]), int(self.rules.length(item.spec.sides_rule))))
+            self.model.add(sum(free["side"]) >= min(len(free["side"]), int(self.rules.length(item.spec.sides_rule))))
 
     def _near(self, k: int) -> None:
         """Keep a bound piece within reach of a host (in x and in y)."""
@@ -224,16 +224,18 @@ class _Model:
             return
         within = round(1000 * self.rules.together) + 1
         hosts = [h for h, i in enumerate(self.items) if i.spec.category.endswith(self.items[k].spec.group_with)]
-        by = [self.model.NewBoolVar("") for _ in hosts]
+        by = [self.model.new_bool_var("") for _ in hosts]
         for h, near in zip(hosts, by, strict=True):
             for q in range(4):
                 for p in range(4):
                     if_so = [near, self.turn[k][q], self.turn[h][p]]
                     for mine, theirs, i in ((self.x[k], self.x[h], 0), (self.y[k], self.y[h], 1)):
                         own, host = _size(self.items[k], q)[i], _size(self.items[h], p)[i]
-                        self.model.AddLinearConstraint(mine - theirs, -within - own, host + within).OnlyEnforceIf(if_so)
+                        self.model.add_linear_constraint(mine - theirs, -within - own, host + within).only_enforce_if(
+                            if_so
+                        )
         if by:
-            self.model.AddBoolOr(by)
+            self.model.add_bool_or(by)
 
     def _at_wall(self, k: int) -> None:
         """Ask for a wall behind a piece, or beside it where it is large."""
@@ -251,16 +253,16 @@ class _Model:
                 turned = {0: facing, 1: TURNS[(q + 1) % 4], 3: TURNS[(q + 3) % 4]}
                 if not any(turned[s] == (int(inward[0]), int(inward[1])) for s in sides):
                     continue
-                chosen = self.model.NewBoolVar("")
-                self.model.AddImplication(chosen, self.turn[k][q])
+                chosen = self.model.new_bool_var("")
+                self.model.add_implication(chosen, self.turn[k][q])
                 run, across = (self.x[k], self.y[k]) if along == 0 else (self.y[k], self.x[k])
                 size, deep = (w, d) if along == 0 else (d, w)
                 level = round(a[1 - along])
                 at = level if inward[1 - along] > 0 else level - deep
-                self.model.AddLinearConstraint(run, low, high - size).OnlyEnforceIf(chosen)
-                self.model.AddLinearConstraint(across, at, at).OnlyEnforceIf(chosen)
+                self.model.add_linear_constraint(run, low, high - size).only_enforce_if(chosen)
+                self.model.add_linear_constraint(across, at, at).only_enforce_if(chosen)
                 choices.append(chosen)
-        self.model.AddBoolOr(choices)
+        self.model.add_bool_or(choices)
 
     def _strip(self, edge: int, t0: float, t1: float, deep: float) -> Any:
         corner, u, _ = self.plan.edge(edge)

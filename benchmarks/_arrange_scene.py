@@ -57,7 +57,7 @@ def scene_eval(plan: FloorPlan, one: Arrangement) -> tuple[float, float, float, 
     walk = free.buffer(-0.2)
     parts = [p.area for p in getattr(walk, "geoms", [walk])]
     share = max(parts, default=0.0) / sum(parts) if sum(parts) else 0.0
-    return float(np.mean(out or [0])), float(np.mean(hits or [0])), float(np.mean(blocked or [0])), share
+    return float(np.mean(out or [False])), float(np.mean(hits or [False])), float(np.mean(blocked or [False])), share
 
 
 def _box(corner: Any, u: Any, t0: float, t1: float, deep: float) -> Polygon:
