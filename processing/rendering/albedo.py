@@ -20,12 +20,13 @@ from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.rendering.irradiance import Effort
 from processing.rendering.kernels import towards_panes
 from processing.rendering.render import sun_of
-from processing.rendering.room_light import irradiance_by_picture, measured_light, window_transmittance
+from processing.rendering.room_light import irradiance_by_picture, measured_light
 from processing.rendering.scene import Doubles, Floats, Outdoors, Scene, Vector, plain
 from processing.rendering.shell import REVEAL_M, shell_of
 from processing.rendering.sight import Sight, albedo_of, sight_of
 from processing.rendering.stage import Stage
 from processing.rendering.upsample import upsampled
+from processing.rendering.windows import measured_windows
 from processing.resampling import resample
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
@@ -41,8 +42,6 @@ HALF_SHADOW = 0.35
 SUN_MARGIN_M = 0.25
 """Around the sun's patch, where the model's edges may be wrong."""
 PX_PER_M = 50.0
-TRANSMITTANCE = (0.75, 0.77, 0.75)
-"""Of double glazing, where it cannot be told from the pictures."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def albedo_of_room(
     eye = (0.0, 0.0, room.camera_height_m)
     sight = sight_of(stage, Equirectangular(2 * rows, rows), eye)
     small = sight_of(stage, Equirectangular(2 * min(effort.rows, rows), min(effort.rows, rows)), eye)
-    light = measured_light(stage, rgb, eye, (seed, 60))
+    light = measured_light(stage, rgb, sight, eye, (seed, 60))
     base, error = irradiance_by_picture(stage, light, small, effort, seed)
     sky, _ = upsampled(base, small, sight, wraps=True)
     sun = sun_of(stage, sight, effort.sun_samples, seed)
@@ -149,18 +148,11 @@ def _stage(
     stage = Stage.of(Scene(surfaces, panes, outdoors), effort.texel_m)
     geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
     sight = sight_of(stage, geometry, (0.0, 0.0, room.camera_height_m))
-    told = window_transmittance(stage, sight, rgb.reshape(-1, 3), valid.ravel())
-    usual = tuple(np.mean(list(told.values()), axis=0)) if told else TRANSMITTANCE
-    every = {
-        pane.opening: told.get(pane.opening, (float(usual[0]), float(usual[1]), float(usual[2]))) for pane in panes
-    }
-    notes = tuple(
-        f"transmittance of opening {n} cannot be told from the pictures: {every[n][1]:.2f} taken"
-        for n in every
-        if n not in told
-    )
-    clear = tuple(replace(pane, transmittance=every[pane.opening]) for pane in panes)
-    return replace(stage, scene=Scene(surfaces, clear, outdoors)), every, notes
+    eye = (0.0, 0.0, room.camera_height_m)
+    clear, measured, told = measured_windows(stage, sight, rgb, valid, eye)
+    notes = () if told or not panes else ("the windows' transmittance cannot be told: that of double glazing is taken",)
+    every = {pane.opening: pane.transmittance for pane in clear}
+    return replace(stage, scene=Scene(surfaces, clear, measured)), every, notes
 
 
 def _open_sun(stage: Stage, sight: Sight) -> Doubles:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from processing.rendering.chance import Key, random
 from processing.rendering.kernels import FIRST, SECOND, STEP_OFF_M, add_outdoors, pane_rays, towards_panes
 from processing.rendering.patches import PANE
 from processing.rendering.scene import Doubles, Floats, Pane, Sun
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
+from processing.rendering.tracer import Hits
 
 RIM_RAYS, RIM_AREA = 12, 0.98
 """Rays to the sun's rim (as a share of its area): if they agree, less than 2 % of the disc can look otherwise."""
@@ -50,9 +52,19 @@ def _through(
     p = stage.patches
     add_outdoors(
         *(p.owner, p.item, number, hits.triangle, useful // samples, rays, weight.ravel()[useful]),
-        *(stage.scene.outdoors.rgb, np.asarray(pane.transmittance), samples, out),
+        *(stage.scene.outdoors.rgb, np.asarray(pane.transmittance)),
+        *(_cells(pane, ray_origins, rays, hits), pane.clear.ravel(), pane.veil_cd_m2.reshape(-1, 3), samples, out),
     )
     return out
+
+
+def _cells(pane: Pane, origins: Floats, rays: Floats, hits: Hits) -> npt.NDArray[np.intp]:
+    """Return the flat index of the pane's cell that each ray meets; of rays that meet something else, any."""
+    if pane.clear.size == 1:
+        return np.zeros(len(rays), np.intp)
+    distance = np.where(np.isfinite(hits.distance_m), hits.distance_m, 0)
+    row, column = pane.cells(origins + distance[:, None] * rays)
+    return row * pane.clear.shape[1] + column
 
 
 def sunlight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
@@ -94,13 +106,15 @@ def _adaptive(stage: Stage, sun: Sun, points: Floats, normals: Floats, samples: 
 def _disc_light(stage: Stage, sun: Sun, points: Floats, normals: Floats, chance: Doubles) -> Doubles:
     """Return the irradiance by one random place of the sun's disc for each point."""
     rays = disc_directions(sun, chance)
-    hits = stage.tracer.cast(points + np.float32(STEP_OFF_M) * normals, rays)
+    start = points + np.float32(STEP_OFF_M) * normals
+    hits = stage.tracer.cast(start, rays)
     p = stage.patches
-    met = hits.triangle >= 0
-    through = met & (p.owner[hits.triangle] == PANE)
+    through = (hits.triangle >= 0) & (p.owner[hits.triangle] == PANE)
     tint = np.zeros((len(points), 3))
-    glass = np.array([pane.transmittance for pane in stage.scene.panes])
-    tint[through] = glass[p.item[hits.triangle[through]]]
+    for number, pane in enumerate(stage.scene.panes):
+        mine = np.flatnonzero(through & (p.item[hits.triangle] == number))
+        row, column = pane.cells(start[mine] + hits.distance_m[mine, None] * rays[mine])
+        tint[mine] = pane.clear[row, column, None] * np.asarray(pane.transmittance)
     cosine = np.maximum(np.einsum("ij,ij->i", normals, rays), 0)
     return np.asarray(tint * cosine[:, None] * np.asarray(sun.normal_illuminance_lx))
 

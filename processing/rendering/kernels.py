@@ -178,8 +178,13 @@ def pane_rays(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_outdoors(owner, item, pane, triangle, ray, directions, weight, picture, tint, samples, out):  # type: ignore[no-untyped-def]
-    """Add to ``out`` (n, 3) what rays (k) that reach a pane bring in; ``ray`` (k,) tells each one's point."""
+def add_outdoors(  # type: ignore[no-untyped-def]
+    owner, item, pane, triangle, ray, directions, weight, picture, tint, cell, clear, veil, samples, out
+):
+    """Add to ``out`` (n, 3) what rays (k) that reach a pane bring in; ``ray`` (k,) tells each one's point.
+
+    ``cell`` (k,) is the place on the pane where ``clear`` (cells,) and ``veil`` (cells, 3) are read.
+    """
     rows, columns = picture.shape[0], picture.shape[1]
     for k in range(ray.shape[0]):
         t = triangle[k]
@@ -197,7 +202,8 @@ def add_outdoors(owner, item, pane, triangle, ray, directions, weight, picture, 
         for c in range(3):
             above = picture[low, left, c] * (1 - fc) + picture[low, right, c] * fc
             below = picture[high, left, c] * (1 - fc) + picture[high, right, c] * fc
-            out[i, c] += share * tint[c] * (above * (1 - fr) + below * fr)
+            outside = tint[c] * (above * (1 - fr) + below * fr)
+            out[i, c] += share * (clear[cell[k]] * outside + veil[cell[k], c])
 
 
 @compiled

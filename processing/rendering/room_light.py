@@ -17,7 +17,7 @@ from processing.rendering.daylight import skylight
 from processing.rendering.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.rendering.kernels import bounce
 from processing.rendering.scene import Doubles, Floats, Vector
-from processing.rendering.sight import GLASS, Sight, looked_up
+from processing.rendering.sight import Sight
 from processing.rendering.stage import Stage
 from processing.rendering.transport import BrightPatches, from_bright, links_of
 
@@ -26,6 +26,8 @@ LOOKS = 8
 BRIGHT_TIMES = 6.0
 """A patch this many times brighter than the median is shot at."""
 SAME_PLACE_M = 0.02
+LEAST_SHARE = 0.5
+"""Of `LOOKS`, below which a patch counts as unseen."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,12 @@ class MeasuredLight:
     """(n,) share of the patch that the camera sees."""
 
 
-def measured_light(stage: Stage, panorama: Floats, eye_m: Vector, key: Key) -> MeasuredLight:
-    """Return what each patch gives off; patches that the camera does not see take the mean of those like them."""
+def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, key: Key) -> MeasuredLight:
+    """Return what each patch gives off, by a panorama (H, 2 H, 3) and what its pixels see.
+
+    Only pixels of the patch's own surface count: beside it may be a window, whose light is far stronger. Patches that
+    the camera does not see take the mean of those like them.
+    """
     patches = stage.patches
     which = np.repeat(np.arange(patches.count), LOOKS)
     places = patches.places(which, key)
@@ -48,13 +54,43 @@ def measured_light(stage: Stage, panorama: Floats, eye_m: Vector, key: Key) -> M
     way = (way / np.maximum(far, 1e-6)[:, None]).astype(np.float32)
     hits = stage.tracer.cast(np.broadcast_to(eye, way.shape), way)
     ahead = np.einsum("ij,ij->i", way, patches.normal[which]) < 0
-    visible = ahead & (hits.distance_m > far - SAME_PLACE_M) & (patches.area_m2[which] > 0)
-    total = np.zeros((patches.count, 3))
-    np.add.at(total, which[visible], looked_up(panorama, way[visible]))
-    count = np.bincount(which[visible], minlength=patches.count)
-    radiance = total / np.maximum(count, 1)[:, None]
-    _fill_unseen(stage, radiance, count > 0)
-    return MeasuredLight(radiance, count / LOOKS)
+    visible = np.flatnonzero(ahead & (hits.distance_m > far - SAME_PLACE_M) & (patches.area_m2[which] > 0))
+    value, weight = _own_pixels(panorama, sight, way[visible], _surface_of(stage)[which[visible]])
+    total, share = np.zeros((patches.count, 3)), np.zeros(patches.count)
+    np.add.at(total, which[visible], value * weight[:, None])
+    np.add.at(share, which[visible], weight)
+    radiance = total / np.maximum(share, 1e-9)[:, None]
+    radiance[share < LEAST_SHARE] = 0
+    _fill_unseen(stage, radiance, share >= LEAST_SHARE)
+    return MeasuredLight(radiance, share / LOOKS)
+
+
+def _surface_of(stage: Stage) -> np.ndarray:
+    out = np.full(stage.patches.count, -1)
+    for number, (columns, rows, first) in enumerate(stage.patches.grids):
+        out[first : first + columns * rows] = number
+    return out
+
+
+def _own_pixels(panorama: Floats, sight: Sight, rays: Floats, surface: np.ndarray) -> tuple[Doubles, Doubles]:
+    """Return a panorama's values (n, 3) along rays from the four pixels around, and what share of them could be used.
+
+    Of use are pixels that see the ray's own surface (n,).
+    """
+    rows, columns = sight.shape
+    label = sight.label.reshape(sight.shape)
+    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
+    y = (0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * rows - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    value, weight = np.zeros((len(rays), 3)), np.zeros(len(rays))
+    for right in (0, 1):
+        for down in (0, 1):
+            column, row = (left + right) % columns, np.clip(top + down, 0, rows - 1)
+            share = np.abs(1 - right - (x - left)) * np.abs(1 - down - (y - top))
+            share = np.where(label[row, column] == surface, share, 0)
+            value += share[:, None] * panorama[row, column]
+            weight += share
+    return value / np.maximum(weight, 1e-9)[:, None], weight
 
 
 def _fill_unseen(stage: Stage, radiance: Doubles, seen: np.ndarray) -> None:
@@ -88,7 +124,7 @@ def irradiance_by_picture(
     mean: Floats = (halves[0] + halves[1]) * np.float32(0.5)
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
     apart, whole = (halves[0] - halves[1]) @ weights, np.maximum((halves[0] + halves[1]) @ weights, 1e-9)
-    error = np.sqrt(cv2.blur((apart / whole) ** 2, (9, 9))) / 5
+    error = np.sqrt(np.maximum(cv2.blur((apart / whole) ** 2, (9, 9)), 0)) / 5
     return (cleaned(mean, sight, wraps=True) if effort.clean else mean), error.astype(np.float32)
 
 
@@ -119,26 +155,3 @@ def _gathered(
     if bright is not None:
         out += from_bright(stage, bright, points, normals, links, max(1, round(samples * SHOT_SHARE)), (seed, 42))
     return out
-
-
-def window_transmittance(stage: Stage, sight: Sight, panorama: Floats, valid: np.ndarray) -> dict[int, Vector]:
-    """Return each opening's mean transmittance: what is seen through it indoors over what is there outdoors.
-
-    Bars, frames and curtains before the glass count as glass that lets less through. Only what lies above the horizon
-    is compared, as the sky's picture sees nothing below; an opening that shows too little of it gets no entry.
-    """
-    found: dict[int, Vector] = {}
-    for number, pane in enumerate(stage.scene.panes):
-        mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number) & (sight.rays[:, 2] > 0.02) & valid)
-        outside = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]).astype(np.float64)
-        area = np.sqrt(1 - sight.rays[mine, 2].astype(np.float64) ** 2)[:, None]
-        there = (outside * area).sum(axis=0)
-        if len(mine) < LEAST_PIXELS or not (there > 0).all():
-            continue
-        share = np.clip((panorama[mine] * area).sum(axis=0) / there, 0, 1)
-        found[pane.opening] = (float(share[0]), float(share[1]), float(share[2]))
-    return found
-
-
-LEAST_PIXELS = 12
-"""Of a window that must show sky, for its transmittance to be told."""

@@ -126,6 +126,10 @@ class Pane:
     transmittance: Vector = (1.0, 1.0, 1.0)
     opening: int = -1
     """Index into the room's openings."""
+    clear: Floats = field(default_factory=lambda: np.ones((1, 1), np.float32))
+    """(h, w): how much of the glass is clear of bars, curtains and blinds; row 0 at the top, column 0 at the corner."""
+    veil_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
+    """(h, w, 3), of the size of ``clear``: radiance of what covers it, towards the room."""
 
     def __post_init__(self) -> None:
         share = np.asarray(self.transmittance)
@@ -135,6 +139,19 @@ class Pane:
                 where=f"pane of opening {self.opening}",
                 advice="give 0 to 1",
             )
+        if self.veil_cd_m2.shape != (*self.clear.shape, 3):
+            raise SceneError("veil and clear share of a pane differ in size", advice="give (h, w, 3) and (h, w)")
+        _check_albedo(f"pane of opening {self.opening}", self.clear)
+        _check_emission(f"pane of opening {self.opening}", self.veil_cd_m2)
+
+    def cells(self, points: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Return row and column of ``clear`` at places (n, 3) on the pane."""
+        rows, columns = self.clear.shape
+        offset = points - self.corner_m
+        u = offset @ self.across_m / (self.across_m @ self.across_m)
+        v = 1 - offset @ self.up_m / (self.up_m @ self.up_m)
+        row, column = np.floor(v * rows).astype(np.intp), np.floor(u * columns).astype(np.intp)
+        return row.clip(0, rows - 1), column.clip(0, columns - 1)
 
 
 @dataclass(frozen=True)

@@ -98,10 +98,11 @@ def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
 def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
     """Return the radiance (n, 3) seen through glass, 0 elsewhere; the sun's disc is not drawn."""
     out = np.zeros((len(sight.label), 3), np.float32)
-    through = np.flatnonzero(sight.label == GLASS)
-    if len(through):
-        glass = np.array([pane.transmittance for pane in stage.scene.panes], np.float32)
-        out[through] = glass[sight.pane[through]] * looked_up(stage.scene.outdoors.rgb, sight.rays[through])
+    for number, pane in enumerate(stage.scene.panes):
+        mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number))
+        outside = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * np.asarray(pane.transmittance, np.float32)
+        row, column = pane.cells(sight.point[mine])
+        out[mine] = pane.clear[row, column, None] * outside + pane.veil_cd_m2[row, column]
     return out
 
 
