@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
@@ -121,10 +122,10 @@ def _plain(value: Any) -> Any:
 
 
 def _digest() -> str:
-    """Return a digest of the code that rows depend on."""
-    names = [*ROOT.glob("processing/layout/*.py"), ROOT / "processing/layout/rules.toml"]
-    names += ROOT.glob("benchmarks/_arrange_*.py")
+    """Return a digest of the code that rows depend on: the modules of the solver and of this benchmark in use."""
+    used = [m for m in sys.modules if m.startswith(("processing.layout.", "benchmarks._arrange"))]
+    names = [ROOT / "processing/layout/rules.toml", *(Path(str(sys.modules[m].__file__)) for m in sorted(used))]
     told = hashlib.sha256()
-    for path in sorted(p for p in names if not p.name.startswith(("catalogue", "mesh_", "scene_"))):
+    for path in names:
         told.update(path.name.encode() + path.read_bytes())
     return told.hexdigest()[:12]
