@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import cv2
 
-from benchmarks.seeds import TRAIN, VALIDATION
+from benchmarks.seeds import TRAIN, VALIDATION, Split
 
 
 @click.group()
@@ -62,38 +62,53 @@ def fit(pictures: Path, out: Path, steps: int, minutes: float | None, rate: floa
 @main.command()
 @click.option("--checkpoint", type=click.Path(path_type=Path), required=True)
 @click.option("--validation", type=click.Path(path_type=Path), required=True, help="Pictures that calibrate sigma.")
+@click.option("--rooms", type=int, default=24, help="Fully lit validation rooms that calibrate it too.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The .onnx; a .json is written beside it.")
 @click.option("--name", required=True, help="Name and version that results carry.")
-def export(checkpoint: Path, validation: Path, out: Path, name: str) -> None:
-    """Write the network as the program ships it."""
+def export(checkpoint: Path, validation: Path, rooms: int, out: Path, name: str) -> None:
+    """Write the network as the program ships it; its sigmas hold on either kind of validation picture."""
     from training.export import export as run
-    from training.judge import on_validation
+    from training.judge import on_rooms, on_validation
 
     run(checkpoint, out, name=name, sigma_scale=(1.0, 1.0))
-    scales = on_validation(out, validation, every=2).scales()
+    cheap, full = on_validation(out, validation, every=2).scales(), on_rooms(out, "validation", rooms).scales()
+    scales = max(cheap[0], full[0]), max(cheap[1], full[1])
     run(checkpoint, out, name=name, sigma_scale=scales)
-    click.echo(f"{out}: sigma scales {scales[0]:.2f} {scales[1]:.2f}")
+    click.echo(f"{out}: sigma scales {cheap} on training-like pictures, {full} on fully lit rooms")
 
 
 @main.command()
 @click.option("--model", type=click.Path(path_type=Path), default=None, help="None: the shipped one.")
 @click.option("--validation", type=click.Path(path_type=Path), default=None)
 @click.option("--shared", type=click.Path(path_type=Path), default=None, help="The shared data folder.")
+@click.option("--rooms", type=int, default=0, help="Of so many fully lit rooms, those in the cache of truths.")
+@click.option("--split", type=click.Choice(["validation", "test"]), default="validation", help="Of --rooms.")
 @click.option("--quality", default="standard")
 @click.option("--scored-half", is_flag=True, help="The real pictures that nobody looks at.")
-def evaluate(model: Path | None, validation: Path | None, shared: Path | None, quality: str, scored_half: bool) -> None:
+def evaluate(
+    model: Path | None,
+    validation: Path | None,
+    shared: Path | None,
+    rooms: int,
+    split: Split,
+    quality: str,
+    scored_half: bool,
+) -> None:
     """Print figures as JSON."""
     import json
 
     from processing.segmentation.embedded import SHIPPED
-    from training.judge import on_real, on_validation
+    from training.judge import on_real, on_rooms, on_validation
 
     chosen = model or SHIPPED
     said: dict[str, object] = {}
     if validation is not None:
         tally = on_validation(chosen, validation, quality=quality)
-        said["validation"] = {name: round(value, 3) for name, value in tally.summary().items()}
+        said["validation"] = tally.rounded()
         said["reliability_deg"] = [(round(a, 2), round(b, 2)) for a, b in tally.reliability()]
+    for name, empty in (("furnished", False), ("emptied", True)) if rooms else ():
+        told = on_rooms(chosen, split, rooms, quality=quality, empty=empty)
+        said[f"{split} {name}"] = {"rooms": len(told.floor_iou), **told.rounded()}
     if shared is not None:
         said["real"] = on_real(chosen, shared, quality=quality, scored_half=scored_half)
     click.echo(json.dumps(said, indent=1))

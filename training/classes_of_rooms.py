@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from mocks.rooms.mesh import Part
 from mocks.rooms.model import Role
 from mocks.rooms.room import Room
+from mocks.rooms.truth import TruthPictures
 from processing.segmentation.classes import SceneClass
 from training.soup import Soup
 
@@ -56,3 +58,13 @@ def room_soup(room: Room, parts: list[Part]) -> Soup:
         mesh = part.mesh
         soup.add(mesh.vertices[mesh.faces].astype(np.float32), class_of(part), paints[key])
     return soup
+
+
+def class_picture(pictures: TruthPictures) -> npt.NDArray[np.int8]:
+    """Return the class of every pixel of a truth."""
+    out = np.where(pictures.furniture, np.int8(SceneClass.FURNITURE), np.int8(SceneClass.FIXTURE))
+    for number, name in enumerate(pictures.surface_names):
+        if name in _BY_SURFACE:
+            out[pictures.surface == number] = _BY_SURFACE[name]
+    out[pictures.surface < 0] = SceneClass.WINDOW
+    return out

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from training.augment import drawn_batch
+from training.augment import Arrays, drawn_batch
 from training.losses import loss_of
 from training.network import RoomNetwork
 from training.shards import Examples, read_shards
@@ -19,6 +19,7 @@ from training.shards import Examples, read_shards
 BATCH = 12
 SHARDS_EVERY = 250
 """Steps after which new files of pictures are looked for."""
+KEPT_EVERY, SAID_EVERY = 250, 100
 
 
 @dataclass(frozen=True)
@@ -36,50 +37,64 @@ class Plan:
     seed: int = 1
 
 
-def fit(pictures: Path, out: Path, plan: Plan, start: Path | None = None) -> None:
-    """Train and leave ``out`` (a checkpoint with weights and their average) every 500 steps and at the end."""
+@dataclass
+class Learner:
+    """The network in training, its averaged copy, and what changes it."""
+
+    network: RoomNetwork
+    average: RoomNetwork
+    optimiser: torch.optim.Optimizer
+
+    def step(self, drawn: Arrays, rate: float, share: float) -> dict[str, float]:
+        """Learn from one batch; return the parts of its loss. ``share`` is how slowly the average follows."""
+        for group in self.optimiser.param_groups:
+            group["lr"] = rate
+        batch = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in drawn.items()}
+        batch["label"] = batch["label"].long()
+        picture = batch["picture"].contiguous(memory_format=torch.channels_last)
+        loss, parts = loss_of(self.network(picture), batch)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 2.0)
+        self.optimiser.step()
+        follow(self.average, self.network, share)
+        return parts
+
+
+def learner(plan: Plan, start: Path | None) -> Learner:
+    """Return a network with weights drawn by the plan's seed, or those of a checkpoint's average."""
     torch.set_num_threads(1)
     torch.manual_seed(plan.seed)
-    rng = np.random.default_rng([plan.seed, 17])
     network = RoomNetwork().to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     if start is not None:
         network.load_state_dict(torch.load(start, weights_only=True)["average"])
     average = copy.deepcopy(network).eval()
-    optimiser = torch.optim.AdamW(network.parameters(), lr=plan.rate, weight_decay=plan.decay)
+    network.train()
+    return Learner(network, average, torch.optim.AdamW(network.parameters(), lr=plan.rate, weight_decay=plan.decay))
+
+
+def fit(pictures: Path, out: Path, plan: Plan, start: Path | None = None) -> None:
+    """Train and leave ``out`` (a checkpoint with weights and their average) every 250 steps and at the end."""
+    rng = np.random.default_rng([plan.seed, 17])
+    learning = learner(plan, start)
     known: set[str] = set()
     examples = read_shards(pictures, known)
-    begun, sums, done = time.monotonic(), dict[str, float](), 0
-    network.train()
-    step = 0
+    begun, sums, step = time.monotonic(), dict[str, float](), 0
     while (share := progress(plan, step, time.monotonic() - begun)) < 1:
         if step % SHARDS_EVERY == 0 and step:
             examples = grown(examples, pictures, known)
-        rate = scheduled(plan, step, share)
-        for group in optimiser.param_groups:
-            group["lr"] = rate
-        chosen = rng.choice(len(examples), BATCH)
-        batch = {
-            name: torch.from_numpy(np.ascontiguousarray(a)) for name, a in drawn_batch(rng, examples, chosen).items()
-        }
-        batch["label"] = batch["label"].long()
-        picture = batch["picture"].contiguous(memory_format=torch.channels_last)
-        loss, parts = loss_of(network(picture), batch)
-        optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 2.0)
-        optimiser.step()
-        follow(average, network, min(plan.average, (step + 1) / (step + 10)))
-        for name, value in parts.items():
-            sums[name] = sums.get(name, 0.0) + value
-        done += 1
+        drawn = drawn_batch(rng, examples, rng.choice(len(examples), BATCH))
+        slow = min(plan.average, (step + 1) / (step + 10))
+        for name, value in learning.step(drawn, scheduled(plan, step, share), slow).items():
+            sums[name] = sums.get(name, 0.0) + value / SAID_EVERY
         step += 1
-        if done == 100:
-            shown = " ".join(f"{name} {value / done:.3f}" for name, value in sums.items())
+        if step % SAID_EVERY == 0:
+            shown = " ".join(f"{name} {value:.3f}" for name, value in sums.items())
             print(f"{step} {shown} of {len(examples)} at {time.monotonic() - begun:.0f} s", flush=True)  # noqa: T201
-            sums, done = {}, 0
-        if step % 250 == 0:
-            _keep(out, network, average, step)
-    _keep(out, network, average, step)
+            sums = {}
+        if step % KEPT_EVERY == 0:
+            _keep(out, learning.network, learning.average, step)
+    _keep(out, learning.network, learning.average, step)
 
 
 def _keep(out: Path, network: RoomNetwork, average: RoomNetwork, step: int) -> None:

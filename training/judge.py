@@ -6,10 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from benchmarks.seeds import Split
+from processing.images import LuminanceImage
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.network_input import WIDTH_PX
+from processing.sphere import Equirectangular
+from training.camera import small_labels
+from training.classes_of_rooms import class_picture
+from training.labels import boundary_latitudes
 from training.real import SEEN, furniture_masks, zind_layouts
 from training.scores import Tally, floor_iou
 from training.shards import read_shards
@@ -37,6 +45,30 @@ def on_validation(model: Path, pictures: Path, *, quality: str = "standard", eve
         stacked = np.stack([edges.ceiling_rad, edges.floor_rad, edges.ceiling_sigma_rad, edges.floor_sigma_rad])
         tally.add_columns(stacked, examples.ceiling_rad[index], examples.floor_rad[index])
     return tally
+
+
+def on_rooms(model: Path, split: Split, count: int, *, quality: str = "standard", empty: bool = False) -> Tally:
+    """Return the figures on fully lit simulated rooms (`benchmarks._truth_rooms`), as calibrated pictures."""
+    from benchmarks._truth_rooms import kept_list, truth_of
+
+    tally = Tally()
+    for seed, use in kept_list(split, count):
+        room, pictures = truth_of(seed, use)
+        rgb = pictures.empty_rgb if empty else pictures.luminance_rgb
+        evidence = scene_evidence(luminance_image(rgb), quality=quality, model=model)
+        if not empty:
+            tally.add_classes(evidence.probabilities, small_labels(class_picture(pictures)))
+        plan = room.plan
+        edges = boundary_latitudes(plan.polygon, (0.0, 0.0), plan.camera_height_m, plan.height_m, WIDTH_PX)
+        tally.add_columns(columns_of(evidence), *edges)
+    return tally
+
+
+def luminance_image(rgb: npt.NDArray[np.float32]) -> LuminanceImage:
+    """Return a simulated panorama as a calibrated picture."""
+    height, width = rgb.shape[:2]
+    sure = np.full((height, width), 0.01, np.float32)
+    return LuminanceImage(rgb, sure, np.zeros((height, width), np.uint8), Equirectangular(width, height), 0.02)
 
 
 def on_real(model: Path, shared: Path, *, quality: str = "reference", scored_half: bool = False) -> dict[str, Any]:

@@ -53,9 +53,10 @@ class Tally:
         """Return all figures."""
         up, down = (np.abs(np.concatenate(v)) for v in (self.ceiling_deg, self.floor_deg))
         s_up, s_down = np.concatenate(self.ceiling_sigmas), np.concatenate(self.floor_sigmas)
+        judged = self.confusion.sum()
         return {
             **self.iou(),
-            "accuracy": float(np.diag(self.confusion).sum() / max(self.confusion.sum(), 1e-9)),
+            **({"accuracy": float(np.diag(self.confusion).sum() / judged)} if judged else {}),
             "ceiling_deg_mean": float(up.mean()),
             "ceiling_deg_median": float(np.median(up)),
             "floor_deg_mean": float(down.mean()),
@@ -67,6 +68,10 @@ class Tally:
             "floor_within_1_sigma": float((down < s_down).mean()),
             "floor_within_2_sigma": float((down < 2 * s_down).mean()),
         }
+
+    def rounded(self) -> dict[str, float]:
+        """Return all figures, to three places."""
+        return {name: round(value, 3) for name, value in self.summary().items()}
 
     def scales(self) -> tuple[float, float]:
         """Return factors by which sigmas (ceiling, floor) have to be multiplied so that 68 % of errors lie within."""
