@@ -1,0 +1,129 @@
+"""The stage detect by itself: masks, what is left out and why, the sun's place in the panorama."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from processing.errors import ParameterError
+from processing.images import LuminanceImage
+from processing.report.detect_sections import detect_section, tinted
+from processing.segmentation.evidence_file import write_evidence
+from processing.stages.contract import StageContext
+from processing.stages.detect import MASKS, nothing_to_go_by, run, sun_direction, turned
+from processing.stages.detect_parameters import DetectParameters
+from station.session import FrameRecord, Side, Site
+from tests.processing.removal.painted_room import Painted, iou, paint
+from tests.station.sessions import manifest
+
+FOUND_SUN = {"outdoor": {"sun": {"found": "yes, 35.00 degrees high"}}}
+
+
+@pytest.fixture(scope="module")
+def painted() -> Painted:
+    return paint(rows=160)
+
+
+def picture(painted: Painted, **attributes: object) -> LuminanceImage:
+    return LuminanceImage(
+        painted.image.rgb, painted.image.uncertainty, painted.image.validity, painted.image.geometry, 0.03,
+        attributes=attributes,
+    )  # fmt: skip
+
+
+def context(painted: Painted, folder: Path, **changes: Any) -> StageContext:
+    write_evidence(folder / "evidence.npz", painted.evidence)
+    artifacts: dict[tuple[str, str], object] = {
+        ("calibrate", "indoor"): picture(painted),
+        ("calibrate", "calibration"): FOUND_SUN,
+        ("room", "room"): painted.room.model_dump(mode="json"),
+        ("room", "evidence"): folder / "evidence.npz",
+        **changes.pop("artifacts", {}),
+    }
+    whole = StageContext(
+        session=manifest(),
+        session_path=folder,
+        folder=folder,
+        parameters=DetectParameters(),
+        fetch=lambda stage, name: artifacts.get((stage, name)),
+        summary=lambda _stage: {},
+    )
+    return replace(whole, **changes)
+
+
+def test_masks_are_made_and_told(painted: Painted, tmp_path: Path) -> None:
+    made = run(context(painted, tmp_path))
+    assert iou(made.artifacts["furniture"], painted.furniture) > 0.9  # type: ignore[arg-type]
+    assert iou(made.artifacts["sunlight"], painted.sunlit) > 0.8  # type: ignore[arg-type]
+    assert set(made.artifacts) == {*MASKS, "target"}
+    assert made.metrics["shares"]["target"] > made.metrics["shares"]["furniture"] > 0.01  # type: ignore[index,operator,call-overload]
+    assert made.metrics["evidence"] == "painted"
+    section = detect_section(picture(painted), made.artifacts, made.metrics)  # type: ignore[arg-type]
+    assert section.pictures[0].data.startswith(b"\xff\xd8")
+    assert len(section.quantities) == 5
+    assert section.tables[0].rows
+
+
+def test_no_sun_in_the_outdoor_picture_means_no_sunlight(painted: Painted, tmp_path: Path) -> None:
+    overcast = {("calibrate", "calibration"): {"outdoor": {"sun": {"found": "no: nothing is bright enough"}}}}
+    made = run(context(painted, tmp_path, artifacts=overcast))
+    assert "sunlight" not in made.artifacts
+    assert made.left_out["sunlight"] == "the outdoor picture shows no sun"
+    off = run(context(painted, tmp_path, parameters=DetectParameters(sunlight="off", margin_deg=0.0)))
+    assert "as asked" in off.left_out["sunlight"]
+
+
+def test_without_a_room_there_is_nothing_to_go_by(painted: Painted, tmp_path: Path) -> None:
+    assert nothing_to_go_by(context(painted, tmp_path)) is None
+    reason = nothing_to_go_by(context(painted, tmp_path, artifacts={("room", "room"): None}))
+    assert reason is not None
+    assert "--room" in reason
+
+
+def test_a_network_without_its_contract_is_refused(painted: Painted, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="belong together"):
+        run(context(painted, tmp_path, files={"segmenter": tmp_path / "network.onnx"}))
+
+
+def test_the_sun_s_place_is_the_panorama_s() -> None:
+    """Noon in June at the Tropic of Cancer's longitude 0: the sun due south, so behind a panorama that faces north."""
+    frame = FrameRecord(
+        side=Side.INDOOR, stop=0, file="indoor/a.jpg", size_bytes=1, sha256="0" * 64, asked_s=1.0, camera_s=1.0,
+        iso=100, f_number=5.6, taken_utc=datetime(2023, 6, 21, 12, 2, tzinfo=UTC),
+    )  # fmt: skip
+    session = manifest().model_copy(
+        update={"frames": (frame,), "site": Site(latitude_deg=50.0, longitude_deg=0.0), "heading_rad": 0.0}
+    )
+    found = sun_direction(session)
+    assert found is not None
+    assert abs(abs(found[0]) - math.pi) < math.radians(1.0)
+    assert math.degrees(found[1]) == pytest.approx(90 - 50 + 23.44, abs=0.2)
+    east = sun_direction(session.model_copy(update={"heading_rad": math.pi / 2}))
+    assert east is not None
+    assert math.degrees(east[0]) == pytest.approx(90, abs=1.0), "facing east, the south is to the right"
+    assert sun_direction(session.model_copy(update={"heading_rad": None})) is None
+    assert sun_direction(session.model_copy(update={"frames": ()})) is None
+
+
+def test_the_sun_turns_with_a_levelled_picture(painted: Painted) -> None:
+    quarter = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    found = turned((0.0, 0.5), picture(painted, level_rotation=quarter))
+    assert found == pytest.approx((-math.pi / 2, 0.5))
+    assert turned((0.3, 0.5), picture(painted)) == (0.3, 0.5)
+    assert turned(None, picture(painted, level_rotation=quarter)) is None
+
+
+def test_tints_and_the_target_s_outline() -> None:
+    grey = np.full((20, 40, 3), 100, np.uint8)
+    target = np.zeros((20, 40), bool)
+    target[5:15, 10:20] = True
+    shown = tinted(grey, {"furniture": target, "target": target})
+    assert (shown[10, 15] == (165, 70, 70)).all()
+    assert (shown[5, 15] == (0, 220, 60)).all()
+    assert (shown[0, 0] == 100).all()

@@ -1,0 +1,73 @@
+"""Masks as PNG: there and back, from drawing programs, and what is no mask."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from processing.errors import PictureFileError
+from processing.picture_masks import read_mask, write_mask
+from processing.pipeline import Artifact
+from processing.running.artifacts import Shelf, load, save
+
+
+def mask() -> np.ndarray:  # type: ignore[type-arg]
+    return np.random.default_rng(0).random((9, 17)) > 0.5
+
+
+def test_there_and_back_in_eight_bits(tmp_path: Path) -> None:
+    write_mask(tmp_path / "m.png", mask())
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), mask())
+    with Image.open(tmp_path / "m.png") as file:
+        assert (file.mode, file.getextrema()) == ("L", (0, 255))
+
+
+@pytest.mark.parametrize("mode", ["1", "L", "RGB", "RGBA", "P", "LA", "I;16"])
+def test_what_drawing_programs_write(tmp_path: Path, mode: str) -> None:
+    grey = Image.fromarray(mask().astype(np.uint8) * 255)
+    if mode == "I;16":
+        grey = Image.fromarray(mask().astype(np.uint16) * 65535)
+    else:
+        grey = grey.convert(mode)
+    grey.save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), mask())
+
+
+def test_transparent_is_not_marked(tmp_path: Path) -> None:
+    rgba = np.full((4, 8, 4), 255, np.uint8)
+    rgba[:, 4:, 3] = 0
+    Image.fromarray(rgba).save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png")[0], [True] * 4 + [False] * 4)
+
+
+@pytest.mark.parametrize("data", [b"", b"\x89PNG\r\n\x1a\n", b"no picture at all", b"\x89PNG\r\n\x1a\n" + b"\0" * 50])
+def test_what_is_no_mask_is_refused(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "m.png").write_bytes(data)
+    with pytest.raises(PictureFileError, match=r"m\.png"):
+        read_mask(tmp_path / "m.png")
+
+
+def test_cut_short_and_missing(tmp_path: Path) -> None:
+    write_mask(tmp_path / "m.png", np.random.default_rng(1).random((64, 128)) > 0.5)
+    whole = (tmp_path / "m.png").read_bytes()
+    (tmp_path / "m.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(PictureFileError):
+        read_mask(tmp_path / "m.png")
+    with pytest.raises(PictureFileError, match="cannot be read"):
+        read_mask(tmp_path / "none.png")
+    with pytest.raises(PictureFileError, match="bool"):
+        write_mask(tmp_path / "m.png", np.zeros((4, 8), np.uint8))  # type: ignore[arg-type]
+
+
+def test_masks_are_handed_on_as_they_read_back_and_cannot_be_changed(tmp_path: Path) -> None:
+    artifact = Artifact("target", "mask")
+    np.testing.assert_array_equal(save(artifact, mask(), tmp_path), load(artifact, tmp_path / "target.png"))
+    shelf = Shelf(lambda _stage, _name: None)
+    shelf.put("detect", "target", mask())
+    held = shelf.get("detect", "target")
+    assert isinstance(held, np.ndarray)
+    with pytest.raises(ValueError, match="read-only"):
+        held[0, 0] = True
