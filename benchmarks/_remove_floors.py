@@ -1,4 +1,4 @@
-"""Generated floors under a window's light, seen in perspective and laid flat again: what the filling of floors is judged by."""
+"""Generated floors under a window's light, seen in perspective and laid flat again: what filling is judged by."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -26,7 +25,6 @@ from processing.surfaces.plane import FIRST_WALL, Plane
 from processing.surfaces.planes import planes_of
 from processing.surfaces.textures import unwrap, wrap
 
-Image = TypeVar("Image", LuminanceImage, RelativeImage)
 PlaneFiller = Callable[[FilledPlane], FilledPlane]
 """What may improve a filled plane (`removal.learned`)."""
 
@@ -125,7 +123,7 @@ def _checked(
 
 def _finite(image: LuminanceImage | RelativeImage) -> tuple[Floats, Flags]:
     """Return the light with 0 where there is none, and where that is: from there nothing is taken."""
-    broken = ~np.isfinite(image.rgb).all(axis=-1)
+    broken = np.asarray(~np.isfinite(image.rgb).all(axis=-1))
     blind = broken | (image.validity == Validity.OUTSIDE)
     rgb = np.where(broken[..., None], 0, image.rgb).astype(np.float32) if broken.any() else image.rgb
     return rgb, blind
@@ -182,7 +180,9 @@ def _draw(
     provenance[mask] = np.where((sure >= SURE) & done.continued, CONTINUED, SYNTHESISED)
 
 
-def _image(image: Image, rgb: Floats, provenance: npt.NDArray[np.uint8], confidence: Floats) -> Image:
+def _image(
+    image: LuminanceImage | RelativeImage, rgb: Floats, provenance: npt.NDArray[np.uint8], confidence: Floats
+) -> LuminanceImage | RelativeImage:
     filled = provenance != SEEN
     uncertainty, validity = image.uncertainty.copy(), image.validity.copy()
     uncertainty[filled] = FILLED_UNCERTAINTY + (1 - confidence[filled])

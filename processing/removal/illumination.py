@@ -80,8 +80,7 @@ class _Grid:
         grid = nodes.reshape(self.rows, self.columns, -1).astype(np.float32)
         at = (x / np.float32(self.step_px), y / np.float32(self.step_px))
         out = cv2.remap(grid, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        out = out.reshape(*shape, -1)
-        return blurred(out, 0.35 * self.step_px)
+        return blurred(np.asarray(out.reshape(*shape, -1), np.float32), 0.35 * self.step_px)
 
 
 _CORNERS = (
@@ -92,9 +91,9 @@ _CORNERS = (
 )
 
 
-def _row(size: int, places: tuple[int, ...], values: tuple[float, ...]) -> Doubles:
+def _row(size: int, places: tuple[np.intp | int, ...], values: tuple[float, ...]) -> Doubles:
     row = np.zeros(size)
-    row[list(places)] = values
+    row[np.asarray(places, np.intp)] = values
     return row
 
 

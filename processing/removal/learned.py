@@ -121,7 +121,7 @@ class LamaFiller:
             self._sizes.width or max(8, round(width * scale / 8) * 8),
             self._sizes.height or max(8, round(height * scale / 8) * 8),
         )
-        small = cv2.resize(srgb, size, interpolation=cv2.INTER_AREA)
+        small = np.asarray(cv2.resize(srgb, size, interpolation=cv2.INTER_AREA), np.float32)
         mask = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
         found = np.clip(self._run(small, mask), 0, 1)
         return np.asarray(cv2.resize(found, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)

@@ -1,4 +1,4 @@
-"""Values known in some places, spread over a hole as a stretched skin would lie: no peaks, no edges (Laplace's equation).
+"""Values known in some places, spread over a hole as a stretched skin lies: no peaks, no edges (Laplace's equation).
 
 Solved from coarse to fine: averages of the known places, then a few sweeps at each size.
 """
@@ -32,10 +32,9 @@ def _level(values: Floats, share: Floats) -> Floats:
     height, width = share.shape
     small = (max(1, (width + 1) // 2), max(1, (height + 1) // 2))
     even = (0, height % 2, 0, width % 2)
-    pad = lambda p: cv2.copyMakeBorder(p, *even, cv2.BORDER_CONSTANT, value=0)  # noqa: E731
     coarse = _level(
-        cv2.resize(pad(values), small, interpolation=cv2.INTER_AREA).reshape(small[1], small[0], *values.shape[2:]),
-        cv2.resize(pad(share), small, interpolation=cv2.INTER_AREA).reshape(small[1], small[0]),
+        _halved(values, even, small),
+        _halved(share, even, small),
     )
     up = cv2.resize(coarse, (small[0] * 2, small[1] * 2), interpolation=cv2.INTER_LINEAR)
     up = up.reshape(small[1] * 2, small[0] * 2, *values.shape[2:])[:height, :width]
@@ -44,6 +43,13 @@ def _level(values: Floats, share: Floats) -> Floats:
         swept = cv2.filter2D(out, -1, _CROSS, borderType=cv2.BORDER_REPLICATE).reshape(out.shape)
         out = np.where(_as(fixed, values), own, swept)
     return np.asarray(out, np.float32)
+
+
+def _halved(picture: Floats, even: tuple[int, int, int, int], size: tuple[int, int]) -> Floats:
+    """Return the means of squares of four; what ``even`` adds at the lower and right edge counts as not given."""
+    padded = cv2.copyMakeBorder(picture, *even, cv2.BORDER_CONSTANT, value=0)
+    small = cv2.resize(padded, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small.reshape(size[1], size[0], *picture.shape[2:]), np.float32)
 
 
 def _as(flat: Floats | Flags, like: Floats) -> Floats:

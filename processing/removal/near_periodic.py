@@ -55,7 +55,7 @@ MANNERS = {
     Repeat.LINE: (1.8, 1.0, 8.0, False),
     Repeat.NONE: (1.0, 1.0, 16.0, False),
 }
-"""Box (of a cell), liveliness, detail (px), whether guesses take part: where nothing repeats, a mean of copies is a blur."""
+"""Box (of a cell), liveliness, detail (px), whether guesses take part. Of what does not repeat, a mean is a blur."""
 LOCAL = 0.02
 """Of the texture's size: the scale below which a pattern without lattice is told from light."""
 LOOSE_CELL = 0.045
@@ -84,7 +84,8 @@ def complete(
 
     ``density`` (h, w): picture pixels a texel; what was seen finely is then preferred where it was to be seen so.
 
-    ``found`` is what `analyse` gave, if asked before. Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
+    ``found`` is what `analyse` gave, if asked before.
+    Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
     """
     known = known & ~hole
     if not hole.any() or known.sum() < 4:
@@ -157,7 +158,7 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
     weight = known.astype(np.float32)
     share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
     total = cv2.resize(tone * weight[..., None], size, interpolation=cv2.INTER_AREA).reshape(*share.shape, -1)
-    return np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32), share
+    return np.asarray(total / np.maximum(share, 1e-6)[..., None], np.float32), np.asarray(share, np.float32)
 
 
 def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float]:
@@ -228,7 +229,7 @@ class _Job:
         )
         density = None
         if self.density is not None:
-            density = cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA)
+            density = np.asarray(cv2.resize(self.density, seen.shape[::-1], interpolation=cv2.INTER_AREA), np.float32)
         box = max(7, round(manner.box_px * scale))
         return solve_weights(
             small,

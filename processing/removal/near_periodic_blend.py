@@ -77,8 +77,9 @@ def met_to_rim(filled: Floats, offered: Flags, tone: Floats, known: Flags, hole:
     if not ring.any():
         return filled
     weight = ring.astype(np.float32)
-    blur = lambda p: cv2.GaussianBlur(p, (0, 0), max(rim_px / 2, 0.5)).reshape(p.shape)  # noqa: E731
-    share = blur(weight)
-    step = blur((np.where(ring[..., None], tone - filled, 0)).astype(np.float32)) / np.maximum(share, 1e-6)[..., None]
-    step = np.clip(step, -LARGEST_STEP, LARGEST_STEP).astype(np.float32)
-    return np.asarray(filled + spread(step, ring & (share > 1e-3)), np.float32)
+    sigma = max(rim_px / 2, 0.5)
+    share = blurred(weight, sigma)
+    step = blurred(np.where(ring[..., None], tone - filled, 0).astype(np.float32), sigma)
+    mean = step / np.maximum(share, 1e-6)[..., None]
+    bounded = np.clip(mean, -LARGEST_STEP, LARGEST_STEP).astype(np.float32)
+    return np.asarray(filled + spread(bounded, ring & (share > 1e-3)), np.float32)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing.removal.blurs import blurred
 from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
 
 GUESS_WEIGHT = 0.25
@@ -21,6 +22,7 @@ ROUNDS = 4
 COARSE_PENALTY = 1.0
 RIM_SCALES = 6
 UNSEEN_COST = 0.5
+TIDY = 0.4
 PRUNE = 0.002
 """Share of the hole that a copy must serve after the first round to stay."""
 
@@ -66,7 +68,7 @@ def shifted(
     share = cv2.warpAffine(
         known.astype(np.float32), move, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderValue=0
     )
-    return copy.reshape(size[1], size[0], -1), share > 0.999
+    return np.asarray(copy.reshape(size[1], size[0], -1), np.float32), np.asarray(share > 0.999)
 
 
 def solve_weights(
@@ -87,7 +89,9 @@ def solve_weights(
     """
     inner = np.ones((3, 3), np.uint8)
     reach = cv2.erode(known.astype(np.uint8), inner, borderType=cv2.BORDER_REPLICATE).astype(bool)
-    copies, offered = (list(part) for part in zip(*(shifted(tone, reach, o, window, cubic=False) for o in offsets)))
+    copies, offered = (
+        list(part) for part in zip(*(shifted(tone, reach, o, window, cubic=False) for o in offsets), strict=True)
+    )
     here, lack = known[window], hole[window]
     useful = [n for n, some in enumerate(offered) if (some & lack).any()] or [0]
     copies, offered, offsets = [copies[n] for n in useful], [offered[n] for n in useful], offsets[useful]
@@ -113,7 +117,10 @@ def solve_weights(
             if not lost.any():
                 copies, offered, offsets = [copies[n] for n in keep], [offered[n] for n in keep], offsets[keep]
                 penalty = None if penalty is None else penalty[keep]
-    return Weights(share, np.argmin(cost, axis=0), any_copy, least, offsets)
+    best = np.argmin(cost, axis=0)
+    if not guesses:
+        best = _tidied(best, offered, box_px)
+    return Weights(share, best, any_copy, least, offsets)
 
 
 def _penalties(density: Floats | None, known: Flags, offsets: Doubles, window: tuple[slice, slice]) -> Floats | None:
@@ -133,7 +140,8 @@ def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list
         total += np.where(some[..., None], copy, 0)
     mean = total / np.maximum(count, 1)[..., None]
     flat = tone[known].mean(axis=0) if known.any() else np.zeros(tone.shape[2], np.float32)
-    guess = np.where(known[..., None], tone, np.where((count > 0)[..., None], mean, flat))
+    any_copy = np.asarray(count > 0)[..., None]
+    guess = np.where(known[..., None], tone, np.where(any_copy, mean, flat))
     return np.asarray(guess, np.float32)
 
 
@@ -178,6 +186,19 @@ def _shares(cost: Floats, temperature: float) -> tuple[Floats, Floats]:
     share = np.exp(-np.minimum((np.minimum(cost, np.float32(2e6)) - least) / scale, 60))
     share[~np.isfinite(cost)] = 0
     return np.asarray(share / np.maximum(share.sum(axis=0), 1e-12), np.float32), np.asarray(least, np.float32)
+
+
+def _tidied(best: npt.NDArray[np.intp], offered: list[Flags], box_px: int) -> npt.NDArray[np.intp]:
+    """Return the choice without specks: each place takes what most of its neighbourhood takes, as far as offered."""
+    most, out = np.zeros(best.shape, np.float32), best.copy()
+    for index, some in enumerate(offered):
+        chosen = best == index
+        if not chosen.any():
+            continue
+        votes = np.where(some, blurred(chosen.astype(np.float32), TIDY * box_px), 0)
+        better = votes > most
+        most[better], out[better] = votes[better], index
+    return out
 
 
 def _mean(copies: list[Floats], share: Floats) -> Floats:

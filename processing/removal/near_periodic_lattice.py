@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 from processing.removal.near_periodic_correlation import Doubles, SelfCorrelation
 
+Places = npt.NDArray[np.intp]
+
 LATTICE_NCC = 0.45
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
 laminate 0.05 to 0.14 (measured)."""
@@ -38,7 +40,7 @@ class Lattice:
 
 
 def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CANDIDATES) -> tuple[Doubles, Doubles]:
-    """Return shifts (n, 2) of local maxima in the half-plane (dy > 0 or dy = 0 < dx), strongest first, and their NCC."""
+    """Return shifts (n, 2) of local maxima with dy > 0, or dy = 0 < dx, strongest first, and their NCC."""
     ncc = np.nan_to_num(correlation.ncc, nan=-1.0).astype(np.float32)
     reach = 7
     local = cv2.dilate(ncc, np.ones((reach, reach), np.uint8))
@@ -53,7 +55,7 @@ def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CAN
     return np.stack([dx, dy], axis=-1)[order].astype(np.float64), value[order]
 
 
-def _valley(ncc: npt.NDArray[np.float32], centre: tuple[int, int], dx: npt.NDArray, dy: npt.NDArray) -> Doubles:  # type: ignore[type-arg]
+def _valley(ncc: npt.NDArray[np.float32], centre: tuple[int, int], dx: Places, dy: Places) -> Doubles:
     """Return the least NCC on the way from zero to each shift: a true period climbs out of a valley."""
     t = np.linspace(0.1, 0.9, 33)
     x = np.clip(np.rint(centre[1] + dx[:, None] * t).astype(np.intp), 0, ncc.shape[1] - 1)
@@ -91,7 +93,8 @@ def _scores(correlation: SelfCorrelation, a: Doubles, b: Doubles, bar: float) ->
     nodes = i[half][None, :, None] * a[:, None, :] + j[half][None, :, None] * b[:, None, :]
     ncc = correlation.at(nodes)
     # Far nodes are measured from fewer pixels, and drift off a basis that is rounded to whole pixels.
-    weight = 1.0 / (1.0 + np.hypot(nodes[..., 0], nodes[..., 1]) / max(correlation.centre))
+    distance = np.asarray(np.hypot(nodes[..., 0], nodes[..., 1]), np.float64)
+    weight = 1.0 / (1.0 + distance / max(correlation.centre))
     return np.asarray(np.nansum((ncc - bar) * weight, axis=1))
 
 
@@ -101,7 +104,7 @@ def reduced(a: Doubles, b: Doubles) -> tuple[Doubles, Doubles]:
     for _ in range(64):
         if a @ a > b @ b:
             a, b = b, a
-        step = np.rint((a @ b) / max(a @ a, 1e-12))
+        step = np.rint(float(a @ b) / max(float(a @ a), 1e-12))
         if step == 0:
             break
         b = b - step * a

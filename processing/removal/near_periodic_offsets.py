@@ -1,4 +1,4 @@
-"""Shifts from which a hole may be filled: lattice nodes, steps along planks, or wherever the texture resembles itself."""
+"""Shifts from which a hole may be filled: lattice nodes, steps along planks, or wherever a texture is like itself."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Line:
 
 
 def lattice_offsets(lattice: Lattice, known: Flags, hole: Flags) -> Doubles:
-    """Return the nodes that reach known pixels, the nearest first: what is near has like light and like wear."""
+    """Return the nodes that reach known pixels, nearest first: what is near has like light and like wear."""
     height, width = known.shape
     basis = np.stack([lattice.a_px, lattice.b_px])
     reach = min(40, int(np.ceil(1.1 * np.hypot(height, width) / max(np.linalg.norm(basis, axis=1).min(), 1.0))))
@@ -35,14 +35,14 @@ def lattice_offsets(lattice: Lattice, known: Flags, hole: Flags) -> Doubles:
     nodes = nodes[(np.abs(nodes[:, 0]) < 0.9 * width) & (np.abs(nodes[:, 1]) < 0.9 * height)]
     nodes = nodes[np.argsort(np.hypot(*nodes.T))]
     if len(nodes) <= MOST:
-        return nodes
+        return np.asarray(nodes, np.float64)
     # Far nodes matter only for what near ones cannot reach: keep the near half, thin out the rest evenly.
     far = nodes[MOST // 2 :]
     return np.concatenate([nodes[: MOST // 2], far[np.linspace(0, len(far) - 1, MOST // 2).astype(np.intp)]])
 
 
 def find_line(field: Floats, known: Flags) -> Line | None:
-    """Return the direction in which nearly all grain runs, of a field as `oriented` gives it; None where it does not."""
+    """Return the direction in which nearly all grain runs, of a field as `oriented` gives it, or None."""
     if not known.any():
         return None
     # Edges lie across the gradient, hence the sign.

@@ -84,7 +84,7 @@ def _profile(rest: Floats, known: Flags, hole: Flags) -> Floats:
         trust[row] = len(values) / (len(values) + FEW * seen.shape[1]) / (1 + (off / UNEVEN) ** 2)
     weight = gaussian_filter1d(trust, SLOW_ROWS * len(rest))[:, None]
     slow = gaussian_filter1d(middle * trust[:, None], SLOW_ROWS * len(rest), axis=0) / np.maximum(weight, 1e-6)
-    return ((middle - slow) * trust[:, None])[:, None].astype(np.float32)
+    return np.asarray(((middle - slow) * trust[:, None])[:, None], np.float32)
 
 
 def _outliers(rest: Floats, known: Flags) -> Flags:
@@ -105,8 +105,8 @@ def _low(rest: Floats, clean: Flags) -> Floats:
     """Return (h, w, 3) what is left of the light, smooth, and its membrane through holes."""
     share = blurred(clean.astype(np.float32), GRAIN_PX)
     low = blurred(np.where(clean[..., None], rest, 0).astype(np.float32), GRAIN_PX)
-    low = low / np.maximum(share, 1e-4)[..., None]
-    return spread(low.astype(np.float32), clean & (share > 0.3))
+    mean = np.asarray(low / np.maximum(share, 1e-4)[..., None], np.float32)
+    return spread(mean, clean & (share > 0.3))
 
 
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:

@@ -90,10 +90,11 @@ def _surface(texture: Texture, values: Floats, sources: Flags, hole: Flags) -> t
             return plain.values, plain.confidence, True, said
         # Skirting runs along the wall and is no part of its pattern.
         rows = np.exp(plain.profile)
-        found = analyse(values / rows, plain.clean)
+        level = np.asarray(values / rows, np.float32)
+        found = analyse(level, plain.clean)
         if found.repeat is Repeat.NONE or (found.lattice is not None and found.lattice.strength < WALL_NCC):
             return plain.values, plain.confidence, True, said + ", no pattern"
-        done = complete(values / rows, plain.clean, hole, density=texture.density, found=found)
+        done = complete(level, plain.clean, hole, density=texture.density, found=found)
         done = replace(done, values=np.where(hole[..., None], done.values * rows, values))
     kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
     return done.values, done.confidence, done.repeat is not Repeat.NONE, f"{done.repeat.value}{kind}"
