@@ -17,10 +17,11 @@ import numpy as np
 
 from processing.errors import AlbedoError
 from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
+from processing.rendering.gloss import MOST_SHARE, gloss_factor, mirrored
 from processing.rendering.irradiance import Effort
 from processing.rendering.kernels import towards_panes
 from processing.rendering.render import sun_of
-from processing.rendering.room_light import irradiance_by_picture, measured_light
+from processing.rendering.room_light import MeasuredLight, irradiance_by_picture, measured_light
 from processing.rendering.scene import Doubles, Floats, Outdoors, Scene, Vector, plain
 from processing.rendering.shell import REVEAL_M, shell_of
 from processing.rendering.sight import Sight, albedo_of, sight_of
@@ -30,6 +31,7 @@ from processing.rendering.windows import measured_windows
 from processing.resampling import resample
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
+from processing.surfaces.plane import FLOOR
 from processing.surfaces.planes import planes_of
 from processing.surfaces.textures import unwrap
 
@@ -60,6 +62,8 @@ class RoomAlbedo:
     """The empty room with these albedos as textures, under the light it was pictured in."""
     transmittance: Mapping[int, Vector]
     """By opening."""
+    gloss: float
+    """How much of full varnish the floor mirrors, 0 to 1; it is taken out of its albedo."""
     notes: tuple[str, ...]
 
 
@@ -106,11 +110,15 @@ def albedo_of_room(
     sun = sun_of(stage, sight, effort.sun_samples, seed)
     full = _open_sun(stage, sight)
     flat = rgb.reshape(-1, 3).astype(np.float64)
-    value, whole, told = _values(flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel())
+    flat, highlight, gloss = _without_gloss(stage, light, sight, flat, sky + sun, valid.ravel())
+    value, whole, told = _values(
+        flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
+    )
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
     doubt = np.where(told, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
     scene, picture = _textured(stage.scene, room, sight, value, told)
     notes += (f"{100 * told[sight.solid].mean():.0f} % of pixels tell their own albedo",)
+    notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss told, taken as matte",)
     shape = sight.shape
     return RoomAlbedo(
         picture.reshape(*shape, 3),
@@ -119,6 +127,7 @@ def albedo_of_room(
         whole.reshape(*shape, 3).astype(np.float32),
         scene,
         transmittance,
+        gloss,
         notes,
     )
 
@@ -183,6 +192,24 @@ def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
 def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
     return corner - a - b, across + 2 * a, up + 2 * b
+
+
+def _without_gloss(
+    stage: Stage, light: MeasuredLight, sight: Sight, rgb: Doubles, irradiance: Floats, valid: np.ndarray
+) -> tuple[Doubles, np.ndarray, float]:
+    """Return radiance (n, 3) without what the floor mirrors, pixels (n,) that mirror too much, and how glossy it is."""
+    highlight = np.zeros(len(rgb), bool)
+    floor = np.flatnonzero((sight.label == FLOOR) & (irradiance > 0).all(axis=1))
+    if not len(floor):
+        return rgb, highlight, 0.0
+    mirror, window = mirrored(stage, light, sight, floor)
+    part = math.pi / irradiance[floor].astype(np.float64)
+    sunny = near_sun(stage, sight)[floor]
+    gloss = gloss_factor(part * rgb[floor], part * mirror, valid[floor] & ~window & ~sunny)
+    out = rgb.copy()
+    out[floor] = np.maximum(rgb[floor] - gloss * mirror, 0)
+    highlight[floor] = (gloss * mirror > MOST_SHARE * rgb[floor]).any(axis=1)
+    return out, highlight, gloss
 
 
 def _values(

@@ -64,7 +64,7 @@ def _cells(pane: Pane, origins: Floats, rays: Floats, hits: Hits) -> npt.NDArray
         return np.zeros(len(rays), np.intp)
     distance = np.where(np.isfinite(hits.distance_m), hits.distance_m, 0)
     row, column = pane.cells(origins + distance[:, None] * rays)
-    return row * pane.clear.shape[1] + column
+    return np.asarray(row * pane.clear.shape[1] + column)
 
 
 def sunlight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:

@@ -235,10 +235,11 @@ def _cut(corners: Doubles, longest_m: float) -> tuple[Doubles, Ints]:
     todo, source = corners, np.arange(len(corners), dtype=np.int32)
     while len(todo):
         edges = np.linalg.norm(np.roll(todo, -1, axis=1) - todo, axis=2)
-        small = np.asarray(edges.max(axis=1) <= longest_m)
+        longest = edges.max(axis=1)
+        small, large = np.flatnonzero(longest <= longest_m), np.flatnonzero(longest > longest_m)
         done.append(todo[small])
         done_from.append(source[small])
-        todo, source, edges = todo[~small], source[~small], edges[~small]
+        todo, source, edges = todo[large], source[large], edges[large]
         if len(todo) > MOST_PATCHES * 4:
             raise SceneError("furniture too large to be cut into patches", advice="check its units: metres")
         k, row = edges.argmax(axis=1), np.arange(len(todo))
