@@ -48,16 +48,19 @@ class Kind:
     usual_recess_m: tuple[float, float]
     """Mean and spread."""
     to_floor: bool
+    odds: float
+    """By which the network's odds are raised: it is slow to call a wall broken."""
     usual_width_m: tuple[float, float] | None = None
     usual_head_m: tuple[float, float] | None = None
 
 
-WINDOW = Kind(SceneClass.WINDOW, (-0.08, -0.05, *(0.04 * i for i in range(12))), (0.23, 0.12), to_floor=False)
+WINDOW = Kind(SceneClass.WINDOW, (-0.08, -0.05, *(0.04 * i for i in range(12))), (0.23, 0.12), to_floor=False, odds=1.5)
 DOOR = Kind(
     SceneClass.DOOR,
     (-0.1, -0.08, -0.06, -0.04, -0.02, 0.0, 0.05, 0.1),
     (-0.06, 0.03),
     to_floor=True,
+    odds=2.5,
     usual_width_m=(0.82, 0.12),
     usual_head_m=(2.03, 0.08),
 )
@@ -73,9 +76,17 @@ class Field:
     """Blinds belong to what is looked for."""
 
     @cached_property
+    def share(self) -> Floats:
+        """Return probabilities (len(SceneClass), h, w) with the kind's odds raised."""
+        odds = np.ones((len(self.view.share), 1, 1), np.float32)
+        odds[self.kind.shown] = self.kind.odds
+        raised = self.view.share * odds
+        return np.asarray(raised / np.maximum(raised.sum(axis=0), 1e-6), dtype=np.float32)
+
+    @cached_property
     def shown(self) -> Floats:
         """Return the share (h, w) of what is looked for."""
-        share = self.view.share
+        share = self.share
         shown = share[self.kind.shown] + share[SceneClass.FIXTURE] if self.cloth else share[self.kind.shown]
         return np.asarray(shown, dtype=np.float32)
 
@@ -84,7 +95,7 @@ class Field:
         """Return for and against the kind at each texel (h, w), -1..1; 0 where something hides the wall."""
         shown = self.shown
         hiding = [each for each in HIDING if not (self.cloth and each is SceneClass.FIXTURE)]
-        hidden = self.view.share[hiding].sum(axis=0)
+        hidden = self.share[hiding].sum(axis=0)
         return np.where(self.view.known, 2 * shown + hidden - 1, 0.0).astype(np.float32)
 
     @cached_property
@@ -95,7 +106,7 @@ class Field:
     def _edge_sums(self) -> tuple[Doubles, Doubles]:
         """Return running sums of edges: rightward steps down the columns, downward steps along the rows."""
         hiding = [each for each in HIDING if not (self.cloth and each is SceneClass.FIXTURE)]
-        clear = 1 - np.minimum(self.view.share[hiding].sum(axis=0), 1)
+        clear = 1 - np.minimum(self.share[hiding].sum(axis=0), 1)
         across, down = self.view.edges
         known = self.view.known * clear
         # An edge that is tilted or wavy by a texel is still one edge.

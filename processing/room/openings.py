@@ -24,11 +24,15 @@ Floats = npt.NDArray[np.float32]
 
 LEAST_SHARE = 0.5
 LEAST_AREA_M2 = 0.08
+LEAST_SCORE = {SceneClass.WINDOW: 2.5, SceneClass.DOOR: 4.0}
+LEAST_BLIND_SCORE = 8.0
+"""Below, too little speaks for an opening."""
 GAP_M = 0.1
 """Narrower bars across an opening do not divide it."""
 BLIND_GAP_M = 0.05
-GLIMPSE, GLIMPSED_SHARE, FULL_SHARE, BLIND_SHARE = 0.15, 0.7, 0.8, 0.3
-"""Of a blind's columns, the share through which a window is glimpsed; how full its rectangle is; how much is cloth."""
+GLIMPSE, LEAST_GLIMPSE, GLIMPSED_SHARE, FULL_SHARE, BLIND_SHARE = 0.15, 0.4, 0.7, 0.8, 0.3
+"""Behind a blind a window is glimpsed, somewhere clearly; in what share of the columns; how full the rectangle of both
+is; how much of it is cloth."""
 FLOOR_M = 0.16
 """A window whose lower edge is lower is a glass door."""
 
@@ -59,7 +63,7 @@ def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
         tried = [_fit(field, recess, shown) for field, shown in starts]
         total = sum(one.score - recess_cost(kind, recess) for one in tried)
         best = max(best, (total, tried), key=lambda entry: entry[0])
-    return best[1]
+    return [one for one in best[1] if one.score > (LEAST_BLIND_SCORE if one.field.cloth else LEAST_SCORE[kind.shown])]
 
 
 def _fit(field: Field, recess: float, shown: Box) -> Candidate:
@@ -94,18 +98,18 @@ def proposals(field: Field) -> list[Box]:
 def _lowest_glimpse(field: Field, texels: tuple[int, int, int, int]) -> int:
     """Return the lowest row in which a window is glimpsed: what hangs lower is a radiator or a curtain's end."""
     u0, v0, u1, v1 = texels
-    rows = np.flatnonzero(field.view.share[field.kind.shown][v0:v1, u0:u1].max(axis=1) > GLIMPSE)
+    rows = np.flatnonzero(field.share[field.kind.shown][v0:v1, u0:u1].max(axis=1) > GLIMPSE)
     return v0 + (int(rows[-1]) if rows.size else 0)
 
 
 def _is_blind(field: Field, there: npt.NDArray[np.bool_], texels: tuple[int, int, int, int]) -> bool:
     """Return whether cloth and window form one rectangle, and cloth hangs before the window rather than beside it."""
     u0, v0, u1, v1 = texels
-    window = field.view.share[field.kind.shown][v0:v1, u0:u1]
-    cloth = field.view.share[SceneClass.FIXTURE][v0:v1, u0:u1]
-    glimpsed = window.max(axis=0) > GLIMPSE if window.size else np.zeros(0, bool)
-    if not glimpsed.any() or there[v0:v1, u0:u1].mean() < FULL_SHARE:
+    window = field.share[field.kind.shown][v0:v1, u0:u1]
+    cloth = field.share[SceneClass.FIXTURE][v0:v1, u0:u1]
+    if not window.size or window.max() < LEAST_GLIMPSE or there[v0:v1, u0:u1].mean() < FULL_SHARE:
         return False
+    glimpsed = window.max(axis=0) > GLIMPSE
     return bool(glimpsed.mean() > GLIMPSED_SHARE and np.median(cloth[:, glimpsed].mean(axis=0)) > BLIND_SHARE)
 
 
