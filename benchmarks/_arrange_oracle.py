@@ -28,6 +28,7 @@ from processing.layout.verify import Judge, Piece
 Rect = tuple[int, int, int, int]
 Answer = Literal["proved", "by custom", "found", "open", "not rectilinear"]
 STEP_MM = 100
+BESIDE_MM = 50
 SIDEWAYS_M2 = 0.35
 FOLLOWS = {"tv": "tv stand", "desk chair": "desk"}
 TURNS = ((0, 1), (-1, 0), (0, -1), (1, 0))
@@ -111,6 +112,8 @@ class _Model:
                 self._apart([self.bodies[k], self.closed])
             if custom and item.spec.placement == "wall":
                 self._at_wall(k)
+        self.at_head: dict[int, Any] = {}
+        self.beside = {k: self._nightstand(k) for k, i in enumerate(self.items) if i.spec.category == "nightstand"}
         solid = [b for b, i in zip(self.bodies, self.items, strict=True) if not i.spec.is_rug]
         self._apart([*solid, self.closed])
         for k in range(len(self.items)):
@@ -153,7 +156,10 @@ class _Model:
         q = next(q for q in range(4) if self.solver.value(self.turn[k][q]))
         w, d = _size(item, q)
         x, y = (self.solver.value(self.x[k]) + w / 2) / 1000, (self.solver.value(self.y[k]) + d / 2) / 1000
-        return Piece(item.id, item.spec, x, y, q * np.pi / 2, item.spec.group_with or item.spec.category)
+        group = item.spec.group_with or item.spec.category
+        if k in self.at_head and not self.solver.value(self.at_head[k]):
+            group = item.id
+        return Piece(item.id, item.spec, x, y, q * np.pi / 2, group)
 
     def _variables(self) -> None:
         x0, y0, x1, y1 = self.bounds
@@ -195,9 +201,11 @@ class _Model:
         item, free = self.items[k], dict[str, list[Any]]()
         own = {item.spec.category, item.spec.group_with} - {""}
         others = [
-            body
-            for body, o in zip(self.bodies, self.items, strict=True)
-            if o is not item and not o.spec.is_rug and not own & ({o.spec.category, o.spec.group_with} - {""})
+            self.beside[n] if item.spec.category == "bed" and n in self.beside else self.bodies[n]
+            for n, o in enumerate(self.items)
+            if o is not item
+            and not o.spec.is_rug
+            and (o.spec.category == "nightstand" or not own & ({o.spec.category, o.spec.group_with} - {""}))
         ]
         for zone in item.spec.zones:
             deep = round(1000 * (self.rules.length(zone.rule) - zone.less_m))
@@ -217,6 +225,29 @@ class _Model:
             self._apart([boxes, *others, self.walls])
         if free.get("side"):
             self.model.add(sum(free["side"]) >= min(len(free["side"]), int(self.rules.length(item.spec.sides_rule))))
+
+    def _nightstand(self, k: int) -> list[tuple[Any, Any]]:
+        """Return a nightstand's rectangles as beds' use zones see them: none where it stands at the head."""
+        head = self.at_head[k] = self.model.new_bool_var("")
+        choices = []
+        for h, bed in enumerate(self.items):
+            for q in range(4) if bed.spec.category == "bed" else ():
+                for side in ("left", "right"):
+                    chosen = self.model.new_bool_var("")
+                    for both in (self.turn[k][q], self.turn[h][q]):
+                        self.model.add_implication(chosen, both)
+                    x, y = _beside_head(_size(bed, q), _size(self.items[k], q), q, side)
+                    self.model.add_linear_constraint(self.x[k] - self.x[h], x, x).only_enforce_if(chosen)
+                    self.model.add_linear_constraint(self.y[k] - self.y[h], y, y).only_enforce_if(chosen)
+                    choices.append(chosen)
+        self.model.add_bool_or([head.negated(), *choices])
+        boxes = []
+        for q in range(4):
+            present = self.model.new_bool_var("")
+            self.model.add_bool_or([present, head, self.turn[k][q].negated()])
+            self.model.add_implication(present, self.turn[k][q])
+            boxes.append(self._box(k, (0, 0, *_size(self.items[k], q)), present))
+        return boxes
 
     def _near(self, k: int) -> None:
         """Keep a bound piece within reach of a host (in x and in y)."""
@@ -292,6 +323,15 @@ class _Model:
 def _size(item: Item, quarter: int) -> tuple[int, int]:
     w, d = round(1000 * item.spec.size_m[0]), round(1000 * item.spec.size_m[1])
     return (w, d) if quarter % 2 == 0 else (d, w)
+
+
+def _beside_head(bed: tuple[int, int], stand: tuple[int, int], quarter: int, side: str) -> tuple[int, int]:
+    """Return where a nightstand's lower left corner is from the bed's, backs on one line, 5 cm beside it."""
+    fx, fy = TURNS[quarter]
+    sx, sy = (-fy, fx) if side == "left" else (fy, -fx)
+    x = bed[0] + BESIDE_MM if sx > 0 else -stand[0] - BESIDE_MM if sx < 0 else 0 if fx > 0 else bed[0] - stand[0]
+    y = bed[1] + BESIDE_MM if sy > 0 else -stand[1] - BESIDE_MM if sy < 0 else 0 if fy > 0 else bed[1] - stand[1]
+    return x, y
 
 
 def _zone_rect(item: Item, side: str, deep: int, quarter: int) -> Rect:

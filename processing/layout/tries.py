@@ -24,7 +24,8 @@ REPAIRS = (
     (2, Rounds(80, 12)),
     (3, Rounds(150, 12, 4, 20)),
     (3, Rounds(250, 12, 4, 30, fractions=_THREE)),
-    (2, Rounds(120, 12, 3, 20, fractions=_FIVE)),
+    (2, Rounds(200, 12, 3, 20, fractions=_FIVE)),
+    (3, Rounds(500, 12, 4, 25, noise=1.0)),
 )
 """(division, rounds) where not everything has found a place."""
 VARIATIONS = (Rounds(160, 90, noise=0.3, fractions=_THREE), Rounds(480, 200, 5, noise=1.0, fractions=_THREE))

@@ -116,6 +116,30 @@ def test_what_has_no_place_is_told_with_rule_and_width() -> None:
     assert any(n.missing_m and n.missing_m > 0 for n in one.not_placed)
 
 
+def test_bound_pieces_stand_by_their_hosts_or_are_refused_with_the_reason() -> None:
+    items = parse_items("bed, 2 nightstand, desk, desk chair, chest")
+    plan = make_plan([[0, 0], [3.4, 0], [3.4, 3.0], [0, 3.0]], doors=[Door(0, 0.1, 0.9)], windows=[Window(2, 1, 2.4)])
+    for rules in ("standard", "tight"):
+        reach_m = built_in_rules().named(rules).together
+        for one in arrange(plan, items, rules, n=3).arrangements:
+            by_id = {i.id: i for i in one.items}
+            stood = [by_id[name] for name in ("nightstand-1", "nightstand-2") if name in by_id and "bed" in by_id]
+            for stand in stood:
+                away_m = math.dist(stand.t_m[:2], by_id["bed"].t_m[:2])
+                assert away_m <= reach_m + math.hypot(0.7, 1.0) + math.hypot(0.225, 0.2)
+            assert ("desk-chair" in by_id) <= ("desk" in by_id)
+            assert judged(plan, one, rules) == []
+            told = {n.id: n for n in one.not_placed}
+            if "bed" in told:
+                assert told["nightstand-1"].rule == "kept together"
+
+
+def test_a_nightstand_far_from_its_bed_is_a_fault() -> None:
+    pieces = [Piece("bed", ITEMS["bed"], 0.75, 2.1, 0.0, "bed"), Piece("n", ITEMS["nightstand"], 4.2, 0.4, 0.0, "n")]
+    found = verify(ROOM, pieces, built_in_rules().named("tight")).violations
+    assert "kept together" in {v.rule for v in found}
+
+
 def test_tall_pieces_under_low_ceilings_are_told() -> None:
     plan = make_plan([[0, 0], [4, 0], [4, 4], [0, 4]], doors=[Door(0, 0.1, 0.9)], ceiling_height_m=1.9)
     one = arrange(plan, parse_items("wardrobe, desk"), "tight", n=1).arrangements[0]
