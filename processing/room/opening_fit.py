@@ -105,14 +105,16 @@ class Field:
     @cached_property
     def _edge_sums(self) -> tuple[Doubles, Doubles]:
         """Return running sums of edges: rightward steps down the columns, downward steps along the rows."""
-        hiding = [each for each in HIDING if not (self.cloth and each is SceneClass.FIXTURE)]
-        clear = 1 - np.minimum(self.share[hiding].sum(axis=0), 1)
+        standing = np.minimum(self.share[[SceneClass.FURNITURE, SceneClass.TRIPOD]].sum(axis=0), 1)
+        # Curtains have upright edges of their own; sill and head are seen over radiators and under rods.
+        cloth = 0.0 if self.cloth else self.share[SceneClass.FIXTURE]
         across, down = self.view.edges
-        known = self.view.known * clear
         # An edge that is tilted or wavy by a texel is still one edge.
         wide = cv2.blur(across, (3, 1)), cv2.blur(down, (1, 3))
-        first = np.cumsum((wide[0] - COMMON_EDGE) * known, axis=0, dtype=np.float64)
-        second = np.cumsum((wide[1] - COMMON_EDGE) * known, axis=1, dtype=np.float64)
+        clear = self.view.known * (1 - standing)
+        upright = (wide[0] - COMMON_EDGE) * self.view.known * (1 - np.minimum(standing + cloth, 1))
+        first = np.cumsum(upright, axis=0, dtype=np.float64)
+        second = np.cumsum((wide[1] - COMMON_EDGE) * clear, axis=1, dtype=np.float64)
         return np.pad(first, ((1, 0), (0, 0))), np.pad(second, ((0, 0), (1, 0)))
 
     def region(self, u0: Doubles, v0: Doubles, u1: Doubles, v1: Doubles) -> Doubles:

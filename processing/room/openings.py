@@ -12,10 +12,22 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import LuminanceImage, RelativeImage
+from processing.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.room.opening_cover import uncovered
-from processing.room.opening_fit import DOOR, WINDOW, Box, Candidate, Field, Kind, box_of_shown, fitted, recess_cost
+from processing.room.opening_fit import (
+    DOOR,
+    LEAST_SIDE_M,
+    WINDOW,
+    Box,
+    Candidate,
+    Field,
+    Kind,
+    box_of_shown,
+    fitted,
+    recess_cost,
+    shown_box,
+)
 from processing.room.wall_views import WallView, wall_views
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
@@ -27,6 +39,11 @@ LEAST_AREA_M2 = 0.08
 LEAST_SCORE = {SceneClass.WINDOW: 2.5, SceneClass.DOOR: 4.0}
 LEAST_BLIND_SCORE = 8.0
 """Below, too little speaks for an opening."""
+WIDEST_DOOR_M = 1.5
+"""What is wider is taken for a passage."""
+FULL_SCORE = 10.0
+DIMMEST_PANE_STOPS = 6.0
+"""By which the brightest tenth of a window may be darker than the sky's median: glass, trees, houses."""
 GAP_M = 0.1
 """Narrower bars across an opening do not divide it."""
 BLIND_GAP_M = 0.05
@@ -44,10 +61,26 @@ def find_openings(
     *,
     outdoor: LuminanceImage | None = None,
 ) -> tuple[Opening, ...]:
-    """Return the openings of a room (its own are not looked at) in an upright equirectangular picture."""
+    """Return the openings of a room (its own are not looked at) in an upright equirectangular picture.
+
+    ``outdoor``: the sky's picture of the same moment; windows in a picture in cd/m2 must then be as bright as what it
+    shows, through glass, or their confidence is halved. Openings never overlap; those too small are left out.
+
+    Raises `RoomError` where the room cannot stand.
+    """
     views = wall_views(image, evidence, room)
     found = [*uncovered(_of_kind(views, WINDOW)), *_of_kind(views, DOOR)]
-    return tuple(_opening(one, room) for one in _apart(found))
+    outside = luminance_outside(image, outdoor)
+    return tuple(_opening(one, room, outside) for one in _apart(found))
+
+
+def luminance_outside(image: RelativeImage | LuminanceImage, outdoor: LuminanceImage | None) -> float | None:
+    """Return the log2 of the median outdoor luminance over the panorama's median, None where it cannot be told."""
+    if outdoor is None or not isinstance(image, LuminanceImage):
+        return None
+    sky, room = (luminance_cd_m2(one.rgb)[one.validity != Validity.OUTSIDE] for one in (outdoor, image))
+    sky, room = sky[sky > 0], room[room > 0]
+    return float(np.log2(np.median(sky) / np.median(room))) if sky.size and room.size else None
 
 
 def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
@@ -117,27 +150,57 @@ def _apart(found: list[Candidate]) -> list[Candidate]:
     """Return candidates that do not overlap: of two, the one with less to say for it gives way."""
     kept: list[Candidate] = []
     for one in sorted(found, key=lambda c: -c.score):
-        if all(one.field.view.wall != other.field.view.wall or not _overlap(one.box, other.box) for other in kept):
+        beside = [other for other in kept if other.field.view.wall == one.field.view.wall]
+        u0, v0, u1, v1 = one.box
+        if min(u1 - u0, v1 - v0) >= LEAST_SIDE_M and not any(_overlap(one, other) for other in beside):
             kept.append(one)
     return kept
 
 
-def _overlap(a: Box, b: Box) -> bool:
+def _overlap(one: Candidate, other: Candidate) -> bool:
+    a, b = _to_floor(one), _to_floor(other)
     return min(a[2], b[2]) - max(a[0], b[0]) > 0 and min(a[3], b[3]) - max(a[1], b[1]) > 0
 
 
-def _opening(one: Candidate, room: RoomModel) -> Opening:
-    view = one.field.view
+def _to_floor(one: Candidate) -> Box:
+    """Return a candidate's rectangle, down to the floor where it nearly reaches it."""
+    height = one.field.view.plane.height_m
     u0, v0, u1, v1 = one.box
+    return u0, v0, u1, height if one.field.kind.to_floor or height - v1 < FLOOR_M else v1
+
+
+def _opening(one: Candidate, room: RoomModel, outside: float | None) -> Opening:
+    view = one.field.view
+    u0, v0, u1, v1 = _to_floor(one)
     length, height = view.plane.width_m, view.plane.height_m
-    sill = height - v1
-    kind = OpeningKind.DOOR if one.field.kind is DOOR else OpeningKind.WINDOW
+    kind = OpeningKind.WINDOW if one.field.kind is WINDOW else OpeningKind.DOOR
+    if kind is OpeningKind.DOOR and u1 - u0 > WIDEST_DOOR_M:
+        kind = OpeningKind.PASSAGE
     return Opening(
         kind=kind,
         wall=view.wall,
         start_m=max(0.0, length - u1),
         end_m=min(length, length - u0),
-        sill_m=0.0 if sill < FLOOR_M or kind is OpeningKind.DOOR else sill,
+        sill_m=max(0.0, height - v1),
         head_m=min(height - v0, room.ceiling_height_m),
-        confidence=float(np.clip(one.score / 10, 0, 1)),
+        confidence=_confidence(one, outside),
     )
+
+
+def _confidence(one: Candidate, outside: float | None) -> float:
+    """Return how surely the opening is there: how clearly its inside is of its class, and how much speaks for it."""
+    u0, v0, u1, v1 = shown_box(one.field.view, one.recess_m, tuple(np.asarray(side) for side in one.box))
+    area = max(float((u1 - u0) * (v1 - v0)), 1e-6)
+    inside = float(np.clip(one.field.region(u0, v0, u1, v1) / area, 0.0, 1.0))
+    surely = math.sqrt(inside) * float(np.clip(one.score / FULL_SCORE, 0.0, 1.0))
+    if outside is not None and one.field.kind is WINDOW and _brightest(one) < outside - DIMMEST_PANE_STOPS:
+        surely /= 2
+    return surely
+
+
+def _brightest(one: Candidate) -> float:
+    """Return the log2 luminance, over the panorama's median, that a tenth of the window exceeds."""
+    view, p = one.field.view, one.field.view.px_per_m
+    u0, v0, u1, v1 = (round(side * p) for side in one.box)
+    part, known = view.log_luminance[v0:v1, u0:u1], view.known[v0:v1, u0:u1]
+    return float(np.percentile(part[known], 90)) if known.any() else -math.inf

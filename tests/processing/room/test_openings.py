@@ -1,0 +1,115 @@
+"""Windows and doors on drawn rooms with evidence made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from processing.images import LuminanceImage, RelativeImage
+from processing.room.model import Opening, OpeningKind, RoomModel, geometry_problems
+from processing.room.openings import find_openings
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from tests.processing.room.drawn_rooms import Drawn, Patch, as_image, draw
+
+ROWS = 256
+LOW, HIGH = (-2.0, -1.5), (1.6, 2.4)
+ROOM = RoomModel(
+    source="given",
+    floor=((LOW[0], LOW[1]), (HIGH[0], LOW[1]), (HIGH[0], HIGH[1]), (LOW[0], HIGH[1])),
+    camera_height_m=1.6,
+    ceiling_height_m=2.6,
+)
+WINDOW = Patch("front", -0.9, 0.4, 0.9, 2.1, 20.0, 0.2)
+SECOND = Patch("front", 0.8, 1.4, 0.9, 2.1, 20.0, 0.2)
+DOOR = Patch("left", -1.0, -0.2, 0.0, 2.0, 0.3)
+
+
+def evidence_of(drawn: Drawn, classes: tuple[SceneClass, ...]) -> SceneEvidence:
+    """Return what a coarse network says: the classes of patches, blurred to 128 rows or fewer."""
+    of_face = (SceneClass.WALL,) * 4 + (SceneClass.FLOOR, SceneClass.CEILING)
+    label = np.array(of_face)[drawn.face]
+    for index, each in enumerate(classes):
+        label = np.where(drawn.patch == index + 1, each, label)
+    shares = [cv2.resize((label == c).astype(np.float32), (256, 128), interpolation=cv2.INTER_AREA) for c in SceneClass]
+    soft = np.stack([cv2.GaussianBlur(share, (0, 0), 1.0) for share in shares]) + 0.01
+    return SceneEvidence((soft / soft.sum(axis=0)).astype(np.float32), source="drawn")
+
+
+def told(patches: tuple[Patch, ...], classes: tuple[SceneClass, ...]) -> tuple[RelativeImage, SceneEvidence]:
+    drawn = draw(ROWS, low=LOW, high=HIGH, patches=patches)
+    return as_image(drawn.luminance), evidence_of(drawn, classes)
+
+
+def iou(found: Opening, wall: int, start: float, end: float, sill: float, head: float) -> float:
+    if found.wall != wall:
+        return 0.0
+    across = max(0.0, min(found.end_m, end) - max(found.start_m, start))
+    up = max(0.0, min(found.head_m, head) - max(found.sill_m, sill))
+    both = (found.end_m - found.start_m) * (found.head_m - found.sill_m) + (end - start) * (head - sill)
+    return across * up / (both - across * up)
+
+
+def test_windows_in_a_reveal_and_a_door_are_found_whole() -> None:
+    image, evidence = told((WINDOW, SECOND, DOOR), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.DOOR))
+    found = find_openings(image, evidence, ROOM)
+    assert sorted(o.kind for o in found) == [OpeningKind.DOOR, OpeningKind.WINDOW, OpeningKind.WINDOW]
+    assert not geometry_problems(ROOM.model_copy(update={"openings": found}))
+    # The front wall is wall 2 and runs from x = 1.6 to -2.0; the left one is wall 3, from y = 2.4 to -1.5.
+    windows = [o for o in found if o.kind is OpeningKind.WINDOW]
+    assert max(iou(o, 2, 1.2, 2.5, 0.9, 2.1) for o in windows) > 0.85
+    assert max(iou(o, 2, 0.2, 0.8, 0.9, 2.1) for o in windows) > 0.8
+    door = next(o for o in found if o.kind is OpeningKind.DOOR)
+    assert door.sill_m == 0
+    assert iou(door, 3, 2.6, 3.4, 0.0, 2.0) > 0.8
+    assert all(0.2 < o.confidence <= 1 for o in found)
+
+
+def test_a_glass_door_is_a_window_down_to_the_floor() -> None:
+    image, evidence = told((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,))
+    (found,) = find_openings(image, evidence, ROOM)
+    assert found.kind is OpeningKind.WINDOW
+    assert found.sill_m == 0
+
+
+def test_a_wide_opening_to_another_room_is_a_passage() -> None:
+    image, evidence = told((Patch("left", -1.4, 0.6, 0.0, 2.1, 0.2),), (SceneClass.DOOR,))
+    assert [o.kind for o in find_openings(image, evidence, ROOM)] == [OpeningKind.PASSAGE]
+
+
+def test_nothing_is_found_where_nothing_is_and_where_nothing_is_known() -> None:
+    image, evidence = told((), ())
+    assert find_openings(image, evidence, ROOM) == ()
+    unknown = SceneEvidence(np.full((8, 64, 128), 1 / 8, np.float32), source="none")
+    assert find_openings(image, unknown, ROOM) == ()
+
+
+@pytest.mark.parametrize("value", [0.0, 1.6e9])
+def test_black_and_blinding_pictures_do_not_break_it(value: float) -> None:
+    image, evidence = told((WINDOW,), (SceneClass.WINDOW,))
+    flat = replace(image, rgb=np.full_like(image.rgb, value))
+    found = find_openings(flat, evidence, ROOM)
+    assert not geometry_problems(ROOM.model_copy(update={"openings": found}))
+
+
+def test_a_blind_belongs_to_its_window() -> None:
+    blind = Patch("front", -0.9, 0.4, 1.5, 2.1, 1.5, 0.2)
+    image, evidence = told((WINDOW, blind), (SceneClass.WINDOW, SceneClass.FIXTURE))
+    (found,) = find_openings(image, evidence, ROOM)
+    assert found.head_m > 1.95
+
+
+def test_a_window_darker_than_the_sky_allows_is_doubted() -> None:
+    image, evidence = told((WINDOW,), (SceneClass.WINDOW,))
+
+    def cd_m2(one: RelativeImage, scale: float) -> LuminanceImage:
+        return LuminanceImage(one.rgb * np.float32(scale), one.uncertainty, one.validity, one.geometry, 0.02)
+
+    (plain,) = find_openings(cd_m2(image, 1.0), evidence, ROOM)
+    (day,) = find_openings(cd_m2(image, 1.0), evidence, ROOM, outdoor=cd_m2(image, 100.0))
+    (never,) = find_openings(cd_m2(image, 1.0), evidence, ROOM, outdoor=cd_m2(image, 1e5))
+    assert day.confidence == plain.confidence
+    assert never.confidence == pytest.approx(plain.confidence / 2)
