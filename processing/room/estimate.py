@@ -28,7 +28,12 @@ from processing.segmentation.evidence import SceneEvidence
 
 Doubles = npt.NDArray[np.float64]
 
-CLASS_WEIGHT = 400.0
+EDGE_WEIGHT = 500.0
+"""Squared standard deviations for edges of full strength all along floor or ceiling."""
+REFINED_AT_MOST = {"standard": 6, "reference": 12}
+REFINED_WITHIN = 300.0
+"""Cost by which a room may be worse than the best before edges are asked."""
+CLASS_WEIGHT = 800.0
 """Squared standard deviations for a mean loss of 1 over the sphere."""
 LEAST_OVERHEAD = 0.1
 """Share of ceiling above 50 degrees below which the picture is taken to be outdoors."""
@@ -97,17 +102,22 @@ def estimate_room(
     columns = columns_of(evidence.boundary)
     turned = walls_azimuth(columns) if manhattan_rad is None else manhattan_rad
     ranked = ranked_hypotheses(columns, evidence, turned)
-    chosen = _first_that_stands(ranked, camera_height_m)
-    refined = (
-        Refined(chosen.fit.polygon, chosen.fit.outline, skipped=("edges in the picture: not at draft quality",))
-        if quality == "draft"
-        else refine(image, evidence, chosen.fit, columns)
-    )
+    standing = [h for h in ranked if _model(h.fit.polygon, h.fit.outline, camera_height_m) is not None]
+    if not standing:
+        raise NoRoomError(
+            "no room explains the boundaries found",
+            likely="the picture is not of a room, or the camera stands in a doorway",
+            advice="give the room by hand: daylit room SESSION --edit",
+        )
+    if quality == "draft":
+        chosen, skipped = standing[0], ("edges in the picture: not at draft quality",)
+        refined = Refined(chosen.fit.polygon, chosen.fit.outline, skipped=skipped)
+    else:
+        few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]
+        tried = [(h, _refined(image, evidence, h, columns, camera_height_m)) for h in few]
+        chosen, refined = min(tried, key=lambda one: one[0].total - EDGE_WEIGHT * one[1].strength)
     room = _model(refined.polygon, refined.outline, camera_height_m)
-    if room is None:
-        refined = replace(refined, polygon=chosen.fit.polygon, outline=chosen.fit.outline)
-        room = _model(refined.polygon, refined.outline, camera_height_m)
-        assert room is not None
+    assert room is not None
     found = diagnose(columns, ranked, refined, overhead=overhead, blank=facts.blank, loss=_loss(evidence, refined))
     sure = confidence_of(found)
     return RoomEstimate(
@@ -145,15 +155,19 @@ def walls_azimuth(columns: Columns) -> float:
     return float(candidates[(length * np.minimum(off, 0.4)).sum(axis=1).argmin()])
 
 
-def _first_that_stands(ranked: list[Hypothesis], camera_height_m: float) -> Hypothesis:
-    for hypothesis in ranked:
-        if _model(hypothesis.fit.polygon, hypothesis.fit.outline, camera_height_m) is not None:
-            return hypothesis
-    raise NoRoomError(
-        "no room explains the boundaries found",
-        likely="the picture is not of a room, or the camera stands in a doorway",
-        advice="give the room by hand: daylit room SESSION --edit",
-    )
+def _refined(
+    image: RelativeImage | LuminanceImage,
+    evidence: SceneEvidence,
+    hypothesis: Hypothesis,
+    columns: Columns,
+    camera_height_m: float,
+) -> Refined:
+    """Return a hypothesis on the picture's edges; as it was where they would make a room that cannot stand."""
+    found = refine(image, evidence, hypothesis.fit, columns)
+    if _model(found.polygon, found.outline, camera_height_m) is not None:
+        return found
+    fit = hypothesis.fit
+    return Refined(fit.polygon, fit.outline, skipped=("edges in the picture: they make no room",))
 
 
 def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomModel | None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from processing.room.columns import Columns
 from processing.room.fit import Fit, cost_of, fitted
-from processing.room.outline import Outline, outline_of, polygon_of
+from processing.room.outline import Outline, outline_of
 from processing.room.segments import ALONG_X, ALONG_Y, FREE, Costs, divide, stretch_costs
 
 Doubles = npt.NDArray[np.float64]
@@ -19,9 +19,10 @@ PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)
 """Of a wall, in squared standard deviations: from many walls to few."""
 FREE_EXTRA = 14.0
 """What a wall at any angle must explain more than one at a right angle."""
-WALL_PRICE = 14.0
-"""Of a wall in the final comparison."""
-UNSEEN_PRICE = 6.0
+WALL_PRICE = 60.0
+"""Of a wall in the final comparison; chosen, as those below, on simulated rooms of validation seeds."""
+UNSEEN_PRICE = 40.0
+SLANTED_PRICE = 50.0
 MOST_WALLS = 16
 SIMPLIFIED = (0.03, 0.06, 0.1)
 """Of the bare polygon: tolerances in camera heights."""
@@ -75,7 +76,9 @@ def _divided(
 
 def _key(outline: Outline) -> tuple[object, ...]:
     """Return what tells outlines apart before fitting: walls of the same kinds that look the same way."""
-    return tuple((w.kind, w.seen, round(w.normal_rad, 1), round(math.log(abs(w.distance) + 0.1), 1)) for w in outline.walls)
+    return tuple(
+        (w.kind, w.seen, round(w.normal_rad, 1), round(math.log(abs(w.distance) + 0.1), 1)) for w in outline.walls
+    )
 
 
 def _hypothesis(name: str, outline: Outline, columns: Columns) -> Hypothesis | None:
@@ -86,7 +89,7 @@ def _hypothesis(name: str, outline: Outline, columns: Columns) -> Hypothesis | N
 def price_of(outline: Outline) -> float:
     """Return what the walls of an outline cost."""
     kinds = [(w.kind, w.seen) for w in outline.walls]
-    return float(sum(WALL_PRICE * seen + UNSEEN_PRICE * (not seen) + FREE_EXTRA * (k == FREE) for k, seen in kinds))
+    return float(sum(WALL_PRICE * seen + UNSEEN_PRICE * (not seen) + SLANTED_PRICE * (k == FREE) for k, seen in kinds))
 
 
 def _bare(columns: Columns, turned_rad: float, tolerance: float) -> Hypothesis | None:
@@ -110,8 +113,5 @@ def _bare(columns: Columns, turned_rad: float, tolerance: float) -> Hypothesis |
     if not shapely.Polygon(corners).contains(shapely.Point(0, 0)):
         return None
     cost, unexplained = cost_of(corners, columns.ratio, columns)
-    price = (WALL_PRICE + FREE_EXTRA) * len(corners)
+    price = (WALL_PRICE + SLANTED_PRICE) * len(corners)
     return Hypothesis("polygon", Fit(outline, corners, cost, unexplained), price)
-
-
-__all__ = ["Hypothesis", "hypotheses", "polygon_of", "price_of"]

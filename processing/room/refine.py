@@ -44,6 +44,7 @@ SKIRTING_DEPTH = 0.009
 PEAK_WITHIN_RAD = math.radians(0.35)
 LEAST_STRENGTH = 0.25
 EDGE_SIGMA_RAD = math.radians(0.12)
+STRENGTH_WITHIN_RAD = math.radians(0.2)
 LEAST_COLUMNS = 8
 """Columns with an edge that make a wall refined."""
 LEAST_GAIN = 0.08
@@ -66,6 +67,8 @@ class Refined:
     floor_share: float = 0.0
     """Share of the azimuths at which the floor's edge was found."""
     ceiling_share: float = 0.0
+    strength: float = 0.0
+    """Mean edge strength (0..1) along floor and ceiling boundaries; hidden ones count as 0. 0..2 together."""
     skipped: tuple[str, ...] = ()
 
 
@@ -118,6 +121,7 @@ def refine(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: 
         edges=len(seen) - len(without),
         floor_share=float(found[0].mean()),
         ceiling_share=float(found[1].mean()),
+        strength=_strength(sight, again.polygon, again.outline.ratio),
         skipped=skipped,
     )
 
@@ -188,6 +192,17 @@ def _moves(sight: _Sight, walls: int) -> _Moves:
     clear = by_wall @ (sight.floor_clear.astype(float) + sight.ceiling_clear)
     above = _below(floor_mean[:, ::-1])[:, ::-1][rows, chosen]
     return _Moves(SHIFTS[chosen], ratio_shift, strength / np.maximum(clear, 1.0), above >= SKIRTING_SEEN)
+
+
+def _strength(sight: _Sight, polygon: Doubles, ratio: float) -> float:
+    """Return how strong the edges are that a room predicts, of strips laid along a room much like it."""
+    distance, _ = wall_ranges(polygon, sight.azimuth_rad)
+    floor = -np.arctan2(1.0, distance) - sight.floor_rad
+    ceiling = np.arctan2(ratio, distance) - sight.ceiling_rad
+    around = np.linspace(-STRENGTH_WITHIN_RAD, STRENGTH_WITHIN_RAD, 9)[:, None]
+    floor_strength = sight.floor.at(floor + around).max(axis=0) * sight.floor_clear
+    ceiling_strength = sight.ceiling.at(ceiling + around).max(axis=0) * sight.ceiling_clear
+    return float(floor_strength.mean() + ceiling_strength.mean())
 
 
 def _distances(fit: Fit) -> Doubles:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import zipfile
 from pathlib import Path
@@ -20,8 +21,6 @@ LARGEST_PIXELS = 8 << 20
 
 def write_evidence(path: Path, evidence: SceneEvidence) -> None:
     """Write evidence; probabilities are kept to about three digits."""
-    import io
-
     facts = {
         "format": FORMAT,
         "source": evidence.source,
@@ -46,7 +45,7 @@ def read_evidence(path: Path) -> SceneEvidence:
         The file is missing, damaged, or holds what evidence cannot be.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
             facts = json.loads(str(file["facts"]))
             found = file["probabilities"].astype(np.float32)
             boundary = {name: file[name] for name in _BOUNDARY} if "floor_rad" in file.files else None

@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from processing.errors import NoRoomError, ParameterError
+from processing.room.columns import columns_of
+from processing.room.estimate import estimate_room, walls_azimuth
+from processing.room.hypotheses import hypotheses
+from processing.room.model import geometry_problems
+from processing.room.outline import box_outline, corners_of, polygon_of, values_of, with_values
+from processing.room.tidy import tidied
+from processing.segmentation.evidence import SceneEvidence
+from tests.processing.room.evidence import (
+    BOX,
+    COLUMNS,
+    ELL,
+    SLANTED,
+    boundary_of,
+    classes_of,
+    evidence_of,
+    painted,
+    picture_of,
+    room_of,
+    turned,
+)
+
+
+def iou(floor, other) -> float:
+    one, two = shapely.Polygon(floor), shapely.Polygon(other)
+    return one.intersection(two).area / one.union(two).area
+
+
+@pytest.mark.parametrize("floor", [BOX, ELL, SLANTED], ids=["box", "L", "slanted"])
+@pytest.mark.parametrize("angle", [0.0, 0.6])
+def test_exact_boundaries_give_the_exact_room(floor, angle: float) -> None:
+    room = room_of(turned(floor, angle))
+    best = hypotheses(columns_of(boundary_of(room)), -angle)[0]
+    assert iou(best.fit.polygon * 1.6, room.floor) > 0.99
+    assert 1.6 * (1 + best.fit.outline.ratio) == pytest.approx(2.55, rel=0.005)
+    assert len(best.fit.polygon) == len(floor)
+
+
+def test_a_doorway_that_shows_another_room_does_not_move_the_wall() -> None:
+    room = room_of(BOX)
+    true = boundary_of(room, noise_deg=0.4)
+    floor = true.floor_rad.copy()
+    floor[120:138] = np.arctan(np.tan(floor[120:138]) / 2)
+    best = hypotheses(columns_of(replace(true, floor_rad=floor)), 0.0)[0]
+    assert iou(best.fit.polygon * 1.6, BOX) > 0.97
+    assert len(best.fit.polygon) == 4
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=6, deadline=None)
+def test_whatever_the_boundaries_say_the_room_can_stand(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    true = boundary_of(room_of(ELL), noise_deg=2.0, seed=seed)
+    wild = rng.random(COLUMNS) < 0.4
+    floor = np.where(wild, -rng.uniform(0.02, 1.5, COLUMNS), np.minimum(true.floor_rad, -0.01))
+    evidence = SceneEvidence(classes_of(room_of(ELL)), "", replace(true, floor_rad=floor))
+    try:
+        found = estimate_room(painted(room_of(ELL), 128), evidence, quality="draft")
+    except NoRoomError:
+        return
+    assert geometry_problems(found.room) == []
+    assert 0.02 <= found.room.confidence <= 0.98
+    assert len(found.walls) == len(found.room.floor)
+
+
+def test_edges_of_the_picture_correct_boundaries_that_are_off() -> None:
+    room = room_of(turned(BOX, 0.2))
+    image, evidence = painted(room, 1024), evidence_of(room, noise_deg=0.3, bias_deg=0.6)
+    rough = estimate_room(image, evidence, manhattan_rad=-0.2, quality="draft")
+    fine = estimate_room(image, evidence, manhattan_rad=-0.2)
+    assert iou(fine.room.floor, room.floor) > 0.99 > 0.985 > iou(rough.room.floor, room.floor)
+    assert fine.diagnostics.edges > 0.7
+    assert rough.diagnostics.edges == 0
+    assert any("draft" in text for text in rough.skipped)
+
+
+def test_without_edges_the_networks_boundary_stands_and_that_is_said() -> None:
+    room = room_of(BOX)
+    # Brightness runs along the azimuth only: floor, walls and ceiling look alike.
+    even = picture_of(
+        np.tile(2 + np.sin(np.arange(256) / 256 * 2 * math.pi), (128, 1)) * np.linspace(1, 1.2, 128)[:, None]
+    )
+    found = estimate_room(even, evidence_of(room, noise_deg=0.2), manhattan_rad=0.0)
+    assert iou(found.room.floor, BOX) > 0.97
+    assert found.diagnostics.edges < 0.1
+    assert any("walls in sight" in text for text in found.skipped)
+
+
+def test_scale_is_the_cameras_height() -> None:
+    room = room_of(BOX)
+    small, large = (
+        estimate_room(painted(room, 256), evidence_of(room), camera_height_m=h, quality="draft") for h in (0.8, 3.2)
+    )
+    np.testing.assert_allclose(np.array(large.room.floor), 4 * np.array(small.room.floor), atol=2e-3)
+    assert large.room.ceiling_height_m == pytest.approx(4 * small.room.ceiling_height_m, abs=1e-3)
+
+
+@pytest.mark.parametrize("angle", [-0.7, -0.2, 0.0, 0.5])
+def test_the_walls_azimuth_is_told_from_boundaries_alone(angle: float) -> None:
+    found = walls_azimuth(columns_of(boundary_of(room_of(turned(BOX, angle)), noise_deg=0.3)))
+    off = (found + angle + math.pi / 4) % (math.pi / 2) - math.pi / 4
+    assert abs(off) < math.radians(1.5)
+
+
+def test_less_agreement_means_less_confidence() -> None:
+    room = room_of(BOX)
+    image = painted(room, 256)
+    sure = estimate_room(image, evidence_of(room, noise_deg=0.2), manhattan_rad=0.0).room.confidence
+    wild = boundary_of(room, noise_deg=8.0)
+    wild = replace(wild, floor_rad=np.minimum(wild.floor_rad, -0.02), ceiling_rad=np.maximum(wild.ceiling_rad, 0.02))
+    unsure = estimate_room(image, SceneEvidence(classes_of(room_of(SLANTED)), "", wild), manhattan_rad=0.0)
+    assert sure > 0.7
+    assert unsure.room.confidence < min(0.5, sure)
+    assert unsure.warnings
+
+
+def test_pictures_that_show_no_room_are_refused_by_name() -> None:
+    room = room_of(BOX)
+    evidence = evidence_of(room)
+    with pytest.raises(NoRoomError, match="black"):
+        estimate_room(picture_of(np.zeros((128, 256))), evidence)
+    with pytest.raises(NoRoomError, match="twice as wide"):
+        estimate_room(picture_of(np.random.default_rng(0).uniform(0, 1, (100, 256))), evidence)
+    padded = painted(room, 256).rgb[..., 0].copy()
+    padded[:45] = padded[-45:] = 0
+    with pytest.raises(NoRoomError, match="cropped"):
+        estimate_room(picture_of(padded), evidence)
+    outdoors = evidence.probabilities.copy()
+    outdoors[:, :64] = 0.002
+    outdoors[3, :64] = 0.986
+    with pytest.raises(NoRoomError, match="outdoors"):
+        estimate_room(painted(room, 256), replace(evidence, probabilities=outdoors))
+
+
+def test_evidence_that_cannot_be_is_refused() -> None:
+    room = room_of(BOX)
+    image, boundary = painted(room, 256), boundary_of(room)
+    bad = [
+        None,
+        replace(boundary, floor_rad=np.full(COLUMNS, np.nan)),
+        replace(boundary, floor_rad=boundary.ceiling_rad, ceiling_rad=boundary.floor_rad),
+        replace(boundary, floor_sigma_rad=np.zeros(COLUMNS)),
+        replace(boundary, corner=boundary.corner[:-1]),
+    ]
+    for one in bad:
+        with pytest.raises(ParameterError):
+            estimate_room(image, SceneEvidence(classes_of(room), "", one))
+    for height in (0.0, float("nan"), 25.0):
+        with pytest.raises(ParameterError):
+            estimate_room(image, evidence_of(room), camera_height_m=height)
+
+
+def test_columns_of_which_nothing_is_known_do_not_count() -> None:
+    room = room_of(BOX)
+    true = boundary_of(room)
+    floor, sigma = true.floor_rad.copy(), true.floor_sigma_rad.copy()
+    floor[40:70], sigma[40:70] = -1.4, np.inf
+    best = hypotheses(columns_of(replace(true, floor_rad=floor, floor_sigma_rad=sigma)), 0.0)[0]
+    assert iou(best.fit.polygon * 1.6, BOX) > 0.98
+
+
+def test_outlines_make_polygons_and_take_parameters() -> None:
+    box = box_outline(0.3, 0.6, (1.0, 2.0, 1.5, 0.5))
+    floor = polygon_of(box)
+    assert floor is not None
+    assert shapely.Polygon(floor).area == pytest.approx(2.5 * 2.5)
+    moved = with_values(box, values_of(box) + np.array([0, 0, 0.5, 0, 0, 0]))
+    assert shapely.Polygon(polygon_of(moved)).area == pytest.approx(3.0 * 2.5)
+    assert np.isfinite(corners_of(box)).all()
+    assert polygon_of(box_outline(0.0, 0.6, (1.0, 2.0, -1.5, 0.5))) is None
+
+
+def test_polygons_are_tidied() -> None:
+    floor = np.array([(0, 0), (2, 0), (4, 0), (4, 3), (3.98, 3.02), (0, 3)], float)
+    assert len(tidied(floor)) == 4
+    assert shapely.Polygon(tidied(floor)).area == pytest.approx(12, rel=0.01)
