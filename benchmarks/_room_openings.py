@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -126,4 +128,46 @@ def simulated(split: Split, count: int, source: Source, *, empty: bool = False) 
         out["room"].append((room.name, true_room))
         out["found"].append(found)
         out["score"].append(score_room(true_room, bare, found))
+    return out
+
+
+def on_real(half: str, source: Callable[[RelativeImage], SceneEvidence]) -> dict[str, Any]:
+    """Return the scores of a half of the ZInD pictures, their true rooms given; reduced to 1024 pixels across."""
+    from benchmarks._detect_truth import photograph
+    from processing.errors import DaylitError
+    from processing.room.readers import zind_pictures, zind_room
+
+    folder = Path(__file__).resolve().parents[2] / "shared" / "data" / "panoramas" / "zind"
+    out: dict[str, Any] = {"name": [], "score": [], "left_out": []}
+    if not folder.is_dir():
+        return out
+    pictures = zind_pictures(json.loads((folder / "zind_data.json").read_text("utf-8")))
+    for number, path in enumerate(sorted(folder.glob("*.jpg"))):
+        if (number % 2 == 0) != (half == "looked at"):
+            continue
+        light = cv2.resize(photograph(path).rgb, (1024, 512), interpolation=cv2.INTER_AREA)
+        image = as_image(light)
+        try:
+            true_room = zind_room(pictures[path.stem])
+            found = find_openings(image, source(image), true_room.model_copy(update={"openings": ()}))
+        except DaylitError as error:
+            out["left_out"].append(f"{path.stem}: {error.code}")
+            continue
+        out["name"].append(path.stem)
+        out["score"].append(score_room(true_room, true_room, found))
+    return out
+
+
+def opening_metrics(*, quick: bool) -> dict[str, float]:
+    """Return the benchmark's figures of openings alone: the shipped network's evidence, the true room given."""
+    from processing.segmentation.embedded import scene_evidence
+
+    rooms = simulated("test", 4 if quick else 24, lambda image, _: scene_evidence(image))
+    real = {"score": []} if quick else on_real("scored", scene_evidence)
+    out: dict[str, float] = {"openings_cpu_s": float(np.median(rooms["cpu_s"])) if rooms["cpu_s"] else 0.0}
+    for name, scores in (("sim", rooms["score"]), ("zind", real["score"])):
+        for kind in ("window", "door"):
+            values = [value for score in scores for value in score[kind]]
+            out[f"{kind}_iou_{name}_given_room"] = float(np.mean(values)) if values else 0.0
+            out[f"{kind}s_false_{name}_given_room"] = float(sum(score[f"{kind}_false"] for score in scores))
     return out
