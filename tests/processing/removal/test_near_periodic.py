@@ -95,9 +95,7 @@ def test_a_lamp_of_1e9_beside_the_hole_does_not_bleed() -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(
-    st.tuples(st.integers(-40, 40), st.integers(-40, 40)), st.tuples(st.integers(-40, 40), st.integers(-40, 40))
-)
+@given(st.tuples(st.integers(-40, 40), st.integers(-40, 40)), st.tuples(st.integers(-40, 40), st.integers(-40, 40)))
 def test_reduction_keeps_the_lattice_and_shortens_it(a: tuple[int, int], b: tuple[int, int]) -> None:
     area = abs(a[0] * b[1] - a[1] * b[0])
     if not area:

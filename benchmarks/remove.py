@@ -1,0 +1,225 @@
+"""Removal: near-periodic textures, generated floors, simulated rooms against the truly emptied ones; rivals beside.
+
+Textures: the two public ones of NPP-Net's samples, each with its own hole and blobs of 15 and 40 % (both were looked at
+while the method was made). Floors: test seeds, lit and in perspective, laid flat, blobs of 15 % (and 40 %). Rooms: test
+seeds, furnished against emptied under the same sky; the mask is the true one, 2 pixels wider, with the near shadows.
+`room_median_err_pct` holds also what furniture takes from the light of the whole room, which no filling may put back
+without changing what is seen; `room_consistent_err_pct` is against the emptied room scaled by what the *unmasked*
+pixels of each half lost. Published figures are quoted in docs/removal.md.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks._remove_floors import SORTS, blob, flat_floor
+from benchmarks._remove_real import DATA, encoded, image_of, linear
+from benchmarks._remove_rivals import Bytes, Flags, Rival, rivals, timed
+from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
+from benchmarks.seeds import seeds
+from mocks.rooms.truth import WINDOWPANE, TruthPictures
+from processing.images import luminance_cd_m2
+from processing.removal.fill import empty_room
+from processing.removal.near_periodic import complete
+
+Case = tuple[str, Bytes, Flags, Flags]
+"""Name, picture (sRGB, OpenCV's order), what is valid, the hole."""
+TEXTURES = ("completion_20150911134723-104840a8", "completion_20150911134910-5dcfbc24")
+FULL = (6720, 3360)
+UNITS = {"npp_ssim": "SSIM in the hole", "npp_gradient": "gradient energy / truth", "seconds_full": "CPU s"}
+
+
+def run(*, quick: bool, seed: int) -> dict[str, Any]:
+    """Return metrics and rivals; see the module's docstring."""
+    cv2.setNumThreads(1)
+    others = rivals(slow=not quick)
+    notes: list[str] = []
+    if not any("xphoto" in name for name in others):
+        notes.append("opencv-contrib (shift-map, FSR) absent: DAYLIT_RIVALS_PYTHON names no interpreter")
+    textures = list(_textures(quick))
+    if not textures:
+        notes.append("no public textures here: near-periodic figures are those of generated tiles")
+        textures = list(_floors(("tile", "chequered"), (0.15,), seed, 1))
+    ours, theirs = _scored(textures, others)
+    best = max(np.mean([s[0] for s in figures]) for figures in theirs.values())
+    mean = np.mean(ours, axis=0)
+    metrics = {
+        "npp_psnr_db": round(float(mean[0]), 2),
+        "npp_ssim": round(float(mean[1]), 4),
+        "npp_gradient": round(float(mean[2]), 3),
+        "npp_cpu_s": round(float(mean[3]), 2),
+        "npp_gain_db": round(float(mean[0] - best), 2),
+    }
+    metrics |= _floor_metrics(quick, seed)
+    room, room_rivals = _rooms(quick, seed, others)
+    metrics |= room
+    metrics["seconds_full"] = _full(quick, seed, notes)
+    found = {
+        name: {
+            "npp_psnr_db": round(float(np.mean([s[0] for s in scores])), 2),
+            "npp_ssim": round(float(np.mean([s[1] for s in scores])), 4),
+            "npp_gradient": round(float(np.mean([s[2] for s in scores])), 3),
+            "npp_s": round(float(np.mean([s[3] for s in scores])), 2),
+        }
+        | room_rivals.get(name, {})
+        for name, scores in theirs.items()
+    }
+    return {"metrics": metrics, "rivals": found, "units": UNITS, "notes": notes}
+
+
+def _textures(quick: bool) -> Iterator[Case]:
+    for name in TEXTURES:
+        folder = DATA / "textures" / name
+        if not folder.exists():
+            continue
+        picture = cv2.imread(str(folder / "gt_img.png"))
+        valid = cv2.imread(str(folder / "valid_mask.png"), 0) > 127
+        own = (cv2.imread(str(folder / "unknown_mask.png"), 0) < 128) & valid
+        yield f"{name[-8:]} own", picture, valid, own
+        if not quick:
+            yield f"{name[-8:]} 15 %", picture, valid, blob(valid, 0.15, 1)
+            yield f"{name[-8:]} 40 %", picture, valid, blob(valid, 0.40, 2)
+
+
+def _floors(sorts: tuple[str, ...], shares: tuple[float, ...], seed: int, count: int) -> Iterator[Case]:
+    for sort in sorts:
+        for number in seeds("test", count, seed):
+            floor = flat_floor(sort, number)
+            for share in shares:
+                hole = blob(floor.seen, share, number + int(100 * share))
+                yield f"{sort} {share:.0%}", encoded(floor.flat), floor.seen, hole
+
+
+def _scored(cases: list[Case], others: dict[str, Rival]) -> tuple[list[Any], dict[str, list[Any]]]:
+    """Return PSNR, SSIM, gradient ratio and seconds of ours and of each rival on the same holes."""
+    ours: list[Any] = []
+    theirs: dict[str, list[Any]] = {name: [] for name in others}
+    for _, picture, valid, hole in cases:
+        ours.append(_our_score(picture, valid, hole))
+        torn = picture.copy()
+        torn[hole] = 0
+        for name, rival in others.items():
+            try:
+                filled, seconds = timed(rival, torn, hole | ~valid)
+            except Exception as exc:  # noqa: BLE001 (a rival that fails is told, ours goes on)
+                print(f"{name}: {type(exc).__name__}")
+                continue
+            theirs[name].append((*_scores(filled, picture, hole), seconds))
+    return ours, {name: figures for name, figures in theirs.items() if figures}
+
+
+def _our_score(picture: Bytes, valid: Flags, hole: Flags) -> tuple[float, float, float, float]:
+    light = linear(picture)
+    light[hole] = 0
+    start = time.process_time()
+    found = complete(light, valid & ~hole, hole)
+    spent = time.process_time() - start
+    return (*_scores(encoded(found.values), picture, hole), spent)
+
+
+def _scores(found: Bytes, truth: Bytes, hole: Flags) -> tuple[float, float, float]:
+    """Return PSNR (dB), SSIM and the share of the true gradient energy, in the hole."""
+    from skimage.metrics import structural_similarity
+
+    off = (found.astype(np.float64) - truth)[hole]
+    psnr = 10 * np.log10(255**2 / max(float(np.mean(off**2)), 1e-9))
+    similar = structural_similarity(found, truth, channel_axis=2, full=True)[1].mean(axis=2)[hole].mean()
+    return float(psnr), float(similar), _energy(found, hole) / max(_energy(truth, hole), 1e-9)
+
+
+def _energy(picture: Bytes, hole: Flags) -> float:
+    grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_BGR2GRAY).astype(np.float64)
+    steps = np.diff(grey, axis=0)[:, :-1] ** 2 + np.diff(grey, axis=1)[:-1] ** 2
+    return float(steps[hole[:-1, :-1]].mean())
+
+
+def _floor_metrics(quick: bool, seed: int) -> dict[str, float]:
+    found = {}
+    for sort in SORTS:
+        for share in (0.15,) if quick else (0.15, 0.40):
+            cases = list(_floors((sort,), (share,), seed, 1 if quick else 3))
+            scores = np.mean([_our_score(*case[1:]) for case in cases], axis=0)
+            key = f"{sort}_{round(100 * share)}"
+            found[f"{key}_psnr_db"] = round(float(scores[0]), 2)
+            found[f"{key}_gradient"] = round(float(scores[2]), 3)
+    return found
+
+
+def _target(truth: TruthPictures) -> Flags:
+    """Return what is to be removed: true furniture and tripod, two pixels more, and the dark beside it."""
+    things = truth.furniture | truth.tripod | (truth.ade == -1)
+    wide = cv2.dilate(things.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    ratio = luminance_cd_m2(truth.luminance_rgb) / np.maximum(luminance_cd_m2(truth.empty_rgb), 1e-6)
+    ratio = cv2.blur(ratio.astype(np.float32), (3, 3))
+    near = cv2.dilate(wide.astype(np.uint8), np.ones((25, 25), np.uint8)).astype(bool)
+    return wide | (near & (ratio < 0.7 * np.median(ratio[~wide])))
+
+
+def _kept_light(truth: TruthPictures, target: Flags) -> npt.NDArray[np.float32]:
+    """Return, for each row, the share of the emptied room's light that the furnished one has where it is seen."""
+    ratio = luminance_cd_m2(truth.luminance_rgb) / np.maximum(luminance_cd_m2(truth.empty_rgb), 1e-6)
+    rows = len(ratio)
+    share = np.ones((rows, 1), np.float32)
+    for half in (slice(0, rows // 2), slice(rows // 2, rows)):
+        seen = ~target[half] & (truth.ade[half] != WINDOWPANE)
+        share[half] = np.median(ratio[half][seen])
+    return share
+
+
+def _rooms(quick: bool, seed: int, others: dict[str, Rival]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    rows, psnr = [], {name: [] for name in others if quick or not name.startswith(("skimage", "xphoto_fsr"))}
+    for number, use in kept_list("test", 16, seed)[: 2 if quick else 8]:
+        room, truth = truth_of(number, use)
+        target = _target(truth)
+        start = time.process_time()
+        found = empty_room(image_of(truth.luminance_rgb), target, room_model_of(room)).image.rgb
+        spent = time.process_time() - start
+        judged = target & (truth.ade != WINDOWPANE)
+        emptied = luminance_cd_m2(truth.empty_rgb)
+        light = luminance_cd_m2(found)
+        off = np.abs(light - emptied)[judged] / np.maximum(emptied[judged], 1e-6)
+        consistent = (np.abs(light / _kept_light(truth, target) - emptied) / np.maximum(emptied, 1e-6))[judged]
+        scale = 0.35 / float(np.median(emptied))
+        shown = encoded(truth.empty_rgb * scale)
+        mine = _scores(encoded(found * scale), shown, target)
+        rows.append((100 * np.median(off), 100 * np.percentile(off, 95), 100 * np.median(consistent), *mine[:2], spent))
+        before = np.ascontiguousarray(encoded(truth.luminance_rgb * scale))
+        for name, figures in psnr.items():
+            try:
+                figures.append(_scores(timed(others[name], before, target)[0], shown, target)[0])
+            except Exception as exc:  # noqa: BLE001
+                print(f"{name} on a room: {type(exc).__name__}")
+    mean = np.mean(rows, axis=0)
+    known = {name: float(np.mean(f)) for name, f in psnr.items() if len(f) == len(rows)}
+    names = (
+        "room_median_err_pct",
+        "room_p95_err_pct",
+        "room_consistent_err_pct",
+        "room_psnr_db",
+        "room_ssim",
+        "room_cpu_s",
+    )
+    metrics = {name: round(float(value), 3) for name, value in zip(names, mean, strict=True)}
+    metrics["rooms"] = len(rows)
+    metrics["room_gain_db"] = round(float(mean[3]) - max(known.values()), 2)
+    return metrics, {name: {"room_psnr_db": round(value, 2)} for name, value in known.items()}
+
+
+def _full(quick: bool, seed: int, notes: list[str]) -> float:
+    """Return the CPU seconds of one room at 6720 x 3360; quick: of half that size each way, and says so."""
+    number, use = kept_list("test", 16, seed)[0]
+    room, truth = truth_of(number, use)
+    size = (FULL[0] // 2, FULL[1] // 2) if quick else FULL
+    if quick:
+        notes.append(f"seconds_full measured at {size[0]} x {size[1]} (quick)")
+    picture = cv2.resize(truth.luminance_rgb, size, interpolation=cv2.INTER_LINEAR)
+    target = cv2.resize(_target(truth).astype(np.uint8), size, interpolation=cv2.INTER_NEAREST).astype(bool)
+    start = time.process_time()
+    empty_room(image_of(picture), target, room_model_of(room))
+    return round(time.process_time() - start, 1)

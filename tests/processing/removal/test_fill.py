@@ -1,0 +1,206 @@
+"""The emptied room on a small painted room: what stays, what is filled, and the ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from processing.errors import FillerError, ParameterError
+from processing.images import LuminanceImage, Validity
+from processing.removal.fill import empty_room
+from processing.removal.learned import LamaFiller
+from processing.room.model import Opening, OpeningKind, RoomModel
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import surface_maps
+
+Flags = npt.NDArray[np.bool_]
+ROWS = 96
+GEOMETRY = Equirectangular(2 * ROWS, ROWS)
+
+
+def box_room() -> RoomModel:
+    opening = Opening(kind=OpeningKind.WINDOW, wall=2, start_m=1.4, end_m=2.6, sill_m=0.9, head_m=2.1)
+    return RoomModel(
+        source="given",
+        floor=((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)),
+        camera_height_m=1.6,
+        ceiling_height_m=2.7,
+        openings=(opening,),
+    )
+
+
+@lru_cache
+def painted() -> tuple[LuminanceImage, npt.NDArray[np.int16], npt.NDArray[np.float64]]:
+    """Return a room of plain walls and a tiled floor under light that falls from the window."""
+    room = box_room()
+    maps = surface_maps(room, GEOMETRY)
+    longitude = ((np.arange(2 * ROWS) + 0.5) / (2 * ROWS) - 0.5) * 2 * math.pi
+    latitude = (0.5 - (np.arange(ROWS) + 0.5) / ROWS) * math.pi
+    flat = np.cos(latitude)[:, None]
+    rays = np.stack(
+        [
+            flat * np.sin(longitude),
+            flat * np.cos(longitude),
+            np.broadcast_to(np.sin(latitude)[:, None], (ROWS, 2 * ROWS)),
+        ],
+        axis=-1,
+    )
+    place = rays * maps.depth_m[..., None] + np.array([0, 0, 1.6])
+    grey = np.where(maps.plane == 0, 20.0, np.where(maps.plane == 1, 60.0, 45.0))
+    dark = ((np.floor(place[..., 0] / 0.5) + np.floor(place[..., 1] / 0.5)) % 2 > 0) & (maps.plane == 0)
+    light = np.exp(0.15 * place[..., 1])
+    value = np.where(dark, 8.0, grey) * light
+    value[maps.opening == 0] = 5000.0
+    rgb = (value[..., None] * [1.0, 0.95, 0.9]).astype(np.float32)
+    image = LuminanceImage(rgb, np.full(value.shape, 0.02, np.float32), np.zeros(value.shape, np.uint8), GEOMETRY, 0.02)
+    return image, maps.plane, place
+
+
+def error(image: LuminanceImage, where: Flags, target: Flags) -> float:
+    """Return the median relative error of a picture with ``target`` spoilt, emptied, over ``where``."""
+    spoilt = image.rgb.copy()
+    spoilt[target] = 333.0
+    found = empty_room(replace(image, rgb=spoilt), target, box_room(), quality="draft").image.rgb
+    return float(np.median(np.abs(found[where] - image.rgb[where]) / image.rgb[where]))
+
+
+def patch(rows: slice, columns: slice) -> Flags:
+    mask = np.zeros((ROWS, 2 * ROWS), bool)
+    mask[rows, columns] = True
+    return mask
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "worst"),
+    [
+        (slice(55, 66), slice(20, 34), 0.12),  # wall and floor
+        (slice(40, 52), slice(0, 8), 0.04),  # at the seam
+        (slice(88, 96), slice(0, 2 * ROWS), 0.5),  # the nadir: half the tiles' size
+        (slice(0, 6), slice(0, 2 * ROWS), 0.03),  # the zenith
+        (slice(38, 52), slice(110, 125), 0.06),  # beside a window of 5000 cd/m2: no glow bleeds in
+    ],
+)
+def test_what_was_hidden_comes_back(rows: slice, columns: slice, worst: float) -> None:
+    image, _, _ = painted()
+    target = patch(rows, columns)
+    assert error(image, target & (image.rgb[..., 0] < 1000), target) < worst
+
+
+def test_outside_the_target_nothing_changes_by_a_bit() -> None:
+    image, planes, _ = painted()
+    target = patch(slice(50, 70), slice(100, 130))
+    found = empty_room(image, target, box_room(), quality="draft")
+    for name in ("rgb", "uncertainty", "validity"):
+        assert np.array_equal(getattr(found.image, name)[~target], getattr(image, name)[~target])
+    assert (found.provenance[~target] == 0).all()
+    assert (found.provenance[target] > 0).all()
+    assert (found.image.validity[target] == Validity.REPAIRED).all()
+    assert (found.confidence[~target] == 1).all()
+    assert np.isfinite(found.image.rgb).all()
+    assert [f.texture.plane.index for f in found.textures] == sorted(set(planes[target].tolist()))
+
+
+def test_no_target_and_one_pixel() -> None:
+    image, _, _ = painted()
+    nothing = np.zeros((ROWS, 2 * ROWS), bool)
+    assert empty_room(image, nothing, box_room()).image is image
+    one = nothing.copy()
+    one[70, 40] = True
+    found = empty_room(image, one, box_room(), quality="draft")
+    assert (found.provenance > 0).sum() == 1
+
+
+def test_a_floor_hidden_altogether_is_said() -> None:
+    image, planes, _ = painted()
+    found = empty_room(image, planes == 0, box_room(), quality="draft")
+    assert np.isfinite(found.image.rgb).all()
+    assert (found.confidence[planes == 0] < 0.1).all()
+    assert (found.provenance[planes == 0] == 2).all()
+    assert any("hidden altogether" in note for note in found.notes)
+
+
+def test_four_fifths_of_the_floor() -> None:
+    image, planes, place = painted()
+    target = (planes == 0) & (place[..., 0] > -1.2)
+    found = empty_room(image, target, box_room(), quality="draft")
+    assert np.isfinite(found.image.rgb).all()
+    middle = np.median(found.image.rgb[target][:, 0])
+    assert 4 < middle < 40
+
+
+def test_nan_where_the_lens_saw_nothing() -> None:
+    image, _, _ = painted()
+    rgb, validity = image.rgb.copy(), image.validity.copy()
+    rgb[:3], validity[:3] = np.nan, Validity.OUTSIDE
+    target = patch(slice(2, 9), slice(50, 90))
+    found = empty_room(replace(image, rgb=rgb, validity=validity), target, box_room(), quality="draft")
+    assert np.isfinite(found.image.rgb[target]).all()
+    assert np.isnan(found.image.rgb[:2]).all()
+
+
+def test_sunlight_is_kept_on_demand() -> None:
+    image, _, _ = painted()
+    sun, chair = patch(slice(70, 76), slice(20, 40)), patch(slice(60, 66), slice(120, 130))
+    kept = empty_room(image, sun | chair, box_room(), keep_sunlight=True, sunlight=sun, quality="draft")
+    assert np.array_equal(kept.image.rgb[sun], image.rgb[sun])
+    assert (kept.provenance[chair] > 0).all()
+    gone = empty_room(image, sun | chair, box_room(), sunlight=sun, quality="draft")
+    assert (gone.provenance[sun] > 0).all()
+
+
+def test_wrong_sizes_are_told() -> None:
+    image, _, _ = painted()
+    with pytest.raises(ParameterError):
+        empty_room(image, np.zeros((3, 4), bool), box_room())
+    with pytest.raises(ParameterError):
+        empty_room(image, np.zeros((ROWS, 2 * ROWS), bool), box_room(), quality="best")
+
+
+def onnx_file(tmp_path: Path, *, scale: float = 255.0, mask_name: str = "mask") -> Path:
+    """Write a stand-in for LaMa: grey in the hole, the picture elsewhere."""
+    onnx = pytest.importorskip("onnx")
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    shape = [1, 3, "h", "w"]
+    inputs = [
+        helper.make_tensor_value_info("image", kind, shape),
+        helper.make_tensor_value_info(mask_name, kind, [1, 1, "h", "w"]),
+    ]
+    constants = [helper.make_tensor("half", kind, [], [0.5]), helper.make_tensor("scale", kind, [], [scale])]
+    nodes = [
+        helper.make_node("Sub", ["half", "image"], ["change"]),
+        helper.make_node("Mul", ["change", mask_name], ["inside"]),
+        helper.make_node("Add", ["image", "inside"], ["sum"]),
+        helper.make_node("Mul", ["sum", "scale"], ["output"]),
+    ]
+    outputs = [helper.make_tensor_value_info("output", kind, shape)]
+    graph = helper.make_graph(nodes, "toy", inputs, outputs, constants)
+    path = tmp_path / "toy.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
+    return path
+
+
+@pytest.mark.parametrize("scale", [1.0, 255.0])
+def test_a_network_fills_where_ours_is_unsure(tmp_path: Path, scale: float) -> None:
+    image, planes, _ = painted()
+    target = planes == 0
+    filler = LamaFiller(onnx_file(tmp_path, scale=scale), threads=1)
+    ours = empty_room(image, target, box_room(), quality="draft")
+    theirs = empty_room(image, target, box_room(), quality="draft", filler=filler)
+    assert not np.allclose(ours.image.rgb[target], theirs.image.rgb[target])
+    assert np.array_equal(theirs.image.rgb[~target], image.rgb[~target])
+    assert theirs.confidence[target].mean() > ours.confidence[target].mean()
+
+
+def test_networks_that_do_not_fit_are_told(tmp_path: Path) -> None:
+    with pytest.raises(FillerError, match="no ONNX"):
+        LamaFiller(tmp_path / "none.onnx")
+    with pytest.raises(FillerError, match="inputs"):
+        LamaFiller(onnx_file(tmp_path, mask_name="hole"))
+    with pytest.raises(FillerError, match="mean"):
+        LamaFiller(onnx_file(tmp_path, scale=10.0))
