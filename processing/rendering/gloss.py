@@ -20,7 +20,8 @@ HEAD_ON = 0.04
 """Reflectance of varnish, glaze and polish (n = 1.5) seen head on."""
 LEAST_GLOSS = 0.15
 """A smaller factor cannot be told from the errors of irradiance."""
-BINS, LEAST_PIXELS = 12, 200
+MOST_GLOSS = 1.3
+BINS, LEAST_PIXELS, MANY_SLOPES = 12, 200, 6
 MOST_SHARE = 0.3
 """Of a pixel's light that may be mirrored; more, and its albedo is not told (a window's highlight)."""
 
@@ -62,5 +63,9 @@ def gloss_factor(apparent: Doubles, mirror: Doubles, usable: np.ndarray) -> floa
     slopes = [
         (b[1] - a[1]) / (b[0] - a[0]) for i, a in enumerate(middle) for b in middle[i + 1 :] if b[0] - a[0] > 0.005
     ]
-    factor = float(np.median(slopes)) if slopes else 0.0
-    return 0.0 if factor < LEAST_GLOSS else min(factor, 1.0)
+    if len(slopes) < MANY_SLOPES:
+        return 0.0
+    low, factor, high = (float(q) for q in np.quantile(slopes, (0.25, 0.5, 0.75)))
+    # No real floor mirrors more than full varnish: then the irradiance is wrong, not the floor glossy.
+    trusted = low > 0.5 * factor and high < 2 * factor and LEAST_GLOSS <= factor <= MOST_GLOSS
+    return min(factor, 1.0) if trusted else 0.0

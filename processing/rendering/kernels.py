@@ -114,29 +114,51 @@ def bounce_bright(links, density, radiosity, chance, shots, out):  # type: ignor
 
 
 @compiled
-def pane_rays(  # type: ignore[no-untyped-def]
-    points, normals, shifts, start, samples, corner, across, up, origins, directions, weight
-):
-    """Fill rays (n, samples, 3) to a rectangle, uniform in solid angle; ``weight`` is cos x solid angle, 0 if hidden.
+def _on_rectangle(x0, y0, z0, x1, y1, p, q):  # type: ignore[no-untyped-def]
+    """Return the solid angle of a rectangle (x0..x1, y0..y1) at z0 < 0, and a place (x, y) on it for p, q in 0..1.
 
     Urena, Fajardo and King (2013), "An area-preserving parametrization for spherical rectangles".
     """
+    # Of the normals of the four sides' planes through the eye only z matters.
+    n0z, n1z = -y0 / math.sqrt(z0 * z0 + y0 * y0), x1 / math.sqrt(z0 * z0 + x1 * x1)
+    n2z, n3z = y1 / math.sqrt(z0 * z0 + y1 * y1), -x0 / math.sqrt(z0 * z0 + x0 * x0)
+    g0 = math.acos(min(max(-n0z * n1z, -1.0), 1.0))
+    g1 = math.acos(min(max(-n1z * n2z, -1.0), 1.0))
+    g2 = math.acos(min(max(-n2z * n3z, -1.0), 1.0))
+    g3 = math.acos(min(max(-n3z * n0z, -1.0), 1.0))
+    rest = 2 * math.pi - g2 - g3
+    solid = g0 + g1 - rest
+    if not solid > 1e-12:
+        return 0.0, x0, y0
+    angle = p * solid + rest
+    fu = (math.cos(angle) * n0z - n2z) / math.sin(angle)
+    cu = min(1.0 / math.sqrt(fu * fu + n0z * n0z), 1.0) * (1.0 if fu > 0 else -1.0)
+    x = -(cu * z0) / max(math.sqrt(max(1 - cu * cu, 0.0)), 1e-7)
+    x = min(max(x, x0), x1)
+    d2 = x * x + z0 * z0
+    h0, h1 = y0 / math.sqrt(d2 + y0 * y0), y1 / math.sqrt(d2 + y1 * y1)
+    h = h0 + q * (h1 - h0)
+    y = h * math.sqrt(d2) / math.sqrt(1 - h * h) if h * h < 1 - 1e-6 else y1
+    return solid, x, y
+
+
+@compiled
+def pane_rays(  # type: ignore[no-untyped-def]
+    points, normals, shifts, start, samples, corner, across, up, origins, directions, weight
+):
+    """Fill rays (n, samples, 3) to a rectangle, uniform in solid angle; ``weight``: cos x solid angle, 0 if hidden."""
     wide = math.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
     high = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
+    ax, ay, az = across[0] / wide, across[1] / wide, across[2] / wide
+    bx, by, bz = up[0] / high, up[1] / high, up[2] / high
     several = points.shape[1] > 1
     for i in range(normals.shape[0]):
         for s in range(samples):
             k = s if several else 0
-            px = points[i, k, 0] + STEP_OFF_M * normals[i, 0]
-            py = points[i, k, 1] + STEP_OFF_M * normals[i, 1]
-            pz = points[i, k, 2] + STEP_OFF_M * normals[i, 2]
-            origins[i, s, 0], origins[i, s, 1], origins[i, s, 2] = px, py, pz
-            dx, dy, dz = corner[0] - px, corner[1] - py, corner[2] - pz
-            ax, ay, az = across[0] / wide, across[1] / wide, across[2] / wide
-            bx, by, bz = up[0] / high, up[1] / high, up[2] / high
             cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-            x0 = dx * ax + dy * ay + dz * az
-            y0 = dx * bx + dy * by + dz * bz
+            for c in range(3):
+                origins[i, s, c] = points[i, k, c] + STEP_OFF_M * normals[i, c]
+            dx, dy, dz = corner[0] - origins[i, s, 0], corner[1] - origins[i, s, 1], corner[2] - origins[i, s, 2]
             z0 = dx * cx + dy * cy + dz * cz
             weight[i, s] = 0.0
             directions[i, s, 0], directions[i, s, 1], directions[i, s, 2] = cx, cy, cz
@@ -144,35 +166,14 @@ def pane_rays(  # type: ignore[no-untyped-def]
                 continue
             if z0 > 0:
                 z0, cx, cy, cz = -z0, -cx, -cy, -cz
-            x1, y1 = x0 + wide, y0 + high
-            # Normals of the four sides' planes through the point, as far as they matter.
-            n0z, n1z = -y0 / math.sqrt(z0 * z0 + y0 * y0), x1 / math.sqrt(z0 * z0 + x1 * x1)
-            n2z, n3z = y1 / math.sqrt(z0 * z0 + y1 * y1), -x0 / math.sqrt(z0 * z0 + x0 * x0)
-            g0 = math.acos(min(max(-n0z * n1z, -1.0), 1.0))
-            g1 = math.acos(min(max(-n1z * n2z, -1.0), 1.0))
-            g2 = math.acos(min(max(-n2z * n3z, -1.0), 1.0))
-            g3 = math.acos(min(max(-n3z * n0z, -1.0), 1.0))
-            k2 = 2 * math.pi - g2 - g3
-            solid = g0 + g1 - k2
-            if not solid > 1e-12:
-                continue
+            x0, y0 = dx * ax + dy * ay + dz * az, dx * bx + dy * by + dz * bz
             p = (shifts[i, 0] + (start + s + 1) * FIRST) % 1.0
             q = (shifts[i, 1] + (start + s + 1) * SECOND) % 1.0
-            au = p * solid + k2
-            fu = (math.cos(au) * n0z - n2z) / math.sin(au)
-            cu = min(max(1.0 / math.sqrt(fu * fu + n0z * n0z), -1.0), 1.0) * (1.0 if fu > 0 else -1.0)
-            xu = -(cu * z0) / max(math.sqrt(max(1 - cu * cu, 0.0)), 1e-7)
-            xu = min(max(xu, x0), x1)
-            dd = math.sqrt(xu * xu + z0 * z0)
-            h0, h1 = y0 / math.sqrt(dd * dd + y0 * y0), y1 / math.sqrt(dd * dd + y1 * y1)
-            hv = h0 + q * (h1 - h0)
-            yv = hv * dd / math.sqrt(1 - hv * hv) if hv * hv < 1 - 1e-6 else y1
-            far = math.sqrt(xu * xu + yv * yv + z0 * z0)
-            ox = (xu * ax + yv * bx + z0 * cx) / far
-            oy = (xu * ay + yv * by + z0 * cy) / far
-            oz = (xu * az + yv * bz + z0 * cz) / far
-            directions[i, s, 0], directions[i, s, 1], directions[i, s, 2] = ox, oy, oz
-            cosine = ox * normals[i, 0] + oy * normals[i, 1] + oz * normals[i, 2]
+            solid, x, y = _on_rectangle(x0, y0, z0, x0 + wide, y0 + high, p, q)
+            far = math.sqrt(x * x + y * y + z0 * z0)
+            ox, oy, oz = x * ax + y * bx + z0 * cx, x * ay + y * by + z0 * cy, x * az + y * bz + z0 * cz
+            directions[i, s, 0], directions[i, s, 1], directions[i, s, 2] = ox / far, oy / far, oz / far
+            cosine = (ox * normals[i, 0] + oy * normals[i, 1] + oz * normals[i, 2]) / far
             if cosine > 0:
                 weight[i, s] = cosine * solid
 

@@ -177,7 +177,7 @@ def _add_surface(build: _Builder, surface: Surface, number: int, texel_m: float)
     within = np.stack(
         [_on(surface, (column + fx) * wide, (row + fy) * high) for fy in fine for fx in fine], axis=1
     )  # (texels, SUBCELLS²)
-    full = within.all(axis=1)
+    full: np.ndarray = np.asarray(np.all(within, axis=1))
     patch = first + np.arange(len(row))
     u, v = surface.u_axis, surface.v_axis
     build.add_elements(patch[full], surface.at(column[full] * wide, row[full] * high), wide * u, high * v, False)

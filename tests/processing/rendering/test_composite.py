@@ -15,7 +15,8 @@ from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, unifo
 
 ROWS = 64
 GEOMETRY = Equirectangular(2 * ROWS, ROWS)
-LOOK = Effort(texel_m=0.2, patch_samples=64, rows=ROWS, pixel_samples=32, sun_samples=64)
+# Not cleaned: the denoiser loads torch where that is installed, which takes longer than these tests.
+LOOK = Effort(texel_m=0.2, patch_samples=64, rows=ROWS, pixel_samples=64, sun_samples=64, clean=False)
 TABLE = box((1.2, 0.8, 0.4), (0.8, 0.8, 0.8))
 
 
@@ -63,7 +64,7 @@ def test_furniture_throws_a_shadow_in_the_sun() -> None:
 
 def test_ibl_lights_furniture_by_the_panorama_and_changes_nothing_else(room) -> None:
     even = np.full((ROWS, 2 * ROWS, 3), 100.0, np.float32)
-    staged = ibl(even, (TABLE,), EYE, room, samples=32)
+    staged = ibl(even, (TABLE,), EYE, room, samples=64, clean=False)
     assert np.array_equal(staged.rgb[staged.kept], even[staged.kept])
     # A convex thing in even light L shows albedo x L.
     assert staged.rgb[staged.furniture].mean(axis=0) == pytest.approx(np.array([0.5, 0.3, 0.2]) * 100, rel=0.02)
@@ -78,7 +79,7 @@ def test_inverse_tone_curve() -> None:
 
 def test_other_places_and_views(room) -> None:
     view = Perspective(48, 32, 1.2, yaw_rad=0.5)
-    small = Effort(texel_m=0.3, patch_samples=16, rows=16, pixel_samples=8, sun_samples=8)
+    small = Effort(texel_m=0.3, patch_samples=16, rows=16, pixel_samples=8, sun_samples=8, clean=False)
     rgb = render(room.furnished((TABLE,)), view, (0.5, 0.5, 1.2), effort=small).rgb
     assert rgb.shape == (32, 48, 3)
     assert np.isfinite(rgb).all()
@@ -86,7 +87,7 @@ def test_other_places_and_views(room) -> None:
 
 
 def stable(scene, eye=EYE) -> np.ndarray:
-    small = Effort(texel_m=0.3, patch_samples=16, rows=32, pixel_samples=8, sun_samples=8)
+    small = Effort(texel_m=0.3, patch_samples=16, rows=32, pixel_samples=8, sun_samples=8, clean=False)
     rgb = render(scene, Equirectangular(64, 32), eye, effort=small).rgb
     assert np.isfinite(rgb).all()
     assert (rgb >= 0).all()
