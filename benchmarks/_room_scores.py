@@ -67,6 +67,4 @@ def _places(room: RoomModel) -> np.ndarray:
     distance = np.hypot(corners[:, 0], corners[:, 1])
     x = (np.arctan2(corners[:, 0], corners[:, 1]) / (2 * math.pi) + 0.5) * WIDTH
     heights = (room.ceiling_height_m - room.camera_height_m, -room.camera_height_m)
-    return np.concatenate(
-        [np.stack([x, (0.5 - np.arctan2(h, distance) / math.pi) * HEIGHT], axis=-1) for h in heights]
-    )
+    return np.concatenate([np.stack([x, (0.5 - np.arctan2(h, distance) / math.pi) * HEIGHT], axis=-1) for h in heights])

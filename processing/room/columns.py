@@ -20,6 +20,8 @@ Doubles = npt.NDArray[np.float64]
 
 COLUMNS = 192
 """Columns that are fitted: 1.9 degrees each; networks see no more."""
+ERRING_TOGETHER = 1.8
+"""Factor on stated uncertainties: neighbouring columns err together, and are counted each for itself."""
 LEAST_SIGMA_RAD = math.radians(0.25)
 LARGEST_SIGMA_RAD = math.radians(30.0)
 STEEPEST_RAD = math.radians(86.0)
@@ -112,7 +114,7 @@ def weighted_median(values: Doubles, weights: Doubles) -> float:
 
 def _resampled(latitude: Doubles, sigma: npt.ArrayLike, count: int) -> tuple[Doubles, Doubles]:
     """Return |latitudes| and uncertainties in ``count`` columns: weighted means of what falls into each."""
-    spread = np.clip(np.asarray(sigma, np.float64), LEAST_SIGMA_RAD, LARGEST_SIGMA_RAD)
+    spread = np.clip(ERRING_TOGETHER * np.asarray(sigma, np.float64), LEAST_SIGMA_RAD, LARGEST_SIGMA_RAD)
     # Errors of neighbours are alike: uncertainties are averaged, not reduced.
     weights = 1 / spread**2
     total = _binned(weights, count)
