@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from processing.removal.edges import cut_picture, snapped
 from processing.removal.nadir import REACH_RAD, nadir_picture, onto_panorama, radius_map
+from processing.removal.outliers import colour_distance
 from processing.removal.round_masks import components
 from processing.segmentation.classes import SceneClass
 
@@ -29,7 +30,6 @@ FULL_RAD, NONE_RAD = math.radians(22), math.radians(42)
 """Strange colours count fully within the first angle, not at all beyond the second."""
 RING_RAD = (math.radians(26), math.radians(49))
 """Where the floor's colours are learned."""
-CLUSTERS = 6
 OUTLIER = 12.0
 """Squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor."""
 LEAST_DISC_RAD = math.radians(4)
@@ -88,24 +88,8 @@ def _at_nadir(probabilities: Floats, rgb8: Bytes, floor: Flags, disc_rad: float)
 
 def strangeness(rgb8: Bytes, known: Flags) -> Floats:
     """Return (h, w) in 0..1: how unlike the colours of the known pixels each pixel is; a half at `OUTLIER`."""
-    colours = cv2.cvtColor(cv2.GaussianBlur(rgb8, (0, 0), 1.0), cv2.COLOR_RGB2Lab).astype(np.float32)
-    sample = colours[known]
-    step = max(1, len(sample) // 4000)
-    sample = sample[::step]
-    cv2.setRNGSeed(1)
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 0.5)
-    count = min(CLUSTERS, len(sample))
-    _, member, middle = cv2.kmeans(sample, count, np.empty(0, np.int32), stop, 1, cv2.KMEANS_PP_CENTERS)
-    nearest = np.full(colours.shape[:2], np.inf, np.float32)
-    for index in range(count):
-        part = sample[member[:, 0] == index]
-        if len(part) < max(10, 0.02 * len(sample)):
-            continue
-        # 8-bit steps and noise: no colour is known better than this.
-        spread = np.cov(part.T) + np.diag([9.0, 4.0, 4.0])
-        off = colours - middle[index]
-        nearest = np.minimum(nearest, np.einsum("hwi,ij,hwj->hw", off, np.linalg.inv(spread).astype(np.float32), off))
-    return (1 / (1 + np.exp(-np.clip((nearest - OUTLIER) / 3, -30, 30)))).astype(np.float32)
+    away = colour_distance(rgb8, known)
+    return (1 / (1 + np.exp(-np.clip((away - OUTLIER) / 3, -30, 30)))).astype(np.float32)
 
 
 def painted_disc(rgb8: Bytes) -> float:
