@@ -2,12 +2,12 @@
 
 All through our own scene code. ``analytic_err_pct`` is the worst of the integrating cube, the white furnace, form
 factors and the overcast sky through a window (Walsh). ``radiance_diff_pct``: illuminance of a grid at table height in
-a room with a window under an even sky, against Radiance (`rtrace -I`, -ab 9; quick: 6). ``equal_error_speedup``: CPU time of
-Mitsuba's stock ``path`` with the sky as environment map, brought to our error by its own law (error falls with the
-root of time), over ours, on the same view of a room with sun; errors against a long run of ours (another seed, finer
-patches, nothing denoised). ``path_mean_diff_pct`` is how far the two methods' mean luminances are apart, which tells
-of a bias in either. ``changed_median_err_pct``: furniture staged into the picture of the bare room with
-``differential`` against the furnished room rendered at length, where light or surface changed;
+a room with a window under an even sky, against Radiance (`rtrace -I`, -ab 9; quick: 6), root mean square.
+``equal_error_speedup``: CPU time of Mitsuba's stock ``path`` with the sky as environment map, brought to our error by
+its own law (error falls with the root of time), over ours, on the same view of a room with sun; errors against a long
+run of ours (another seed, finer patches, nothing denoised). ``path_mean_diff_pct`` is how far the two methods' mean
+luminances are apart, which tells of a bias in either. ``changed_median_err_pct``: furniture staged into the picture of
+the bare room with ``differential`` against the furnished room rendered at length, where light or surface changed;
 ``unchanged_identical_pct`` how many kept pixels are bit-identical.
 """
 

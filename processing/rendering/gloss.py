@@ -2,7 +2,8 @@
 
 A varnished or tiled floor adds to its matte light what Fresnel's law (Schlick 1994, 4 % head on) mirrors of the room.
 Both are known but for one factor: radiance is matte albedo x irradiance / pi + gloss x Fresnel x mirrored radiance. The
-factor is the slope of apparent albedo over that of the mirrored part, by medians, so that patterns do not matter.
+factor is the slope of apparent albedo over that of the mirrored part, by means over many pixels, so that patterns do
+not matter.
 """
 
 from __future__ import annotations
@@ -59,9 +60,12 @@ def gloss_factor(apparent: Doubles, mirror: Doubles, usable: np.ndarray) -> floa
     if len(edges) < 4 or edges[-1] < 1.5 * edges[0] + 0.01:
         return 0.0
     which = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
-    middle = np.array([[np.median(x[which == k]), np.median(y[which == k])] for k in range(len(edges) - 1)])
+    low, high = np.quantile(y, (0.05, 0.95))
+    y = np.clip(y, low, high)
+    middle = np.array([[x[which == k].mean(), y[which == k].mean()] for k in range(len(edges) - 1)])
+    apart = 0.3 * (middle[-1, 0] - middle[0, 0])
     slopes = [
-        (b[1] - a[1]) / (b[0] - a[0]) for i, a in enumerate(middle) for b in middle[i + 1 :] if b[0] - a[0] > 0.005
+        (b[1] - a[1]) / (b[0] - a[0]) for i, a in enumerate(middle) for b in middle[i + 1 :] if b[0] - a[0] > apart
     ]
     if len(slopes) < MANY_SLOPES:
         return 0.0

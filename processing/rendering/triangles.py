@@ -48,7 +48,9 @@ def ears(outline: Doubles) -> Doubles:
     left = list(range(len(points)))
     found = []
     while len(left) > 3:
-        ear = next((k for k in range(len(left)) if _is_ear(points, left, k)), None)
+        # With margin first: a corner on an ear's edge would be cut off with it. Degenerate outlines need it without.
+        tries = ((k, margin) for margin in (-EPSILON, EPSILON) for k in range(len(left)))
+        ear = next((k for k, margin in tries if _is_ear(points, left, k, margin)), None)
         if ear is None:
             raise SceneError("an outline that crosses itself", where="floor polygon", advice="correct the corners")
         found.append([points[left[ear - 1]], points[left[ear]], points[left[(ear + 1) % len(left)]]])
@@ -57,16 +59,17 @@ def ears(outline: Doubles) -> Doubles:
     return np.array(found, dtype=np.float64)
 
 
-def _is_ear(points: Doubles, left: list[int], k: int) -> bool:
+def _is_ear(points: Doubles, left: list[int], k: int, margin: float) -> bool:
     a, b, c = points[left[k - 1]], points[left[k]], points[left[(k + 1) % len(left)]]
     if _turn(a, b, c) < -EPSILON:
         return False
     others = (points[i] for i in left if i not in (left[k - 1], left[k], left[(k + 1) % len(left)]))
-    return not any(_within(p, a, b, c) for p in others)
+    corners = (tuple(a), tuple(b), tuple(c))
+    return not any(tuple(p) not in corners and _within(p, a, b, c, margin) for p in others)
 
 
-def _within(p: Doubles, a: Doubles, b: Doubles, c: Doubles) -> bool:
-    return _turn(a, b, p) > EPSILON and _turn(b, c, p) > EPSILON and _turn(c, a, p) > EPSILON
+def _within(p: Doubles, a: Doubles, b: Doubles, c: Doubles, margin: float) -> bool:
+    return _turn(a, b, p) > margin and _turn(b, c, p) > margin and _turn(c, a, p) > margin
 
 
 def _turn(a: Doubles, b: Doubles, c: Doubles) -> float:

@@ -52,7 +52,7 @@ def test_closed_loop_with_sun(sunny: Scene) -> None:
     plane = (sight.label >= 0) & (sight.label < 6)
     error = np.abs(found.picture.reshape(-1, 3) - albedo_of(stage, sight))[plane]
     assert found.transmittance[0] == pytest.approx((0.7, 0.72, 0.7), abs=0.03)
-    assert np.median(error) < 0.015
+    assert np.median(error) < 0.025
     assert np.quantile(error, 0.95) < 0.06
     assert np.isfinite(found.picture).all()
     assert found.told.mean() > 0.8
