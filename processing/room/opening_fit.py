@@ -202,7 +202,8 @@ def score(field: Field, recess_m: float, box: tuple[Doubles, ...]) -> Doubles:
     kind, view = field.kind, field.view
     u0, v0, u1, v1 = box
     s0, t0, s1, t1 = shown_box(view, recess_m, box)
-    total = REGION_PER_M2 * field.region(s0, t0, s1, t1)
+    # Networks call a reveal now wall, now window.
+    total = REGION_PER_M2 * np.maximum(field.region(s0, t0, s1, t1), field.region(u0, v0, u1, v1))
     apart = 1.5 / view.px_per_m
     for at, inner in ((u0, s0), (u1, s1)):
         total = total + INNER_EDGE * field.upright_edge(inner, t0, t1)
