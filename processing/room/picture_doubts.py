@@ -22,7 +22,7 @@ class PictureFacts:
     """Shares (0..1) of the sphere."""
 
     blank: float
-    """Without data, or black or white from a pole on."""
+    """Without data, or black."""
 
 
 def check_picture(image: RelativeImage | LuminanceImage) -> PictureFacts:
@@ -62,10 +62,9 @@ def _contrast_stops(luminance: np.ndarray) -> float:
 
 
 def _blank(luminance: np.ndarray, data: np.ndarray) -> float:
-    """Return the share of the sphere without data, black, or in rows of black or white that reach a pole."""
+    """Return the share of the sphere without data, black, or in nearly black rows that reach a pole."""
     rows = luminance.shape[0]
-    low, high = luminance.min(axis=1), luminance.max(axis=1)
-    even = (high <= 1e-3 * np.median(luminance[luminance > 0])) | (low >= 0.999 * luminance.max())
+    even = luminance.max(axis=1) <= 1e-3 * np.median(luminance[luminance > 0])
     reach = np.zeros(rows, bool)
     # A row or two at a pole are even in any panorama.
     for order in (np.arange(rows), np.arange(rows)[::-1]):

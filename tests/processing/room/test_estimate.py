@@ -115,8 +115,8 @@ def test_the_walls_azimuth_is_told_from_boundaries_alone(angle: float) -> None:
 
 def test_less_agreement_means_less_confidence() -> None:
     room = room_of(BOX)
-    image = painted(room, 256)
-    sure = estimate_room(image, evidence_of(room, noise_deg=0.2), manhattan_rad=0.0).room.confidence
+    image = painted(room, 512)
+    sure = estimate_room(image, evidence_of(room, noise_deg=0.5), manhattan_rad=0.0).room.confidence
     wild = boundary_of(room, noise_deg=8.0)
     wild = replace(wild, floor_rad=np.minimum(wild.floor_rad, -0.02), ceiling_rad=np.maximum(wild.ceiling_rad, 0.02))
     unsure = estimate_room(image, SceneEvidence(classes_of(room_of(SLANTED)), "", wild), manhattan_rad=0.0)
