@@ -144,11 +144,30 @@ class Raster:
     def _paths(self, items: tuple[PlacedItem, ...], floor: Any) -> list[str]:
         labels = self._parts(self.room & (floor == 0), self.rules.path / 2 - HALF_M)
         reach = self.rules.path / 2 - 0.05 + 0.01
-        goals: list[tuple[str, Any]] = [(f"door {n + 1}", self.ways[n]) for n in sorted(self.needed)]
-        goals += [(item.id, self._cells(item, zone, reach)) for item in items for zone in item.use_zones_m]
-        served = [set(np.unique(labels[cells]).tolist()) - {0} for _, cells in goals]
+        served = {f"door {n + 1}": [self._touched(labels, self.ways[n])] for n in sorted(self.needed)}
+        for item in items:
+            sides = [z for z in item.use_zones_m if abs(z[0] + z[1]) > item.size_m[0]]
+            if "bed" in item.category:  # as many sides as the rules ask for, and the rest
+                reached = [self._touched(labels, self._cells(item, zone, reach)) for zone in sides]
+                served[f"a side of {item.id}"] = reached
+                sides = []
+            for number, zone in enumerate(
+                z for z in item.use_zones_m if abs(z[0] + z[1]) <= item.size_m[0] or z in sides
+            ):
+                served[f"{item.id} ({number})"] = [self._touched(labels, self._cells(item, zone, reach))]
+        need = {name: self._sides(name, items) if name.startswith("a side of") else 1 for name in served}
+        parts = sorted(set().union(*(part for reached in served.values() for part in reached)))
         failed = [
-            [f"no path to {name}" for (name, _), s in zip(goals, served, strict=True) if k not in s]
-            for k in sorted(set().union(*served))
+            [f"no path to {name}" for name, reached in served.items() if sum(k in r for r in reached) < need[name]]
+            for k in parts
         ]
         return min(failed, key=len, default=["nowhere to walk"])
+
+    def _sides(self, name: str, items: tuple[PlacedItem, ...]) -> int:
+        """Return how many of a bed's sides must be reached."""
+        bed = next(item for item in items if name.endswith(f" {item.id}"))
+        return int(self.rules.bed_single_sides if bed.category == "single bed" else self.rules.bed_sides)
+
+    @staticmethod
+    def _touched(labels: Any, cells: Any) -> set[int]:
+        return set(np.unique(labels[cells]).tolist()) - {0}

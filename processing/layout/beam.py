@@ -65,6 +65,17 @@ def copy_grid(old, new):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def zones_of(dyn, classes, count, zones):  # type: ignore[no-untyped-def]
+    """Copy the use zones among the first `count` outlines; return how many."""
+    found = 0
+    for r in range(count):
+        if classes[r] == ZONE:
+            copy_outline(dyn[r], zones[found])
+            found += 1
+    return found
+
+
+@njit(cache=True)
 def select(  # type: ignore[no-untyped-def]
     order, index, place, strata, n_strata, most, per_parent, per_stratum, most_checks,
     rects, kinds, n_rects, lines, dyn, heights, classes, dyn_n, blocked, doors, grid, radius2, reach,
@@ -96,22 +107,10 @@ def select(  # type: ignore[no-untyped-def]
         )  # fmt: skip
         copy_grid(blocked[b], new_blocked[found])
         stamp_bodies(
-            new_blocked[found],
-            new_dyn[found],
-            new_heights[found],
-            new_classes[found],
-            before,
-            count,
-            x0,
-            y0,
-            cell,
+            new_blocked[found], new_dyn[found], new_heights[found], new_classes[found], before, count, x0, y0, cell,
             radius2,
-        )
-        n_zones = 0
-        for r in range(count):
-            if new_classes[found, r] == ZONE:
-                copy_outline(new_dyn[found, r], zones[n_zones])
-                n_zones += 1
+        )  # fmt: skip
+        n_zones = zones_of(new_dyn[found], new_classes[found], count, zones)
         if connected(
             new_blocked[found], work, stack, doors, doors.shape[0], zones, n_zones, x0, y0, cell, reach
         ) < 0:  # fmt: skip

@@ -181,13 +181,12 @@ class Search:
                 )
                 at += len(rows)
         anchors = [v.members[0] for v in unit.variants]
-        to = [quarter(m.quarters) for m in anchors]
         made = UnitArrays(
             rects, kinds, n_rects,
             np.array([v.width_m for v in unit.variants]),
             np.array([v.bonus for v in unit.variants]),
             np.array([[m.x_m, m.y_m] for m in anchors]),
-            np.array(to, dtype=np.float64),
+            np.array([quarter(m.quarters) for m in anchors], dtype=np.float64),
             np.array([[v / 2 for v in m.item.spec.size_m[:2]] for m in anchors]),
             (ROLE[unit.keeps_to], unit.keeps_within_m) if unit.keeps_to else (-1, 0.0),
             np.ascontiguousarray(np.concatenate(lines)),
