@@ -1,0 +1,82 @@
+"""The stage remove: when it is skipped, what it makes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from processing.errors import ParameterError
+from processing.images import LuminanceImage
+from processing.report.remove_sections import remove_section
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.stages.contract import Quality, StageContext
+from processing.stages.remove import nothing_to_remove, run
+from processing.stages.remove_parameters import RemoveParameters
+
+ROWS = 32
+ROOM = RoomModel(
+    source="given",
+    floor=((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)),
+    camera_height_m=1.6,
+    ceiling_height_m=2.7,
+)
+
+
+def picture() -> LuminanceImage:
+    shape = (ROWS, 2 * ROWS)
+    rgb = np.random.default_rng(1).uniform(40, 42, (*shape, 3)).astype(np.float32)
+    return LuminanceImage(
+        rgb, np.full(shape, 0.02, np.float32), np.zeros(shape, np.uint8), Equirectangular(2 * ROWS, ROWS), 0.02
+    )
+
+
+def context(folder: Path, **artifacts: Any) -> StageContext:
+    given = {"indoor": picture(), "room": ROOM.model_dump(mode="json")} | artifacts
+
+    def fetch(_stage: str, name: str) -> Any:
+        return given.get(name)
+
+    return StageContext(
+        session=None,  # type: ignore[arg-type]
+        session_path=folder,
+        folder=folder,
+        parameters=RemoveParameters(),
+        fetch=fetch,
+        summary=lambda _stage: {},
+        quality=Quality.DRAFT,
+    )
+
+
+def target(*, empty: bool = False) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    mask = np.zeros((ROWS, 2 * ROWS), bool)
+    if not empty:
+        mask[20:26, 10:20] = True
+    return mask
+
+
+def test_it_is_skipped_where_there_is_nothing_to_do(tmp_path: Path) -> None:
+    assert nothing_to_remove(context(tmp_path, target=target())) is None
+    assert nothing_to_remove(context(tmp_path, target=target(empty=True))) == "nothing to remove"
+    assert "no target" in str(nothing_to_remove(context(tmp_path)))
+    assert "no room" in str(nothing_to_remove(context(tmp_path, target=target(), room=None)))
+
+
+def test_what_it_makes(tmp_path: Path) -> None:
+    made = run(context(tmp_path, target=target()))
+    empty, filled = made.artifacts["empty"], made.artifacts["filled"]
+    assert isinstance(empty, LuminanceImage)
+    assert np.array_equal(np.asarray(filled), target())
+    assert np.array_equal(empty.rgb[~target()], picture().rgb[~target()])
+    with np.load(tmp_path / "surfaces.npz") as kept:
+        assert {"provenance", "confidence", "floor_rgb", "floor_hole", "floor_px_per_m"} <= set(kept.files)
+    section = remove_section(picture(), empty, np.asarray(filled), made.metrics)
+    assert len(section.pictures) == 3
+
+
+def test_a_mask_of_another_size_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="target"):
+        run(context(tmp_path, target=np.ones((4, 8), bool)))
