@@ -102,20 +102,7 @@ def estimate_room(
     columns = columns_of(evidence.boundary)
     turned = walls_azimuth(columns) if manhattan_rad is None else manhattan_rad
     ranked = ranked_hypotheses(columns, evidence, turned)
-    standing = [h for h in ranked if _model(h.fit.polygon, h.fit.outline, camera_height_m) is not None]
-    if not standing:
-        raise NoRoomError(
-            "no room explains the boundaries found",
-            likely="the picture is not of a room, or the camera stands in a doorway",
-            advice="give the room by hand: daylit room SESSION --edit",
-        )
-    if quality == "draft":
-        chosen, skipped = standing[0], ("edges in the picture: not at draft quality",)
-        refined = Refined(chosen.fit.polygon, chosen.fit.outline, skipped=skipped)
-    else:
-        few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]
-        tried = [(h, _refined(image, evidence, h, columns, camera_height_m)) for h in few]
-        chosen, refined = min(tried, key=lambda one: one[0].total - EDGE_WEIGHT * one[1].strength)
+    chosen, refined = _chosen(image, evidence, ranked, columns, camera_height_m, quality)
     room = _model(refined.polygon, refined.outline, camera_height_m)
     assert room is not None
     found = diagnose(columns, ranked, refined, overhead=overhead, blank=facts.blank, loss=_loss(evidence, refined))
@@ -153,6 +140,32 @@ def walls_azimuth(columns: Columns) -> float:
     candidates = np.linspace(-math.pi / 4, math.pi / 4, 181)[1:]
     off = np.abs(np.sin(2 * (angle[None] - candidates[:, None])))
     return float(candidates[(length * np.minimum(off, 0.4)).sum(axis=1).argmin()])
+
+
+def _chosen(
+    image: RelativeImage | LuminanceImage,
+    evidence: SceneEvidence,
+    ranked: list[Hypothesis],
+    columns: Columns,
+    camera_height_m: float,
+    quality: str,
+) -> tuple[Hypothesis, Refined]:
+    """Return the hypothesis that the picture's edges, too, speak for, and what they make of it."""
+    standing = [h for h in ranked if _model(h.fit.polygon, h.fit.outline, camera_height_m) is not None]
+    if not standing:
+        raise NoRoomError(
+            "no room explains the boundaries found",
+            likely="the picture is not of a room, or the camera stands in a doorway",
+            advice="give the room by hand: daylit room SESSION --edit",
+        )
+    if quality == "draft":
+        chosen, skipped = standing[0], ("edges in the picture: not at draft quality",)
+        refined = Refined(chosen.fit.polygon, chosen.fit.outline, skipped=skipped)
+    else:
+        few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]
+        tried = [(h, _refined(image, evidence, h, columns, camera_height_m)) for h in few]
+        chosen, refined = min(tried, key=lambda one: one[0].total - EDGE_WEIGHT * one[1].strength)
+    return chosen, refined
 
 
 def _refined(
