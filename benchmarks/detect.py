@@ -45,7 +45,7 @@ from processing.room.openings import find_openings
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
-QUICK_ROOMS, FULL_ROOMS, LISTED = 2, 16, 48
+QUICK_ROOMS, FULL_ROOMS, LISTED = 1, 16, 48
 SUNNY_SHARE = 0.002
 
 
