@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -27,18 +28,38 @@ def turned(arrays: Arrays, columns: int, mirror: bool) -> Arrays:
 
 
 def recoloured(rng: np.random.Generator, picture: Floats) -> Floats:
-    """Return a picture of 0..1 with a chance exposure, contrast, colour and noise."""
-    power = np.float32(np.exp(rng.normal(0, 0.22)))
-    out = np.clip(picture, 0, 1) ** power
+    """Return a picture of 0..1 with a chance exposure, contrast, colour, light and noise."""
+    out = np.clip(picture, 0, 1) ** np.float32(np.exp(rng.normal(0, 0.25)))
+    if rng.random() < 0.5:
+        out = out @ _mixing(rng)
     grey = out.mean(axis=2, keepdims=True)
-    out = grey + (out - grey) * np.float32(rng.uniform(0.4, 1.5))
+    out = grey + (out - grey) * np.float32(rng.uniform(0.4, 1.7))
     out = out * (1 + 0.06 * rng.normal(size=3)).astype(np.float32)
     if rng.random() < 0.5:
         middle = np.float32(out.mean())
-        out = middle + (out - middle) * np.float32(rng.uniform(0.75, 1.3))
+        out = middle + (out - middle) * np.float32(rng.uniform(0.7, 1.4))
     if rng.random() < 0.5:
-        out = out + rng.normal(0, rng.uniform(0, 0.025), out.shape).astype(np.float32)
+        out = out * _dapple(rng, out.shape[:2])[..., None]
+    if rng.random() < 0.2:
+        out = cv2.GaussianBlur(out, (0, 0), float(rng.uniform(0.3, 0.9)))
+    if rng.random() < 0.5:
+        out = out + rng.normal(0, rng.uniform(0, 0.035), out.shape).astype(np.float32)
     return np.asarray(np.clip(out, 0, 1), dtype=np.float32)
+
+
+def _mixing(rng: np.random.Generator) -> Floats:
+    """Return a matrix that turns hues a little and keeps grey grey."""
+    mix = np.eye(3) + rng.normal(0, 0.15, (3, 3))
+    return np.asarray(mix / mix.sum(axis=0), dtype=np.float32)
+
+
+def _dapple(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
+    """Return uneven light about 1, as through leaves and blinds or from lamps: floors and walls are not of one tone."""
+    rows = int(rng.choice([4, 8, 16, 32]))
+    field = rng.normal(0, rng.uniform(0.03, 0.2), (rows, 2 * rows)).astype(np.float32)
+    field[:, -1] = field[:, 0]
+    wide = cv2.resize(field, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(np.exp(wide), dtype=np.float32)
 
 
 def drawn_batch(rng: np.random.Generator, examples: Examples, chosen: npt.NDArray[np.intp]) -> Arrays:
