@@ -86,8 +86,8 @@ def stands_by(line, s, rect, near, anchors, n_anchors):  # type: ignore[no-untyp
 
 @njit(cache=True)
 def try_places(  # type: ignore[no-untyped-def]
-    free, n_free, line, own, bonus, at, to, half, role, near, walls, longest, anchors, n_anchors, fractions, doors, windows,
-    middle, b, v, k, out_index, out_place, out_score, found, places, wanted,
+    free, n_free, line, own, bonus, at, to, half, role, near, walls, longest, anchors, n_anchors, fractions, doors,
+    windows, middle, b, v, k, out_index, out_place, out_score, found, places, wanted,
 ):  # fmt: skip
     """Write the rows of one line's free intervals from row `found`; return how many rows there are then."""
     ox, oy, ux, uy = line[0], line[1], line[2], line[3]

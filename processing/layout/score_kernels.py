@@ -40,7 +40,7 @@ def largest_circle(points, clear, boxes):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def share_in_one_piece(clearance2, x0, y0, cell, radius, boxes):  # type: ignore[no-untyped-def]
-    """Return the share of the cells where a walker's middle may be (radius from walls and boxes) in the largest part."""
+    """Return the share, in the largest part, of the cells where a walker's middle may be (radius from walls, boxes)."""
     rows, columns = clearance2.shape
     grid = np.empty((rows, columns), dtype=np.uint8)
     for i in range(rows):

@@ -79,11 +79,13 @@ def find_shadows(
 
 def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
     """Return shadow on a plane's texture, and whether the light without furniture could be told."""
-    contact = known & _by(thing, CONTACT_M)
+    # Texels that furniture hides in part belong to the band: the picture's finer pixels beside it fall into them.
+    band = _by(thing, CONTACT_M)
+    contact = known & band
     smooth = _known_mean(log2, known, 0.06)
     far = known & ~_by(thing, FAR_M)
     if far.sum() < LEAST_FAR:
-        return contact, False
+        return band, False
     expected, spread = _smooth_fit(smooth, far)
     dark = known & (smooth < expected - max(LEAST_STOPS, NOISE_FACTOR * spread)) & _by(thing, REACH_M)
     count, labels = cv2.connectedComponents((dark | contact).astype(np.uint8), connectivity=8)
@@ -92,7 +94,7 @@ def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
     kept[np.unique(labels[contact])] = True
     kept &= areas >= LEAST_M2
     kept[0] = False
-    return kept[labels] | contact, True
+    return kept[labels] | band, True
 
 
 def _by(mask: Flags, distance_m: float) -> Flags:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import io
 import os
 import random
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -141,7 +143,7 @@ class FaultyCapture:
 
     def run(self) -> Outcome:
         """Run it, resume it until complete, and judge what is on disk."""
-        with nothing_left_behind(self.outcome):
+        with nothing_left_behind(self.outcome, self.into):
             self._attempt(self.trouble)
             while self.outcome.resumes < MAX_RESUMES and not self._complete():
                 self.outcome.resumes += 1
@@ -276,18 +278,35 @@ def _digest(path: Path) -> str:
 
 
 @contextmanager
-def nothing_left_behind(outcome: Outcome) -> Iterator[None]:
-    """Note threads, processes and open files that are still there some seconds after."""
+def nothing_left_behind(outcome: Outcome, folder: Path) -> Iterator[None]:
+    """Note threads, processes and open files that are still there some seconds after.
 
-    def held() -> tuple[int, int, int]:
-        return threading.active_count(), len(psutil.Process().children()), len(os.listdir("/proc/self/fd"))
+    Ordinary files elsewhere than in ``folder`` do not count: what libraries keep open of their own.
+    """
+
+    def held() -> Counter[str]:
+        names = [f"thread {thread.name}" for thread in threading.enumerate()]
+        names += [f"process {child.pid}" for child in psutil.Process().children()]
+        return Counter(names + _open_files(folder))
 
     before = held()
     yield
     deadline_s = time.monotonic() + LEAVE_LIMIT_S
-    while any(now > then for now, then in zip(held(), before, strict=True)) and time.monotonic() < deadline_s:
+    while (left := held() - before) and time.monotonic() < deadline_s:
         time.sleep(0.02)
-    left = [now - then for now, then in zip(held(), before, strict=True)]
-    if max(left) > 0:
-        threads = sorted(t.name for t in threading.enumerate())
-        outcome.wrong.append(f"left behind: threads, processes, files {left} ({threads})")
+        gc.collect()
+    if left:
+        outcome.wrong.append(f"left behind: {sorted(left)}")
+
+
+def _open_files(folder: Path) -> list[str]:
+    """Return what this process has open: sockets, pipes and devices by kind, and files in a folder by name."""
+    found = []
+    for number in os.listdir("/proc/self/fd"):
+        with suppress(OSError):
+            target = os.readlink(f"/proc/self/fd/{number}")
+            if not target.startswith("/"):
+                found.append(target.partition(":[")[0])
+            elif target.startswith((str(folder), "/dev/")):
+                found.append(target)
+    return found
