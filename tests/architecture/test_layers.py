@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -82,8 +83,13 @@ def python_files(*folders: str) -> Iterator[Path]:
         yield from sorted((ROOT / folder).rglob("*.py"))
 
 
-def imports(path: Path) -> Iterator[tuple[str, ast.stmt, bool]]:
-    """Yield (module, statement, only for type checkers) of each import of a file."""
+@cache
+def imports(path: Path) -> tuple[tuple[str, ast.stmt, bool], ...]:
+    """Return (module, statement, only for type checkers) of each import of a file."""
+    return tuple(_imports(path))
+
+
+def _imports(path: Path) -> Iterator[tuple[str, ast.stmt, bool]]:
     tree = ast.parse(path.read_text("utf-8"))
     typing_only = {
         id(inner)
