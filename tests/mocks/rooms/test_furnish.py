@@ -17,7 +17,7 @@ from mocks.rooms.model import Door, Finish, Item, Plan, Role, Use, Window
 from mocks.rooms.plan import draw_plan
 
 USES = (Use.BEDROOM, Use.LIVING, Use.DINING, Use.OFFICE)
-PLANS_EACH, FURNISHED_EACH = 10, 5
+PLANS_EACH, FURNISHED_EACH = 10, 3
 """Per use: 120 rooms on 40 plans."""
 SQUARE = Plan(
     Use.BEDROOM,
