@@ -63,6 +63,8 @@ class Stage:
     """``run(context: StageContext) -> StageOutput``."""
     needs: tuple[str, ...] = ()
     """Earlier stages whose artifacts it reads."""
+    data: tuple[str, ...] = ()
+    """Files of the program (within `processing/`) that its result depends on: the shipped network."""
     reads: tuple[str, ...] = ()
     """Fields of the session's manifest that it may see, and "folder": the session's files as they are on disk."""
     makes: tuple[Artifact, ...] = ()
@@ -74,6 +76,7 @@ class Stage:
     options: tuple[Option, ...] = ()
 
 
+NETWORK = ("segmentation/room_network.onnx", "segmentation/room_network.json")
 CALIBRATION = Option("--calibration", "file", "calibration", "Rig profile of `daylit rig calibrate`.")
 
 STAGES: tuple[Stage, ...] = (
@@ -138,6 +141,7 @@ STAGES: tuple[Stage, ...] = (
         version=1,
         title="tell the room",
         function="processing.stages.room:run",
+        data=NETWORK,
         needs=("calibrate",),
         reads=("camera_height_m",),
         makes=(
@@ -159,6 +163,7 @@ STAGES: tuple[Stage, ...] = (
         version=1,
         title="find what is to be removed",
         function="processing.stages.detect:run",
+        data=NETWORK,
         needs=("calibrate", "room"),
         reads=("site", "heading_rad", "frames"),
         makes=(

@@ -51,7 +51,7 @@ class LamaFiller:
         asked.intra_op_num_threads = threads
         asked.log_severity_level = 3
         try:
-            self._session = ort.InferenceSession(str(path), asked, providers=["CPUExecutionProvider"])
+            self._session = ort.InferenceSession(path.read_bytes(), asked, providers=["CPUExecutionProvider"])
         # onnxruntime's errors have no common base of their own.
         except Exception as exc:
             raise FillerError(f"{path.name} is no ONNX network: {exc}", advice="give a LaMa export") from exc

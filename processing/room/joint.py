@@ -25,9 +25,11 @@ class ClassTable:
 
     def __init__(self, evidence: SceneEvidence) -> None:
         step = max(1, evidence.probabilities.shape[2] // COLUMNS)
-        part = evidence.probabilities[:, :, step // 2 :: step]
+        width = evidence.probabilities.shape[2]
+        chosen = np.arange(step // 2, width, step)
+        part = evidence.probabilities[:, :, chosen]
         rows, columns = part.shape[1:]
-        self.azimuth_rad = ((np.arange(columns) + 0.5) / columns - 0.5) * (2 * math.pi)
+        self.azimuth_rad = ((chosen + 0.5) / width - 0.5) * (2 * math.pi)
         self._edges = np.linspace(math.pi / 2, -math.pi / 2, rows + 1)
         # Solid angle, so that poles do not count for more than they show.
         weight = np.diff(-np.sin(self._edges))[:, None] / 2 / columns

@@ -71,7 +71,7 @@ def load_layout_network(path: Path) -> LayoutNetwork:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise LayoutNetworkError(f"larger than {MOST_BYTES} bytes", where=str(path))
-        session = ort.InferenceSession(str(path), asked, providers=["CPUExecutionProvider"])
+        session = ort.InferenceSession(path.read_bytes(), asked, providers=["CPUExecutionProvider"])
     except OSError as exc:
         raise LayoutNetworkError(f"cannot be read: {exc.strerror}", where=str(path)) from exc
     except LayoutNetworkError:

@@ -17,6 +17,8 @@ from station.errors import IntegrityError
 from station.folder import Folder
 from station.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
 
+_PROGRAM = Path(__file__).resolve().parents[1]
+
 
 class StageInputs:
     """The session, the request and the digests of files, as a stage's row lets them count."""
@@ -49,6 +51,8 @@ class StageInputs:
             "files": _digests(given_files(stage, self.request)),
             "stages": {name: results[name].content for name in stage.needs},
         }
+        if stage.data:
+            found["data"] = _digests({name: _PROGRAM / name for name in stage.data})
         if FOLDER in stage.reads:
             found[FOLDER] = self._folder_digests()
         return found

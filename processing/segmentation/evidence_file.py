@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,10 @@ from processing.segmentation.evidence import BoundaryEvidence, SceneEvidence
 FORMAT = 1
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
 LARGEST_PIXELS = 8 << 20
+
+
+_DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, SyntaxError)
+"""What reading a damaged archive raises, beside errors of its parts."""
 
 
 def write_evidence(path: Path, evidence: SceneEvidence) -> None:
@@ -61,7 +67,7 @@ def read_evidence(path: Path) -> SceneEvidence:
             views_skipped=int(facts["views_skipped"]),
             notes=tuple(str(note) for note in facts["notes"]),
         )
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as exc:
+    except (*_DAMAGED, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as exc:
         raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="make it anew") from exc
 
 

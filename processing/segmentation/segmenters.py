@@ -48,7 +48,7 @@ class OnnxSegmenter:
         asked.intra_op_num_threads = threads
         asked.log_severity_level = 3
         try:
-            self._session = ort.InferenceSession(str(path), asked, providers=["CPUExecutionProvider"])
+            self._session = ort.InferenceSession(path.read_bytes(), asked, providers=["CPUExecutionProvider"])
         # onnxruntime's errors have no common base of their own.
         except Exception as exc:
             raise _unreadable(path, exc) from exc

@@ -7,13 +7,10 @@ import math
 from datetime import datetime
 from typing import Any
 
-import numpy as np
-
 from processing.calibration.sun import Place, sun_place
 from processing.errors import ParameterError
 from processing.images import LuminanceImage
 from processing.removal.masks import Masks, find_masks
-from processing.removal.sun_geometry import sun_vector
 from processing.room.model import RoomModel
 from processing.segmentation.around import segment_around
 from processing.segmentation.embedded import scene_evidence
@@ -45,7 +42,7 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.0, "segmentation")
     evidence = _evidence(context, image)
     context.progress(0.4, "masks")
-    sun = turned(sun_direction(context.session), image)
+    sun = sun_direction(context.session)
     possible, why = _sun_possible(context, sun, asked)
     found = find_masks(
         image,
@@ -66,7 +63,10 @@ def panorama(context: StageContext) -> LuminanceImage:
 
 
 def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
-    """Return the sun's azimuth (from the panorama's +y towards +x) and elevation; None where not all is recorded."""
+    """Return the sun's azimuth (from the panorama's +y towards +x) and elevation; None where not all is recorded.
+
+    Both are of the upright world, so a panorama that was levelled shows the sun just there.
+    """
     moment = _moment(session)
     site = session.site
     known = site.latitude_deg is not None and site.longitude_deg is not None and session.heading_rad is not None
@@ -77,15 +77,6 @@ def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
     assert session.heading_rad is not None
     there = sun_place(moment, Place(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0))
     return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
-
-
-def turned(sun: tuple[float, float] | None, image: LuminanceImage) -> tuple[float, float] | None:
-    """Return the sun's place as a panorama shows it that was levelled (its attribute ``level_rotation``)."""
-    rotation = image.attributes.get("level_rotation")
-    if sun is None or rotation is None:
-        return sun
-    x, y, z = np.asarray(rotation, np.float64) @ sun_vector(*sun)
-    return math.atan2(x, y), math.asin(max(-1.0, min(1.0, z)))
 
 
 def _moment(session: SessionManifest) -> datetime | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from dataclasses import replace
@@ -10,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from processing.errors import ParameterError, ProcessingError
-from processing.pipeline import STAGES, Artifact, Option, Stage, check_table, options, resolve, selected
+from processing.pipeline import STAGES, Artifact, Option, Stage, check_table, options, resolve, selected, stage_named
 from processing.running.requests import RunRequest
 from processing.running.run_report import Action, RunEvent, RunEventKind, RunReport
 from processing.running.runner import process
@@ -32,6 +33,9 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
     return complete_session(tmp_path / "sessions")
+
+
+PROCESSING = Path(__file__).resolve().parents[2] / "processing"
 
 
 def run(session: Path, stages: tuple[Stage, ...] = TOYS, **request: object) -> RunReport:
@@ -303,3 +307,20 @@ def test_the_table_is_sound() -> None:
             if option.kind == "parameter":
                 assert option.name in resolve(stage.parameters).model_fields
     assert [s.name for s in selected("merge")] == ["verify", "merge"]
+
+
+def test_the_shipped_network_is_an_ingredient_of_what_depends_on_it() -> None:
+    """A new network makes rooms and masks of the old one out of date."""
+    for name in ("room", "detect"):
+        data = stage_named(name).data
+        assert {Path(file).suffix for file in data} == {".onnx", ".json"}
+        assert all((PROCESSING / file).is_file() for file in data)
+
+
+def test_a_stage_s_own_data_count(session: Path) -> None:
+    with_data = tuple(replace(s, data=("pipeline.py",)) if s.name == "total" else s for s in TOYS)
+    run(session)
+    assert [str(a) for a in actions(run(session, with_data))] == ["skipped", "ran", "skipped"]
+    digest = hashlib.sha256((PROCESSING / "pipeline.py").read_bytes()).hexdigest()
+    assert result(session, "total")["ingredients"]["data"] == {"pipeline.py": digest}
+    assert [str(a) for a in actions(run(session, with_data))] == ["skipped"] * 3

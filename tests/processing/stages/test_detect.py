@@ -16,7 +16,7 @@ from processing.images import LuminanceImage
 from processing.report.detect_sections import detect_section, tinted
 from processing.segmentation.evidence_file import write_evidence
 from processing.stages.contract import StageContext
-from processing.stages.detect import MASKS, nothing_to_go_by, run, sun_direction, turned
+from processing.stages.detect import MASKS, nothing_to_go_by, run, sun_direction
 from processing.stages.detect_parameters import DetectParameters
 from station.session import FrameRecord, Side, Site
 from tests.processing.removal.painted_room import Painted, iou, paint
@@ -109,14 +109,6 @@ def test_the_sun_s_place_is_the_panorama_s() -> None:
     assert math.degrees(east[0]) == pytest.approx(90, abs=1.0), "facing east, the south is to the right"
     assert sun_direction(session.model_copy(update={"heading_rad": None})) is None
     assert sun_direction(session.model_copy(update={"frames": ()})) is None
-
-
-def test_the_sun_turns_with_a_levelled_picture(painted: Painted) -> None:
-    quarter = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-    found = turned((0.0, 0.5), picture(painted, level_rotation=quarter))
-    assert found == pytest.approx((-math.pi / 2, 0.5))
-    assert turned((0.3, 0.5), picture(painted)) == (0.3, 0.5)
-    assert turned(None, picture(painted, level_rotation=quarter)) is None
 
 
 def test_tints_and_the_target_s_outline() -> None:
