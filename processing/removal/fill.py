@@ -154,11 +154,10 @@ def _plane(
     mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
-    elsewhere = None
-    if not texture.known.any():
-        like = (shown >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
-        among = like & ~masked
-        elsewhere = np.median(rgb[among], axis=0).astype(np.float32) if among.any() else None
+    like = (shown >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
+    # A few thousand pixels tell a median.
+    among = np.flatnonzero(like & ~masked)[:: max(1, masked.size // 200_000)]
+    elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32) if among.size else None
     return fill_plane(texture, hole, mixed, room, elsewhere)
 
 

@@ -51,7 +51,10 @@ def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -
     """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile."""
     known = known & ~hole
     scale = ToneScale.of(values, known)
-    tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
+    tone = scale.tone(values)
+    # All below is about this level: where nothing says otherwise, the surface has it.
+    level = np.median(tone[known], axis=0) if known.any() else np.zeros(3)
+    tone = np.where(known[..., None], tone - level, 0).astype(np.float32)
     slow = fit_illumination(tone, known, hole, None, bend=0.1)
     rest = np.where(known[..., None], tone - slow, 0).astype(np.float32)
     profile = _profile(rest, known, hole) if level_rows else np.zeros((len(rest), 1, 3), np.float32)
@@ -59,7 +62,7 @@ def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -
     clean = known & ~_outliers(rest, known)
     low = _low(rest, clean)
     grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
-    filled = slow + profile + low + _copied_grain(grain, clean, hole)
+    filled = level + slow + profile + low + _copied_grain(grain, clean, hole)
     out = values.copy()
     out[hole] = scale.light(filled[hole])
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0

@@ -20,6 +20,8 @@ PATTERN = 0.012
 """Roughness about light and profile from which a wall or ceiling is no plain paint but a pattern."""
 WALL_NCC = 0.55
 """Of a wall's lattice: what hangs on it imitates one more easily than on a floor."""
+LEAST_TEXELS = 30
+"""Known texels of a surface, under which it gets one colour."""
 SEEN, CONTINUED, SYNTHESISED = 0, 1, 2
 SURE = 0.35
 """Confidence under which what was filled is called synthesised."""
@@ -44,13 +46,13 @@ class FilledPlane:
 def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats | None) -> FilledPlane:
     """Fill a texture's hole; ``unfit`` texels are known but nothing is copied from them (sunlight, mixed pixels).
 
-    ``elsewhere`` (3,) is the colour of like planes, taken where nothing of this one is known.
+    ``elsewhere`` (3,) is the colour of like planes, taken where too little of this one is known.
     """
     known = texture.known & ~hole
     sources = known & ~unfit & ~too_bright(luminance_cd_m2(texture.values), known)
     values = np.where((known | hole)[..., None], texture.values, 0).astype(np.float32)
-    if sources.sum() < 0.002 * max(int((known | hole).sum()), 1) or sources.sum() < 30:
-        colour = _colour(values, known, elsewhere)
+    if sources.sum() < 0.002 * max(int((known | hole).sum()), 1) or sources.sum() < LEAST_TEXELS:
+        colour = _colour(values, sources, elsewhere)
         values[hole] = colour
         confidence = np.where(hole, 0.05, 1).astype(np.float32)
         return FilledPlane(texture, values, hole, confidence, False, "nothing of it is seen: one colour")
@@ -67,16 +69,20 @@ def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, els
             values, confidence[inside] = filled.values, 0.7 * filled.confidence[inside]
     inside = hole & rest
     continued, how = True, "openings only"
-    if inside.any():
+    if inside.any() and (sources & rest).sum() < LEAST_TEXELS:
+        # All that is seen of it is openings, and a wall does not look like what is behind its windows.
+        values[inside] = _colour(values, sources & rest, elsewhere)
+        confidence[inside], continued, how = 0.05, False, "nothing of it is seen: one colour"
+    elif inside.any():
         values, sure, continued, how = _surface(texture, values, sources & rest, inside)
         confidence[inside] = sure[inside]
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
 
 def _colour(values: Floats, known: Flags, elsewhere: Floats | None) -> Floats:
-    if known.any():
-        return np.asarray(np.median(values[known], axis=0), np.float32)
-    return np.zeros(3, np.float32) if elsewhere is None else elsewhere
+    if elsewhere is not None and known.sum() < LEAST_TEXELS:
+        return elsewhere
+    return np.asarray(np.median(values[known], axis=0), np.float32) if known.any() else np.zeros(3, np.float32)
 
 
 def _surface(texture: Texture, values: Floats, sources: Flags, hole: Flags) -> tuple[Floats, Floats, bool, str]:
