@@ -20,7 +20,7 @@ def check_gltf(data: bytes, where: str, max_triangles: int) -> None:
     document = _document(data, where)
     try:
         _check(document, where, max_triangles)
-    except (TypeError, KeyError, ValueError, AttributeError, IndexError):
+    except (TypeError, KeyError, ValueError, AttributeError, IndexError, OverflowError):
         raise ModelFileError("its JSON is not glTF's", where=where, likely="a damaged file") from None
 
 

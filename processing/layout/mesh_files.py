@@ -163,6 +163,9 @@ def read_model_file(path: Path, root: Path) -> RawModel:
     return RawModel(tuple(parts), tuple(notes))
 
 
+_CORNER = re.compile(rb"-?\d+(/(-?\d+)?(/(-?\d+)?)?)?")
+
+
 def checked_obj(data: bytes, where: str) -> bytes:
     """Return an OBJ file's bytes; raise `ModelFileError` for what is none, or names vertices that it does not have."""
     if b"\0" in data[:4096]:
@@ -174,6 +177,8 @@ def checked_obj(data: bytes, where: str) -> bytes:
     if len(faces) > MAX_TRIANGLES:
         raise ModelFileError(f"more than {MAX_TRIANGLES} faces", where=where)
     numbers = re.findall(rb"(?:^|\s)(-?\d+)", b"\n".join(faces))
+    if any(not _CORNER.fullmatch(corner) for face in faces for corner in face.split()) or not numbers:
+        raise ModelFileError("a face names no vertices", where=where, likely="a damaged file")
     worst = max(numbers, key=len)
     if len(worst) > 12:
         raise ModelFileError(f"a face names vertex {worst[:20].decode()}...", where=where)

@@ -64,7 +64,7 @@ def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -
     grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
     filled = level + slow + profile + low + _copied_grain(grain, clean, hole)
     out = values.copy()
-    out[hole] = scale.light(filled[hole])
+    out[hole] = scale.light(filled[hole].astype(np.float32))
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
     return PlainFill(out, _confidence(clean, hole), profile, clean, roughness)
 

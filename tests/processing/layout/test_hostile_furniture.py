@@ -129,6 +129,8 @@ def test_links_that_lead_out_are_refused(tmp_path: Path) -> None:
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999\n", "names vertex"),
         (b"v nan 0 0\nv 1 inf 0\nv 0 1e308 0\nf 1 2 3\n", "is a number"),
         (b"v a b c\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", ""),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf a b c\n", "names no vertices"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -1.5 2 3\n", "names no vertices"),
         (b"\x00\x01\x02" * 100, "not a text file"),
         (b"v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "in one place"),
     ],
