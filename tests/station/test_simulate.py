@@ -199,7 +199,8 @@ def test_what_a_busy_computer_spoils_is_taken_anew(copied: Path, monkeypatch: py
             raise DeviceTimeoutError("no answer")
         path = copied / "taken"
         shutil.copytree(copied / "set" / NAMES[0], path)
-        return load_manifest(path), path
+        # The copy may itself have been taken on a busy computer: only the rates asked for are of interest here.
+        return load_manifest(path).model_copy(update={"warnings": []}), path
 
     monkeypatch.setattr(run, "_take", spoiled)
     shutil.rmtree(copied / "set" / NAMES[2])
