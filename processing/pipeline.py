@@ -9,7 +9,6 @@ more of the session than that.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -49,6 +48,10 @@ class Option:
     help: str
     type: ValueType = "float"
     """Of parameters."""
+    excludes: tuple[str, ...] = ()
+    """Flags that would do nothing beside this one: a run that asks for both is refused."""
+    beside: tuple[str, ...] = ()
+    """Flags without which this one would do nothing."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +155,13 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.room_parameters:RoomParameters",
         trades=("quality",),
         options=(
-            Option("--room", "file", "room", "Room of `daylit room`, instead of one told from the panorama."),
+            Option(
+                "--room",
+                "file",
+                "room",
+                "Room of `daylit room`, instead of one told from the panorama.",
+                excludes=("--camera-height", "--layout-model"),
+            ),
             Option("--layout-model", "file", "layout_model", "ONNX of HorizonNet, LED2-Net or LGT-Net."),
             Option("--camera-height", "parameter", "camera_height_m", "Of the panorama camera, metres: the scale."),
             Option("--level", "parameter", "level", "A tilted panorama: auto makes it upright, off leaves it.", "str"),
@@ -177,9 +186,27 @@ STAGES: tuple[Stage, ...] = (
         skip_rule="processing.stages.detect:nothing_to_go_by",
         trades=("quality",),
         options=(
-            Option("--mask", "answer", "target", "Picture: white is to be removed; instead of detection."),
-            Option("--segmenter", "file", "segmenter", "Network for segmentation of your own, ONNX or tflite."),
-            Option("--segmenter-contract", "file", "segmenter_contract", "JSON that says how to use it."),
+            Option(
+                "--mask",
+                "answer",
+                "target",
+                "Picture: white is to be removed; instead of detection.",
+                excludes=("--segmenter", "--segmenter-contract", "--margin", "--sunlight", "--keep-sunlight"),
+            ),
+            Option(
+                "--segmenter",
+                "file",
+                "segmenter",
+                "Network for segmentation of your own, ONNX or tflite.",
+                beside=("--segmenter-contract",),
+            ),
+            Option(
+                "--segmenter-contract",
+                "file",
+                "segmenter_contract",
+                "JSON that says how to use it.",
+                beside=("--segmenter",),
+            ),
             Option("--margin", "parameter", "margin_deg", "Degrees by which the target reaches over what is found."),
             Option("--sunlight", "parameter", "sunlight", "auto; off: direct sunlight is not removed.", "str"),
         ),
@@ -201,7 +228,14 @@ STAGES: tuple[Stage, ...] = (
         options=(
             Option("--keep-sunlight", "parameter", "keep_sunlight", "Leave direct sunlight where it is.", "flag"),
             Option("--filler", "file", "filler", "Filling network of your own: a LaMa export, ONNX."),
-            Option("--filler-channels", "parameter", "filler_channels", "Of --filler: rgb (default) or bgr.", "str"),
+            Option(
+                "--filler-channels",
+                "parameter",
+                "filler_channels",
+                "Of --filler: rgb (default) or bgr.",
+                "str",
+                beside=("--filler",),
+            ),
         ),
     ),
     Stage(
@@ -222,8 +256,8 @@ def resolve(reference: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-def check_table(stages: Iterable[Stage]) -> None:
-    """Raise `ValueError` unless names are unique and each stage needs only earlier ones."""
+def check_table(stages: tuple[Stage, ...]) -> None:
+    """Raise `ValueError` unless names are unique, each stage needs only earlier ones, options name what is."""
     seen: set[str] = set()
     for stage in stages:
         if stage.name in seen:
@@ -236,6 +270,11 @@ def check_table(stages: Iterable[Stage]) -> None:
         if answers - makes:
             raise ValueError(f"{stage.name} does not make {sorted(answers - makes)}")
         seen.add(stage.name)
+    flags = options(stages)
+    for flag, option in flags.items():
+        strange = {*option.excludes, *option.beside} - set(flags)
+        if strange:
+            raise ValueError(f"{flag} excludes or asks for {sorted(strange)}, which no stage has")
 
 
 def stage_named(name: str, stages: tuple[Stage, ...] = STAGES) -> Stage:

@@ -42,6 +42,7 @@ def planned(request: RunRequest, stages: tuple[Stage, ...]) -> tuple[Stage, ...]
         if flag not in own:
             known = ", ".join(sorted(own)) or "none"
             raise ParameterError(f"{flag} belongs to no stage of this run", advice=f"options of this run: {known}")
+    _check_together(request, own)
     _check_range("--max-error", request.max_error, 1e-6, 1.0)
     _check_range("--time-budget", request.time_budget_s, 0.1, 1e6)
     asked: dict[Trade, object] = {"max_error": request.max_error, "time_budget": request.time_budget_s}
@@ -53,6 +54,23 @@ def planned(request: RunRequest, stages: tuple[Stage, ...]) -> tuple[Stage, ...]
         given_files(stage, request)
         given_answers(stage, request)
     return plan
+
+
+def _check_together(request: RunRequest, own: Mapping[str, Option]) -> None:
+    """Refuse options that would do nothing: idle beside another (what --mask answers, no --segmenter can), or alone."""
+    for flag in request.options:
+        missing = [other for other in own[flag].beside if other not in request.options]
+        if missing:
+            raise ParameterError(
+                f"{flag}: of no effect without {', '.join(missing)}", advice=f"give {', '.join(missing)} too"
+            )
+        idle = [other for other in own[flag].excludes if other in request.options]
+        if idle:
+            raise ParameterError(
+                f"{', '.join(idle)}: of no effect beside {flag}",
+                likely=f"{flag} gives what {', '.join(idle)} would help to find",
+                advice=f"leave out {flag} or {', '.join(idle)}",
+            )
 
 
 def _check_range(flag: str, value: float | None, low: float, high: float) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from processing.errors import ParameterError, ProcessingError
 from processing.pipeline import STAGES, Artifact, Option, Stage, check_table, options, resolve, selected, stage_named
-from processing.running.requests import RunRequest
+from processing.running.requests import RunRequest, planned
 from processing.running.run_report import Action, RunEvent, RunEventKind, RunReport
 from processing.running.runner import process
 from processing.stages.contract import Quality, StageContext, StageOutput, StageParameters
@@ -202,6 +202,10 @@ def test_a_skip_rule_is_a_result_too(session: Path) -> None:
         ({"until": "frames", "options": {"--scale": 1.0}}, "belongs to no stage"),
         ({"options": {"--scale": "much"}}, "--scale: "),
         ({"options": {"--factor": "none.txt"}}, "no file none.txt"),
+        (
+            {"options": {"--total": "t.json", "--scale": 2.0, "--factor": "f.txt"}},
+            "--scale, --factor: of no effect bes",
+        ),
         ({"max_error": 2.0}, "out of range"),
         ({"max_error": float("nan")}, "out of range"),
         ({"until": "total", "time_budget_s": 5.0}, "no stage of this run can trade it"),
@@ -211,6 +215,24 @@ def test_nothing_that_is_asked_may_do_nothing(session: Path, request_: dict[str,
     with pytest.raises(ParameterError, match=words):
         run(session, **request_)
     assert toy_stages.calls == []
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (("--mask", "--segmenter", "--segmenter-contract"), "--segmenter, --segmenter-contract: of no effect beside"),
+        (("--mask", "--margin"), "--margin: of no effect beside --mask"),
+        (("--mask", "--sunlight"), "--sunlight: of no effect beside --mask"),
+        (("--mask", "--keep-sunlight"), "--keep-sunlight: of no effect beside --mask"),
+        (("--room", "--camera-height"), "--camera-height: of no effect beside --room"),
+        (("--room", "--layout-model"), "--layout-model: of no effect beside --room"),
+        (("--segmenter",), "--segmenter: of no effect without --segmenter-contract"),
+        (("--filler-channels",), "--filler-channels: of no effect without --filler"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(flags: tuple[str, ...], words: str) -> None:
+    with pytest.raises(ParameterError, match=words):
+        planned(RunRequest(options=dict.fromkeys(flags, "1")), STAGES)
 
 
 def test_what_went_before_a_failure_stands(session: Path) -> None:
@@ -288,6 +310,8 @@ def test_tables_that_cannot_be_are_refused() -> None:
         ((FRAMES, FRAMES), "two stages"),
         ((TOTAL,), "no earlier stage"),
         ((replace(FRAMES, options=(Option("--x", "answer", "x", "X."),)),), "does not make"),
+        ((replace(FRAMES, options=(Option("--x", "file", "x", "X.", excludes=("--y",)),)),), "which no stage has"),
+        ((replace(FRAMES, options=(Option("--x", "file", "x", "X.", beside=("--y",)),)),), "which no stage has"),
     ):
         with pytest.raises(ValueError, match=words):
             check_table(stages)

@@ -101,7 +101,7 @@ TOTAL = Stage(
     options=(
         Option("--scale", "parameter", "scale", "Scale."),
         Option("--factor", "file", "factor", "A number in a file."),
-        Option("--total", "answer", "total", "The total itself."),
+        Option("--total", "answer", "total", "The total itself.", excludes=("--scale", "--factor")),
     ),
 )
 HALF = Stage(
