@@ -30,6 +30,9 @@ CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """Rec. 709: x and y of red, green, blue and white."""
 THREADS = 2
 
+UNSCALED = "luminance in relative units"
+"""``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""
+
 _DAMAGED = "damaged on the disk or on the way; the library could not read all of it"
 _AGAIN = "copy it again, or let the stage that made it run again (--force)"
 _UNDERSHOOT = 0.05
@@ -53,7 +56,7 @@ def write_exr(path: Path, image: RelativeImage | LuminanceImage) -> None:
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
         "chromaticities": CHROMATICITIES,
-        **({"whiteLuminance": 1.0} if isinstance(image, LuminanceImage) else {}),
+        **({"whiteLuminance": 1.0} if _in_cd_m2(image) else {}),
         **texts,
         "daylitCrc32": f"{_digest(texts, planes):08x}",
     }
@@ -80,7 +83,7 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
     if header["daylitCrc32"] != f"{_digest(texts, planes):08x}":
         raise refused(path, "is not what was written: its checksum differs", likely=_DAMAGED, advice=_AGAIN)
     image = _image(texts, planes, path)
-    if header.get("whiteLuminance", 0.0) != (1.0 if isinstance(image, LuminanceImage) else 0.0):
+    if header.get("whiteLuminance", 0.0) != (1.0 if _in_cd_m2(image) else 0.0):
         raise refused(path, "has another whiteLuminance than it was written with", likely=_DAMAGED, advice=_AGAIN)
     check_image(image, path)
     return image
@@ -114,6 +117,10 @@ def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
 _TEXTS = ("daylitKind", "daylitGeometry", "daylitScaleUncertainty", "daylitProvenance")
 
 
+def _in_cd_m2(image: RelativeImage | LuminanceImage) -> bool:
+    return isinstance(image, LuminanceImage) and image.absolute
+
+
 def _texts(image: RelativeImage | LuminanceImage, path: Path) -> dict[str, str]:
     """Return our own attributes; numbers as decimal text, which keeps float64 (EXR's own are float32)."""
     luminance = isinstance(image, LuminanceImage)
@@ -122,7 +129,7 @@ def _texts(image: RelativeImage | LuminanceImage, path: Path) -> dict[str, str]:
     except (TypeError, ValueError) as error:
         raise refused(path, f"attributes are not plain JSON values ({error})") from error
     values = (
-        "luminance" if luminance else "relative",
+        ("luminance" if _in_cd_m2(image) else UNSCALED) if luminance else "relative",
         json.dumps(geometry_to_json(image.geometry), sort_keys=True, allow_nan=False),
         repr(float(image.scale_uncertainty)) if isinstance(image, LuminanceImage) else "none",
         provenance,
@@ -162,10 +169,13 @@ def _image(texts: dict[str, str], planes: Channels, path: Path) -> RelativeImage
         rgb, uncertainty = (np.asarray(planes[name], dtype=np.float32) for name in ("RGB", "uncertainty"))
         validity = np.asarray(planes["validity"], dtype=np.uint8)
         ghost = np.asarray(planes["ghost"], dtype=np.uint8) if "ghost" in planes else None
-        if texts["daylitKind"] == "relative":
+        kind = texts["daylitKind"]
+        if kind == "relative":
             return RelativeImage(rgb, uncertainty, validity, geometry, ghost, attributes)
+        if kind not in ("luminance", UNSCALED):
+            raise ValueError(f"daylitKind is {kind[:40]!r}")
         scale = float(texts["daylitScaleUncertainty"])
-        return LuminanceImage(rgb, uncertainty, validity, geometry, scale, ghost, attributes)
+        return LuminanceImage(rgb, uncertainty, validity, geometry, scale, ghost, attributes, kind != UNSCALED)
     except (ValueError, TypeError, RecursionError, ParameterError, LensError) as error:
         raise refused(path, f"has attributes that cannot be right ({error})", likely=_DAMAGED, advice=_AGAIN) from error
 

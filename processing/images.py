@@ -22,6 +22,8 @@ Bytes: TypeAlias = npt.NDArray[np.uint8]
 
 LUMINANCE_WEIGHTS = (0.2127, 0.7151, 0.0722)
 """Of the paper's eq. 1."""
+ABSOLUTE_UNITS = "cd/m2"
+RELATIVE_UNITS = "relative units"
 
 
 class Validity(IntEnum):
@@ -56,7 +58,7 @@ class RelativeImage:
 
 @dataclass(frozen=True)
 class LuminanceImage:
-    """A picture in cd/m2."""
+    """A picture in cd/m2; where ``absolute`` is false, one that would be if its scale were known."""
 
     rgb: Floats
     uncertainty: Floats
@@ -68,6 +70,14 @@ class LuminanceImage:
     ghost: Bytes | None = None
     attributes: Mapping[str, object] = field(default_factory=dict)
     """Provenance as plain JSON values: k1, k2, meter_cd_m2, side, session_id, ..."""
+    absolute: bool = True
+    """False: nothing gave the scale (a single photograph), so that values are in `RELATIVE_UNITS`, not in cd/m2. All
+    that is made from such a picture is of the same kind, and says so."""
+
+    @property
+    def unit(self) -> str:
+        """What luminances of this picture are in, for people: ``cd/m2`` or `RELATIVE_UNITS`."""
+        return ABSOLUTE_UNITS if self.absolute else RELATIVE_UNITS
 
 
 def luminance_cd_m2(rgb: npt.ArrayLike) -> Floats:

@@ -25,6 +25,8 @@ WHITE_EFFICACY_LM_W = 179.0
 RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)
 """As ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)."""
 MARK = "daylit_luminance=radiance-weights"
+RELATIVE_MARK = "daylit_units=relative"
+"""In the header of a picture whose scale nothing gave: its values are not watts, and no tool may take them for cd/m2."""
 
 _MAX_FILE_BYTES = 1 << 31
 _MAX_HEADER_BYTES = 1 << 20
@@ -45,6 +47,11 @@ class RadiancePicture:
     header: tuple[str, ...]
     """All lines of the header."""
 
+    @property
+    def absolute(self) -> bool:
+        """Whether daylit wrote the values as cd/m2; other programs' files do not say what their values are."""
+        return MARK in self.header and RELATIVE_MARK not in self.header
+
 
 def write_radiance_hdr(path: Path, image: LuminanceImage) -> None:
     """Write a picture in cd/m2 as Radiance RGBE, durably; step of the code: at most 0.8 % of a pixel's largest channel.
@@ -56,6 +63,7 @@ def write_radiance_hdr(path: Path, image: LuminanceImage) -> None:
     width, height = image.geometry.width_px, image.geometry.height_px
     view = view_of(image.geometry, path)
     lines = ["#?RADIANCE", "SOFTWARE= daylit", MARK, "FORMAT=32-bit_rle_rgbe", "EXPOSURE=1"]
+    lines += [] if image.absolute else [RELATIVE_MARK]
     lines += [f"VIEW= {view}"] if view else []
     blocks = ["\n".join([*lines, "", f"-Y {height} +X {width}", ""]).encode("ascii")]
     for top in range(0, height, _ROWS):

@@ -41,7 +41,7 @@ def images(draw: st.DrawFn, kind: str | None = None) -> RelativeImage | Luminanc
     if (kind or draw(st.sampled_from(["relative", "luminance"]))) == "relative":
         return RelativeImage(rgb, uncertainty, validity, geometry, ghost, attributes)
     scale = draw(st.floats(0, 0.5))
-    return LuminanceImage(rgb, uncertainty, validity, geometry, scale, ghost, attributes)
+    return LuminanceImage(rgb, uncertainty, validity, geometry, scale, ghost, attributes, draw(st.booleans()))
 
 
 def luminance_image(rgb: np.ndarray, geometry: object = None, **fields: object) -> LuminanceImage:

@@ -99,6 +99,17 @@ def test_a_relative_picture_has_no_white_luminance(tmp_path: Path) -> None:
     assert isinstance(read_exr(tmp_path / "r.exr"), RelativeImage)
 
 
+def test_a_picture_in_relative_units_stays_one_and_claims_no_cd_m2(tmp_path: Path) -> None:
+    image = replace(noise(), absolute=False)
+    write_exr(tmp_path / "r.exr", image)
+    assert read_exr_rgb(tmp_path / "r.exr")[1] is None
+    back = read_exr(tmp_path / "r.exr")
+    assert isinstance(back, LuminanceImage)
+    assert not back.absolute
+    assert back.unit == "relative units"
+    assert noise().unit == "cd/m2"
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1e-6])
 @pytest.mark.parametrize("channel", [0, 1, 2])
 def test_impossible_light_is_not_written(tmp_path: Path, value: float, channel: int) -> None:

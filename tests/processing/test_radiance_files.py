@@ -319,3 +319,10 @@ def test_pvalue_finds_our_luminance(tmp_path: Path) -> None:
     values = np.array([float(v) for v in answer.stdout.split()]).reshape(8, 48) * WHITE_EFFICACY_LM_W
     means = values.reshape(8, 3, 16).mean(axis=(0, 2))
     np.testing.assert_allclose(means, luminance_cd_m2(rgb[0, ::16]), rtol=0.01)
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_the_header_says_whether_values_are_cd_m2(tmp_path: Path, absolute: bool) -> None:
+    image = luminance_image(np.full((4, 8, 3), 7.0), absolute=absolute)
+    write_radiance_hdr(tmp_path / "p.hdr", image)
+    assert read_radiance_hdr(tmp_path / "p.hdr").absolute is absolute
