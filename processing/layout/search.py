@@ -143,7 +143,7 @@ class Search:
 
     def arrays(self, unit: Unit) -> UnitArrays:
         """Return a unit's arrays, made once."""
-        key = (unit.role, *(item.id for item in unit.items), str(len(unit.variants)))
+        key = (unit.role, unit.keeps_to, *(item.id for item in unit.items), str(len(unit.variants)))
         if key not in self._units:
             self._units[key] = self._prepare(unit)
         return self._units[key]
