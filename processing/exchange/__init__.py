@@ -1,0 +1,1 @@
+"""Results in the formats of others: JPEG with panorama tags, labels, glTF."""

@@ -1,0 +1,144 @@
+"""A scene as GLB, read by two other programs: trimesh (geometry, colours) and pygltflib (structure)."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from processing.errors import ParameterError
+from processing.exchange.gltf import scene_glb, write_scene_glb
+from processing.rendering.scene import Part, Scene, Sun
+from tests.processing.rendering.rooms import box, box_room, scene_of, uniform_sky
+
+
+def textured(name: str) -> np.ndarray:
+    """Red grows along u, green along v."""
+    v, u = np.meshgrid(np.linspace(0.1, 0.9, 48), np.linspace(0.1, 0.9, 64), indexing="ij")
+    return np.stack([u, v, np.full_like(u, 0.3)], axis=-1).astype(np.float32)
+
+
+def furnished() -> Scene:
+    sun = Sun((0.0, -0.6, 0.8), (9e4, 9e4, 8e4))
+    room = scene_of(box_room(), uniform_sky(sun=sun), albedo=textured, reveal_m=0.2)
+    table = box((1.0, 0.5, 0.4), (1.2, 0.6, 0.8), colour=(0.5, 0.3, 0.2), name="table")
+    lamp = box((-1.0, 1.0, 1.5), (0.2, 0.2, 0.2), name="lamp", emission_cd_m2=(3000.0, 2500.0, 2000.0))
+    return room.furnished((table, lamp))
+
+
+def loaded(data: bytes) -> Any:
+    return trimesh.load(io.BytesIO(data), file_type="glb")
+
+
+def test_a_second_loader_finds_all_where_it_is() -> None:
+    scene = furnished()
+    found = loaded(scene_glb(scene))
+    assert set(found.geometry) == {s.name for s in scene.surfaces} | {"table", "lamp", "pane-0"}
+    low, high = found.geometry["table"].bounds
+    np.testing.assert_allclose(low, (0.4, 0.0, -0.8), atol=1e-6)
+    np.testing.assert_allclose(high, (1.6, 0.8, -0.2), atol=1e-6)
+    np.testing.assert_allclose(found.geometry["floor"].bounds[:, 1], 0, atol=1e-6)
+    np.testing.assert_allclose(found.geometry["ceiling"].bounds[:, 1], 2.7, atol=1e-6)
+
+
+def test_surfaces_face_inwards_and_leave_the_window_free() -> None:
+    found = loaded(scene_glb(furnished()))
+    middle = np.array([0.0, 1.3, 0.0])
+    for name in ("floor", "ceiling", "wall-0", "wall-1", "wall-2", "wall-3"):
+        mesh = found.geometry[name]
+        assert (((middle - mesh.triangles_center) * mesh.face_normals).sum(axis=1) > 0).all(), name
+        np.testing.assert_allclose(mesh.vertex_normals[mesh.faces[:, 0]], mesh.face_normals, atol=1e-5)
+    assert found.geometry["wall-0"].area == pytest.approx(5 * 2.7 - 2 * 1.5, rel=1e-6)
+    assert found.geometry["table"].is_volume or found.geometry["table"].area == pytest.approx(4.32, rel=1e-6)
+
+
+def test_a_texture_lies_as_the_albedo_does() -> None:
+    scene = furnished()
+    floor = next(s for s in scene.surfaces if s.name == "floor")
+    mesh = loaded(scene_glb(scene)).geometry["floor"]
+    picture = np.asarray(mesh.visual.material.baseColorTexture.convert("RGB"))
+    # trimesh turns v over when it reads; so the picture's row is (1 - v).
+    rows = np.clip(((1 - mesh.visual.uv[:, 1]) * picture.shape[0]).astype(int), 0, picture.shape[0] - 1)
+    columns = np.clip((mesh.visual.uv[:, 0] * picture.shape[1]).astype(int), 0, picture.shape[1] - 1)
+    shown = (picture[rows, columns] / 255.0) ** 2.2
+    world = np.column_stack([mesh.vertices[:, 0], -mesh.vertices[:, 2], mesh.vertices[:, 1]])
+    offset = world - floor.origin_m
+    u, v = offset @ floor.u_axis / floor.width_m, offset @ floor.v_axis / floor.height_m
+    np.testing.assert_allclose(shown[:, 0], 0.1 + 0.8 * u, atol=0.06)
+    np.testing.assert_allclose(shown[:, 1], 0.1 + 0.8 * v, atol=0.06)
+
+
+def test_structure_is_glTF(tmp_path: Path) -> None:
+    gltf = pytest.importorskip("pygltflib", reason="the second reader of glTF is not installed")
+    path = tmp_path / "room.glb"
+    write_scene_glb(path, furnished())
+    read = gltf.GLTF2().load(str(path))
+    assert read.asset.version == "2.0"
+    assert read.asset.extras["sun"]["towards"] == pytest.approx([0.0, 0.8, 0.6])
+    assert set(read.extensionsUsed) == {"KHR_materials_emissive_strength"}
+    materials = {m.name: m for m in read.materials}
+    assert not materials["wall-0"].doubleSided
+    assert materials["pane-0"].alphaMode == "BLEND"
+    lamp = materials["lamp"]
+    assert lamp.extensions["KHR_materials_emissive_strength"]["emissiveStrength"] == pytest.approx(3000)
+    assert lamp.emissiveFactor == pytest.approx([1.0, 2500 / 3000, 2000 / 3000])
+    assert materials["table"].pbrMetallicRoughness.baseColorFactor == pytest.approx([0.5, 0.3, 0.2, 1.0])
+    blob = read.binary_blob()
+    for accessor in read.accessors:
+        view = read.bufferViews[accessor.bufferView]
+        size = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type] * 4 * accessor.count
+        assert view.byteLength == size
+        assert view.byteOffset % 4 == 0
+        assert view.byteOffset + size <= len(blob)
+
+
+def test_photographs_instead_of_albedo_and_smaller_textures() -> None:
+    scene = furnished()
+    picture = np.full((300, 500, 3), (200, 100, 50), np.uint8)
+    found = loaded(scene_glb(scene, max_texture_px=40, lit={"floor": picture}))
+    texture = found.geometry["floor"].visual.material.baseColorTexture
+    assert texture.size == (40, 24)
+    assert np.abs(np.asarray(texture.convert("RGB"), int) - (200, 100, 50)).max() < 4
+    assert found.geometry["wall-1"].visual.material.baseColorTexture.size == (40, 30)
+    with pytest.raises(ParameterError, match="no such"):
+        scene_glb(scene, lit={"attic": picture})
+    with pytest.raises(ParameterError):
+        scene_glb(scene, max_texture_px=0)
+
+
+def test_a_part_texture_repeats_from_the_lower_left_corner() -> None:
+    texture = np.zeros((2, 2, 3), np.float32)
+    texture[0, 0] = (1.0, 0.0, 0.0)
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]], np.float64)
+    part = box((0, 0, 1), (1, 1, 1))
+    material = replace(part.material, texture=texture, colour=(0.5, 1.0, 1.0))
+    uv = np.array([[0, 0], [2, 0], [2, 2], [0, 2]], np.float32)
+    card = Part("card", square, np.array([[0, 1, 2], [0, 2, 3]], np.int32), material, uv)
+    found = loaded(scene_glb(Scene((), (), uniform_sky(), (card,)))).geometry["card"]
+    material = found.visual.material
+    assert np.asarray(material.baseColorTexture.convert("RGB"))[0, 0].tolist() == [255, 0, 0]
+    top_left = found.visual.uv[np.abs(found.vertices - (0, 1, 0)).max(axis=1) < 1e-9]
+    np.testing.assert_allclose(top_left, [[0, 2]], atol=1e-6)
+    np.testing.assert_allclose(np.asarray(material.baseColorFactor) / 255, (0.5, 1, 1, 1), atol=0.01)
+
+
+def test_empty_walls_and_degenerate_triangles_do_not_break_the_file() -> None:
+    room = scene_of(box_room(window=(0.0, 5.0, 0.0, 2.7)), uniform_sky())
+    flat = Part("flat", np.zeros((3, 3)), np.array([[0, 1, 2]], np.int32), box((0, 0, 0), (1, 1, 1)).material)
+    found = loaded(scene_glb(room.furnished((flat,))))
+    assert "wall-0" not in found.geometry
+    assert "pane-0" in found.geometry
+    assert all(np.isfinite(g.vertices).all() for g in found.geometry.values())
+
+
+def test_pictures_in_the_file_are_pictures() -> None:
+    data = scene_glb(furnished())
+    at = data.index(b"\xff\xd8\xff")
+    with Image.open(io.BytesIO(data[at:])) as opened:
+        assert opened.size == (64, 48)

@@ -1,0 +1,93 @@
+"""JPEG with XMP: read back by Pillow and by exiv2."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from processing.errors import ParameterError
+from processing.exchange.jpeg_files import PanoramaTags, jpeg_bytes, write_jpeg
+from processing.exchange.xmp import STAGED_SOURCE
+
+
+def picture(width: int = 64, height: int = 32) -> np.ndarray:
+    rng = np.random.default_rng(5)
+    return np.repeat(np.repeat(rng.integers(0, 256, (height // 8, width // 8, 3), np.uint8), 8, 0), 8, 1)
+
+
+def xmp_of(path: Path) -> dict[str, object]:
+    pyexiv2 = pytest.importorskip("pyexiv2", reason="the second reader of XMP is not installed")
+    with pyexiv2.Image(str(path)) as image:
+        return image.read_xmp()
+
+
+def test_exiv2_reads_the_panorama(tmp_path: Path) -> None:
+    path = tmp_path / "p.jpg"
+    write_jpeg(path, picture(), panorama=PanoramaTags.whole(64, 32, heading_rad=math.radians(-30)))
+    told = xmp_of(path)
+    assert told["Xmp.GPano.ProjectionType"] == "equirectangular"
+    assert told["Xmp.GPano.FullPanoWidthPixels"] == told["Xmp.GPano.CroppedAreaImageWidthPixels"] == "64"
+    assert told["Xmp.GPano.FullPanoHeightPixels"] == "32"
+    assert float(str(told["Xmp.GPano.PoseHeadingDegrees"])) == pytest.approx(330)
+    assert "Xmp.iptcExt.DigitalSourceType" not in told
+
+
+def test_exiv2_reads_what_kind_of_picture_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "p.jpg"
+    write_jpeg(path, picture(), staged=True, relative=True, title='Room "3" <one> & more')
+    told = xmp_of(path)
+    assert told["Xmp.iptcExt.DigitalSourceType"] == STAGED_SOURCE
+    assert told["Xmp.dc.title"] == {'lang="x-default"': 'Room "3" <one> & more'}
+    assert b'daylit:Units="relative"' in path.read_bytes()
+    assert b"GPano:" not in path.read_bytes().replace(b"xmlns:GPano", b"")
+
+
+def test_crop_of_a_panorama(tmp_path: Path) -> None:
+    path = tmp_path / "p.jpg"
+    write_jpeg(path, picture(), panorama=PanoramaTags(128, 64, left_px=32, top_px=16))
+    told = xmp_of(path)
+    assert [told[f"Xmp.GPano.CroppedArea{name}Pixels"] for name in ("Left", "Top", "ImageWidth")] == ["32", "16", "64"]
+    with pytest.raises(ParameterError, match="beyond"):
+        jpeg_bytes(picture(), panorama=PanoramaTags(128, 64, left_px=65))
+
+
+def test_pixels_survive_and_nothing_is_said_where_there_is_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "p.jpg"
+    write_jpeg(path, picture(), quality=95)
+    with Image.open(path) as opened:
+        assert np.abs(np.asarray(opened, int) - picture()).mean() < 3
+        assert "xmp" not in opened.info
+
+
+def test_control_characters_of_a_title_do_not_break_the_packet() -> None:
+    import xml.etree.ElementTree as Tree
+
+    data = jpeg_bytes(picture(), title="a\x00\x1b[31m\nb")
+    packet = data[data.index(b"<x:xmpmeta") : data.index(b"</x:xmpmeta>") + 12]
+    assert "a  [31m b" in "".join(Tree.fromstring(packet).itertext())
+
+
+@pytest.mark.parametrize(
+    ("rgb8", "more"),
+    [
+        (np.zeros((4, 8), np.uint8), {}),
+        (np.zeros((4, 8, 3), np.float32), {}),
+        (np.zeros((0, 8, 3), np.uint8), {}),
+        (np.zeros((1, 65_501, 3), np.uint8), {}),
+        (picture(), {"quality": 100}),
+        (picture(), {"title": "x" * 501}),
+    ],
+)
+def test_what_cannot_be_a_jpeg_is_refused(rgb8: np.ndarray, more: dict[str, object]) -> None:
+    with pytest.raises(ParameterError):
+        jpeg_bytes(rgb8, **more)
+
+
+@pytest.mark.parametrize("tags", [(64, 64), (0, 0), (64, 32, -1), (64, 32, 0, 0, math.nan)])
+def test_tags_that_cannot_be_are_refused(tags: tuple) -> None:
+    with pytest.raises(ParameterError):
+        PanoramaTags(*tags)
