@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +12,15 @@ import numpy.typing as npt
 from processing.picture_checks import check_size, refused
 from processing.picture_preview import write_png
 
+if TYPE_CHECKING:
+    from PIL.ImageFile import ImageFile
+
 Flags = npt.NDArray[np.bool_]
 
 MAX_BYTES = 1 << 28
+SIXTEEN_BITS = ("I;16", "I;16B", "I;16L", "I;16N")
+EIGHT_BITS = ("1", "L", "P", "PA", "RGB", "RGBX", "CMYK", "YCbCr", "LA", "RGBA", "La", "RGBa")
+"""Pillow's names of pictures that it brings to 8 bits by itself."""
 
 
 def write_mask(path: Path, mask: Flags) -> None:
@@ -29,7 +36,8 @@ def read_mask(path: Path) -> Flags:
     Raises
     ------
     PictureFileError
-        No picture, or one of a size that masks cannot have; names the file.
+        No picture, one of a size that masks cannot have, or of values without a known white (32-bit integers, floats);
+        names the file.
     """
     from PIL import Image
 
@@ -44,12 +52,23 @@ def read_mask(path: Path) -> Flags:
         with Image.open(io.BytesIO(raw), formats=("PNG", "JPEG", "BMP", "TIFF")) as picture:
             # Before anything is decoded: a small file may claim any size.
             check_size(picture.width, picture.height, path)
-            if picture.mode == "LA" or picture.mode == "RGBA" or "transparency" in picture.info:
-                values = np.asarray(picture.convert("RGBA"))
-                return np.asarray((values[..., :3].max(axis=2) >= 128) & (values[..., 3] >= 128))
-            if picture.mode in ("1", "L"):
-                return np.asarray(np.asarray(picture.convert("L")) >= 128)
-            return np.asarray(np.asarray(picture.convert("RGB")).max(axis=2) >= 128)
+            return _marked(picture, path)
     # Decoders raise whatever their formats make of damaged bytes.
     except (OSError, SyntaxError, ValueError, EOFError, TypeError, Image.DecompressionBombError) as error:
         raise refused(path, f"is no mask that can be read: {error}", advice="give a PNG, black and white") from error
+
+
+def _marked(picture: ImageFile, path: Path) -> Flags:
+    """Return where an opened picture is at least half bright and not transparent."""
+    if picture.mode in SIXTEEN_BITS:
+        return np.asarray(np.asarray(picture) >= 1 << 15)
+    if picture.mode not in EIGHT_BITS:
+        raise refused(
+            path,
+            f"has pixels of the kind {picture.mode}, of which nobody knows what is white",
+            advice="give a PNG of 8 or 16 bits, black and white",
+        )
+    if picture.mode in ("LA", "RGBA", "La", "RGBa", "PA") or "transparency" in picture.info:
+        values = np.asarray(picture.convert("RGBA"))
+        return np.asarray((values[..., :3].max(axis=2) >= 128) & (values[..., 3] >= 128))
+    return np.asarray(np.asarray(picture.convert("RGB")).max(axis=2) >= 128)

@@ -32,6 +32,8 @@ class Artifact:
     """Of kind "file"; the others are NAME.exr, NAME.png and NAME.json."""
     check: str = ""
     """Of what users may give: "module:function" that takes the value and raises a typed error."""
+    fits: str = ""
+    """The same of the value and the stage's context: whether it fits what earlier stages made."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,10 @@ class Stage:
 
 
 NETWORK = ("segmentation/room_network.onnx", "segmentation/room_network.json")
+SET = Option("--set", "parameter", "set", "Furniture: bedroom, living, dining, office, auto (default), none.", "str")
+ITEMS = Option("--items", "parameter", "items", 'A list of furniture instead: "bed, 2 nightstand".', "str")
+SEED = Option("--seed", "parameter", "seed", "Other arrangements, another draw.", "int")
+STAGED = tuple(f"staged-{k}" for k in range(1, 8))
 CALIBRATION = Option("--calibration", "file", "calibration", "Rig profile of `daylit rig calibrate`.")
 
 STAGES: tuple[Stage, ...] = (
@@ -169,14 +175,14 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=1,
+        version=2,
         title="find what is to be removed",
         function="processing.stages.detect:run",
         data=NETWORK,
         needs=("calibrate", "room"),
         reads=("site", "heading_rad", "frames"),
         makes=(
-            Artifact("target", "mask"),
+            Artifact("target", "mask", fits="processing.stages.upright:check_mask_size"),
             Artifact("furniture", "mask", optional=True),
             Artifact("tripod", "mask", optional=True),
             Artifact("sunlight", "mask", optional=True),
@@ -213,7 +219,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="remove",
-        version=1,
+        version=2,
         title="empty the room",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect"),
@@ -239,11 +245,70 @@ STAGES: tuple[Stage, ...] = (
         ),
     ),
     Stage(
+        name="materials",
+        version=1,
+        title="tell what surfaces reflect",
+        function="processing.stages.materials:run",
+        needs=("calibrate", "room", "detect", "remove"),
+        reads=("heading_rad",),
+        makes=(Artifact("materials", "json"), Artifact("scene", "file", file_name="scene.npz")),
+        parameters="processing.stages.materials_parameters:MaterialsParameters",
+        skip_rule="processing.stages.materials:nothing_to_stage",
+        trades=("quality",),
+        options=(
+            SET,
+            ITEMS,
+            Option("--reveal", "parameter", "reveal_m", "Depth of the windows' niches, metres."),
+        ),
+    ),
+    Stage(
+        name="arrange",
+        version=1,
+        title="arrange furniture",
+        function="processing.stages.arrange:run",
+        needs=("room",),
+        reads=("name",),
+        makes=(
+            Artifact("arrangement", "json", check="processing.stages.arrange:check_arrangement"),
+            Artifact("contact-sheet", "file", optional=True, file_name="contact-sheet.png"),
+            *(Artifact(f"plan-{k}", "file", optional=True, file_name=f"plan-{k}.svg") for k in range(1, 8)),
+        ),
+        parameters="processing.stages.arrange_parameters:ArrangeParameters",
+        skip_rule="processing.stages.arrange:nothing_to_arrange",
+        options=(
+            Option("--arrangement", "answer", "arrangement", "arrangement.json of `daylit arrange`, instead."),
+            SET,
+            ITEMS,
+            Option("--rules", "parameter", "rules", "comfort, standard (default), tight, accessible.", "str"),
+            Option("--alternatives", "parameter", "alternatives", "How many, 1 to 7; default 3.", "int"),
+            SEED,
+        ),
+    ),
+    Stage(
+        name="render",
+        version=1,
+        title="put furniture into the picture",
+        function="processing.stages.render:run",
+        needs=("calibrate", "room", "remove", "materials", "arrange"),
+        makes=(
+            *(Artifact(name, "picture", optional=True) for name in STAGED),
+            Artifact("staged", "json"),
+        ),
+        parameters="processing.stages.render_parameters:RenderParameters",
+        skip_rule="processing.stages.render:nothing_to_render",
+        trades=("quality", "max_error", "time_budget"),
+        options=(
+            Option("--method", "parameter", "method", "differential (default), global, ibl.", "str"),
+            Option("--style", "parameter", "style", "Of the built-in furniture; default: another for each.", "str"),
+            SEED,
+        ),
+    ),
+    Stage(
         name="report",
         version=1,
         title="write the report",
         function="processing.report.stage:run",
-        needs=("verify", "merge", "calibrate", "room", "detect", "remove"),
+        needs=("verify", "merge", "calibrate", "room", "detect", "remove", "materials", "arrange", "render"),
         reads=("name", "site", "frames", "devices"),
         makes=(Artifact("page", "file", file_name="index.html"),),
     ),

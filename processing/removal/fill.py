@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.images import LuminanceImage, RelativeImage, Validity
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
 from processing.removal.regions import TEXELS, texture_density
@@ -55,7 +55,6 @@ def empty_room(
     target: Flags,
     room: RoomModel,
     *,
-    keep_sunlight: bool = False,
     sunlight: Flags | None = None,
     quality: str = "standard",
     filler: PlaneFiller | None = None,
@@ -68,8 +67,8 @@ def empty_room(
         Equirectangular and upright.
     target
         (H, W): what is to be removed, with its shadow.
-    keep_sunlight
-        Leave direct sunlight (``sunlight``, (H, W)) where it is; else what of it is in the target is filled.
+    sunlight
+        (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target`` says so.
     quality
         draft, standard or reference: how fine textures may be.
 
@@ -81,21 +80,20 @@ def empty_room(
         The room cannot stand.
     """
     geometry = _checked(image, target, sunlight, quality)
-    wanted = target & ~sunlight if keep_sunlight and sunlight is not None else target
     provenance = np.zeros(target.shape, np.uint8)
     confidence = np.ones(target.shape, np.float32)
-    if not wanted.any():
+    if not target.any():
         return Emptied(image, provenance, confidence, (), ("nothing to remove",))
     rgb, blind = _finite(image)
     shown = plane_map(room, geometry)
-    unfit = _unfit(wanted, sunlight)
+    unfit = _unfit(target, sunlight)
     planes = planes_of(room)
     out, filled, notes = image.rgb.copy(), [], []
     for plane in planes:
-        where = wanted & (shown == plane.index)
+        where = target & (shown == plane.index)
         if not where.any():
             continue
-        done = _plane(rgb, geometry, room, plane, wanted | blind, unfit, shown, quality)
+        done = _plane(rgb, geometry, room, plane, target | blind, unfit, shown, quality)
         done = done if filler is None else filler(done)
         _draw(done, room, geometry, where, (out, provenance, confidence))
         filled.append(done)
@@ -187,9 +185,3 @@ def _image(
     uncertainty[filled] = FILLED_UNCERTAINTY + (1 - confidence[filled])
     validity[filled] = Validity.REPAIRED
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity)
-
-
-def mean_luminance(filled: FilledPlane) -> float:
-    """Return the mean luminance of a plane as it now stands, over its texels, in the picture's unit."""
-    inside = filled.texture.known | filled.hole
-    return float(luminance_cd_m2(filled.values[inside]).mean()) if inside.any() else 0.0

@@ -153,17 +153,17 @@ class PipelineRun:
         answers = self._inputs.answers(stage)
         ingredients = self._inputs.ingredients(stage, self._results)
         with self._store.building(stage.name) as building:
+            context = make_context(
+                self._inputs,
+                stage,
+                building.folder.path,
+                fetch=self._fetcher(stage),
+                summary=self._summaries(stage),
+                progress=self._progress(stage, later, meter),
+            )
             if answers:
-                made = answer_result(stage, answers, ingredients, building, self._memory)
+                made = answer_result(stage, answers, context, ingredients, building, self._memory)
             else:
-                context = make_context(
-                    self._inputs,
-                    stage,
-                    building.folder.path,
-                    fetch=self._fetcher(stage),
-                    summary=self._summaries(stage),
-                    progress=self._progress(stage, later, meter),
-                )
                 made = make_result(stage, context, ingredients, building, self._memory)
             result = self._store.commit(building, made.result, made.run_record(meter.read(), self._megapixels))
         if any(stage.name in other.needs for other in later):

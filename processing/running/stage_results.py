@@ -66,13 +66,17 @@ def make_result(
 
 
 def answer_result(
-    stage: Stage, answers: Mapping[str, Path], ingredients: Ingredients, building: Building, memory: DigestMemory
+    stage: Stage,
+    answers: Mapping[str, Path],
+    context: StageContext,
+    ingredients: Ingredients,
+    building: Building,
+    memory: DigestMemory,
 ) -> Made:
     """Put what the user gave in the place of what the stage would have made, checked as strictly."""
     made = [artifact for artifact in stage.makes if artifact.name in answers]
-    folder = building.folder.path
-    values = {artifact.name: _answer(artifact, answers[artifact.name], folder) for artifact in made}
-    in_memory = _write(made, values, building, folder)
+    values = {artifact.name: _answer(artifact, answers[artifact.name], context) for artifact in made}
+    in_memory = _write(made, values, building, context.folder)
     result = _result(
         stage,
         ingredients,
@@ -84,14 +88,16 @@ def answer_result(
     return Made(result, in_memory)
 
 
-def _answer(artifact: Artifact, path: Path, folder: Path) -> object:
+def _answer(artifact: Artifact, path: Path, context: StageContext) -> object:
     if artifact.kind == "file":
-        shutil.copyfile(path, folder / file_name(artifact))
-        value: object = folder / file_name(artifact)
+        value: object = context.folder / file_name(artifact)
+        shutil.copyfile(path, context.folder / file_name(artifact))
     else:
         value = load(artifact, path)
     if artifact.check:
         resolve(artifact.check)(value)
+    if artifact.fits:
+        resolve(artifact.fits)(value, context)
     return value
 
 

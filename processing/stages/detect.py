@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from datetime import datetime
 from typing import Any
@@ -11,7 +10,6 @@ from processing.calibration.sun import Place, sun_place
 from processing.errors import ParameterError
 from processing.images import LuminanceImage
 from processing.removal.masks import Masks, find_masks
-from processing.room.model import RoomModel
 from processing.segmentation.around import segment_around
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
@@ -19,6 +17,7 @@ from processing.segmentation.evidence_file import read_evidence
 from processing.segmentation.segmenters import open_segmenter
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.detect_parameters import DetectParameters
+from processing.stages.upright import known_room, upright_panorama
 from station.session import FrameRecord, SessionManifest, Side
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
@@ -37,8 +36,8 @@ def run(context: StageContext) -> StageOutput:
     """Find the masks on the upright panorama, with the room and the sun's place as far as they are known."""
     asked = context.parameters
     assert isinstance(asked, DetectParameters)
-    image = panorama(context)
-    room = RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
+    image = upright_panorama(context)
+    room = known_room(context)
     context.progress(0.0, "segmentation")
     evidence = _evidence(context, image)
     context.progress(0.4, "masks")
@@ -52,14 +51,7 @@ def run(context: StageContext) -> StageOutput:
         sun_possible=possible,
         margin_rad=math.radians(asked.margin_deg),
     )
-    return _output(found, evidence, why)
-
-
-def panorama(context: StageContext) -> LuminanceImage:
-    """Return the upright panorama: the room stage's, or the calibrated one where that is upright already."""
-    image = context.optional_artifact("room", "panorama") or context.artifact("calibrate", "indoor")
-    assert isinstance(image, LuminanceImage)
-    return image
+    return _output(found, evidence, why, asked.margin_deg)
 
 
 def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
@@ -116,7 +108,7 @@ def _evidence(context: StageContext, image: LuminanceImage) -> SceneEvidence:
     return segment_around(image, open_segmenter(network, contract), first=embedded)
 
 
-def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str) -> StageOutput:
+def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str, margin_deg: float) -> StageOutput:
     masks = {name: getattr(found, name) for name in MASKS}
     left_out = {name: "nothing found" for name, mask in masks.items() if not mask.any()}
     if why_no_sun:
@@ -127,6 +119,7 @@ def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str) -> StageOutp
         warnings.append(StageWarning(code="target", message=text))
     metrics: dict[str, Any] = {
         "evidence": evidence.source,
+        "margin_deg": margin_deg,
         "views_used": evidence.views_used,
         "views_skipped": evidence.views_skipped,
         "shares": {name: round(share, 5) for name, share in found.shares.items()},

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import ParameterError
 from processing.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
-from processing.room.model import RoomModel
+from processing.removal.round_masks import grown
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.remove_parameters import RemoveParameters
+from processing.stages.upright import check_mask_size, known_room, upright_panorama
+
+Flags = npt.NDArray[np.bool_]
 
 LITTLE = 0.3
 """Mean confidence of the filled pixels under which it is told."""
@@ -37,24 +39,20 @@ def run(context: StageContext) -> StageOutput:
     """Fill the target plane by plane."""
     asked = context.parameters
     assert isinstance(asked, RemoveParameters)
-    image = _panorama(context)
+    image = upright_panorama(context)
     target = np.asarray(context.artifact("detect", "target"), bool)
-    if target.shape != image.rgb.shape[:2]:
-        raise ParameterError(
-            f"the target is {target.shape[1]} x {target.shape[0]}, the panorama "
-            f"{image.rgb.shape[1]} x {image.rgb.shape[0]}",
-            advice="give a mask of the panorama's size",
-        )
-    room = RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
+    check_mask_size(target, context)
+    sunlight = _optional_mask(context, "sunlight")
+    if asked.keep_sunlight and sunlight is not None:
+        target, sunlight = _without_sunlight(context, target, sunlight)
     network = context.files.get("filler")
     filler = None if network is None else LamaFiller(network, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
     found = empty_room(
         image,
         target,
-        room,
-        keep_sunlight=asked.keep_sunlight,
-        sunlight=_sunlight(context, target.shape),
+        known_room(context),
+        sunlight=sunlight,
         quality=context.quality.value,
         filler=filler,
     )
@@ -63,17 +61,22 @@ def run(context: StageContext) -> StageOutput:
     return _output(found, context)
 
 
-def _panorama(context: StageContext) -> LuminanceImage:
-    image = context.optional_artifact("room", "panorama") or context.artifact("calibrate", "indoor")
-    assert isinstance(image, LuminanceImage)
-    return image
+def _optional_mask(context: StageContext, name: str) -> Flags | None:
+    mask = context.optional_artifact("detect", name)
+    return None if mask is None else np.asarray(mask, bool)
 
 
-def _sunlight(context: StageContext, shape: tuple[int, ...]) -> npt.NDArray[np.bool_] | None:
-    mask = context.optional_artifact("detect", "sunlight")
-    if mask is None or np.asarray(mask).shape != shape:
-        return None
-    return np.asarray(mask, bool)
+def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> tuple[Flags, Flags]:
+    """Return the target as it were without direct sunlight, and the sunlight with its rim.
+
+    The target was grown over what was found; so its part around a patch of sunlight goes too, where nothing else is.
+    """
+    margin_rad = math.radians(float(context.summary("detect")["metrics"]["margin_deg"]))
+    others = np.zeros_like(target)
+    for name in ("furniture", "tripod", "shadow"):
+        mask = _optional_mask(context, name)
+        others |= False if mask is None else mask
+    return target & grown(others, margin_rad) & ~sunlight, grown(sunlight, margin_rad)
 
 
 def _write_details(path: Path, found: Emptied) -> None:

@@ -36,6 +36,20 @@ def test_what_drawing_programs_write(tmp_path: Path, mode: str) -> None:
     np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), mask())
 
 
+@pytest.mark.parametrize("name", ["m.png", "m.tif"])
+def test_sixteen_bits_are_half_bright_from_half_of_their_white(tmp_path: Path, name: str) -> None:
+    """300 of 65535 is black, though 8 bits would show it white."""
+    Image.fromarray(np.array([[0, 300, 32767, 32768, 65535]], np.uint16)).save(tmp_path / name)
+    np.testing.assert_array_equal(read_mask(tmp_path / name), [[False, False, False, True, True]])
+
+
+@pytest.mark.parametrize(("kind", "mode"), [(np.int32, "I"), (np.float32, "F")])
+def test_values_without_a_known_white_are_refused(tmp_path: Path, kind: type, mode: str) -> None:
+    Image.fromarray(mask().astype(kind)).save(tmp_path / "m.tif")
+    with pytest.raises(PictureFileError, match=f"of the kind {mode}"):
+        read_mask(tmp_path / "m.tif")
+
+
 def test_transparent_is_not_marked(tmp_path: Path) -> None:
     rgba = np.full((4, 8, 4), 255, np.uint8)
     rgba[:, 4:, 3] = 0

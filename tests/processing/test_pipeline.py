@@ -168,6 +168,9 @@ def test_an_answer_takes_the_place_of_a_stage(session: Path, tmp_path: Path) -> 
     answer.write_text('{"sum": 100}')
     with pytest.raises(ProcessingError, match="a total is needed"):
         run(session, options={"--total": answer})
+    answer.write_text('{"total": 1e9}')
+    with pytest.raises(ProcessingError, match="more than the frames"):
+        run(session, options={"--total": answer})
     answer.write_text('{"total": 1, "total": 2}')
     with pytest.raises(ProcessingError, match="twice"):
         run(session, options={"--total": answer})

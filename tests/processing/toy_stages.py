@@ -69,6 +69,11 @@ def check_total(value: object) -> None:
         raise ProcessingError("a total is needed", where="total")
 
 
+def fit_total(value: dict[str, float], context: StageContext) -> None:
+    if value["total"] > 256 * len(context.artifact("frames", "values")):
+        raise ProcessingError("more than the frames can give", where="total")
+
+
 def broken(_context: StageContext) -> StageOutput:
     raise ProcessingError("cannot", where="broken")
 
@@ -94,7 +99,12 @@ TOTAL = Stage(
     function="tests.processing.toy_stages:total",
     needs=("frames",),
     makes=(
-        Artifact("total", "json", check="tests.processing.toy_stages:check_total"),
+        Artifact(
+            "total",
+            "json",
+            check="tests.processing.toy_stages:check_total",
+            fits="tests.processing.toy_stages:fit_total",
+        ),
         Artifact("extra", "json", optional=True),
     ),
     parameters="tests.processing.toy_stages:SumParameters",

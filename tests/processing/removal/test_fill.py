@@ -144,14 +144,16 @@ def test_nan_where_the_lens_saw_nothing() -> None:
     assert np.isnan(found.image.rgb[:2]).all()
 
 
-def test_sunlight_is_kept_on_demand() -> None:
-    image, _, _ = painted()
-    sun, chair = patch(slice(70, 76), slice(20, 40)), patch(slice(60, 66), slice(120, 130))
-    kept = empty_room(image, sun | chair, box_room(), keep_sunlight=True, sunlight=sun, quality="draft")
-    assert np.array_equal(kept.image.rgb[sun], image.rgb[sun])
-    assert (kept.provenance[chair] > 0).all()
-    gone = empty_room(image, sun | chair, box_room(), sunlight=sun, quality="draft")
-    assert (gone.provenance[sun] > 0).all()
+def test_nothing_is_copied_from_sunlight() -> None:
+    """A patch beside the hole, forty times as bright: what is filled is as if it were not there."""
+    image, planes, _ = painted()
+    chair, sun = patch(slice(62, 70), slice(120, 130)), patch(slice(62, 72), slice(130, 142))
+    lit = image.rgb.copy()
+    lit[sun] *= 40
+    plain = empty_room(image, chair, box_room(), sunlight=sun, quality="draft").image.rgb
+    beside = empty_room(replace(image, rgb=lit), chair, box_room(), sunlight=sun, quality="draft").image.rgb
+    assert (planes[chair] == 0).any()
+    assert float(np.median(beside[chair] / plain[chair])) == pytest.approx(1, abs=0.2)
 
 
 def test_wrong_sizes_are_told() -> None:

@@ -13,6 +13,7 @@ import pytest
 
 from processing.errors import ParameterError
 from processing.images import LuminanceImage
+from processing.pipeline import resolve, stage_named
 from processing.report.detect_sections import detect_section, tinted
 from processing.segmentation.evidence_file import write_evidence
 from processing.stages.contract import StageContext
@@ -63,7 +64,7 @@ def test_masks_are_made_and_told(painted: Painted, tmp_path: Path) -> None:
     assert iou(made.artifacts["sunlight"], painted.sunlit) > 0.8  # type: ignore[arg-type]
     assert set(made.artifacts) == {*MASKS, "target"}
     assert made.metrics["shares"]["target"] > made.metrics["shares"]["furniture"] > 0.01  # type: ignore[index,operator,call-overload]
-    assert made.metrics["evidence"] == "painted"
+    assert (made.metrics["evidence"], made.metrics["margin_deg"]) == ("painted", 0.6)
     section = detect_section(picture(painted), made.artifacts, made.metrics)  # type: ignore[arg-type]
     assert section.pictures[0].data.startswith(b"\xff\xd8")
     assert len(section.quantities) == 5
@@ -84,6 +85,15 @@ def test_without_a_room_there_is_nothing_to_go_by(painted: Painted, tmp_path: Pa
     reason = nothing_to_go_by(context(painted, tmp_path, artifacts={("room", "room"): None}))
     assert reason is not None
     assert "--room" in reason
+
+
+def test_a_mask_of_another_size_is_refused_when_it_is_read(painted: Painted, tmp_path: Path) -> None:
+    artifact = stage_named("detect").makes[0]
+    assert artifact.name == "target"
+    fits = resolve(artifact.fits)
+    fits(np.ones((160, 320), bool), context(painted, tmp_path))
+    with pytest.raises(ParameterError, match="target is 640 x 320, the panorama 320 x 160"):
+        fits(np.ones((320, 640), bool), context(painted, tmp_path))
 
 
 def test_a_network_without_its_contract_is_refused(painted: Painted, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from processing.errors import ParameterError
 from processing.images import LuminanceImage
+from processing.removal.round_masks import grown
 from processing.report.remove_sections import remove_section
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
@@ -18,6 +20,7 @@ from processing.stages.remove import nothing_to_remove, run
 from processing.stages.remove_parameters import RemoveParameters
 
 ROWS = 32
+MARGIN_DEG = 6.0
 ROOM = RoomModel(
     source="given",
     floor=((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)),
@@ -34,7 +37,7 @@ def picture() -> LuminanceImage:
     )
 
 
-def context(folder: Path, **artifacts: Any) -> StageContext:
+def context(folder: Path, parameters: RemoveParameters | None = None, **artifacts: Any) -> StageContext:
     given = {"indoor": picture(), "room": ROOM.model_dump(mode="json")} | artifacts
 
     def fetch(_stage: str, name: str) -> Any:
@@ -44,9 +47,9 @@ def context(folder: Path, **artifacts: Any) -> StageContext:
         session=None,  # type: ignore[arg-type]
         session_path=folder,
         folder=folder,
-        parameters=RemoveParameters(),
+        parameters=parameters or RemoveParameters(),
         fetch=fetch,
-        summary=lambda _stage: {},
+        summary=lambda _stage: {"metrics": {"margin_deg": MARGIN_DEG}},
         quality=Quality.DRAFT,
     )
 
@@ -78,5 +81,28 @@ def test_what_it_makes(tmp_path: Path) -> None:
 
 
 def test_a_mask_of_another_size_is_told(tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match="target"):
+    with pytest.raises(ParameterError, match="target is 8 x 4, the panorama 64 x 32"):
         run(context(tmp_path, target=np.ones((4, 8), bool)))
+
+
+def patch(rows: slice, columns: slice) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    mask = target(empty=True)
+    mask[rows, columns] = True
+    return mask
+
+
+def test_sunlight_that_is_kept_keeps_its_rim_too(tmp_path: Path) -> None:
+    """A target that was grown over a patch and over a chair, which meet: only the chair's part is filled."""
+    sun, chair = patch(slice(22, 26), slice(20, 30)), patch(slice(20, 24), slice(30, 34))
+    margin = math.radians(MARGIN_DEG)
+    found = {"target": grown(sun | chair, margin), "sunlight": sun, "furniture": chair}
+    kept = run(context(tmp_path, RemoveParameters(keep_sunlight=True), **found))
+    empty, filled = kept.artifacts["empty"], np.asarray(kept.artifacts["filled"])
+    assert isinstance(empty, LuminanceImage)
+    assert np.array_equal(filled, grown(chair, margin) & ~sun)
+    for name in ("rgb", "uncertainty", "validity"):
+        assert np.array_equal(getattr(empty, name)[~filled], getattr(picture(), name)[~filled])
+    alone = run(context(tmp_path, RemoveParameters(keep_sunlight=True), target=grown(sun, margin), sunlight=sun))
+    assert not np.asarray(alone.artifacts["filled"]).any()
+    gone = run(context(tmp_path, **found))
+    assert np.array_equal(np.asarray(gone.artifacts["filled"]), found["target"])
