@@ -102,13 +102,14 @@ STAGES: tuple[Stage, ...] = (
         title="merge the brackets",
         function="processing.stages.merge:run",
         needs=("verify",),
-        reads=("frames", "devices", "rig"),
+        reads=("frames", "devices", "rig", "panorama"),
         makes=(
             Artifact("indoor", "picture", optional=True),
             Artifact("outdoor", "picture", optional=True),
             Artifact("response", "json"),
         ),
         parameters="processing.stages.parameters:MergeParameters",
+        skip_rule="processing.stages.merge:nothing_to_merge",
         trades=("quality", "max_error"),
         options=(
             CALIBRATION,
@@ -122,7 +123,7 @@ STAGES: tuple[Stage, ...] = (
         title="scale to cd/m2",
         function="processing.stages.calibrate:run",
         needs=("merge",),
-        reads=("site", "heading_rad", "target", "readings", "frames", "devices", "rig"),
+        reads=("site", "heading_rad", "target", "readings", "frames", "devices", "rig", "panorama"),
         makes=(
             Artifact("indoor", "picture"),
             Artifact("outdoor", "picture", optional=True),

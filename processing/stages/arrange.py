@@ -1,0 +1,94 @@
+"""The stage arrange: where furniture stands, in several ways (paper, section 5)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from processing.errors import LayoutError
+from processing.layout.arrange import arrange
+from processing.layout.arrangement import Arrangements
+from processing.layout.drawing import write_drawings
+from processing.layout.item_list import parse_items, set_items
+from processing.layout.items import Item
+from processing.layout.plan_room import from_room_model
+from processing.layout.rules import built_in_rules
+from processing.room.model import RoomModel
+from processing.stages.arrange_parameters import MOST_STAGED, ArrangeParameters
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+
+
+def nothing_to_arrange(context: StageContext) -> str | None:
+    """Return why there is nothing to do: no furniture asked, no room, no door."""
+    asked = context.parameters
+    assert isinstance(asked, ArrangeParameters)
+    if not asked.asked:
+        return "no furniture asked"
+    if context.optional_artifact("room", "room") is None:
+        return "the stage room told no room; give one (--room)"
+    return None
+
+
+def check_arrangement(value: object) -> None:
+    """Raise `LayoutError` unless a value read from JSON is `Arrangements`."""
+    try:
+        Arrangements.model_validate_json(json.dumps(value))
+    except ValueError as error:
+        raise LayoutError(f"no arrangements: {str(error).splitlines()[0]}", where="--arrangement") from None
+
+
+def run(context: StageContext) -> StageOutput:
+    """Arrange what is asked."""
+    asked = context.parameters
+    assert isinstance(asked, ArrangeParameters)
+    room = RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
+    plan = from_room_model(room, name=context.session.name or "room")
+    name, items = _items(asked)
+    found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed)
+    context.progress(0.8, "drawing")
+    drawn = _draw(found, context.folder)
+    return _output(found, name, drawn)
+
+
+def _items(asked: ArrangeParameters) -> tuple[str, list[Item]]:
+    if asked.items is not None:
+        return "items given", parse_items(asked.items)
+    name = "bedroom" if asked.set == "auto" else asked.set
+    return name, set_items(name)
+
+
+def _draw(found: Arrangements, folder: Path) -> set[str]:
+    """Write the plans under the names of the row; return which artifacts there are."""
+    drawn = set()
+    for path in write_drawings(found, folder, built_in_rules().sets.get(found.rule_set)):
+        if path.suffix == ".svg":
+            name = path.name.replace("layout-", "plan-")
+            path.rename(folder / name)
+            drawn.add(name.removesuffix(".svg"))
+        elif path.name == "contact-sheet.png":
+            drawn.add("contact-sheet")
+        else:
+            path.unlink()
+    return drawn
+
+
+def _output(found: Arrangements, name: str, drawn: set[str]) -> StageOutput:
+    first = found.arrangements[0] if found.arrangements else None
+    every = {"contact-sheet", *(f"plan-{k}" for k in range(1, MOST_STAGED + 1))}
+    refused = () if first is None else first.not_placed
+    texts = [*found.notes, *(f"{one.id} is not placed: {one.reason}" for one in refused)]
+    metrics: dict[str, Any] = {
+        "set": name,
+        "asked": list(found.asked),
+        "alternatives": len(found.arrangements),
+        "scores": [round(one.score, 4) for one in found.arrangements],
+        "placed": [len(one.items) for one in found.arrangements],
+        "not_placed": {one.id: one.reason for one in refused},
+    }
+    return StageOutput(
+        artifacts={"arrangement": found.model_dump(mode="json")} | dict.fromkeys(sorted(drawn), True),
+        metrics=metrics,
+        warnings=tuple(StageWarning(code="arrange", message=text[:500]) for text in texts),
+        left_out=dict.fromkeys(sorted(every - drawn), "no such alternative"),
+    )

@@ -1,0 +1,51 @@
+"""Placed furniture as parts of a scene: the catalogue's meshes, turned and moved to where they stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from processing.layout.arrangement import PlacedItem
+from processing.layout.catalogue import Catalogue
+from processing.layout.furniture.model import Material as LookedUp
+from processing.layout.furniture.model import Part as MeshPart
+from processing.layout.furniture.model import linear_of_srgb
+from processing.rendering.scene import Material, Part
+
+LIFT_M = 0.001
+"""By which everything stands above the floor, so that undersides do not lie in it."""
+
+
+def furniture_parts(items: Sequence[PlacedItem], catalogue: Catalogue) -> tuple[Part, ...]:
+    """Return the parts of all items in the room's frame; raises `CatalogueError` or `ModelFileError`."""
+    found = []
+    for item in items:
+        model = catalogue.mesh(item.model or item.category, item.size_m)
+        found += [_placed(part, item) for part in model.parts if len(part.faces)]
+    return tuple(found)
+
+
+def _placed(part: MeshPart, item: PlacedItem) -> Part:
+    c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    moved = part.vertices.astype(np.float64) @ turn.T + np.asarray(item.t_m) + (0.0, 0.0, LIFT_M)
+    return Part(
+        name=f"{item.id}: {part.material.name}",
+        vertices_m=moved,
+        faces=np.ascontiguousarray(part.faces, np.int32),
+        material=_material(part.material),
+        uv=part.texture_coordinates(),
+    )
+
+
+def _material(look: LookedUp) -> Material:
+    colour = tuple(float(min(max(v, 0.0), 1.0)) for v in look.base_colour)
+    return Material(
+        name=look.name,
+        colour=(colour[0], colour[1], colour[2]),
+        texture=None if look.texture is None else linear_of_srgb(look.texture),
+        roughness=look.roughness,
+        metallic=look.metallic,
+    )

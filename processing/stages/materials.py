@@ -1,0 +1,130 @@
+"""The stage materials: what the emptied room's surfaces reflect, and the room as a scene under its light."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import SceneError
+from processing.images import LUMINANCE_WEIGHTS, LuminanceImage
+from processing.rendering.albedo import RoomAlbedo, albedo_of_room
+from processing.rendering.irradiance import Effort
+from processing.rendering.outdoor import outdoors_of
+from processing.rendering.scene import Outdoors, Surface
+from processing.rendering.scene_file import write_scene
+from processing.rendering.shell import REVEAL_M
+from processing.room.model import RoomModel
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.materials_parameters import MaterialsParameters
+
+ROWS = {"draft": 256, "standard": 512, "reference": 1024}
+"""Height of the albedo picture."""
+
+
+def nothing_to_stage(context: StageContext) -> str | None:
+    """Return why there is nothing to do: no staging asked, or no room."""
+    asked = context.parameters
+    assert isinstance(asked, MaterialsParameters)
+    if not asked.asked:
+        return "staging not asked"
+    if context.optional_artifact("room", "room") is None:
+        return "the stage room told no room; give one (--room)"
+    return None
+
+
+def run(context: StageContext) -> StageOutput:
+    """Tell albedo, windows and lamps."""
+    asked = context.parameters
+    assert isinstance(asked, MaterialsParameters)
+    image, filled = emptied(context)
+    room = room_model(context)
+    context.progress(0.0, "the light outdoors")
+    outdoors, source, warnings = _outdoors(context, image)
+    context.progress(0.1, "albedo")
+    rows = min(ROWS[context.quality.value], image.rgb.shape[0])
+    found = albedo_of_room(
+        image,
+        room,
+        outdoors,
+        reveal_m=REVEAL_M if asked.reveal_m is None else asked.reveal_m,
+        filled=filled,
+        rows=rows,
+        effort=Effort(pixel_samples=32),
+    )
+    context.progress(0.95, "writing")
+    write_scene(context.folder / "scene.npz", found.scene)
+    return StageOutput(
+        artifacts={"materials": _facts(found, source), "scene": True},
+        metrics={
+            "told_share": round(float(found.told.mean()), 4),
+            "floor_gloss": round(found.gloss, 3),
+            "outdoors": source,
+            "notes": list(found.notes),
+        },
+        warnings=tuple(StageWarning(code="materials", message=text[:500]) for text in warnings),
+        honoured={"quality": f"albedo of {2 * rows} x {rows} directions"},
+    )
+
+
+def panorama(context: StageContext) -> LuminanceImage:
+    """Return the upright panorama as it was taken."""
+    image = context.optional_artifact("room", "panorama") or context.artifact("calibrate", "indoor")
+    assert isinstance(image, LuminanceImage)
+    return image
+
+
+def emptied(context: StageContext) -> tuple[LuminanceImage, npt.NDArray[np.bool_] | None]:
+    """Return the emptied panorama and which pixels were filled; where nothing was removed, as it was taken."""
+    image = context.optional_artifact("remove", "empty")
+    if image is None:
+        return panorama(context), None
+    assert isinstance(image, LuminanceImage)
+    return image, np.asarray(context.artifact("remove", "filled"), bool)
+
+
+def room_model(context: StageContext) -> RoomModel:
+    """Return the room."""
+    return RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
+
+
+def _outdoors(context: StageContext, image: LuminanceImage) -> tuple[Outdoors, str, list[str]]:
+    picture = context.optional_artifact("calibrate", "outdoor")
+    if picture is None:
+        dark = Outdoors(np.zeros((32, 64, 3), np.float32))
+        return dark, "none", ["there is no outdoor picture"]
+    try:
+        return outdoors_of(picture), "outdoor picture", []
+    except SceneError as error:
+        dark = Outdoors(np.zeros((32, 64, 3), np.float32))
+        return dark, "none", [f"the outdoor picture is of no use: {error}"]
+
+
+def _facts(found: RoomAlbedo, source: str) -> dict[str, Any]:
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    return {
+        "schema_version": 1,
+        "outdoors": source,
+        "surfaces": [_surface(s, weights) for s in found.scene.surfaces],
+        "windows": [
+            {
+                "opening": pane.opening,
+                "transmittance": [round(float(v), 4) for v in pane.transmittance],
+                "covered_share": round(float(1 - pane.clear.mean()), 4),
+            }
+            for pane in found.scene.panes
+        ],
+        "floor_gloss": round(found.gloss, 3),
+        "notes": list(found.notes),
+    }
+
+
+def _surface(surface: Surface, weights: npt.NDArray[np.float64]) -> dict[str, Any]:
+    mean = surface.albedo.mean(axis=(0, 1), dtype=np.float64)
+    return {
+        "name": surface.name,
+        "albedo_rgb": [round(float(v), 4) for v in mean],
+        "albedo": round(float(mean @ weights), 4),
+    }
