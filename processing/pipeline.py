@@ -15,7 +15,7 @@ from typing import Any, Literal
 from processing.errors import ParameterError
 
 ArtifactKind = Literal["picture", "mask", "json", "file"]
-OptionKind = Literal["parameter", "file", "answer"]
+OptionKind = Literal["parameter", "file", "folder", "answer"]
 ValueType = Literal["float", "int", "str", "flag"]
 Trade = Literal["quality", "max_error", "time_budget"]
 
@@ -40,7 +40,7 @@ class Artifact:
 class Option:
     """A command line option of a stage, e.g. ``--k1``.
 
-    ``parameter``: sets the parameter ``name``. ``file``: a file handed to the stage as ``context.files[name]``.
+    ``parameter``: sets the parameter ``name``. ``file``, ``folder``: handed to the stage as ``context.files[name]``.
     ``answer``: a file that takes the place of the artifact ``name``; the stage then does not run.
     """
 
@@ -85,6 +85,7 @@ NETWORK = ("segmentation/room_network.onnx", "segmentation/room_network.json")
 SET = Option("--set", "parameter", "set", "Furniture: bedroom, living, dining, office, auto (default), none.", "str")
 ITEMS = Option("--items", "parameter", "items", 'A list of furniture instead: "bed, 2 nightstand".', "str")
 SEED = Option("--seed", "parameter", "seed", "Other arrangements, another draw.", "int")
+FURNITURE = Option("--furniture", "folder", "furniture", "Folder of models (glTF, OBJ, 3D-FUTURE) to furnish with.")
 STAGED = tuple(f"staged-{k}" for k in range(1, 8))
 CALIBRATION = Option("--calibration", "file", "calibration", "Rig profile of `daylit rig calibrate`.")
 
@@ -148,7 +149,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="room",
-        version=1,
+        version=2,
         title="tell the room",
         function="processing.stages.room:run",
         data=NETWORK,
@@ -270,7 +271,7 @@ STAGES: tuple[Stage, ...] = (
         needs=("room",),
         reads=("name",),
         makes=(
-            Artifact("arrangement", "json", check="processing.stages.arrange:check_arrangement"),
+            Artifact("arrangement", "json", optional=True, check="processing.stages.arrange:check_arrangement"),
             Artifact("contact-sheet", "file", optional=True, file_name="contact-sheet.png"),
             *(Artifact(f"plan-{k}", "file", optional=True, file_name=f"plan-{k}.svg") for k in range(1, 8)),
         ),
@@ -280,6 +281,7 @@ STAGES: tuple[Stage, ...] = (
             Option("--arrangement", "answer", "arrangement", "arrangement.json of `daylit arrange`, instead."),
             SET,
             ITEMS,
+            FURNITURE,
             Option("--rules", "parameter", "rules", "comfort, standard (default), tight, accessible.", "str"),
             Option("--alternatives", "parameter", "alternatives", "How many, 1 to 7; default 3.", "int"),
             SEED,
@@ -293,6 +295,7 @@ STAGES: tuple[Stage, ...] = (
         needs=("calibrate", "room", "remove", "materials", "arrange"),
         makes=(
             *(Artifact(name, "picture", optional=True) for name in STAGED),
+            *(Artifact(f"{name}-model", "file", optional=True, file_name=f"{name}.glb") for name in STAGED),
             Artifact("staged", "json"),
         ),
         parameters="processing.stages.render_parameters:RenderParameters",
@@ -300,6 +303,7 @@ STAGES: tuple[Stage, ...] = (
         trades=("quality", "max_error", "time_budget"),
         options=(
             Option("--method", "parameter", "method", "differential (default), global, ibl.", "str"),
+            FURNITURE,
             Option("--style", "parameter", "style", "Of the built-in furniture; default: another for each.", "str"),
             SEED,
         ),

@@ -58,9 +58,15 @@ class Diagnostics:
 
 
 def diagnose(
-    columns: Columns, ranked: list[Hypothesis], refined: Refined, *, overhead: float, blank: float, loss: float
+    columns: Columns,
+    among: tuple[list[Hypothesis], Hypothesis],
+    refined: Refined,
+    *,
+    overhead: float,
+    blank: float,
+    loss: float,
 ) -> Diagnostics:
-    """Return the diagnostics of the room chosen among hypotheses."""
+    """Return the diagnostics of the room chosen; ``among``: all hypotheses, the best first, and that one."""
     found = np.minimum(np.abs(residuals(refined.polygon, refined.outline.ratio, columns)), CAP)
     sigma = np.degrees(np.median(columns.floor_sigma / (1 + columns.floor**2)))
     other = np.degrees(np.median(columns.ceiling_sigma / (1 + columns.ceiling**2)))
@@ -70,7 +76,7 @@ def diagnose(
         unexplained=float((found >= CAP).any(axis=0).mean()),
         sigma_deg=float((sigma + other) / 2),
         ratio_spread=columns.ratio_spread,
-        rival=_rival(ranked, refined.polygon),
+        rival=_rival(*among, refined.polygon),
         loss=loss,
         overhead=overhead,
         blank=blank,
@@ -80,14 +86,15 @@ def diagnose(
     )
 
 
-def _rival(ranked: list[Hypothesis], polygon: Doubles) -> float:
-    chosen, most = shapely.Polygon(polygon), 0.0
+def _rival(ranked: list[Hypothesis], chosen: Hypothesis, polygon: Doubles) -> float:
+    """Return 1 - IoU with the most different room that costs hardly more than the chosen one."""
+    floor, most = shapely.make_valid(shapely.Polygon(polygon)), 0.0
     for hypothesis in ranked:
-        if hypothesis.total > ranked[0].total + RIVAL_WITHIN:
+        if hypothesis.total > chosen.total + RIVAL_WITHIN:
             break
         other = shapely.Polygon(hypothesis.fit.polygon)
         if other.is_valid:
-            most = max(most, 1 - chosen.intersection(other).area / chosen.union(other).area)
+            most = max(most, 1 - floor.intersection(other).area / floor.union(other).area)
     return float(most)
 
 
@@ -95,6 +102,10 @@ COEFFICIENTS = {"log2_sigma": -0.63, "ratio_spread": -22.7, "rival": -5.4, "edge
 INTERCEPT = 2.7
 """Ridge logistic fit on 24 pictures of simulated rooms of validation seeds and the real ones that may be looked at."""
 LEAST, MOST = 0.02, 0.98
+FULLY_EXPLAINED = 0.75
+"""Of a wall's columns: noise leaves no wall without any residual."""
+UNSEEN = 0.3
+"""Of the room's confidence, for a wall of which no column is seen."""
 
 
 def confidence_of(found: Diagnostics) -> float:
@@ -134,12 +145,13 @@ def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
 
 
 def wall_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[float, ...]:
-    """Return each wall's confidence: the room's, less where its columns are not explained; 0.3 of it if unseen."""
+    """Return each wall's confidence: the room's, less where its columns are not explained; `UNSEEN` of it if unseen."""
     from processing.surfaces.sight import wall_ranges
 
     polygon = np.asarray(room.floor) / room.camera_height_m
     _, wall = wall_ranges(polygon, columns.azimuth_rad)
     ratio = room.ceiling_height_m / room.camera_height_m - 1
     explained = 1 - (np.minimum(np.abs(residuals(polygon, ratio, columns)), CAP) / CAP).mean(axis=0)
-    shares = [float(explained[wall == i].mean()) if (wall == i).any() else 0.3 for i in range(len(polygon))]
-    return tuple(round(sure * min(1.0, share / 0.75), 3) for share in shares)
+    seen = [wall == number for number in range(len(polygon))]
+    shares = [min(1.0, float(explained[own].mean()) / FULLY_EXPLAINED) if own.any() else UNSEEN for own in seen]
+    return tuple(round(sure * share, 3) for share in shares)

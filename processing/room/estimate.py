@@ -25,6 +25,7 @@ from processing.room.picture_doubts import check_picture
 from processing.room.refine import Refined, refine
 from processing.room.tidy import tidied
 from processing.segmentation.evidence import SceneEvidence
+from processing.sphere import Equirectangular
 
 Doubles = npt.NDArray[np.float64]
 
@@ -92,6 +93,12 @@ def estimate_room(
     if not (math.isfinite(camera_height_m) and 0.1 <= camera_height_m < 20):
         raise ParameterError(f"a camera height of {camera_height_m} m", advice="give 0.1 to 20")
     facts = check_picture(image)
+    if isinstance(image.geometry, Equirectangular) and image.geometry.yaw_rad:
+        raise ParameterError(
+            f"the picture's middle looks {math.degrees(image.geometry.yaw_rad):.1f} degrees to the side",
+            where="room",
+            advice="resample it to Equirectangular(width, height) first: evidence is of longitude 0 in the middle",
+        )
     if evidence.boundary is None:
         raise ParameterError("evidence without boundaries", advice="use evidence with boundaries, or --layout-model")
     overhead = overhead_share(evidence)
@@ -105,7 +112,8 @@ def estimate_room(
     chosen, refined = _chosen(image, evidence, ranked, columns, camera_height_m, quality)
     room = _model(refined.polygon, refined.outline, camera_height_m)
     assert room is not None
-    found = diagnose(columns, ranked, refined, overhead=overhead, blank=facts.blank, loss=_loss(evidence, refined))
+    loss = _loss(evidence, refined)
+    found = diagnose(columns, (ranked, chosen), refined, overhead=overhead, blank=facts.blank, loss=loss)
     sure = confidence_of(found)
     return RoomEstimate(
         room=room.model_copy(update={"confidence": round(sure, 3), "note": _note(chosen, refined)}),

@@ -54,6 +54,11 @@ class LayoutNetwork:
     session: Any
     name: str
 
+    @property
+    def columns(self) -> int:
+        """Return how many columns its answers have."""
+        return 256 if self.kind == "LGT-Net" else WIDTH_PX
+
 
 def load_layout_network(path: Path) -> LayoutNetwork:
     """Load an ONNX file and tell its kind by its inputs and outputs.
@@ -93,7 +98,7 @@ def layout_boundary(
     """Return a network's boundaries on an upright panorama.
 
     ``turn_rad``: the walls' azimuth (`processing.room.level.find_upright`); the picture is turned by it, to the next
-    column, and the answer is turned back.
+    column of the answer, and the answer is turned back by just that.
 
     Raises
     ------
@@ -105,25 +110,21 @@ def layout_boundary(
     if not isinstance(image.geometry, Equirectangular) or image.geometry.yaw_rad:
         raise ParameterError("the picture is not equirectangular with longitude 0 in its middle")
     shown = cv2.resize(preview_rgb8(image.rgb), (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
-    columns = round(turn_rad / (2 * math.pi) * WIDTH_PX)
-    picture = np.roll(shown, -columns, axis=1).transpose(2, 0, 1)[None].astype(np.float32) / np.float32(255)
+    turn = round(turn_rad / (2 * math.pi) * network.columns)
+    ahead = np.roll(shown, -turn * (WIDTH_PX // network.columns), axis=1)
+    picture = ahead.transpose(2, 0, 1)[None].astype(np.float32) / np.float32(255)
     try:
         found = network.session.run(list(network.outputs), {network.input_name: np.ascontiguousarray(picture)})
     except Exception as exc:
         raise LayoutNetworkError(f"fails on the picture: {str(exc)[:200]}", where=network.name) from exc
     ceiling, floor, corner = _read(network, [np.asarray(f, np.float64) for f in found])
     return BoundaryEvidence(
-        ceiling_rad=np.roll(ceiling, _back(columns, len(ceiling))),
-        floor_rad=np.roll(floor, _back(columns, len(floor))),
+        ceiling_rad=np.roll(ceiling, turn),
+        floor_rad=np.roll(floor, turn),
         ceiling_sigma_rad=np.full(len(ceiling), SIGMA_RAD),
         floor_sigma_rad=np.full(len(floor), SIGMA_RAD),
-        corner=np.roll(corner, _back(columns, len(corner))).astype(np.float32),
+        corner=np.roll(corner, turn).astype(np.float32),
     )
-
-
-def _back(columns: int, count: int) -> int:
-    """Return by how many of an answer's columns it is turned back."""
-    return round(columns * count / WIDTH_PX)
 
 
 def _kind(outputs: dict[str, tuple[Any, ...]], path: Path) -> tuple[Kind, tuple[str, ...]]:

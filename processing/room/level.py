@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -61,8 +62,10 @@ class Upright:
         return not np.array_equal(self.rotation, np.eye(3))
 
 
-def find_upright(image: RelativeImage | LuminanceImage) -> Upright:
+def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) -> Upright:
     """Return how an equirectangular picture must be turned to be upright (up to 40 degrees), and its walls' direction.
+
+    ``turn`` False: the picture is taken as upright; its tilt and its walls' direction are told all the same.
 
     Raises `ParameterError` for a picture that is not equirectangular.
     """
@@ -74,7 +77,7 @@ def find_upright(image: RelativeImage | LuminanceImage) -> Upright:
     tilt = math.atan2(math.hypot(vertical[0], vertical[1]), vertical[2])
     sigma = math.hypot(math.sqrt(axes.covariance[0, 0] + axes.covariance[1, 1]), MODEL_SIGMA_RAD)
     support, squareness = _support(axes)
-    rotation, note = _decided(vertical, tilt, sigma, support)
+    rotation, note = _decided(vertical, tilt, sigma, support) if turn else (np.eye(3), "left as it is: as asked")
     ahead = rotation @ axes.rows[1]
     return Upright(
         rotation=rotation,
@@ -118,7 +121,8 @@ def _quarter(angle: float) -> float:
 def make_upright(image: Image, rotation: Doubles) -> Image:
     """Return a picture turned by a rotation (`Upright.rotation`); the very same object where it is the identity.
 
-    Light is sampled cubic, held within the 16 pixels around (linear beside invalid ones); validity, uncertainty and
+    Light is sampled cubic, held within the 16 pixels around (linear beside what lies outside the picture, of the rest
+    alone); validity, uncertainty and
     ghosts are those of the nearest pixel. The turn is kept in the attributes (``level_rotation``).
 
     Raises `ParameterError` for a picture that is not equirectangular or a matrix that is no rotation.
@@ -144,7 +148,11 @@ def make_upright(image: Image, rotation: Doubles) -> Image:
 def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any, Any, Any]:
     """Return the light (H, W, 3) and the row and column (H, W) of the nearest pixel of the tilted picture."""
     light = padded_sphere(np.ascontiguousarray(image.rgb, dtype=np.float32))
-    outside = padded_sphere((image.validity == Validity.OUTSIDE).astype(np.float32))
+    seen = padded_sphere((image.validity != Validity.OUTSIDE).astype(np.float32))
+    some = not seen.all()
+    # Cubic sampling looks a pixel farther than linear.
+    far = np.asarray(cv2.erode(seen, np.ones((3, 3), np.uint8)), np.float32) if some else seen
+    shown = np.where(seen[..., None] > 0, light, np.float32(0)) if some else light
     shape: tuple[int, int] = (geometry.height_px, geometry.width_px)
     rgb = np.empty((*shape, 3), dtype=np.float32)
     rows, columns = np.empty(shape, dtype=np.int32), np.empty(shape, dtype=np.int32)
@@ -155,13 +163,19 @@ def _turned(image: Image, geometry: Equirectangular, turn: Doubles) -> tuple[Any
         x, y, _ = pixels(geometry, directions(geometry, part)[0] @ turn)
         at_x, at_y = (x + (PAD_PX - 0.5)).astype(np.float32), (y + (PAD_PX - 0.5)).astype(np.float32)
         sampled = cubic_samples(light, at_x, at_y)
-        if outside.any():
-            beside = linear_samples(outside, at_x, at_y) > 0
-            sampled = np.where(beside[..., None], linear_samples(light, at_x, at_y), sampled)
+        if some:
+            whole = linear_samples(far, at_x, at_y) == 1
+            sampled = np.where(whole[..., None], sampled, _of_seen(shown, seen, at_x, at_y))
         rgb[part] = sampled
         rows[part] = np.minimum(y.astype(np.int32), shape[0] - 1)
         columns[part] = np.minimum(x.astype(np.int32), shape[1] - 1)
     return rgb, rows, columns
+
+
+def _of_seen(light: Any, seen: Any, at_x: Any, at_y: Any) -> Any:
+    """Return linear samples of what the picture holds, whatever lies outside it; 0 where it holds nothing."""
+    share = linear_samples(seen, at_x, at_y)[..., None]
+    return np.where(share > 0, linear_samples(light, at_x, at_y) / np.maximum(share, 1e-6), np.float32(0))
 
 
 def _check(image: RelativeImage | LuminanceImage) -> Equirectangular:

@@ -83,9 +83,18 @@ def _behind_blind(one: Candidate) -> Candidate:
     ]
     if beside and max(beside) > CLOTH_SHARE:
         return one
-    tried = np.arange(max(0.0, v0 - above - HEAD_REACH_M), v0 - above + HEAD_REACH_M, 0.5 / view.px_per_m)
-    edge = one.field.level_edge(tried, np.full(tried.shape, u0), np.full(tried.shape, u1))
-    return replace(one, box=(u0, float(tried[int(edge.argmax())]), u1, v1))
+    return replace(one, box=(u0, _head(one, max(0.0, v0 - above)), u1, v1))
+
+
+def _head(one: Candidate, above_m: float) -> float:
+    """Return the edge near the upper end of a blind; that end itself where there is none.
+
+    The outermost texels are left out: the wall's own edge with the ceiling runs there, and none is counted.
+    """
+    p = one.field.view.px_per_m
+    tried = np.arange(max(1.5 / p, above_m - HEAD_REACH_M), above_m + HEAD_REACH_M, 0.5 / p)
+    edge = one.field.level_edge(tried, np.full(tried.shape, one.box[0]), np.full(tried.shape, one.box[2]))
+    return float(tried[int(edge.argmax())]) if edge.size and edge.max() > 0 else above_m
 
 
 def _shared(windows: list[Candidate]) -> list[Candidate]:

@@ -27,7 +27,7 @@ Array = npt.NDArray[Any]
 
 MAX_CONTRACT_BYTES = 1 << 20
 IGNORED_LABEL = 255
-"""Of class maps: by custom, a pixel that no class is given to."""
+"""Of class maps: by custom, a pixel that no class is given to, unless there are so many classes."""
 UNKNOWN = 1.0 / len(SceneClass)
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
@@ -200,7 +200,8 @@ def _of_labels(contract: NetworkContract, labels: Array) -> Floats:
     numbers = labels.astype(np.int64)
     if not np.array_equal(numbers, labels):
         raise SegmenterError("class numbers that are not whole", where=contract.name, likely="these are scores")
-    numbers = np.where(numbers == IGNORED_LABEL, -1, numbers - contract.first_label)
+    ignored = numbers == IGNORED_LABEL if len(contract.names) + contract.first_label <= IGNORED_LABEL else False
+    numbers = np.where(ignored, -1, numbers - contract.first_label)
     least, most = int(numbers.min()), int(numbers.max())
     if most >= len(contract.names) or least < -1:
         number = (most if most >= len(contract.names) else least) + contract.first_label

@@ -11,13 +11,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.images import LuminanceImage, RelativeImage
 from processing.picture_preview import preview_rgb8
+from processing.resampling import resample
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.segmentation.segmenters import Segmenter
@@ -148,9 +148,8 @@ def _stitched(
     shape = (target.height_px, target.width_px)
     rest = np.full((*shape, len(SceneClass)), 1 / len(SceneClass), dtype=np.float32)
     if first is not None:
-        # OpenCV resizes no more than four channels at once.
-        layers = [cv2.resize(one, shape[::-1], interpolation=cv2.INTER_LINEAR) for one in first.probabilities]
-        rest = np.stack(layers, axis=-1).astype(np.float32)
+        known = np.ascontiguousarray(first.probabilities.transpose(1, 2, 0))
+        rest, _ = resample(known, Equirectangular(known.shape[1], known.shape[0]), target, method="bilinear")
     if told:
         views = [_of_output(view, found) for view, found, _ in told]
         weights = [worth * _solid_angle_share(view) for view, (_, _, worth) in zip(views, told, strict=True)]

@@ -66,18 +66,16 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def _levelled(
-    image: LuminanceImage, asked: RoomParameters, gathered: _Gathered
-) -> tuple[LuminanceImage, Upright | None]:
-    if asked.level == "off":
-        gathered.left_out["panorama"] = "levelling is off: the calibrated picture is taken as upright"
-        return image, None
-    found = find_upright(image)
+def _levelled(image: LuminanceImage, asked: RoomParameters, gathered: _Gathered) -> tuple[LuminanceImage, Upright]:
+    found = find_upright(image, turn=asked.level == "auto")
     gathered.metrics |= {
         "tilt_deg": round(math.degrees(found.tilt_rad), 3),
         "tilt_sigma_deg": round(math.degrees(found.sigma_rad), 3) if math.isfinite(found.sigma_rad) else None,
         "walls_azimuth_deg": round(math.degrees(found.manhattan_rad), 2),
     }
+    if asked.level == "off":
+        gathered.left_out["panorama"] = "levelling is off: the calibrated picture is taken as upright"
+        return image, found
     if not found.turned:
         gathered.left_out["panorama"] = f"the calibrated picture stands as it is: {found.note}"
         return image, found
@@ -86,13 +84,13 @@ def _levelled(
     return upright, found
 
 
-def _evidence(context: StageContext, image: LuminanceImage, turned: Upright | None) -> SceneEvidence:
+def _evidence(context: StageContext, image: LuminanceImage, turned: Upright) -> SceneEvidence:
     evidence = scene_evidence(image, quality=context.quality.value)
     path: Path | None = context.files.get("layout_model")
     if path is None:
         return evidence
     network = load_layout_network(path)
-    boundary = layout_boundary(image, network, turn_rad=turned.manhattan_rad if turned else 0.0)
+    boundary = layout_boundary(image, network, turn_rad=turned.manhattan_rad)
     source = f"{evidence.source}; boundaries: {network.kind} {network.name}"
     return replace(evidence, boundary=boundary, source=source)
 
@@ -101,7 +99,7 @@ def _tell_room(
     context: StageContext,
     image: LuminanceImage,
     evidence: SceneEvidence,
-    known: tuple[RoomModel | None, Upright | None],
+    known: tuple[RoomModel | None, Upright],
     gathered: _Gathered,
 ) -> None:
     given, turned = known
@@ -114,12 +112,12 @@ def _tell_room(
         return
     if evidence.boundary is None:
         raise NoRoomError("the network tells no boundaries", likely="; ".join(evidence.notes) or "an unusual picture")
-    square = turned is not None and turned.manhattan_support >= LEAST_SQUARE
+    square = turned.manhattan_support >= LEAST_SQUARE
     found = estimate_room(
         image,
         evidence,
         camera_height_m=asked.camera_height_m or context.session.camera_height_m,
-        manhattan_rad=turned.manhattan_rad if square and turned is not None else None,
+        manhattan_rad=turned.manhattan_rad if square else None,
         quality=context.quality.value,
     )
     context.progress(0.8, "windows and doors")

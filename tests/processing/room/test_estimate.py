@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 
 from processing.errors import NoRoomError, ParameterError
 from processing.room.columns import columns_of
+from processing.room.confidence import diagnose, wall_confidences
 from processing.room.estimate import estimate_room, walls_azimuth
 from processing.room.hypotheses import hypotheses
 from processing.room.model import geometry_problems
 from processing.room.outline import box_outline, corners_of, polygon_of, values_of, with_values
+from processing.room.refine import Refined
 from processing.room.tidy import tidied
 from processing.segmentation.evidence import SceneEvidence
 from tests.processing.room.evidence import (
@@ -141,6 +143,39 @@ def test_pictures_that_show_no_room_are_refused_by_name() -> None:
     outdoors[3, :64] = 0.986
     with pytest.raises(NoRoomError, match="outdoors"):
         estimate_room(painted(room, 256), replace(evidence, probabilities=outdoors))
+
+
+def test_a_picture_that_looks_another_way_is_refused() -> None:
+    image = painted(room_of(BOX), 256)
+    aside = replace(image, geometry=replace(image.geometry, yaw_rad=0.3))
+    with pytest.raises(ParameterError, match=r"looks 17\.2 degrees to the side"):
+        estimate_room(aside, evidence_of(room_of(BOX)))
+
+
+def test_a_wall_that_is_not_seen_has_three_tenths_of_the_rooms_confidence() -> None:
+    """The short wall of a recess that points away from the camera."""
+    hidden = ((-1.5, -1.4), (2.2, -1.4), (2.2, 1.2), (1.1, 1.2), (1.1, 3.4), (-1.5, 3.4))
+    behind = ((-1.5, -1.4), (2.2, -1.4), (2.2, 2.4), (0.4, 2.4), (0.4, 1.2), (-1.5, 1.2))
+    room = room_of(behind)
+    sure = wall_confidences(room, columns_of(boundary_of(room)), 0.8)
+    unseen = [i for i, one in enumerate(sure) if one == pytest.approx(0.8 * 0.3)]
+    assert len(unseen) == 1
+    assert max(sure) == pytest.approx(0.8, abs=0.01)
+    seen = wall_confidences(room_of(hidden), columns_of(boundary_of(room_of(hidden))), 0.8)
+    assert min(seen) > 0.24
+
+
+def test_rivals_are_rooms_that_cost_no_more_than_the_chosen_one() -> None:
+    """Where edges chose the dearer of two rooms, the cheaper one still speaks against it."""
+    columns = columns_of(boundary_of(room_of(BOX)))
+    first = hypotheses(columns, 0.0)[0]
+    small = replace(first, fit=replace(first.fit, polygon=first.fit.polygon * 0.7), price=first.price + 100)
+    kept = Refined(small.fit.polygon, small.fit.outline)
+    facts = {"overhead": 1.0, "blank": 0.0, "loss": 0.0}
+    dearer = diagnose(columns, ([first, small], small), kept, **facts)
+    assert dearer.rival == pytest.approx(1 - 0.49, abs=0.01)
+    cheaper = diagnose(columns, ([first, small], first), Refined(first.fit.polygon, first.fit.outline), **facts)
+    assert cheaper.rival == pytest.approx(0, abs=1e-6)
 
 
 def test_evidence_that_cannot_be_is_refused() -> None:

@@ -10,7 +10,7 @@ from processing.errors import LayoutNetworkError, ParameterError
 from processing.images import RelativeImage
 from processing.room.columns import columns_of
 from processing.room.hypotheses import hypotheses
-from processing.room.layout_networks import layout_boundary, load_layout_network
+from processing.room.layout_networks import LayoutNetwork, layout_boundary, load_layout_network
 from processing.sphere import Perspective
 from tests.processing.room.evidence import picture_of
 
@@ -48,6 +48,24 @@ def test_the_answer_is_turned_back_with_the_picture(name: str) -> None:
     columns = len(straight.floor_rad) // 16
     # What the network sees straight ahead lies a sixteenth of a turn to the right in the picture.
     np.testing.assert_allclose(turned.floor_rad, np.roll(straight.floor_rad, columns))
+
+
+class Stripes:
+    """Stands in for LGT-Net's session: the distance of each of its 256 columns is how bright the picture is there."""
+
+    def run(self, _outputs, fed):
+        bright = fed["x"][0].mean(axis=(0, 1)).reshape(256, 4).mean(axis=1)
+        return [1 + bright[None], np.full((1, 1), 0.6)]
+
+
+@pytest.mark.parametrize("turn_rad", [0.0123, -0.5, 0.6999, 2.0])
+def test_answers_of_fewer_columns_than_the_picture_are_turned_back_just_as_far(turn_rad: float) -> None:
+    rng = np.random.default_rng(3)
+    wide = picture_of(np.tile(rng.uniform(0.1, 1.0, 256).repeat(4), (512, 1)))
+    network = LayoutNetwork("LGT-Net", "x", ("depth", "ratio"), Stripes(), "stripes")
+    straight = layout_boundary(wide, network)
+    np.testing.assert_allclose(layout_boundary(wide, network, turn_rad=turn_rad).floor_rad, straight.floor_rad)
+    assert np.ptp(straight.floor_rad) > 0.1
 
 
 def test_other_networks_and_files_are_refused_with_what_was_found(tmp_path: Path) -> None:

@@ -109,6 +109,29 @@ def test_validity_uncertainty_and_scale_are_carried() -> None:
     assert np.array_equal(upright.ghost, upright.validity)
 
 
+def test_what_lies_outside_the_picture_darkens_nothing_beside_it() -> None:
+    """A lens that sees the upper part only: the zeros below are no light of the rows above them."""
+    image = as_image(np.full((64, 128), 5.0, np.float32), noise=0)
+    rgb, validity = image.rgb.copy(), image.validity.copy()
+    rgb[40:], validity[40:] = 0.0, Validity.OUTSIDE
+    upright = make_upright(replace(image, rgb=rgb, validity=validity), rotation_about(np.array([0.2, 0.1, 0.0])))
+    seen = upright.validity != Validity.OUTSIDE
+    assert 0.4 < seen.mean() < 0.8
+    np.testing.assert_allclose(upright.rgb[seen], 5.0, rtol=1e-5)
+    assert np.isfinite(upright.rgb).all()
+
+
+def test_a_picture_that_is_not_to_be_turned_still_tells_its_walls_azimuth() -> None:
+    image, turn = tilted(0.15, 0.0, 0.4)
+    found = find_upright(image, turn=False)
+    assert not found.turned
+    assert "as asked" in found.note
+    assert found.tilt_rad == pytest.approx(0.15, abs=math.radians(0.6))
+    ahead = turn.T @ [0.0, 1.0, 0.0]
+    off = math.remainder(math.atan2(ahead[0], ahead[1]) - found.manhattan_rad, math.pi / 2)
+    assert abs(off) < math.radians(2)
+
+
 def test_the_sun_beside_darkness_rings_nowhere() -> None:
     luminance = np.full((64, 128), 1.0, np.float32)
     luminance[20, 30] = 1.6e9

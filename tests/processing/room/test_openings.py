@@ -10,9 +10,14 @@ import pytest
 
 from processing.images import LuminanceImage, RelativeImage
 from processing.room.model import Opening, OpeningKind, RoomModel, geometry_problems
+from processing.room.opening_cover import uncovered
+from processing.room.opening_fit import WINDOW as KIND
+from processing.room.opening_fit import Candidate, Field
 from processing.room.openings import find_openings
+from processing.room.wall_views import WallView
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
+from processing.surfaces.planes import planes_of
 from tests.processing.room.drawn_rooms import Drawn, Patch, as_image, draw
 
 ROWS = 256
@@ -100,6 +105,29 @@ def test_a_blind_belongs_to_its_window() -> None:
     image, evidence = told((WINDOW, blind), (SceneClass.WINDOW, SceneClass.FIXTURE))
     (found,) = find_openings(image, evidence, ROOM)
     assert found.head_m > 1.95
+
+
+def blind_over_a_window(*, blind_m: float, edge: float) -> Candidate:
+    """A wall 3 m wide, 2.6 m high, 50 texels a metre: a window from 1.0 m down, a blind from ``blind_m`` to it."""
+    share = np.full((len(SceneClass), 130, 150), 0.0, np.float32)
+    light = np.zeros((130, 150), np.float32)
+    rows, across = slice(round(blind_m * 50), 50), slice(50, 100)
+    share[SceneClass.WALL] = 1.0
+    share[:, rows, across], share[SceneClass.FIXTURE, rows, across] = 0.0, 1.0
+    share[:, 50:100, across], share[SceneClass.WINDOW, 50:100, across] = 0.0, 1.0
+    light[rows, across] = edge
+    plane = planes_of(ROOM)[2]
+    view = WallView(replace(plane, width_m=3.0, height_m=2.6), 50.0, light, np.ones_like(light, bool), share, (1, 1, 2))
+    return Candidate(Field(view, KIND), (1.0, 1.0, 2.0, 2.0), 0.0, 1.0)
+
+
+@pytest.mark.parametrize("edge", [0.0, 0.05, 2.0])
+@pytest.mark.parametrize("blind_m", [0.1, 0.3])
+def test_a_blind_that_ends_below_the_ceiling_does_not_lift_its_window_to_it(blind_m: float, edge: float) -> None:
+    """However faint the blind's upper edge is: the ceiling is 0.1 m above it, and no edge of it counts."""
+    (found,) = uncovered([blind_over_a_window(blind_m=blind_m, edge=edge)])
+    assert found.box[1] == pytest.approx(blind_m, abs=0.03)
+    assert found.box[3] == 2.0
 
 
 def test_a_window_darker_than_the_sky_allows_is_doubted() -> None:

@@ -17,6 +17,7 @@ from processing.segmentation.classes import SceneClass
 NAMES = ["wall", "floor", "bed", "curtain"]
 OURS = [SceneClass.WALL, SceneClass.FLOOR, SceneClass.FURNITURE, SceneClass.FIXTURE]
 TRUE = np.array([[0, 1, 2, 3], [3, 2, 1, 0]])
+MANY = {f"wall {k}": "wall" for k in range(300)}
 GOOD: dict[str, Any] = {
     "name": "toy",
     "input": "x",
@@ -67,6 +68,12 @@ def test_pixels_without_a_class_stay_open() -> None:
     labels[0, 0] = 255
     found = scene_probabilities(contract(output="argmax"), [labels[None]], (2, 4))
     np.testing.assert_allclose(found[0, 0], 1 / len(SceneClass))
+
+
+def test_a_class_numbered_255_is_no_open_pixel_where_there_are_so_many_classes() -> None:
+    many = contract(output="argmax", classes=[*NAMES, *(f"wall {k}" for k in range(300))], meanings=MANY)
+    found = scene_probabilities(many, [np.full((1, 2, 4), 255)], (2, 4))
+    np.testing.assert_array_equal(found.argmax(axis=-1), SceneClass.WALL)
 
 
 def test_queries() -> None:

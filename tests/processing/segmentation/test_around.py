@@ -88,6 +88,18 @@ def test_what_is_known_first_saves_views() -> None:
     assert "skipped" in found.notes[0] or "neither floor nor furniture" in found.notes[0]
 
 
+def test_what_is_known_first_is_spread_round_the_seam() -> None:
+    """A small map that differs on both sides of the seam only: enlarged, both of its ends meet half-way."""
+    known = np.full((len(SceneClass), 4, 8), 0.0, np.float32)
+    known[SceneClass.CEILING], known[SceneClass.WALL, :, 0] = 1.0, 1.0
+    known[SceneClass.CEILING, :, 0] = 0.0
+    found = segment_around(COLOURS[world(64)], ByColour(), first=SceneEvidence(known, "known"), rows=32).probabilities
+    wall = found[SceneClass.WALL, 16]
+    # A step of 8 pixels: the last pixel of the row lies half a pixel before the seam.
+    assert wall[-1] == pytest.approx(0.5 - 1 / 16, abs=0.01)
+    assert wall[0] == pytest.approx(0.5 + 1 / 16, abs=0.01)
+
+
 def test_pictures_that_are_no_panorama_are_refused() -> None:
     with pytest.raises(ParameterError):
         segment_around(np.zeros((8, 16), np.uint8), ByColour())  # type: ignore[arg-type]

@@ -10,12 +10,13 @@ import pytest
 
 from processing.errors import RoomError
 from processing.images import LuminanceImage
+from processing.room.estimate import estimate_room
 from processing.room.model_file import check_room, write_room
 from processing.segmentation.evidence_file import read_evidence
 from processing.stages.contract import Quality, StageContext
 from processing.stages.room import run
 from processing.stages.room_parameters import RoomParameters
-from tests.processing.room.evidence import BOX, evidence_of, painted, picture_of, room_of
+from tests.processing.room.evidence import BOX, evidence_of, painted, picture_of, room_of, turned
 from tests.station.sessions import manifest
 
 NETWORKS = Path(__file__).parents[1] / "room" / "networks"
@@ -64,6 +65,27 @@ def test_the_camera_height_given_sets_the_scale(tmp_path: Path) -> None:
     assert output.artifacts["room"]["camera_height_m"] == 3.2
     assert output.artifacts["room"]["ceiling_height_m"] == pytest.approx(5.1, rel=0.02)
     assert "off" in output.left_out["panorama"]
+
+
+@pytest.mark.usefixtures("by_hand")
+def test_a_room_that_is_not_levelled_still_knows_its_walls_azimuth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = []
+
+    def estimate(*given, **named):
+        told.append(named["manhattan_rad"])
+        return estimate_room(*given, **named)
+
+    monkeypatch.setattr("processing.stages.room.estimate_room", estimate)
+    image = calibrated(painted(room_of(turned(BOX, 0.2)), 512))
+    monkeypatch.setattr(
+        "processing.stages.room.scene_evidence", lambda *_, **__: evidence_of(room_of(turned(BOX, 0.2)))
+    )
+    output = run(context(image, tmp_path, level="off"))
+    assert "panorama" not in output.artifacts
+    assert told[0] == pytest.approx(-0.2, abs=0.02)
+    assert output.metrics["walls_azimuth_deg"] == pytest.approx(np.degrees(-0.2), abs=1)
 
 
 @pytest.mark.usefixtures("by_hand")
