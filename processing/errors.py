@@ -25,6 +25,12 @@ class PictureFileError(ProcessingError):
     code = "PIC-001"
 
 
+class PanoramaError(PictureFileError):
+    """A picture that is no whole equirectangular panorama: another shape or projection, a part, to be turned."""
+
+    code = "PIC-002"
+
+
 class ResponseError(ProcessingError):
     """Frames from which no response curve can be told: too few, all alike, all clipped or all dark."""
 
@@ -172,6 +178,24 @@ class AlbedoError(RenderingError):
     """Albedo cannot be told: no light in the picture, or no visible surface."""
 
     code = "REN-005"
+
+
+class RelightError(RenderingError):
+    """Another light cannot be worked out: a basis of another scene or version, or one too large to be held."""
+
+    code = "REN-006"
+
+
+class ViewpointError(RenderingError):
+    """A place from which the room cannot be looked at: outside of it, or within a piece of furniture (named)."""
+
+    code = "REN-007"
+
+
+class DaylightError(ProcessingError):
+    """The light at another time cannot be told: no site or heading, or the sun is below the horizon."""
+
+    code = "DAY-001"
 
 
 class NoRoomError(ProcessingError):

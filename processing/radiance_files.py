@@ -26,7 +26,7 @@ RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)
 """As ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)."""
 MARK = "daylit_luminance=radiance-weights"
 RELATIVE_MARK = "daylit_units=relative"
-"""In the header of a picture whose scale nothing gave: its values are not watts, and no tool may take them for cd/m2."""
+"""In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
 
 _MAX_FILE_BYTES = 1 << 31
 _MAX_HEADER_BYTES = 1 << 20

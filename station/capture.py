@@ -118,7 +118,7 @@ class Capture:
             The session was imported, or needs a camera that the rig lacks or has set otherwise.
         """
         bracket, where = store.manifest.bracket, str(store.path)
-        if bracket.mode == "imported":
+        if bracket.mode not in ("full", "adaptive"):
             raise SessionError("an imported session cannot be resumed", where=where, advice="import it anew")
         needed = {side for side in bracket.sides if store.manifest.missing_stops(side)}
         if lacking := needed - set(rig.cameras):

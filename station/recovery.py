@@ -13,7 +13,15 @@ from station.frame_part import free_name
 from station.journal import JournalContent, read_journal
 from station.manifest import read_manifest
 from station.replay import RECORDS, SessionState, replay
-from station.session import JOURNAL_NAME, MANIFEST_NAME, FrameRecord, RejectedFrame, SessionManifest, Side
+from station.session import (
+    JOURNAL_NAME,
+    MANIFEST_NAME,
+    FrameRecord,
+    PanoramaRecord,
+    RejectedFrame,
+    SessionManifest,
+    Side,
+)
 
 REJECTED = "rejected"
 SUBFOLDERS = (Side.INDOOR.value, Side.OUTDOOR.value, REJECTED)
@@ -148,7 +156,7 @@ class FileProblem(NamedTuple):
     message: str
 
 
-def file_problem(folder: Folder, frame: FrameRecord) -> FileProblem | None:
+def file_problem(folder: Folder, frame: FrameRecord | PanoramaRecord) -> FileProblem | None:
     """Say what is wrong with the file of a frame without reading it; None if nothing."""
     info = folder.lstat(frame.file.partition("/")[2])
     if info is None:

@@ -24,6 +24,8 @@ FramePath = Annotated[
     str,
     StringConstraints(pattern=r"^(indoor|outdoor|rejected)/[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", max_length=120),
 ]
+PANORAMA_FOLDER = "given"
+PanoramaPath = Annotated[str, StringConstraints(pattern=r"^given/panorama\.(jpg|png|exr|hdr)$")]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 PositiveSeconds = Annotated[float, Field(gt=0, le=3600)]
@@ -121,6 +123,19 @@ class FrameRecord(Model):
     retakes: Annotated[int, Field(ge=0, le=10)] = 0
 
 
+class PanoramaRecord(Model):
+    """One whole panorama that was given instead of brackets: no exposure times, no meter."""
+
+    file: PanoramaPath
+    format: Literal["jpeg", "png", "exr", "hdr"]
+    size_bytes: Annotated[int, Field(gt=0, le=1_000_000_000)]
+    sha256: Sha256
+    width_px: Annotated[int, Field(gt=0, le=65_536)]
+    height_px: Annotated[int, Field(gt=0, le=65_536)]
+    given_name: SafeText = ""
+    """What the file was called."""
+
+
 class RejectedFrame(Model):
     """A frame that was taken and does not count; kept aside with the reason."""
 
@@ -171,7 +186,8 @@ class ReadingRecord(Model):
 class BracketRecord(Model):
     """What was planned: asked exposure times (longest first) and which sides take them."""
 
-    mode: Literal["full", "adaptive", "imported"]
+    mode: Literal["full", "adaptive", "imported", "panorama"]
+    """imported: from folders of JPEGs; panorama: no bracket at all, see `SessionManifest.panorama`."""
     stops_s: tuple[PositiveSeconds, ...]
     sides: tuple[Side, ...]
     order: tuple[int, ...] = ()
@@ -202,6 +218,7 @@ class SessionManifest(Model):
     bracket: BracketRecord
     devices: tuple[DeviceRecord, ...] = ()
     frames: tuple[FrameRecord, ...] = ()
+    panorama: PanoramaRecord | None = None
     rejected: tuple[RejectedFrame, ...] = ()
     skipped: tuple[SkippedStop, ...] = ()
     target: MeterTarget | None = None
@@ -247,6 +264,8 @@ class SessionManifest(Model):
             lost = (r for r in self.rejected if r.stop < 0)
             missing += [f"{r.side}: a frame of unknown exposure ({r.reason[:300]})" for r in lost]
         missing += [f"meter reading {when}" for when in self.missing_readings()]
+        if self.bracket.mode == "panorama" and self.panorama is None:
+            missing.append("the panorama")
         status = SessionStatus.PARTIAL if missing else SessionStatus.COMPLETE
         return self.model_copy(update={"status": status, "missing": tuple(missing)})
 

@@ -20,7 +20,16 @@ from station.lock import LOCK_NAME, SessionLock
 from station.manifest import manifest_bytes, read_manifest
 from station.recovery import REJECTED, SUBFOLDERS, FileProblem
 from station.replay import RECORDS, replay
-from station.session import JOURNAL_NAME, MANIFEST_NAME, FrameRecord, Model, SessionManifest, SessionStatus
+from station.session import (
+    JOURNAL_NAME,
+    MANIFEST_NAME,
+    PANORAMA_FOLDER,
+    FrameRecord,
+    Model,
+    PanoramaRecord,
+    SessionManifest,
+    SessionStatus,
+)
 from station.verify_report import Problem, VerifyReport
 
 __all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
@@ -58,6 +67,8 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
                 _check_folder(root, name, listed, report)
             for frame in best.frames:
                 _check_frame(root, frame, report, frame_check)
+            if best.panorama:
+                _check_panorama(root, best.panorama, report)
     finally:
         root.close()
     return report
@@ -216,7 +227,26 @@ def _check_frame(root: Folder, frame: FrameRecord, report: VerifyReport, frame_c
         report.add(problem.code, frame.file, problem.message)
 
 
-def _digest_problem(folder: Folder, frame: FrameRecord, report: VerifyReport) -> FileProblem | None:
+def _check_panorama(root: Folder, panorama: PanoramaRecord, report: VerifyReport) -> None:
+    try:
+        folder = root.sub(PANORAMA_FOLDER)
+    except SessionError as exc:
+        report.add("missing", panorama.file, exc.message)
+        return
+    try:
+        problem = recovery.file_problem(folder, panorama)
+        if problem is None and not report.fast:
+            problem = _digest_problem(folder, panorama, report)
+    except (SessionError, ResourceError) as exc:
+        problem = FileProblem("unreadable", exc.message)
+    finally:
+        folder.close()
+    report.frames_checked += 1
+    if problem:
+        report.add(problem.code, panorama.file, problem.message)
+
+
+def _digest_problem(folder: Folder, frame: FrameRecord | PanoramaRecord, report: VerifyReport) -> FileProblem | None:
     name = frame.file.partition("/")[2]
     fd = folder.open_file(name)
     digest = hashlib.sha256()

@@ -49,14 +49,26 @@ def _type(kind: str, value: str) -> Any:
 
 
 @click.command(cls=ProcessCommand)
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--panorama",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Instead of SESSION: one panorama (JPEG, PNG, EXR, HDR; equirectangular). Without a meter, in relative units.",
+)
+@click.option(
+    "--into",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="With --panorama: where its session is made (default: sessions).",
+)
 @click.option("--until", metavar="STAGE", help="Run this stage and what it needs, no more.")
 @click.option("--force", metavar="STAGE", multiple=True, help="Run this stage though nothing has changed (repeatable).")
 @click.option("--recheck", is_flag=True, help="Read every file again instead of trusting size and times.")
 @click.option("--dry-run", is_flag=True, help="Say what would run and why; change nothing.")
 @click.option("--explain", is_flag=True, help="Say of every stage which input or parameter changed, old and new.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
-def process(session: Path, *, explain: bool, as_json: bool, **asked: Any) -> int:
+def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any) -> int:
     """Process SESSION: check, merge, calibrate ...: each stage only if something it depends on has changed.
 
     Results are in SESSION/stages, one folder a stage. A run that is killed leaves the old result or the new one; the
@@ -66,11 +78,13 @@ def process(session: Path, *, explain: bool, as_json: bool, **asked: Any) -> int
     Examples:
       daylit process sessions/2023-05-19T1554Z_coda-320
       daylit process --until merge --max-error 0.02 --explain sessions/2023-05-19T1554Z_coda-320
+      daylit process --panorama bedroom.jpg
     """
     from processing.commands.process_views import SilentView, plain_or_terminal, summary_lines
     from processing.running.runner import process as run
 
     request = _request(asked)
+    session = _session(session, asked["panorama"], asked["into"])
     with SilentView() if as_json else plain_or_terminal(sys.stdout.isatty()) as view:
         report = run(session, request, on_event=view.show)
     if as_json:
@@ -78,7 +92,26 @@ def process(session: Path, *, explain: bool, as_json: bool, **asked: Any) -> int
         return 0
     for line in summary_lines(report, request, explain=explain):
         click.echo(line)
+    page = session / "stages" / "report" / "index.html"
+    if page.is_file() and not request.dry_run:
+        click.echo(f"report: {page}")
     return 0
+
+
+def _session(session: Path | None, panorama: Path | None, into: Path | None) -> Path:
+    """Return the session that is named, or that of the panorama."""
+    from station.errors import UsageError
+
+    if (session is None) == (panorama is None):
+        raise UsageError("give a session, or --panorama FILE", where="daylit process", advice="one of them, not both")
+    if panorama is None:
+        if into is not None:
+            raise UsageError("--into goes with --panorama", where="daylit process", advice="leave it out")
+        assert session is not None
+        return session
+    from processing.running.panorama_session import panorama_session
+
+    return panorama_session(panorama, into or Path("sessions"))
 
 
 def _request(asked: dict[str, Any]) -> RunRequest:

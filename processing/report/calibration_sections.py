@@ -45,9 +45,10 @@ def indoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
     pictures = _pictures(image, "Room")
     if "longitude_deg" in target and isinstance(image.geometry, Equirectangular):
         pictures.append(_spot(image, image.geometry, target))
-    quantities = [
-        Quantity("k1", facts["k1"], "", facts["k1"] * facts["k1_relative_uncertainty"], f"uncertainty from {parts}"),
-    ]
+    quantities = []
+    if facts["k1"] is not None:
+        told = f"uncertainty from {parts}"
+        quantities.append(Quantity("k1", facts["k1"], "", facts["k1"] * facts["k1_relative_uncertainty"], told))
     if facts["meter_cd_m2"]:
         quantities.append(Quantity("Meter at the moment of the picture", facts["meter_cd_m2"], "cd/m2"))
     if facts["meter_drift_frac"] is not None:

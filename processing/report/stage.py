@@ -78,6 +78,8 @@ def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
 
 def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
     room = facts["indoor"]
+    if not room.get("absolute", True):
+        return (Quantity("Clipped", 100 * room["clipped_share"], "% of all directions", note=room["source"]),)
     light = room["illuminance_lx"]["up"]
     found = [
         Quantity("k1", room["k1"], "", room["k1"] * room["k1_relative_uncertainty"], "indoor scale, eq. 1"),
@@ -107,8 +109,8 @@ def _warnings(name: str, summary: Mapping[str, Any]) -> list[WarningLine]:
 
 
 def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section, ...]:
-    response = context.artifact("merge", "response")
-    metrics = context.summary("merge")["metrics"]
+    response = context.optional_artifact("merge", "response") or {}
+    metrics = context.summary("merge").get("metrics", {})
     found = [indoor_section(context.artifact("calibrate", "indoor"), facts["indoor"])]
     sky = context.optional_artifact("calibrate", "outdoor")
     if sky is not None:

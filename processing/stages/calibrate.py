@@ -10,6 +10,7 @@ from processing.calibration.profile_records import ResponseRecord
 from processing.errors import LensError
 from processing.stages.calibrate_indoor import Calibrated, calibrate_indoor
 from processing.stages.calibrate_outdoor import calibrate_outdoor, why_no_scale
+from processing.stages.calibrate_panorama import calibrate_panorama
 from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from station.session import Side
@@ -18,8 +19,11 @@ from station.session import Side
 def run(context: StageContext) -> StageOutput:
     """Scale the merged pictures: k1 from the meter, k2 from the rig profile; the sky through its lens and filter.
 
-    A sky whose lens cannot be told is left out with the reason; the room stands.
+    A sky whose lens cannot be told is left out with the reason; the room stands. One panorama instead of brackets is
+    taken as it is, without a scale.
     """
+    if context.session.panorama is not None:
+        return calibrate_panorama(context)
     asked = context.parameters
     assert isinstance(asked, CalibrateParameters)
     profile = _profile(context.files.get("calibration"))

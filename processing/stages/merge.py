@@ -38,6 +38,11 @@ class _Gathered:
         self.warnings.append(StageWarning(code=f"{side}-refused", message=f"{side}: {text}"[:500]))
 
 
+def nothing_to_merge(context: StageContext) -> str | None:
+    """Return why there is nothing to merge: one panorama was given."""
+    return None if context.session.panorama is None else "one picture was given, no bracket"
+
+
 def run(context: StageContext) -> StageOutput:
     """Merge what the session has.
 

@@ -1,0 +1,108 @@
+"""A session of one panorama: the way in for those who have a photograph, and neither brackets nor a meter."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from uuid import uuid4
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import DaylitError
+from processing.errors import PictureFileError
+from processing.picture_panorama import panorama_format, read_panorama
+from station.folder import Folder, write_file
+from station.session import (
+    PANORAMA_FOLDER,
+    BracketRecord,
+    PanoramaRecord,
+    SessionManifest,
+    Site,
+    WarningRecord,
+)
+from station.store import SessionStore, load_manifest
+
+ENDINGS = {"jpeg": "jpg", "png": "png", "exr": "exr", "hdr": "hdr"}
+MAX_FILE_BYTES = 1 << 30
+
+
+def panorama_session(
+    path: Path, into: Path, *, site: Site | None = None, heading_rad: float | None = None, clock: Clock | None = None
+) -> Path:
+    """Return the session folder of a panorama's file: one in ``into`` made of the same bytes and facts, or a new one.
+
+    Raises `PictureFileError` and `PanoramaError` for what cannot be taken; nothing is then made.
+    """
+    data = _bytes(path)
+    digest = hashlib.sha256(data).hexdigest()
+    name = path.stem[:100] or "panorama"
+    found = _existing(into, name, digest, site or Site(), heading_rad)
+    if found is not None:
+        return found
+    given = read_panorama(path)
+    height, width = given.image.rgb.shape[:2]
+    kind = panorama_format(path)
+    record = PanoramaRecord(
+        file=f"{PANORAMA_FOLDER}/panorama.{ENDINGS[kind]}",
+        format=kind,
+        size_bytes=len(data),
+        sha256=digest,
+        width_px=width,
+        height_px=height,
+        given_name=path.name[:200],
+    )
+    clock = clock or SystemClock()
+    manifest = SessionManifest(
+        session_id=uuid4().hex,
+        name=name,
+        created_utc=clock.utc_now(),
+        site=site or Site(),
+        heading_rad=heading_rad,
+        bracket=BracketRecord(mode="panorama", stops_s=(), sides=()),
+        readings_planned=0,
+    )
+    with SessionStore.create(into, manifest, clock=clock) as store:
+        _put(store.path, record, data)
+        store.update(panorama=record)
+        store.add_warning(WarningRecord(code="one_picture", message="one picture: no brackets, no meter, no sky"))
+        store.finish()
+        return store.path
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise PictureFileError(f"cannot be read: {error.strerror}", where=str(path)) from error
+    if not data or len(data) > MAX_FILE_BYTES:
+        raise PictureFileError(f"it has {len(data)} bytes or more", where=str(path), advice="give a panorama's file")
+    return data
+
+
+def _existing(into: Path, name: str, digest: str, site: Site, heading_rad: float | None) -> Path | None:
+    """Return a session of the same bytes whose file is still there, so that a second run does only what is new."""
+    if not into.is_dir():
+        return None
+    for folder in sorted(into.iterdir()):
+        try:
+            manifest = load_manifest(folder)
+        except DaylitError:
+            continue
+        same = manifest.panorama is not None and manifest.panorama.sha256 == digest and manifest.name == name
+        if same and (manifest.site, manifest.heading_rad) == (site, heading_rad):
+            return folder
+    return None
+
+
+def _put(session: Path, record: PanoramaRecord, data: bytes) -> None:
+    root = Folder.open(session)
+    try:
+        root.make_sub(PANORAMA_FOLDER)
+        root.sync()
+        folder = root.sub(PANORAMA_FOLDER)
+        try:
+            write_file(folder, record.file.partition("/")[2], data)
+        finally:
+            folder.close()
+    finally:
+        root.close()
