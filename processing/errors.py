@@ -220,3 +220,9 @@ class FillerError(ProcessingError):
     """A filling network that cannot be loaded, or whose inputs and outputs are not what the contract asks."""
 
     code = "RMV-001"
+
+
+class RemovalError(ProcessingError):
+    """A room that cannot be emptied: what is to be removed covers all that is seen."""
+
+    code = "RMV-002"

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import ParameterError
+from processing.errors import ParameterError, RemovalError
 from processing.images import LuminanceImage, RelativeImage, Validity
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
@@ -78,6 +78,8 @@ def empty_room(
         Sizes that do not fit; a picture that is not equirectangular; an unknown quality.
     RoomError
         The room cannot stand.
+    RemovalError
+        A target that covers all that is seen.
     """
     geometry = _checked(image, target, sunlight, quality)
     provenance = np.zeros(target.shape, np.uint8)
@@ -85,6 +87,13 @@ def empty_room(
     if not target.any():
         return Emptied(image, provenance, confidence, (), ("nothing to remove",))
     rgb, blind = _finite(image)
+    if (target | blind).all():
+        raise RemovalError(
+            "nothing of the room is left to fill it from",
+            where="target",
+            likely="the mask is all white, or inverted",
+            advice="leave some of floor, walls and ceiling out of the mask",
+        )
     shown = plane_map(room, geometry)
     unfit = _unfit(target, sunlight)
     planes = planes_of(room)
@@ -153,9 +162,10 @@ def _plane(
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
     like = (shown >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
+    seen = like & ~masked if (like & ~masked).any() else ~masked
     # A few thousand pixels tell a median.
-    among = np.flatnonzero(like & ~masked)[:: max(1, masked.size // 200_000)]
-    elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32) if among.size else None
+    among = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // 10_000)]
+    elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32)
     return fill_plane(texture, hole, mixed, room, elsewhere)
 
 
@@ -168,13 +178,15 @@ def _draw(
 ) -> None:
     """Draw a plane's filling into the panorama, its provenance and its confidence."""
     out, provenance, confidence = into
-    layers = np.concatenate([done.values, done.confidence[..., None]], axis=-1)
+    layers = np.concatenate(
+        [done.values, done.confidence[..., None], done.continued[..., None].astype(np.float32)], axis=-1
+    )
     # Texels outside the outline are never right: `wrap` leaves them out.
     values, mask = wrap(layers, done.texture.plane, done.texture.px_per_m, room, geometry, where)
     out[mask] = np.maximum(values[:, :3], 0)
     sure = np.clip(values[:, 3], 0, 1)
     confidence[mask] = sure
-    provenance[mask] = np.where((sure >= SURE) & done.continued, CONTINUED, SYNTHESISED)
+    provenance[mask] = np.where((sure >= SURE) & (values[:, 4] > 0.99), CONTINUED, SYNTHESISED)
 
 
 def _image(

@@ -26,6 +26,8 @@ WHITE = 4.0
 SURE, UNSURE = 0.65, 0.25
 """Confidence above which our filling stays, and below which the network's takes its place."""
 LEARNED_CONFIDENCE = 0.5
+INVENTED = 0.1
+"""Share of the network's picture from which a texel is no continuation of what is seen."""
 CONTEXT = 0.35
 """Of the hole's size that the network sees around it."""
 THREADS = 2
@@ -111,7 +113,10 @@ class LamaFiller:
         values[window] = np.where(hole[..., None], np.maximum(mixed, 0), light)
         ours = confidence[window]
         confidence[window] = np.where(hole, np.maximum(ours, LEARNED_CONFIDENCE * share[..., 0]), ours)
-        return replace(filled, values=values, confidence=confidence, how=f"{filled.how}; {self.path.stem} where unsure")
+        continued = filled.continued.copy()
+        continued[window] &= share[..., 0] < INVENTED
+        how = f"{filled.how}; {self.path.stem} where unsure"
+        return replace(filled, values=values, confidence=confidence, continued=continued, how=how)
 
     def _fitted(self, srgb: Floats, hole: Flags) -> Floats:
         """Return the network's picture at the given size."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from processing.images import luminance_cd_m2
@@ -38,12 +37,12 @@ class FilledPlane:
     hole: Flags
     confidence: Floats
     """(h, w)."""
-    continued: bool
-    """Whether the surface repeats or is plain, so that its continuation is no invention."""
+    continued: Flags
+    """(h, w): where the surface repeats or is plain, so that its continuation is no invention."""
     how: str
 
 
-def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats | None) -> FilledPlane:
+def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats) -> FilledPlane:
     """Fill a texture's hole; ``unfit`` texels are known but nothing is copied from them (sunlight, mixed pixels).
 
     ``elsewhere`` (3,) is the colour of like planes, taken where too little of this one is known.
@@ -55,7 +54,7 @@ def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, els
         colour = _colour(values, sources, elsewhere)
         values[hole] = colour
         confidence = np.where(hole, 0.05, 1).astype(np.float32)
-        return FilledPlane(texture, values, hole, confidence, False, "nothing of it is seen: one colour")
+        return FilledPlane(texture, values, hole, confidence, ~hole, "nothing of it is seen: one colour")
     confidence = np.ones(hole.shape, np.float32)
     rest = np.ones_like(hole)
     for region in opening_regions(texture.plane, room, hole.shape, texture.px_per_m):
@@ -68,21 +67,19 @@ def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, els
             filled = fill_plain(values, known & region, inside, level_rows=True)
             values, confidence[inside] = filled.values, 0.7 * filled.confidence[inside]
     inside = hole & rest
-    continued, how = True, "openings only"
+    continued, how = np.ones_like(hole), "openings only"
     if inside.any() and (sources & rest).sum() < LEAST_TEXELS:
         # All that is seen of it is openings, and a wall does not look like what is behind its windows.
         values[inside] = _colour(values, sources & rest, elsewhere)
-        confidence[inside], continued, how = 0.05, False, "nothing of it is seen: one colour"
+        confidence[inside], continued[inside], how = 0.05, False, "nothing of it is seen: one colour"
     elif inside.any():
-        values, sure, continued, how = _surface(texture, values, sources & rest, inside)
-        confidence[inside] = sure[inside]
+        values, sure, goes_on, how = _surface(texture, values, sources & rest, inside)
+        confidence[inside], continued[inside] = sure[inside], goes_on
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
 
-def _colour(values: Floats, known: Flags, elsewhere: Floats | None) -> Floats:
-    if elsewhere is not None and known.sum() < LEAST_TEXELS:
-        return elsewhere
-    return np.asarray(np.median(values[known], axis=0), np.float32) if known.any() else np.zeros(3, np.float32)
+def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:
+    return elsewhere if known.sum() < LEAST_TEXELS else np.asarray(np.median(values[known], axis=0), np.float32)
 
 
 def _surface(texture: Texture, values: Floats, sources: Flags, hole: Flags) -> tuple[Floats, Floats, bool, str]:
@@ -104,9 +101,3 @@ def _surface(texture: Texture, values: Floats, sources: Flags, hole: Flags) -> t
         done = replace(done, values=np.where(hole[..., None], done.values * rows, values))
     kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
     return done.values, done.confidence, done.repeat is not Repeat.NONE, f"{done.repeat.value}{kind}"
-
-
-def eroded(known: Flags, radius_px: int) -> Flags:
-    """Return known texels whose neighbours are known too."""
-    kernel = np.ones((2 * radius_px + 1,) * 2, np.uint8)
-    return cv2.erode(known.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE).astype(bool)

@@ -32,7 +32,7 @@ SEARCH_AZIMUTHS, SEARCH_ELEVATIONS = 72, 12
 LOWEST_RAD, HIGHEST_RAD = math.radians(8), math.radians(75)
 FINE_STEPS_RAD = (math.radians(2.0), math.radians(0.7))
 GIVEN_SLACK_RAD = math.radians(6)
-"""By which a given direction may be off: heading and clock."""
+"""By which a given direction may be off: heading and clock. The search goes no farther."""
 LEAST_SR = 1e-4
 
 
@@ -147,7 +147,10 @@ def best_direction(
         ]
     else:
         steps = np.linspace(-GIVEN_SLACK_RAD, GIVEN_SLACK_RAD, 5)
-        asked = [(sun[0] + float(a), max(0.01, sun[1] + float(e))) for a in steps for e in steps]
+        # A step in azimuth is a smaller angle the higher the sun stands.
+        wider = 1 / max(math.cos(sun[1]), 0.1)
+        asked = [(sun[0] + float(a) * wider, max(0.01, sun[1] + float(e))) for a in steps for e in steps]
+        asked = [one for one in asked if _within_slack(one, sun)]
     best: tuple[float, float] | None = None
     score = 0.0
     for direction in asked:
@@ -160,9 +163,17 @@ def best_direction(
         around = [
             (best[0] + i * step, max(0.01, best[1] + j * step)) for i in (-2, -1, 0, 1, 2) for j in (-2, -1, 0, 1, 2)
         ]
+        around = [one for one in around if _within_slack(one, sun)]
         values = [explained(scene, room, sun_vector(*one)) for one in around]
         best, score = around[int(np.argmax(values))], max(values)
     return best, score
+
+
+def _within_slack(direction: tuple[float, float], given: tuple[float, float] | None) -> bool:
+    """Return whether a direction is as near to the given one as that may be off; any is where none is given."""
+    if given is None:
+        return True
+    return float(sun_vector(*direction) @ sun_vector(*given)) >= math.cos(GIVEN_SLACK_RAD + 1e-9)
 
 
 def explained(scene: Scene, room: RoomModel, sun: Doubles) -> float:

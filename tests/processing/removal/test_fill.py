@@ -11,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from processing.errors import FillerError, ParameterError
+from processing.errors import FillerError, ParameterError, RemovalError
 from processing.images import LuminanceImage, Validity
 from processing.removal.fill import empty_room
 from processing.removal.learned import LamaFiller
+from processing.removal.plane_fill import SURE, FilledPlane
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
@@ -125,6 +126,24 @@ def test_a_floor_hidden_altogether_is_said() -> None:
     assert any("hidden altogether" in note for note in found.notes)
 
 
+def test_a_target_that_covers_everything_is_refused() -> None:
+    image, planes, _ = painted()
+    everything = np.ones_like(planes, bool)
+    with pytest.raises(RemovalError, match="nothing of the room is left"):
+        empty_room(image, everything, box_room())
+    rgb = image.rgb.copy()
+    rgb[:5] = np.nan
+    everything[:5] = False
+    with pytest.raises(RemovalError, match="nothing of the room is left"):
+        empty_room(replace(image, rgb=rgb), everything, box_room())
+
+
+def test_walls_hidden_altogether_are_not_black() -> None:
+    image, planes, _ = painted()
+    found = empty_room(image, planes >= 2, box_room(), quality="draft")
+    assert found.image.rgb[planes >= 2].min() > 5
+
+
 def test_four_fifths_of_the_floor() -> None:
     image, planes, place = painted()
     target = (planes == 0) & (place[..., 0] > -1.2)
@@ -197,6 +216,28 @@ def test_a_network_fills_where_ours_is_unsure(tmp_path: Path, scale: float) -> N
     assert not np.allclose(ours.image.rgb[target], theirs.image.rgb[target])
     assert np.array_equal(theirs.image.rgb[~target], image.rgb[~target])
     assert theirs.confidence[target].mean() > ours.confidence[target].mean()
+
+
+def test_what_a_network_invents_is_never_called_continued(tmp_path: Path) -> None:
+    """A plain wall, a third of which is seen: ours is a continuation, the network's is not, however sure it is."""
+    image, planes, _ = painted()
+    wall = int(planes[ROWS // 2, 0])
+    target = (planes == wall) & (np.arange(2 * ROWS)[None, :] % 37 > 12)
+    filled = empty_room(image, target, box_room(), quality="draft")
+    plane = next(f for f in filled.textures if f.texture.plane.index == wall)
+    assert plane.continued[plane.hole].all(), "plain"
+    unsure = replace(plane, confidence=np.where(plane.hole, 0.3, 1).astype(np.float32))
+    theirs = LamaFiller(onnx_file(tmp_path), threads=1)(unsure)
+    invented = theirs.hole & (np.abs(theirs.values - plane.values).max(axis=-1) > 0.2 * plane.values.max(axis=-1))
+    assert invented.any()
+    assert theirs.confidence[invented].max() > SURE
+    assert not theirs.continued[invented].any()
+
+    def filler(done: FilledPlane) -> FilledPlane:
+        return replace(theirs, texture=done.texture) if done.texture.plane.index == wall else done
+
+    drawn = empty_room(image, target, box_room(), quality="draft", filler=filler)
+    assert (drawn.provenance[target] == 2).mean() > 0.5
 
 
 def test_networks_that_do_not_fit_are_told(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from processing.images import luminance_cd_m2
 from processing.removal.round_masks import row_solid_angles
 from processing.removal.sun_geometry import OUTSIDE, sun_vector, wall_between, window_depth
-from processing.removal.sunlight import SunFound, find_sunlight
+from processing.removal.sunlight import GIVEN_SLACK_RAD, SunFound, find_sunlight
 from processing.surfaces.plane import CEILING
 from tests.processing.removal.painted_room import SUN, Painted, box_room, iou, paint
 
@@ -58,6 +58,21 @@ def test_a_beam_is_found_with_the_sun_known_roughly_known_and_searched(
     assert iou(found.mask, painted.sunlit) > 0.9
     assert found.confirmed
     assert found.direction is not None
+
+
+@pytest.mark.parametrize("off", [(0.3, 0.0), (0.0, 0.25), (-0.2, -0.2), (0.12, 0.0)])
+def test_a_given_sun_is_not_left_by_more_than_it_may_be_off(off: tuple[float, float]) -> None:
+    """The true sun stands 7 to 17 degrees beside the given one: the search does not drift there."""
+    given = (SUN[0] + off[0], SUN[1] + off[1])
+    found = sunlight(paint(sun_ratio=8.0), given)
+    if found.direction is not None:
+        away = math.acos(min(1.0, float(sun_vector(*found.direction) @ sun_vector(*given))))
+        assert away <= GIVEN_SLACK_RAD + 1e-6
+
+
+def test_a_given_sun_low_over_the_horizon_stays_above_it() -> None:
+    found = sunlight(paint(sun_ratio=8.0), (SUN[0], math.radians(1)))
+    assert found.direction is None or found.direction[1] > 0
 
 
 def test_no_sun_is_said() -> None:
