@@ -1,0 +1,109 @@
+"""`daylit process --panorama`: a session of one picture, merge left out, everything in relative units."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import daylit
+from processing.errors import PanoramaError
+from processing.image_files import read_exr
+from processing.images import LuminanceImage
+from processing.running.panorama_session import panorama_session
+from processing.running.requests import RunRequest
+from processing.running.run_report import Action
+from processing.running.runner import process
+from station.session import SessionStatus, Site
+from station.store import load_manifest
+from station.verify import verify_session
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    rgb = np.random.default_rng(1).integers(60, 200, (64, 128, 3), dtype=np.uint8)
+    rgb[20:30, 40:50] = 255
+    Image.fromarray(rgb).save(tmp_path / "bedroom.png")
+    return tmp_path / "bedroom.png"
+
+
+def test_a_session_is_made_once_and_is_whole(photo: Path, tmp_path: Path) -> None:
+    into = tmp_path / "sessions"
+    path = panorama_session(photo, into)
+    manifest = load_manifest(path)
+    assert manifest.status is SessionStatus.COMPLETE
+    assert manifest.panorama is not None
+    assert (manifest.panorama.width_px, manifest.panorama.given_name) == (128, "bedroom.png")
+    assert (path / manifest.panorama.file).read_bytes() == photo.read_bytes()
+    assert verify_session(path).intact
+    assert panorama_session(photo, into) == path
+    assert panorama_session(photo, into, site=Site(latitude_deg=40.0, longitude_deg=-80.0)) != path
+    photo.write_bytes(photo.read_bytes() + b"\0")
+    assert panorama_session(photo, into) != path
+
+
+def test_a_changed_or_missing_panorama_is_told(photo: Path, tmp_path: Path) -> None:
+    path = panorama_session(photo, tmp_path / "sessions")
+    file = path / "given" / "panorama.png"
+    data = bytearray(file.read_bytes())
+    data[100] ^= 1
+    file.chmod(0o644)
+    file.write_bytes(bytes(data))
+    assert [p.code for p in verify_session(path).problems] == ["digest"]
+    file.unlink()
+    assert [p.code for p in verify_session(path).problems] == ["missing"]
+
+
+def test_nothing_is_made_of_what_is_refused(tmp_path: Path) -> None:
+    Image.fromarray(np.zeros((100, 130, 3), np.uint8)).save(tmp_path / "photo.png")
+    with pytest.raises(PanoramaError):
+        panorama_session(tmp_path / "photo.png", tmp_path / "sessions")
+    assert not (tmp_path / "sessions").exists()
+
+
+def test_merge_has_nothing_to_do_and_calibrate_is_relative(photo: Path, tmp_path: Path) -> None:
+    path = panorama_session(photo, tmp_path / "sessions")
+    done = {stage.stage: stage for stage in process(path, RunRequest(until="calibrate")).stages}
+    assert done["merge"].action is Action.NOTHING_TO_DO
+    assert done["merge"].reason == "one picture was given, no bracket"
+    told = done["calibrate"].summary
+    assert set(told["left_out"]) == {"outdoor", "scale"}
+    assert any("relative units" in one["message"] for one in told["warnings"])
+    assert any("clipped" in one["message"] for one in told["warnings"])
+    picture = read_exr(path / "stages" / "calibrate" / "indoor.exr")
+    assert isinstance(picture, LuminanceImage)
+    assert not picture.absolute
+    facts = json.loads((path / "stages" / "calibrate" / "calibration.json").read_text("utf-8"))["indoor"]
+    assert (facts["absolute"], facts["units"], facts["k1"]) == (False, "relative units", None)
+    assert facts["illuminance_lx"] == {}
+
+
+def test_k1_gives_it_a_scale(photo: Path, tmp_path: Path) -> None:
+    path = panorama_session(photo, tmp_path / "sessions")
+    process(path, RunRequest(until="calibrate", options={"--k1": 300.0}))
+    picture = read_exr(path / "stages" / "calibrate" / "indoor.exr")
+    assert isinstance(picture, LuminanceImage)
+    assert picture.absolute
+    assert float(picture.rgb.max()) == pytest.approx(300.0)
+    facts = json.loads((path / "stages" / "calibrate" / "calibration.json").read_text("utf-8"))["indoor"]
+    assert facts["k1"] == 300.0
+    assert facts["illuminance_lx"]["up"]["value"] > 0
+
+
+def test_the_command_takes_a_session_or_a_panorama(
+    photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    into = str(tmp_path / "sessions")
+    assert daylit.main(["process"]) == 2
+    assert daylit.main(["process", "x", "--panorama", str(photo)]) == 2
+    assert daylit.main(["process", "x", "--into", into]) == 2
+    assert daylit.main(["process", "--panorama", str(tmp_path / "none.jpg"), "--into", into]) == 5
+    assert "PIC-001" in capsys.readouterr().err
+    arguments = ["process", "--panorama", str(photo), "--into", into, "--until", "calibrate"]
+    assert daylit.main(arguments) == 0
+    assert "nothing to do" in capsys.readouterr().out
+    assert daylit.main(arguments) == 0
+    assert "nothing was done" in capsys.readouterr().out
