@@ -24,14 +24,17 @@ def main() -> None:
 @click.option("--first", type=int, default=0, help="First batch; batch n begins at seed 20 n of the split.")
 @click.option("--batches", type=int, default=1)
 @click.option("--minutes", type=float, default=600.0, help="Begin no further batch after this time.")
-def generate(out: Path, split: str, first: int, batches: int, minutes: float) -> None:
+@click.option("--furniture", type=click.Path(path_type=Path, exists=True), multiple=True, help="Folder of model files.")
+def generate(out: Path, split: str, first: int, batches: int, minutes: float, furniture: tuple[Path, ...]) -> None:
     """Draw batches of pictures (about 120 each) that are not there yet."""
+    from training.pieces import built_in_pieces, folder_pieces
     from training.recipe import batch
     from training.shards import write_shard
     from training.textures import saved_bank
 
     out.mkdir(parents=True, exist_ok=True)
     tiles = saved_bank(out.parent / "bank.npz")
+    pieces = built_in_pieces() + folder_pieces(furniture)
     among, begun = TRAIN if split == "train" else VALIDATION, time.monotonic()
     for number in range(first, first + batches):
         seed = among[20 * number]
@@ -39,7 +42,7 @@ def generate(out: Path, split: str, first: int, batches: int, minutes: float) ->
             continue
         if time.monotonic() - begun > 60 * minutes:
             break
-        count = write_shard(out, seed, batch(seed, tiles))
+        count = write_shard(out, seed, batch(seed, tiles, pieces=pieces))
         click.echo(f"{seed}: {count} pictures, {time.monotonic() - begun:.0f} s")
         sys.stdout.flush()
 

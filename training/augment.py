@@ -8,10 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from training.recoat import recoated
 from training.shards import Examples
+from training.stretch import stretched, wall_direction_rad
 
 Floats = npt.NDArray[np.float32]
 COLUMNS = ("label", "ceiling_rad", "floor_rad", "corner")
+STRETCHED, RECOATED = 0.6, 0.6
+"""Shares of pictures."""
 
 
 Arrays = dict[str, npt.NDArray[Any]]
@@ -38,12 +42,12 @@ def recoloured(rng: np.random.Generator, picture: Floats) -> Floats:
     if rng.random() < 0.5:
         middle = np.float32(out.mean())
         out = middle + (out - middle) * np.float32(rng.uniform(0.7, 1.4))
-    if rng.random() < 0.5:
+    if rng.random() < 0.4:
         out = out * _dapple(rng, out.shape[:2])[..., None]
     if rng.random() < 0.2:
         out = cv2.GaussianBlur(out, (0, 0), float(rng.uniform(0.3, 0.9)))
     if rng.random() < 0.5:
-        out = out + rng.normal(0, rng.uniform(0, 0.035), out.shape).astype(np.float32)
+        out = out + rng.normal(0, rng.uniform(0, 0.025), out.shape).astype(np.float32)
     return np.asarray(np.clip(out, 0, 1), dtype=np.float32)
 
 
@@ -55,8 +59,8 @@ def _mixing(rng: np.random.Generator) -> Floats:
 
 def _dapple(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
     """Return uneven light about 1, as through leaves and blinds or from lamps: floors and walls are not of one tone."""
-    rows = int(rng.choice([4, 8, 16, 32]))
-    field = rng.normal(0, rng.uniform(0.03, 0.2), (rows, 2 * rows)).astype(np.float32)
+    rows = int(rng.choice([4, 4, 8, 8, 16, 32]))
+    field = rng.normal(0, rng.uniform(0.02, 0.13), (rows, 2 * rows)).astype(np.float32)
     field[:, -1] = field[:, 0]
     wide = cv2.resize(field, (shape[1], shape[0]), interpolation=cv2.INTER_CUBIC)
     return np.asarray(np.exp(wide), dtype=np.float32)
@@ -68,7 +72,12 @@ def drawn_batch(rng: np.random.Generator, examples: Examples, chosen: npt.NDArra
     for index in chosen:
         one = {"picture": examples.picture[index], **{name: getattr(examples, name)[index] for name in COLUMNS}}
         moved = turned(one, int(rng.integers(examples.picture.shape[2])), bool(rng.random() < 0.5))
+        if rng.random() < STRETCHED:
+            along, across = np.exp(np.clip(rng.normal(0, 0.22, 2), -0.5, 0.5))
+            moved = stretched(moved, along, across, wall_direction_rad(moved["floor_rad"]))
         shown = np.asarray(moved["picture"], dtype=np.float32) / np.float32(255)
+        if rng.random() < RECOATED:
+            shown = recoated(rng, shown, moved["label"])
         moved["picture"] = recoloured(rng, shown).transpose(2, 0, 1)
         for name, values in moved.items():
             found.setdefault(name, []).append(values)

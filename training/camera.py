@@ -48,8 +48,11 @@ def add_foot(rng: np.random.Generator, light: Floats, label: Labels, eye_m: floa
 
 def photographed(rng: np.random.Generator, light: Floats) -> Floats:
     """Return the network's view (128, 256, 3) of linear light, most often by way of an ordinary JPEG."""
-    cast = np.exp(rng.normal(0, 0.12, 3) * np.array([1.0, 0.4, 1.0])).astype(np.float32)
-    shown = light * cast
+    cast = np.exp(rng.normal(0, 0.12, 3) * np.array([1.0, 0.4, 1.0]))
+    if rng.random() < 0.3:
+        # Lamps that the camera took for daylight.
+        cast *= np.exp(rng.uniform(0.1, 0.45) * np.array([1.0, 0.2, -1.2]))
+    shown = light * cast.astype(np.float32)
     if rng.random() < 0.2:
         noisy = shown * (1 + rng.normal(0, 0.02, shown.shape)).astype(np.float32)
         return network_picture(np.maximum(noisy, 0))
@@ -75,7 +78,7 @@ def _developed(rng: np.random.Generator, light: Floats) -> Floats:
     contrast = rng.normal(0, 0.25)
     encoded = encoded + contrast * (encoded * encoded * (3 - 2 * encoded) - encoded)
     grey = encoded.mean(axis=2, keepdims=True)
-    return np.asarray(np.clip(grey + (encoded - grey) * rng.uniform(0.5, 1.5), 0, 1), dtype=np.float32)
+    return np.asarray(np.clip(grey + (encoded - grey) * rng.uniform(0.6, 1.9), 0, 1), dtype=np.float32)
 
 
 def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:

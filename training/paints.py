@@ -12,18 +12,34 @@ from training.textures import Tile
 
 Floats = npt.NDArray[np.float32]
 _WOODS = np.array(
-    [(0.38, 0.245, 0.135), (0.19, 0.12, 0.07), (0.30, 0.12, 0.05), (0.52, 0.345, 0.175), (0.33, 0.27, 0.2)]
+    [
+        (0.38, 0.245, 0.135),
+        (0.19, 0.12, 0.07),
+        (0.30, 0.12, 0.05),
+        (0.52, 0.345, 0.175),
+        (0.33, 0.27, 0.2),
+        (0.50, 0.23, 0.06),
+        (0.26, 0.06, 0.02),
+        (0.42, 0.16, 0.05),
+        (0.10, 0.05, 0.03),
+    ]
 )
 _WHITE = ("ceiling", "trim", "window frame", "radiator", "door", "blind", "board", "fitted", "hallway")
 _DARK = ("gap", "dark", "metal")
+_COATED = ("furniture", "quilt", "linen", "fixture", "curtain", "rug", "frame")
 _GROUP = {
     "floor": "floor", "rug": "rug", "picture": "picture", "wood door": "wood", "curtain": "cloth",
+    "quilt": "", "linen": "", "ceiling": "plain",
     "accent wall": "wall", "wall": "wall", "fitted": "wood", "furniture": "", "fixture": "", "worktop": "plain",
 }  # fmt: skip
 _TEXTURED = {
     "floor": 0.85, "rug": 0.9, "picture": 0.95, "wood door": 0.5, "curtain": 0.35, "wall": 0.12, "accent wall": 0.4,
-    "fitted": 0.4, "furniture": 0.22, "fixture": 0.1, "worktop": 0.4,
+    "quilt": 0.65, "linen": 0.3, "ceiling": 0.06, "fitted": 0.4, "furniture": 0.28, "fixture": 0.1, "worktop": 0.4,
 }  # fmt: skip
+
+
+_MIXED = (("cloth", "rug", "plain", "picture"), ("cloth", "wood", "plain"))
+"""Groups of textures for cloth, and for furniture."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +65,17 @@ def draw_coats(rng: np.random.Generator, paints: list[Paint], bank: list[Tile]) 
     groups = {g: [k for k, t in enumerate(bank) if t.group == g] for g in sorted({t.group for t in bank})}
     albedo, tile = np.empty((count, 3)), np.full(count, -1, np.int32)
     one_tile: dict[str, int] = {}
+    palette = [_albedo(rng, "furniture") for _ in range(3)] + [_wood(rng)]
+    matched = float(rng.choice([0.0, 0.6, 0.95]))
     for number, paint in enumerate(paints):
-        single = paint.kind in ("furniture", "fixture", "picture", "frame", "rug")
+        single = paint.kind in ("furniture", "quilt", "linen", "fixture", "picture", "frame", "rug")
         drawn = _albedo(rng, paint.kind) if single else room[paint.kind]
+        if paint.kind in ("furniture", "quilt") and rng.random() < matched:
+            # Furniture of one home is of few colours.
+            drawn = palette[int(rng.integers(len(palette)))] * np.exp(rng.normal(0, 0.2))
         albedo[number] = paint.rgb if keep and paint.rgb is not None else drawn
         if rng.random() < _TEXTURED.get(paint.kind, 0.0):
-            among = groups.get(_GROUP.get(paint.kind, "") or str(rng.choice(["cloth", "wood", "plain"])), [])
+            among = groups.get(_GROUP.get(paint.kind, "") or str(rng.choice(_MIXED[paint.kind == "furniture"])), [])
             if among:
                 chosen = int(rng.choice(among))
                 tile[number] = chosen if single else one_tile.setdefault(paint.kind, chosen)
@@ -99,13 +120,21 @@ def _albedo(rng: np.random.Generator, kind: str) -> npt.NDArray[np.float64]:
         return _tinted(rng, np.exp(rng.uniform(-2.3, -0.3)), rng.uniform(0.05, 0.8))
     if kind == "wood door" or (kind == "fitted" and chance < 0.5):
         return _wood(rng)
-    if kind in ("furniture", "fixture", "curtain", "rug", "frame"):
-        if chance < 0.35:
-            return _wood(rng)
-        return _tinted(rng, np.exp(rng.uniform(-3.6, -0.25)), rng.uniform(0, 0.9) * rng.random())
+    if kind in _COATED:
+        return _of_furniture(rng, kind, chance)
     if kind in _DARK:
         return _tinted(rng, rng.uniform(0.015, 0.08), 0.05)
     if kind in _WHITE:
         rare = chance < (0.12 if kind == "ceiling" else 0.25)
         return _tinted(rng, rng.uniform(0.1, 0.6) if rare else rng.uniform(0.6, 0.9), 0.3 if rare else 0.04)
     return _tinted(rng, rng.uniform(0.1, 0.8), rng.uniform(0, 0.5))
+
+
+def _of_furniture(rng: np.random.Generator, kind: str, chance: float) -> npt.NDArray[np.float64]:
+    if kind == "linen":
+        return _tinted(rng, rng.uniform(0.35, 0.85), rng.uniform(0, 0.25) * rng.random())
+    if chance < 0.2 and kind == "furniture":
+        return _tinted(rng, rng.uniform(0.5, 0.88), 0.06)
+    if chance < 0.5 and kind != "quilt":
+        return _wood(rng)
+    return _tinted(rng, np.exp(rng.uniform(-3.6, -0.25)), rng.uniform(0, 0.9) * rng.random())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +16,14 @@ from training.classes_of_rooms import room_soup
 from training.house import draw_house
 from training.labels import boundary_latitudes, corner_likelihood
 from training.outlines import draw_cameras, draw_eye_m
-from training.props import Piece, furnish_house, pieces_of
+from training.pieces import Piece, pieces_of
+from training.props import furnish_house
 from training.render import Stage, radiance, see
 from training.textures import Tile
 
 Floats = npt.NDArray[np.float32]
-ROOMS_A_BATCH, HOUSES_A_BATCH = 5, 15
-CAMERAS, LOOKS = 3, 2
+ROOMS_A_BATCH, HOUSES_A_BATCH = 5, 26
+CAMERAS, LOOKS = 2, 2
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,12 @@ class Example:
     corner: Floats
 
 
-def batch(first_seed: int, tiles: list[Tile], *, looks: int = LOOKS) -> Iterator[Example]:
-    """Yield the pictures of a batch; it uses the seeds from ``first_seed`` on, `ROOMS_A_BATCH` of them for rooms."""
-    bank: list[Piece] = []
+def batch(first_seed: int, tiles: list[Tile], *, looks: int = LOOKS, pieces: Sequence[Piece] = ()) -> Iterator[Example]:
+    """Yield the pictures of a batch; it uses the seeds from ``first_seed`` on, `ROOMS_A_BATCH` of them for rooms.
+
+    ``pieces`` stand in its houses beside the furniture of its rooms.
+    """
+    bank: list[Piece] = list(pieces)
     for seed in range(first_seed, first_seed + ROOMS_A_BATCH):
         room = make_room(seed)
         parts = room.parts()

@@ -43,7 +43,7 @@ def build_walls(rng: np.random.Generator, house: House) -> None:
         head_m=float(rng.uniform(1.95, min(2.5, house.ceiling_m - 0.08))),
     )
     skirting = rng.uniform(0.05, 0.16) if rng.random() < 0.85 else 0.0
-    chances = _FURNISHED if rng.random() < 0.6 else _UNFURNISHED
+    chances = _FURNISHED if rng.random() < 0.75 else _UNFURNISHED
     accent = soup.paint("accent wall") if rng.random() < 0.25 else wall
     chosen = int(rng.integers(len(house.outline)))
     for number in range(len(house.outline)):
@@ -68,6 +68,10 @@ def _draw_slots(rng: np.random.Generator, length: float, chances: tuple[float, .
             at += rng.uniform(0.3, 0.8)
             continue
         slots.append(_Slot(kind, float(at), float(width)))
+        # Windows come in rows, a narrow pier between them.
+        while kind == "window" and rng.random() < 0.4 and at + 2 * width + 0.4 < length:
+            at += width + rng.uniform(0.06, 0.3)
+            slots.append(_Slot(kind, float(at), float(width)))
         at += width + (rng.uniform(0.15, 0.4) if rng.random() < 0.5 else rng.uniform(0.4, 1.6))
     return slots
 
