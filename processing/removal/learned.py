@@ -18,6 +18,7 @@ from processing.errors import FillerError
 from processing.images import luminance_cd_m2
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import FilledPlane
+from processing.segmentation.onnx_session import open_session
 
 SIZE_PX = 512
 """Of the longer side, where the network takes any."""
@@ -46,17 +47,12 @@ class LamaFiller:
 
     def __init__(self, path: Path, *, bgr: bool = False, threads: int = THREADS) -> None:
         """Load and check; `FillerError` says what does not fit. ``bgr``: the export's channel order."""
-        import onnxruntime as ort
-
         self.path, self.bgr = path, bgr
-        asked = ort.SessionOptions()
-        asked.intra_op_num_threads = threads
-        asked.log_severity_level = 3
-        try:
-            self._session = ort.InferenceSession(path.read_bytes(), asked, providers=["CPUExecutionProvider"])
-        # onnxruntime's errors have no common base of their own.
-        except Exception as exc:
-            raise FillerError(f"{path.name} is no ONNX network: {exc}", advice="give a LaMa export") from exc
+
+        def refused(what: str) -> FillerError:
+            return FillerError(f"the filling network {what}", where=str(path), advice="give a LaMa export, ONNX")
+
+        self._session = open_session(path, refused, threads=threads)
         self._sizes = self._checked_inputs()
         self._range = 1.0
         grey = np.full((self._sizes.height or 64, self._sizes.width or 64, 3), 0.5, np.float32)

@@ -30,6 +30,7 @@ from processing.errors import LayoutNetworkError, ParameterError
 from processing.images import LuminanceImage, RelativeImage
 from processing.picture_preview import preview_rgb8
 from processing.segmentation.evidence import BoundaryEvidence
+from processing.segmentation.onnx_session import open_session
 from processing.sphere import Equirectangular
 
 Floats = npt.NDArray[np.float32]
@@ -39,7 +40,6 @@ WIDTH_PX, HEIGHT_PX = 1024, 512
 SIGMA_RAD = math.radians(1.0)
 """Taken for all columns: none of these networks states its own."""
 LEAST_LATITUDE_RAD = 0.01
-MOST_BYTES = 2 << 30
 CONTRACTS = "HorizonNet gives [1,2,1024] and [1,1,1024], LED2-Net [1,2,1024], LGT-Net [1,256] and [1,1]"
 
 
@@ -68,22 +68,7 @@ def load_layout_network(path: Path) -> LayoutNetwork:
     LayoutNetworkError
         Not an ONNX file, or inputs and outputs of no known kind; says what was found.
     """
-    import onnxruntime as ort
-
-    asked = ort.SessionOptions()
-    asked.intra_op_num_threads = asked.inter_op_num_threads = 1
-    asked.log_severity_level = 3
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise LayoutNetworkError(f"larger than {MOST_BYTES} bytes", where=str(path))
-        session = ort.InferenceSession(path.read_bytes(), asked, providers=["CPUExecutionProvider"])
-    except OSError as exc:
-        raise LayoutNetworkError(f"cannot be read: {exc.strerror}", where=str(path)) from exc
-    except LayoutNetworkError:
-        raise
-    # onnxruntime's errors have no common base of their own.
-    except Exception as exc:
-        raise LayoutNetworkError(f"cannot be loaded: {str(exc)[:200]}", where=str(path)) from exc
+    session = open_session(path, lambda what: LayoutNetworkError(what, where=str(path)))
     inputs, outputs = session.get_inputs(), {o.name: tuple(o.shape) for o in session.get_outputs()}
     if len(inputs) != 1 or not _fits(tuple(inputs[0].shape), (1, 3, HEIGHT_PX, WIDTH_PX)):
         found = ", ".join(f"{i.name} {i.shape}" for i in inputs)

@@ -22,14 +22,13 @@ from processing.images import LuminanceImage, RelativeImage
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import BoundaryEvidence, SceneEvidence
 from processing.segmentation.network_input import HEIGHT_PX, WIDTH_PX, network_picture
+from processing.segmentation.onnx_session import open_session
 from processing.sphere import Equirectangular
 
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 
 SHIPPED = Path(__file__).with_name("room_network.onnx")
-THREADS = 1
-"""More than one gain little on so small a picture, and one gives the same answer everywhere."""
 TURNS_PX = {"draft": (0,), "standard": (0, 71, 134, 205), "reference": (0, 35, 70, 101, 134, 165, 204, 235)}
 """By quality: by how many columns the picture is turned; every second turn is mirrored too. Not multiples of 16, by
 which the network's answer only turns along."""
@@ -169,8 +168,6 @@ def _network(path: Path) -> _Network:
 @lru_cache(maxsize=2)
 def _loaded(path: Path, _network_changed: int, _page_changed: int) -> _Network:
     """Load a network, once for each state of its files."""
-    import onnxruntime as ort
-
     data = path.read_bytes()
     try:
         page = json.loads(path.with_suffix(".json").read_text("utf-8"))
@@ -187,15 +184,10 @@ def _loaded(path: Path, _network_changed: int, _page_changed: int) -> _Network:
             likely="the file is damaged or was replaced",
             advice="install daylit anew, or export network and page together",
         )
-    asked = ort.SessionOptions()
-    asked.intra_op_num_threads = THREADS
-    asked.inter_op_num_threads = 1
-    asked.use_deterministic_compute = True
-    asked.log_severity_level = 3
-    try:
-        session = ort.InferenceSession(data, asked, providers=["CPUExecutionProvider"])
-    except Exception as exc:
-        raise SegmenterError(f"the room network cannot be loaded: {str(exc)[:300]}", where=str(path)) from exc
+    # One thread: more gain little on so small a picture, and one gives the same answer everywhere.
+    session = open_session(
+        data, lambda what: SegmenterError(f"the room network {what}", where=str(path)), repeatable=True
+    )
     there = {one.name for one in (*session.get_inputs(), *session.get_outputs())}
     if there != {"picture", *_OUTPUTS}:
         raise SegmenterError(f"not a room network: it has {', '.join(sorted(there))}", where=str(path))

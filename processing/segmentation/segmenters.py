@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import SegmenterError
-from processing.segmentation.adapters import NetworkContract, network_input, read_contract, scene_probabilities
+from processing.segmentation.adapters import Array, NetworkContract, network_input, read_contract, scene_probabilities
+from processing.segmentation.onnx_session import open_session
 
 Floats = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -36,25 +37,26 @@ class Segmenter(Protocol):
         """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); each pixel sums to 1."""
 
 
-class OnnxSegmenter:
-    """An ONNX network; its names and, on a grey test view, its output are checked against the contract."""
+class _ByContract:
+    """A network that is fed and read as its contract says; names and, on a grey view, its output are checked first."""
 
-    def __init__(self, path: Path, contract: NetworkContract, *, threads: int = THREADS) -> None:
-        """Load and check; `SegmenterError` says what does not fit."""
-        import onnxruntime as ort
+    contract: NetworkContract
 
-        self.contract = contract
-        asked = ort.SessionOptions()
-        asked.intra_op_num_threads = threads
-        asked.log_severity_level = 3
+    def _check(self, path: Path, inputs: list[str], outputs: list[str]) -> None:
+        """Raise `SegmenterError` unless the network has what its contract names, and keeps it."""
+        _check_names(path, self.contract, inputs, "input")
+        _check_names(path, self.contract, outputs, "outputs")
+        side = self.size_px
+        grey = np.random.default_rng(0).integers(96, 160, (side, side, 3)).astype(np.uint8)
         try:
-            self._session = ort.InferenceSession(path.read_bytes(), asked, providers=["CPUExecutionProvider"])
-        # onnxruntime's errors have no common base of their own.
-        except Exception as exc:
-            raise _unreadable(path, exc) from exc
-        _check_names(path, contract, [one.name for one in self._session.get_inputs()], "input")
-        _check_names(path, contract, [one.name for one in self._session.get_outputs()], "outputs")
-        _try_out(self, path)
+            self.probabilities(grey)
+        except SegmenterError as error:
+            raise SegmenterError(
+                f"does not keep its contract: {error.message}",
+                where=str(path),
+                likely=error.likely,
+                advice=error.advice,
+            ) from error
 
     @property
     def name(self) -> str:
@@ -74,16 +76,32 @@ class OnnxSegmenter:
     def probabilities(self, view_rgb8: Bytes) -> Floats:
         """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); `SegmenterError` where the network fails."""
         try:
-            found = self._session.run(
-                list(self.contract.outputs), {self.contract.input: network_input(self.contract, view_rgb8)}
-            )
+            found = self._outputs_of(network_input(self.contract, view_rgb8))
+        # Runtimes' errors have no common base.
         except Exception as exc:
             raise _failed(self.contract, view_rgb8, exc) from exc
         return scene_probabilities(self.contract, found, view_rgb8.shape[:2])
 
+    def _outputs_of(self, fed: Array) -> list[Array]:
+        raise NotImplementedError
 
-class TfliteSegmenter:
-    """A TensorFlow Lite network of fixed size, run by the optional package ai-edge-litert."""
+
+class OnnxSegmenter(_ByContract):
+    """An ONNX network."""
+
+    def __init__(self, path: Path, contract: NetworkContract, *, threads: int = THREADS) -> None:
+        """Load and check; `SegmenterError` says what does not fit."""
+        self.contract = contract
+        self._session = open_session(path, lambda what: _unreadable(path, what), threads=threads)
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        self._check(path, [one.name for one in inputs], [one.name for one in outputs])
+
+    def _outputs_of(self, fed: Array) -> list[Array]:
+        return list(self._session.run(list(self.contract.outputs), {self.contract.input: fed}))
+
+
+class TfliteSegmenter(_ByContract):
+    """A TensorFlow Lite network, of fixed size whatever its contract says; run by the optional ai-edge-litert."""
 
     def __init__(self, path: Path, contract: NetworkContract, *, threads: int = THREADS) -> None:
         """Load and check; `SegmenterError` says what does not fit, or that the package is not there."""
@@ -100,37 +118,20 @@ class TfliteSegmenter:
             self._network: Any = Interpreter(model_path=str(path), num_threads=threads)
             self._network.allocate_tensors()
         except (ValueError, RuntimeError, OSError) as exc:
-            raise _unreadable(path, exc) from exc
+            raise _unreadable(path, f"cannot be loaded: {str(exc)[:300]}") from exc
         self._inputs = {one["name"]: one["index"] for one in self._network.get_input_details()}
         self._outputs = {one["name"]: one["index"] for one in self._network.get_output_details()}
-        _check_names(path, contract, list(self._inputs), "input")
-        _check_names(path, contract, list(self._outputs), "outputs")
-        _try_out(self, path)
-
-    @property
-    def name(self) -> str:
-        """Return the contract's name."""
-        return self.contract.name
-
-    @property
-    def size_px(self) -> int:
-        """Return the side of the views it takes."""
-        return self.contract.size_px
+        self._check(path, list(self._inputs), list(self._outputs))
 
     @property
     def fixed_size(self) -> bool:
         """Return True: no other size."""
         return True
 
-    def probabilities(self, view_rgb8: Bytes) -> Floats:
-        """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); `SegmenterError` where the network fails."""
-        try:
-            self._network.set_tensor(self._inputs[self.contract.input], network_input(self.contract, view_rgb8))
-            self._network.invoke()
-            found = [self._network.get_tensor(self._outputs[name]) for name in self.contract.outputs]
-        except (ValueError, RuntimeError) as exc:
-            raise _failed(self.contract, view_rgb8, exc) from exc
-        return scene_probabilities(self.contract, found, view_rgb8.shape[:2])
+    def _outputs_of(self, fed: Array) -> list[Array]:
+        self._network.set_tensor(self._inputs[self.contract.input], fed)
+        self._network.invoke()
+        return [self._network.get_tensor(self._outputs[name]) for name in self.contract.outputs]
 
 
 def open_segmenter(
@@ -165,20 +166,9 @@ def _check_names(path: Path, contract: NetworkContract, there: list[str], key: s
         )
 
 
-def _try_out(segmenter: OnnxSegmenter | TfliteSegmenter, path: Path) -> None:
-    side = segmenter.size_px
-    grey = np.random.default_rng(0).integers(96, 160, (side, side, 3)).astype(np.uint8)
-    try:
-        segmenter.probabilities(grey)
-    except SegmenterError as error:
-        raise SegmenterError(
-            f"does not keep its contract: {error.message}", where=str(path), likely=error.likely, advice=error.advice
-        ) from error
-
-
-def _unreadable(path: Path, exc: Exception) -> SegmenterError:
+def _unreadable(path: Path, what: str) -> SegmenterError:
     return SegmenterError(
-        f"the network cannot be loaded: {str(exc)[:300]}",
+        f"the network {what}",
         where=str(path),
         likely="the file is damaged, a pointer to it, or newer than the runtime",
     )

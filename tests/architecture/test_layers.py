@@ -60,7 +60,7 @@ ONLY_IN = {
     "drjit": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py", "processing/rendering/"),
     "embreex": ("mocks/rooms/geometry.py", "processing/rendering/"),
     "pyoidn": ("mocks/rooms/light.py", "processing/rendering/"),
-    "onnxruntime": ("processing/segmentation/", "processing/removal/", "processing/room/"),
+    "onnxruntime": ("processing/segmentation/",),
     "ai_edge_litert": ("processing/segmentation/",),
     "trimesh": ("processing/layout/", "processing/rendering/", "processing/room/"),
     "pvlib": ("mocks/rooms/moment.py", "processing/calibration/"),

@@ -241,7 +241,7 @@ def test_what_a_network_invents_is_never_called_continued(tmp_path: Path) -> Non
 
 
 def test_networks_that_do_not_fit_are_told(tmp_path: Path) -> None:
-    with pytest.raises(FillerError, match="no ONNX"):
+    with pytest.raises(FillerError, match="cannot be read"):
         LamaFiller(tmp_path / "none.onnx")
     with pytest.raises(FillerError, match="inputs"):
         LamaFiller(onnx_file(tmp_path, mask_name="hole"))
