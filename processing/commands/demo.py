@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from processing.running.cost import Meter
     from processing.running.run_report import RunReport
     from station.session import SessionManifest
 
@@ -21,14 +22,35 @@ SPHERE_WORLD = "uniform:2000"
 """cd/m2 all around: what a fall-off is measured on."""
 
 
+QUICK_SIZE, QUICK_RATE, QUICK_QUALITY = "quarter", 8.0, "draft"
+"""What --quick is: smaller pictures, shutters faster than life, draft quality."""
+GENERATED = "bedroom-7"
+PHOTOGRAPHS = (".jpg", ".jpeg", ".png")
+
+
 @click.command()
 @click.option(
     "--world",
-    default="room",
-    show_default=True,
-    help="What the simulated instruments look at: room:7, bedroom-7, chart, uniform:100, or INDOOR.hdr,OUTDOOR.hdr.",
+    help=f"What the simulated instruments look at: {GENERATED} (the default), living-3, room:7, chart, uniform:100.",
 )
-@click.option("--size", type=click.Choice(["full", "half", "quarter", "small"]), default="full", show_default=True)
+@click.option(
+    "--room",
+    "picture",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="A real room: a photograph (processed as it is, in relative units), or with --sky an HDR panorama.",
+)
+@click.option(
+    "--sky",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="HDR panorama of a real sky: simulated cameras then photograph --room and --sky, in cd/m2.",
+)
+@click.option(
+    "--size", type=click.Choice(["full", "half", "quarter", "small"]), help="Of the pictures (default: full)."
+)
+@click.option("--quick", is_flag=True, help="In a hurry: quarter size, faster than life, draft quality.")
+@click.option("--set", "furniture", metavar="NAME", help="Furniture to stage: bedroom, living, ..., none; else auto.")
 @click.option(
     "--into",
     type=click.Path(path_type=Path, file_okay=False),
@@ -38,23 +60,73 @@ SPHERE_WORLD = "uniform:2000"
 )
 @click.option("--capture-only", is_flag=True, help="End with the verified session.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, then one summary object.")
-def demo(world: str, size: str, into: Path, *, capture_only: bool, as_json: bool) -> int:
-    """Calibrate a simulated rig, capture a simulated room at full size, process it, say where the report is.
+def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: bool, **asked: Any) -> int:
+    """The main job, from nothing to a report: capture a room and its sky, process, stage the room three ways.
 
-    The rig (meter, Theta Z1, 5D Mark II) is calibrated as a real one is: from a colour chart and an evenly lit sphere,
-    captured with smaller pictures into INTO/rig.
+    The rig (meter, Theta Z1, 5D Mark II) is simulated, and is calibrated as a real one is: from a colour chart and an
+    evenly lit sphere, captured with smaller pictures into INTO/rig. What is there from an earlier demo is used again.
 
     \b
     Examples:
       daylit demo
-      daylit demo --size quarter --world room:7
+      daylit demo --quick
+      daylit demo --room bedroom.jpg
+      daylit demo --room apartment.hdr --sky meadow.hdr
     """
-    path, manifest, intact = _captured(world, size, "demo", into, as_json=as_json)
-    if capture_only or not intact:
-        return _tell(path, manifest, intact=intact, as_json=as_json)
-    profile = _calibrated(into / "rig", path, as_json=as_json)
-    report = _processed(path, profile, as_json=as_json)
-    return _tell(path, manifest, intact=intact, as_json=as_json, report=report)
+    from processing.running.cost import Meter
+
+    meter = Meter()
+    size, rate, quality = _effort(asked)
+    options = {} if asked["furniture"] is None else {"--set": asked["furniture"]}
+    session = _photograph(world, picture, sky, asked)
+    manifest = None
+    if session is None:
+        seen, name = _world(world, picture, sky)
+        session, manifest, intact = _captured(seen, size, name, asked["into"], as_json=as_json, rate=rate)
+        if asked["capture_only"] or not intact:
+            return _tell(session, manifest, intact=intact, as_json=as_json)
+        options["--calibration"] = str(_calibrated(asked["into"] / "rig", session, as_json=as_json))
+    report = _processed(session, options, quality, as_json=as_json)
+    return _tell(session, manifest, intact=True, as_json=as_json, report=report, meter=meter)
+
+
+def _effort(asked: dict[str, Any]) -> tuple[str, float, str]:
+    """Return picture size, speed of simulated time and quality."""
+    if not asked["quick"]:
+        return asked["size"] or "full", 1.0, "standard"
+    return asked["size"] or QUICK_SIZE, QUICK_RATE, QUICK_QUALITY
+
+
+def _photograph(world: str | None, picture: Path | None, sky: Path | None, asked: dict[str, Any]) -> Path | None:
+    """Return the session of a real photograph; None where cameras are to be simulated."""
+    from station.errors import UsageError
+
+    if world is not None and picture is not None:
+        raise UsageError("--world and --room exclude each other", where="daylit demo", advice="give one")
+    if sky is not None and picture is None:
+        raise UsageError("--sky goes with --room", where="daylit demo", advice="give the HDR panorama of a room too")
+    if picture is None or sky is not None:
+        if sky is not None and picture is not None and picture.suffix.lower() in PHOTOGRAPHS:
+            raise UsageError(
+                f"{picture.name} is a photograph: cameras cannot photograph it again",
+                where="--room",
+                advice="with --sky give an HDR panorama (.hdr or .exr); leave --sky out for a photograph",
+            )
+        return None
+    if asked["size"] is not None or asked["capture_only"]:
+        raise UsageError("a photograph is not captured", where="--room", advice="leave out --size and --capture-only")
+    from processing.running.panorama_session import panorama_session
+
+    session: Path = panorama_session(picture, asked["into"])
+    return session
+
+
+def _world(world: str | None, picture: Path | None, sky: Path | None) -> tuple[str, str]:
+    """Return the name of what the simulated instruments look at, and of the session."""
+    if picture is not None:
+        return f"{picture},{sky}", picture.stem
+    seen = world or GENERATED
+    return seen, "".join(c if c.isalnum() else "-" for c in seen)
 
 
 def _captured(
@@ -85,7 +157,10 @@ def _captured(
 
 
 def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
-    """Return the profile of the simulated rig: from sessions of the chart, the sphere and the room."""
+    """Return the profile of the simulated rig: from sessions of the chart, the sphere and the room; made once."""
+    profile = folder / "calibration.json"
+    if profile.is_file():
+        return profile
     from drivers.clock import SystemClock
     from processing.calibration.profile import save_profile
     from processing.rig.calibrate import RigRequest, calibrate_rig
@@ -96,17 +171,17 @@ def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
     )
     asked = RigRequest(chart=chart, sessions=(room,), flats=(sphere,), lens_data=("theta_z1",))
     result = calibrate_rig(asked, SystemClock().utc_now(), lambda text: click.echo(text, err=True))
-    profile = folder / "calibration.json"
     save_profile(profile, result.profile)
     return profile
 
 
-def _processed(session: Path, profile: Path, *, as_json: bool) -> RunReport:
+def _processed(session: Path, options: dict[str, str], quality: str, *, as_json: bool) -> RunReport:
     from processing.commands.process_views import SilentView, plain_or_terminal, summary_lines
     from processing.running.requests import RunRequest
     from processing.running.runner import process
+    from processing.stages.contract import Quality
 
-    request = RunRequest(options={"--calibration": profile})
+    request = RunRequest(quality=Quality(quality), options=options)
     with SilentView() if as_json else plain_or_terminal(sys.stdout.isatty()) as view:
         report = process(session, request, on_event=view.show)
     if not as_json:
@@ -116,18 +191,36 @@ def _processed(session: Path, profile: Path, *, as_json: bool) -> RunReport:
 
 
 def _tell(
-    path: Path, manifest: SessionManifest, *, intact: bool, as_json: bool, report: RunReport | None = None
+    path: Path,
+    manifest: SessionManifest | None,
+    *,
+    intact: bool,
+    as_json: bool,
+    report: RunReport | None = None,
+    meter: Meter | None = None,
 ) -> int:
-    readings = [r.luminance_cd_m2 for r in manifest.readings]
+    """Say what was captured, and last where to look."""
+    readings = [r.luminance_cd_m2 for r in manifest.readings] if manifest else []
+    frames = manifest.frames if manifest else ()
     page = path / "stages" / "report" / "index.html"
+    cost = meter.read() if meter else None
+    peak = max(one.peak_bytes for one in (cost, report.cost)) if cost and report else 0
     if as_json:
-        summary: dict[str, Any] = {"ok": intact, "session": str(path), "frames": len(manifest.frames)}
+        summary: dict[str, Any] = {"ok": intact, "session": str(path), "frames": len(frames)}
         processed = {} if report is None else {"report": str(page), "processing": report.to_dict()}
-        click.echo(json.dumps({**summary, "readings_cd_m2": readings, **processed}))
+        spent = {} if cost is None else {"seconds": cost.seconds, "peak_bytes": peak}
+        click.echo(json.dumps({**summary, "readings_cd_m2": readings, **processed, **spent}))
         return 0 if intact else 4
-    shown = ", ".join("none" if r is None else f"{r:.4g}" for r in readings)
-    megabytes = sum(f.size_bytes for f in manifest.frames) / 1e6
-    click.echo(f"{len(manifest.frames)} frames ({megabytes:.0f} MB), readings {shown} cd/m2, every digest checked")
-    where = f"{path}/session.json and the frames beside it" if report is None else str(page)
-    click.echo(f"look at: {where}")
-    return 0 if intact else 4
+    if manifest:
+        shown = ", ".join("none" if r is None else f"{r:.4g}" for r in readings)
+        megabytes = sum(f.size_bytes for f in frames) / 1e6
+        click.echo(f"{len(frames)} frames ({megabytes:.0f} MB), readings {shown} cd/m2, every digest checked")
+    if report is None:
+        click.echo(f"look at: {path}/session.json and the frames beside it")
+        return 0 if intact else 4
+    if cost is not None:
+        click.echo(f"all of it: {cost.seconds / 60:.1f} min, peak memory {peak / 1e9:.2f} GB")
+    for name in sorted((path / "stages" / "render").glob("staged-?.exr")):
+        click.echo(f"staged:  {name}")
+    click.echo(f"look at: {page.resolve()}")
+    return 0

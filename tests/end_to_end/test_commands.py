@@ -182,10 +182,10 @@ def test_two_stations_on_one_session_exclude_each_other(cache: Path, tmp_path: P
 
 @pytest.mark.timeout(300)
 def test_demo_ends_with_a_report(cache: Path, tmp_path: Path) -> None:
-    with started(cache, "demo", "--size", "small", cwd=tmp_path) as process:
+    with started(cache, "demo", "--world", "room", "--size", "small", "--set", "none", cwd=tmp_path) as process:
         out, err = process.communicate(timeout=280)
     assert process.returncode == 0, err
-    assert len(list((tmp_path / "demo").glob("*_demo/indoor/*.jpg"))) == 9
+    assert len(list((tmp_path / "demo").glob("*_room/indoor/*.jpg"))) == 9
     page = Path(out.splitlines()[-1].removeprefix("look at: "))
     text = (tmp_path / page).read_text("utf-8")
     assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"

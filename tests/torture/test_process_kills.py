@@ -132,6 +132,8 @@ def test_real_stages_killed_at_random_instants(tmp_path: Path) -> None:
         "-m",
         "daylit",
         "demo",
+        "--world",
+        "room",
         "--capture-only",
         "--size",
         "small",

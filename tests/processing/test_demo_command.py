@@ -1,0 +1,62 @@
+"""`daylit demo`: what it refuses before anything is made, and a real photograph on its way in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import daylit
+from processing.commands import demo as command
+from station.store import load_manifest
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    rgb = np.random.default_rng(1).integers(60, 200, (64, 128, 3), dtype=np.uint8)
+    Image.fromarray(rgb).save(tmp_path / "bedroom.png")
+    return tmp_path / "bedroom.png"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--world", "room", "--room", "{photo}"], "exclude each other"),
+        (["--sky", "{photo}"], "--sky goes with --room"),
+        (["--room", "{photo}", "--sky", "sky.hdr"], "is a photograph"),
+        (["--room", "{photo}", "--size", "half"], "not captured"),
+        (["--room", "{photo}", "--capture-only"], "not captured"),
+    ],
+)
+def test_what_cannot_be_is_refused_first(
+    arguments: list[str], words: str, photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    filled = [argument.format(photo=photo) for argument in arguments]
+    assert daylit.main(["demo", *filled, "--into", str(tmp_path / "demo")]) == 2
+    assert words in capsys.readouterr().err
+    assert not (tmp_path / "demo").exists()
+
+
+def test_a_photograph_becomes_a_session_and_the_end_says_where_to_look(
+    photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from processing.running.requests import RunRequest
+    from processing.running.runner import process
+
+    asked: list[dict[str, str]] = []
+
+    def until_calibrate(session: Path, options: dict[str, str], *_: object, **__: object) -> object:
+        asked.append(options)
+        return process(session, RunRequest(until="calibrate"))
+
+    monkeypatch.setattr(command, "_processed", until_calibrate)
+    into = tmp_path / "demo"
+    assert daylit.main(["demo", "--room", str(photo), "--into", str(into), "--set", "bedroom"]) == 0
+    (session,) = into.iterdir()
+    assert load_manifest(session).panorama is not None
+    assert asked == [{"--set": "bedroom"}]
+    told = capsys.readouterr().out
+    assert "peak memory" in told
+    assert told.splitlines()[-1] == f"look at: {session / 'stages' / 'report' / 'index.html'}"
