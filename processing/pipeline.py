@@ -176,6 +176,15 @@ STAGES: tuple[Stage, ...] = (
         ),
     ),
     Stage(
+        name="figures",
+        version=1,
+        title="tell the light",
+        function="processing.stages.figures:run",
+        needs=("calibrate", "room"),
+        reads=("heading_rad", "camera_height_m", "readings"),
+        makes=(Artifact("light_figures", "json"),),
+    ),
+    Stage(
         name="detect",
         version=2,
         title="find what is to be removed",
@@ -310,12 +319,18 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="report",
-        version=1,
+        version=2,
         title="write the report",
         function="processing.report.stage:run",
         needs=("verify", "merge", "calibrate", "room", "detect", "remove", "materials", "arrange", "render"),
         reads=("name", "site", "frames", "devices"),
         makes=(Artifact("page", "file", file_name="index.html"),),
+        parameters="processing.report.parameters:ReportParameters",
+        options=(
+            Option(
+                "--no-staged-label", "parameter", "no_staged_label", "Staged pictures without visible label.", "flag"
+            ),
+        ),
     ),
 )
 

@@ -8,7 +8,10 @@ from __future__ import annotations
 import base64
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from processing.report.widgets import Widget
 
 StageState = Literal["ran", "skipped", "reused", "failed", "not reached"]
 
@@ -47,8 +50,7 @@ class Picture:
     @property
     def uri(self) -> str:
         """The picture as a data URI."""
-        kind = next((kind for start, kind in _SIGNATURES.items() if self.data.startswith(start)), "image/svg+xml")
-        return f"data:{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
+        return data_uri(self.data)
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,8 @@ class Section:
     quantities: tuple[Quantity, ...] = ()
     pictures: tuple[Picture, ...] = ()
     tables: tuple[Table, ...] = ()
+    widgets: tuple[Widget, ...] = ()
+    """What moves; above the rest."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +119,14 @@ class ReportData:
     files: tuple[FileLine, ...]
     made_with: str
     """Program and version."""
+    unit: str = "cd/m2"
+    """Of luminance: another where its scale is not known."""
+
+
+def data_uri(data: bytes) -> str:
+    """Return a picture (PNG, JPEG or SVG) as a data URI."""
+    kind = next((kind for start, kind in _SIGNATURES.items() if data.startswith(start)), "image/svg+xml")
+    return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def number_text(value: float, uncertainty: float | None = None) -> str:

@@ -1,13 +1,21 @@
-"""The report as one HTML file that needs nothing else: no scripts, no fonts, no requests; to read, print and send."""
+"""The report as one HTML file that needs nothing else: no fonts, no requests; to look around in, print and send.
+
+Scripts are those of the widgets that the page has, each named in the page's policy by its digest: nothing else may run,
+and nothing may be fetched but what is in the page itself.
+"""
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import math
 from pathlib import Path
 
 from processing.picture_writing import write_bytes
 from processing.report.data import ReportData, size_text
 
 TEMPLATES = Path(__file__).parent / "templates"
+VENDORED = Path(__file__).parent / "static"
 
 
 def build_page(data: ReportData) -> str:
@@ -21,11 +29,57 @@ def build_page(data: ReportData) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["size"] = size_text
-    style = (TEMPLATES / "report.css").read_text("utf-8")
-    return environment.get_template("report.html.j2").render(data=data, style=style)
+    environment.filters |= {"size": size_text, "place": _place, "short": _short}
+    names = _script_names(data)
+    scripts = [_source(name) for name in names]
+    styles = ["pannellum.css"] if "pannellum.js" in names else []
+    style = "\n".join(_source(name) for name in (*styles, "report.css", "widgets.css"))
+    return environment.get_template("report.html.j2").render(
+        data=data, style=style, scripts=scripts, policy=_policy(scripts)
+    )
 
 
 def write_page(path: Path, data: ReportData) -> None:
     """Write the page durably."""
     write_bytes(path, build_page(data).encode("utf-8"))
+
+
+def _script_names(data: ReportData) -> list[str]:
+    """Return the scripts that the page's widgets need, each once, in order."""
+    wanted = [name for section in data.sections for widget in section.widgets for name in widget.scripts]
+    return list(dict.fromkeys(wanted))
+
+
+def _source(name: str) -> str:
+    """Return a file of ours, or of others in `VENDORED` as they gave it."""
+    ours = TEMPLATES / name
+    # Browsers read an ended line as "\n" before they take the digest.
+    return (ours if ours.exists() else VENDORED / name).read_text("utf-8")
+
+
+def _policy(scripts: list[str]) -> str:
+    digests = [base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii") for text in scripts]
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"
+    rules = {
+        "default-src": "'none'",
+        "script-src": allowed,
+        "img-src": "data: blob:",
+        "connect-src": "data: blob:",
+        "style-src": "'unsafe-inline'",
+    }
+    return "; ".join(f"{name} {value}" for name, value in rules.items())
+
+
+def _place(value: float, ends: tuple[float, float]) -> str:
+    """Return where a value stands on a logarithmic scale, per cent."""
+    return f"{100 * math.log(value / ends[0]) / math.log(ends[1] / ends[0]):.2f}"
+
+
+def _short(value: float) -> str:
+    if 1e-3 <= value < 1e4:
+        return f"{value:g}"
+    power = math.floor(math.log10(value) + 1e-9)
+    return f"{value / 10.0**power:g} × 10{str(power).translate(_RAISED)}"
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

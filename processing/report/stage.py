@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
@@ -13,11 +14,13 @@ from processing.report.detect_sections import TINTS, detect_section
 from processing.report.page import write_page
 from processing.report.remove_sections import remove_section
 from processing.report.room_sections import room_section
+from processing.report.room_states import MOST_STAGED, look_of, model_section, room_states, state_sections
+from processing.report.staging_sections import alternatives_section, materials_section
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from station.session import SessionManifest, Side
 
-BEFORE = ("verify", "merge", "calibrate", "room", "detect", "remove")
+BEFORE = ("verify", "merge", "calibrate", "room", "detect", "remove", "materials", "arrange", "render")
 """Stages that the report tells of; each of them is also in its row's ``needs``."""
 FILES = {
     ("merge", "indoor.exr"): "room before calibration, relative",
@@ -37,6 +40,12 @@ FILES = {
     ("remove", "empty.exr"): "the emptied room in cd/m2",
     ("remove", "filled.png"): "which pixels were filled",
     ("remove", "surfaces.npz"): "provenance, confidence, and the filled surfaces as textures",
+    ("materials", "materials.json"): "albedo, gloss, windows",
+    ("materials", "scene.npz"): "the empty room as a scene, to be lit anew",
+    ("arrange", "arrangement.json"): "where each piece stands, by alternative",
+    ("arrange", "contact-sheet.png"): "plans of all alternatives",
+    **{("render", f"staged-{k}.exr"): f"staged, alternative {k}, in cd/m2" for k in range(1, MOST_STAGED + 1)},
+    **{("render", f"staged-{k}.glb"): f"model of alternative {k}" for k in range(1, MOST_STAGED + 1)},
 }
 
 
@@ -111,7 +120,8 @@ def _warnings(name: str, summary: Mapping[str, Any]) -> list[WarningLine]:
 def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section, ...]:
     response = context.optional_artifact("merge", "response") or {}
     metrics = context.summary("merge").get("metrics", {})
-    found = [indoor_section(context.artifact("calibrate", "indoor"), facts["indoor"])]
+    found = _staging(context)
+    found.append(indoor_section(context.artifact("calibrate", "indoor"), facts["indoor"]))
     sky = context.optional_artifact("calibrate", "outdoor")
     if sky is not None:
         found.append(outdoor_section(sky, facts["outdoor"]))
@@ -126,6 +136,29 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
                 camera_section(side, response[side.value], metrics[side.value], (context.session_path, frames))
             )
     return tuple(found)
+
+
+def _staging(context: StageContext) -> list[Section]:
+    """Return what people look at first: before and after, the viewer, the model, the alternatives, materials."""
+    states = room_states(context)
+    found: list[Section | None] = []
+    if states:
+        look = look_of(context, states)
+        found += state_sections(states, look)
+        found.append(model_section(context))
+        arrangement = context.optional_artifact("arrange", "arrangement")
+        staged = context.optional_artifact("render", "staged")
+        plans = {k: path.read_bytes() for k in range(1, MOST_STAGED + 1) if (path := _plan(context, k))}
+        found.append(alternatives_section(arrangement, staged, states, plans, look))
+    materials = context.optional_artifact("materials", "materials")
+    if materials is not None:
+        found.append(materials_section(materials, context.summary("materials").get("metrics", {})))
+    return [section for section in found if section is not None]
+
+
+def _plan(context: StageContext, number: int) -> Path | None:
+    found = context.optional_artifact("arrange", f"plan-{number}")
+    return found if isinstance(found, Path) else None
 
 
 def _room(context: StageContext) -> list[Section]:

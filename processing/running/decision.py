@@ -34,6 +34,8 @@ def decide(stored: Stored, ingredients: Ingredients, *, forced: bool) -> Decisio
     if result.fingerprint == digest(ingredients):
         return Decision(result, _why_kept(result))
     found = tuple(changes(result.ingredients, ingredients))
+    if not found:
+        return Decision(None, "changed: it was made by another version of the program")
     more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     return Decision(None, f"changed: {change_line(found[0])}{more}", found)
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import base64
+import hashlib
+import html
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -27,6 +30,18 @@ from processing.report.data import (
     size_text,
 )
 from processing.report.page import build_page, write_page
+from processing.report.widgets import (
+    Card,
+    Cards,
+    Comparison,
+    Model,
+    Models,
+    Scene,
+    Shot,
+    Viewer,
+    ViewerState,
+    safe_json,
+)
 
 PIXEL = png_bytes(np.zeros((1, 1, 3), np.uint8))
 DATA = ReportData(
@@ -59,7 +74,7 @@ class Links(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.found += [value or "" for name, value in attrs if name in ("src", "href", "data", "action", "srcset")]
         self.ids += [value or "" for name, value in attrs if name == "id"]
-        if tag not in ("meta", "img", "link", "br"):
+        if tag not in ("meta", "img", "link", "br", "input"):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
@@ -96,10 +111,41 @@ def test_nothing_is_fetched_and_tags_close() -> None:
     assert not links.open
     assert all(link.startswith(("#", "data:image/")) for link in links.found), links.found
     assert {link[1:] for link in links.found if link.startswith("#")} <= set(links.ids)
-    assert "default-src 'none'" in page
+    assert "default-src &#39;none&#39;; script-src &#39;none&#39;" in page
     style = page.split("<style>")[1].split("</style>")[0]
     assert not re.search(r"url\(|@import", style)
     assert "<script" not in page
+
+
+def test_every_script_is_named_by_its_digest_and_nothing_is_fetched() -> None:
+    shot = Shot("Photograph", PIXEL, "a room")
+    scene = Scene("View", (shot, replace(shot, name="Staged 1")), 1, 1)
+    state = ViewerState("Photograph", PIXEL, "", "", "", (1, 1), (1, 1))
+    viewer = Viewer((state,), 0.5, 2.0, (1.0, 100.0), (1.0, 10.0), bytes(768), "cd/m2")
+    widgets = (
+        Comparison((scene,), "Photograph", "Staged 1"),
+        viewer,
+        Models((Model("Staged 1", b"glTF", "a room"),)),
+        Cards((Card("One", PIXEL, "a room", "oak", (Quantity("Score", 0.9),)),)),
+    )
+    page = build_page(replace(DATA, sections=(Section("Look", widgets=widgets),)))
+    policy = html.unescape(re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1))  # type: ignore[union-attr]
+    scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    assert len(scripts) == 7
+    for script in scripts:
+        assert f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" in policy
+    assert "connect-src data: blob:" in policy
+    assert "unsafe-inline" not in policy.split("style-src")[0]
+    links = Links()
+    links.feed(page)
+    assert not links.open
+    assert all(link.startswith(("#", "data:image/")) for link in links.found), links.found
+
+
+def test_data_of_a_viewer_cannot_end_its_element() -> None:
+    evil = "</script><script>alert(1)</script><!--"
+    assert "<" not in safe_json({"name": evil})
+    assert json.loads(safe_json({"name": evil})) == {"name": evil}
 
 
 def test_text_stays_text() -> None:

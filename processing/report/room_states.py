@@ -1,0 +1,113 @@
+"""Which states of the room a session has, where to look, and what the page says of them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from processing.exchange.label import TEXT
+from processing.images import LuminanceImage, luminance_cd_m2
+from processing.report.data import Section
+from processing.report.parameters import ReportParameters
+from processing.report.states import State, comparison, viewer
+from processing.report.tone import Look
+from processing.report.widgets import Model, Models
+from processing.sphere import Equirectangular
+from processing.stages.contract import StageContext
+
+MOST_STAGED = 7
+LARGEST_MODELS = 8_000_000
+"""Bytes of models within the page, besides the first."""
+
+
+def room_states(context: StageContext) -> tuple[State, ...]:
+    """Return the room as photographed, emptied, and staged: those that there are, if they are whole panoramas."""
+    upright = context.optional_artifact("room", "panorama")
+    photograph = context.artifact("calibrate", "indoor") if upright is None else upright
+    told = "stages/calibrate/indoor.exr" if upright is None else "stages/room/panorama.exr"
+    found = [State("Photograph", photograph, False, told, "the room as it was photographed")]
+    empty = context.optional_artifact("remove", "empty")
+    if empty is not None:
+        found.append(State("Emptied", empty, False, "stages/remove/empty.exr", "the room without its furniture"))
+    for number in range(1, MOST_STAGED + 1):
+        staged = context.optional_artifact("render", f"staged-{number}")
+        if staged is not None:
+            file = f"stages/render/staged-{number}.exr"
+            found.append(State(f"Staged {number}", staged, True, file, f"virtually staged, alternative {number}"))
+    return tuple(state for state in found if _whole(state.image))
+
+
+def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
+    """Return how the states are shown: in the photograph's exposure, towards what changes most."""
+    asked = context.parameters
+    plain = isinstance(asked, ReportParameters) and asked.no_staged_label
+    staged = [state.image for state in states if state.staged]
+    reference = next((state.image for state in states if state.name == "Emptied"), states[0].image)
+    yaw = towards(reference, staged[0]) if staged else towards(states[0].image, states[-1].image)
+    return Look.of(states[0].image, yaw_rad=yaw, label="" if plain else TEXT)
+
+
+def towards(before: LuminanceImage, after: LuminanceImage) -> float:
+    """Return the longitude around which two panoramas of one size differ most; 0 where they do not."""
+    height, width = before.rgb.shape[:2]
+    step = max(1, width // 512)
+    rows = slice(height // 3, None, step)
+    old, new = (np.log(luminance_cd_m2(i.rgb[rows, ::step]) + 1e-3) for i in (before, after))
+    weight = np.cos((0.5 - (np.arange(height)[rows] + 0.5) / height) * math.pi)
+    by_column = (np.minimum(np.abs(new - old), 2.0) * weight[:, None]).sum(axis=0, dtype=np.float64)
+    if by_column.sum() < 1e-3 * by_column.size:
+        return 0.0
+    longitudes = ((np.arange(by_column.size) + 0.5) / by_column.size - 0.5) * 2 * math.pi
+    # As much as fits into a view of 90 degrees, rather than the mean of what stands all around.
+    apart = np.abs(np.angle(np.exp(1j * (longitudes[:, None] - longitudes[None]))))
+    return float(longitudes[np.argmax((np.maximum(math.pi / 4 - apart, 0)) @ by_column)])
+
+
+def state_sections(states: tuple[State, ...], look: Look) -> list[Section]:
+    """Return the slider and the viewer."""
+    found = []
+    if len(states) > 1:
+        words = {2: "Drag to compare two states of the room.", 1: "", 0: ""}
+        text = words.get(min(len(states), 2), "")
+        if any(state.staged for state in states):
+            text += " Furniture in staged pictures is virtual; walls, floor, windows and daylight are the room's own."
+        found.append(Section("Before and after", text.strip(), widgets=(comparison(states, look),)))
+    unit = states[0].image.unit
+    text = (
+        f"Drag to look around. The reading, in {unit}, is of one pixel of the picture on disk (to 0.05 %), with its "
+        "standard uncertainty, that of the scale included."
+    )
+    if not states[0].image.absolute:
+        text += " The scale of this picture's light is not known: values compare within the room, not between rooms."
+    found.append(Section("Look around", text, widgets=(viewer(states, look),)))
+    return found
+
+
+def model_section(context: StageContext) -> Section | None:
+    """Return the models of the staged room, as many as the page can hold; None where there is none."""
+    folder = context.session_path / "stages" / "render"
+    paths = [path for k in range(1, MOST_STAGED + 1) if (path := folder / f"staged-{k}.glb").is_file()]
+    if not paths:
+        return None
+    models: list[Model] = []
+    for number, path in enumerate(paths, 1):
+        if models and sum(len(one.glb) for one in models) + path.stat().st_size > LARGEST_MODELS:
+            break
+        models.append(Model(f"Staged {number}", path.read_bytes(), f"model of the staged room, alternative {number}"))
+    note = _left_out(paths[len(models) :])
+    text = "Drag to turn, scroll or pinch to come closer. Walls are seen from within only, so that one looks inside."
+    return Section("In three dimensions", text, widgets=(Models(tuple(models), note),))
+
+
+def _left_out(paths: list[Path]) -> str:
+    if not paths:
+        return ""
+    return f"Further models are beside this page, to keep it small: {', '.join(path.name for path in paths)}."
+
+
+def _whole(image: Any) -> bool:
+    whole = isinstance(image, LuminanceImage) and isinstance(image.geometry, Equirectangular)
+    return whole and image.rgb.shape[1] == 2 * image.rgb.shape[0]

@@ -1,0 +1,122 @@
+"""Sections of the report on what stands where, and what the room's surfaces reflect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from processing.report.data import Quantity, Section, Table
+from processing.report.states import State, small_view
+from processing.report.tone import Look
+from processing.report.widgets import Card, Cards
+
+METHODS = {
+    "differential": "the photograph is kept, and changed only where the furniture changes its light",
+    "global": "the whole room is rendered",
+    "ibl": "furniture is lit by the panorama alone; it casts no light or shade into the room",
+}
+
+
+def alternatives_section(
+    arrangement: Mapping[str, Any] | None,
+    staged: Mapping[str, Any] | None,
+    states: Sequence[State],
+    plans: Mapping[int, bytes],
+    look: Look,
+) -> Section | None:
+    """Return the alternatives side by side: staged views, plans, figures; None where nothing was arranged.
+
+    ``arrangement`` and ``staged`` are the stages' JSON; ``plans``: SVG by number from 1.
+    """
+    every = (arrangement or {}).get("arrangements", [])
+    if not every:
+        return None
+    told: dict[int, Mapping[str, Any]] = dict(enumerate((staged or {}).get("alternatives", []), 1))
+    pictures = {state.name: state for state in states if state.staged}
+    views = [
+        Card(
+            f"Alternative {number}",
+            small_view(pictures[f"Staged {number}"], look),
+            f"virtually staged room, alternative {number}",
+            _told_text(told.get(number, {})),
+            _figures(told.get(number, {})),
+        )
+        for number in range(1, len(every) + 1)
+        if f"Staged {number}" in pictures
+    ]
+    drawn = [
+        Card(f"Plan {number}", plans[number], f"floor plan of alternative {number}", str(one.get("differs_by", "")),
+             (Quantity("Score", float(one["score"]), "of 1"),))
+        for number, one in enumerate(every, 1)
+        if number in plans
+    ]  # fmt: skip
+    method = (staged or {}).get("method", "")
+    text = f"Rules: {every[0].get('rule_set', '')}."
+    if method:
+        text += f" Method {method}: {METHODS.get(method, 'see the documentation')}."
+    widgets = tuple(Cards(tuple(cards)) for cards in (views, drawn) if cards)
+    return Section("Alternatives", text, tables=_tables(every), widgets=widgets)
+
+
+def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) -> Section:
+    """Return what surfaces reflect and windows let through."""
+    quantities = []
+    if "told_share" in metrics:
+        note = "the rest is taken from its neighbours"
+        quantities.append(Quantity("Surfaces told from light", 100 * metrics["told_share"], "%", note=note))
+    if "floor_gloss" in materials:
+        quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 a mirror"))
+    rows = tuple(_surface_row(one) for one in materials.get("surfaces", []))
+    tables = [Table("Mean albedo", ("surface", "albedo", "red, green, blue"), rows)] if rows else []
+    if windows := materials.get("windows", []):
+        shown = tuple(_window_row(one) for one in windows)
+        tables.append(Table("Windows", ("opening", "transmittance (r, g, b)", "covered"), shown))
+    if notes := [*materials.get("notes", [])]:
+        tables.append(Table("Notes", ("note",), tuple((str(note),) for note in notes)))
+    text = f"Light outdoors taken from: {materials.get('outdoors', 'unknown')}."
+    return Section("Materials", text, tuple(quantities), (), tuple(tables))
+
+
+def _told_text(told: Mapping[str, Any]) -> str:
+    parts = [f"{len(told['items'])} pieces"] if told.get("items") else []
+    if told.get("style"):
+        parts.append(str(told["style"]))
+    return ", ".join(parts)
+
+
+def _figures(told: Mapping[str, Any]) -> tuple[Quantity, ...]:
+    found = []
+    if "changed_share" in told:
+        found.append(Quantity("Changed", 100 * float(told["changed_share"]), "% of the picture"))
+    if "error" in told:
+        found.append(Quantity("Error of the light", 100 * float(told["error"]), "%"))
+    return tuple(found)
+
+
+def _tables(every: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
+    found = []
+    for number, one in enumerate(every, 1):
+        rows = tuple(_item_row(item) for item in one.get("items", []))
+        found.append(Table(f"Pieces of alternative {number}", ("piece", "model", "width × depth × height"), rows))
+    refused = every[0].get("not_placed", [])
+    if refused:
+        rows = tuple((str(item["id"]), str(item["rule"]), str(item["reason"])) for item in refused)
+        found.append(Table("Not placed", ("piece", "rule", "why"), rows))
+    return tuple(found)
+
+
+def _item_row(item: Mapping[str, Any]) -> tuple[str, str, str]:
+    size = " × ".join(f"{float(v):.2f}" for v in item["size_m"])
+    return str(item["id"]), str(item.get("model") or item["category"]), f"{size} m"
+
+
+def _surface_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
+    colour = ", ".join(f"{float(v):.3f}" for v in one.get("albedo_rgb", []))
+    uncertainty = one.get("uncertainty")
+    margin = "" if uncertainty is None else f" ± {float(uncertainty):.3f}"
+    return str(one["name"]), f"{float(one['albedo']):.3f}{margin}", colour
+
+
+def _window_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
+    share = ", ".join(f"{float(v):.2f}" for v in one["transmittance"])
+    return f"opening {one['opening']}", share, f"{100 * float(one['covered_share']):.0f} %"

@@ -1,0 +1,172 @@
+"""States of one room (as photographed, emptied, staged) as the page's viewer and slider show them.
+
+All states share one exposure, that of the first: what is brighter in the room is brighter on the page.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.exchange.jpeg_files import PanoramaTags, jpeg_bytes
+from processing.exchange.label import labelled
+from processing.false_colour import display_range, false_colour, legend_ticks
+from processing.images import Bytes, Floats, LuminanceImage, luminance_cd_m2
+from processing.report.encoding import luminance_codes, packed, picture_codes, uncertainty_codes
+from processing.report.tone import Look, shown
+from processing.report.widgets import Comparison, Scene, Shot, Viewer, ViewerState
+from processing.sphere import Equirectangular, Perspective
+from processing.views import Panorama, cut_view
+
+MAP_WIDTH_PX = 1024
+"""Of what the probe reads."""
+VIEWER_WIDTHS_PX = ((4, 4096), (8, 3072), (99, 2048))
+"""Most states, and the width of their pictures then: the page stays one that can be sent."""
+PANORAMA_WIDTH_PX = 1800
+VIEW_PX = (1500, 1000)
+FIELD_DEG = 95.0
+"""Horizontal: what a photographer's wide lens shows."""
+DROP = 0.12
+"""By how much of its height a view looks lower than level, as a shifted lens does: uprights stay upright."""
+MIDDLE = 0.5
+"""On the tone curve, of the middle code of the viewer's pictures."""
+_TALLER = VIEW_PX[1] / VIEW_PX[0] * (1 + 2 * DROP)
+_COLOURS = 256
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of the room."""
+
+    name: str
+    image: LuminanceImage
+    """Equirectangular."""
+    staged: bool = False
+    file: str = ""
+    """Where it is, relative to the session's folder."""
+    alt: str = ""
+
+
+def comparison(states: Sequence[State], look: Look) -> Comparison:
+    """Return the states under a slider: towards ``look.yaw_rad``, away from it, and all around."""
+    wholes = [Panorama(np.ascontiguousarray(state.image.rgb)) for state in states]
+    ahead, behind = _direction(look.yaw_rad), _direction(look.yaw_rad + math.pi)
+    scenes = [
+        _scene(name, states, look, [_view(whole, view, look) for whole in wholes])
+        for name, view in (("View 1", ahead), ("View 2", behind))
+    ]
+    small = [_panorama(state.image.rgb, PANORAMA_WIDTH_PX) for state in states]
+    around = [shown(rgb, look) for rgb in small]
+    scenes.append(_scene("Panorama", states, look, around, panorama=True))
+    staged = [state.name for state in states if state.staged]
+    return Comparison(tuple(scenes), states[0].name, staged[0] if staged else states[-1].name)
+
+
+def small_view(state: State, look: Look, width_px: int = 720) -> bytes:
+    """Return a JPEG of the first view, small."""
+    view = replace(_direction(look.yaw_rad), width_px=width_px, height_px=round(width_px * _TALLER))
+    rgb = cut_view(Panorama(np.ascontiguousarray(state.image.rgb)), view)[-(width_px * VIEW_PX[1] // VIEW_PX[0]) :]
+    return _jpeg(shown(rgb, look), state, look, panorama=False)
+
+
+def viewer(states: Sequence[State], look: Look) -> Viewer:
+    """Return the states in the 360-degree viewer."""
+    first = states[0].image
+    luminance = luminance_cd_m2(_map(first.rgb))
+    low, high = display_range(luminance)
+    ramp = np.geomspace(low, high, _COLOURS, endpoint=False)[None] * (high / low) ** (0.5 / _COLOURS)
+    wide = next(width for most, width in VIEWER_WIDTHS_PX if len(states) <= most)
+    return Viewer(
+        tuple(viewer_state(state, look, wide) for state in states),
+        MIDDLE,
+        look.white,
+        (low, high),
+        tuple(legend_ticks(low, high, 14)),
+        false_colour(ramp, low, high).tobytes(),
+        first.unit,
+        math.degrees(look.yaw_rad),
+        look.label,
+    )
+
+
+def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1]) -> ViewerState:
+    """Return one state: its picture at most ``width_px`` wide, and maps of single pixels of the picture on disk."""
+    image = state.image
+    if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
+        raise ParameterError("the viewer shows whole panoramas", where=state.name)
+    codes = picture_codes(_panorama(image.rgb, width_px), _middle(look))
+    luminance = luminance_cd_m2(_map(image.rgb))
+    share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
+    height, width = luminance.shape
+    return ViewerState(
+        state.name,
+        _jpeg(codes, state, look, panorama=True),
+        packed(luminance_codes(luminance)),
+        packed(uncertainty_codes(share)),
+        packed(_map(image.validity)),
+        (width, height),
+        (image.rgb.shape[1], image.rgb.shape[0]),
+        state.file,
+        state.staged,
+    )
+
+
+def _middle(look: Look) -> float:
+    """Return the light of a picture's middle code: what the eye is most particular about."""
+    return MIDDLE / look.exposure
+
+
+def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:
+    """Return which of ``length`` rows or columns a map of at most ``most`` shows: those in the middle of its own."""
+    count = min(length, most)
+    return ((np.arange(count) + 0.5) * length / count).astype(np.intp)
+
+
+def _map(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    rows, columns = values.shape[:2]
+    return np.asarray(values[np.ix_(map_pixels(rows, MAP_WIDTH_PX // 2), map_pixels(columns, MAP_WIDTH_PX))])
+
+
+def _panorama(rgb: Floats, width_px: int) -> Floats:
+    import cv2
+
+    width = min(width_px, rgb.shape[1])
+    width -= width % 2
+    if width == rgb.shape[1]:
+        return rgb
+    return np.asarray(cv2.resize(rgb, (width, width // 2), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _direction(yaw_rad: float) -> Perspective:
+    width = VIEW_PX[0]
+    return Perspective(
+        width, round(width * _TALLER), math.radians(FIELD_DEG), yaw_rad=math.remainder(yaw_rad, 2 * math.pi)
+    )
+
+
+def _view(whole: Panorama, view: Perspective, look: Look) -> Bytes:
+    rgb = cut_view(whole, view)[-VIEW_PX[1] :]
+    return shown(rgb, look)
+
+
+def _scene(
+    name: str, states: Sequence[State], look: Look, pictures: Sequence[Bytes], *, panorama: bool = False
+) -> Scene:
+    shots = tuple(
+        Shot(state.name, _jpeg(rgb8, state, look, panorama=panorama), f"{state.alt or state.name}: {name.lower()}")
+        for state, rgb8 in zip(states, pictures, strict=True)
+    )
+    return Scene(name, shots, pictures[0].shape[1], pictures[0].shape[0])
+
+
+def _jpeg(rgb8: Bytes, state: State, look: Look, *, panorama: bool) -> bytes:
+    shown = labelled(rgb8, look.label, panorama=panorama) if state.staged and look.label else rgb8
+    tags = PanoramaTags.whole(rgb8.shape[1], rgb8.shape[0]) if panorama else None
+    relative = not state.image.absolute
+    return jpeg_bytes(shown, panorama=tags, staged=state.staged, relative=relative, title=state.name, quality=86)

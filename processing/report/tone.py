@@ -1,0 +1,51 @@
+"""How light is shown on the page: one exposure and one tone curve for all states of a room."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.exchange.label import TEXT
+from processing.images import Bytes, Floats, LuminanceImage, luminance_cd_m2
+from processing.picture_preview import auto_exposure
+
+BRIGHTER = 1.8
+"""Than a preview: rooms for people to like are shown airy."""
+_WHITE_SHARE = 0.995
+_ROWS = 256
+
+
+@dataclass(frozen=True)
+class Look:
+    """How all states of a room are shown."""
+
+    exposure: float
+    """Factor from the picture's units to the tone curve's."""
+    white: float
+    """What the curve shows as white, in its units; 1 or more."""
+    yaw_rad: float = 0.0
+    """Where views look first."""
+    label: str = TEXT
+    """On staged pictures; empty: none."""
+
+    @classmethod
+    def of(cls, image: LuminanceImage, *, yaw_rad: float = 0.0, label: str = TEXT) -> Look:
+        """Return the look of a picture and of all that is made from it."""
+        exposure = BRIGHTER * auto_exposure(image.rgb)
+        step = max(1, image.rgb.shape[1] // 1024)
+        sample = luminance_cd_m2(image.rgb[::step, ::step]) * np.float32(exposure)
+        return cls(exposure, max(1.0, float(np.quantile(sample, _WHITE_SHARE))), yaw_rad, label)
+
+
+def shown(rgb: Floats, look: Look) -> Bytes:
+    """Return linear light (H, W, 3) as 8-bit sRGB (Reinhard et al. 2002, eq. 4, on luminance)."""
+    out = np.empty(rgb.shape, dtype=np.uint8)
+    for top in range(0, rgb.shape[0], _ROWS):
+        rows = np.maximum(rgb[top : top + _ROWS], 0) * np.float32(look.exposure)
+        luminance = luminance_cd_m2(rows)[..., None]
+        linear = np.clip(rows * ((1 + luminance / np.float32(look.white**2)) / (1 + luminance)), 0, 1)
+        high = np.float32(1.055) * np.maximum(linear, np.float32(0.0031308)) ** np.float32(1 / 2.4) - np.float32(0.055)
+        encoded = np.where(linear <= 0.0031308, linear * np.float32(12.92), high)
+        out[top : top + _ROWS] = np.asarray(encoded * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+    return out
