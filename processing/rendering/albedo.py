@@ -20,6 +20,7 @@ from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.rendering.gloss import MOST_SHARE, gloss_factor, mirrored
 from processing.rendering.irradiance import Effort
 from processing.rendering.kernels import towards_panes
+from processing.rendering.lamps import Lamp, find_lamps
 from processing.rendering.render import sun_of
 from processing.rendering.room_light import MeasuredLight, irradiance_by_picture, measured_light
 from processing.rendering.scene import Doubles, Floats, Outdoors, Scene, Vector, plain
@@ -27,7 +28,7 @@ from processing.rendering.shell import REVEAL_M, shell_of
 from processing.rendering.sight import Sight, albedo_of, sight_of
 from processing.rendering.stage import Stage
 from processing.rendering.upsample import upsampled
-from processing.rendering.windows import measured_windows
+from processing.rendering.windows import measured_windows, windows_from_inside
 from processing.resampling import resample
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
@@ -44,6 +45,9 @@ HALF_SHADOW = 0.35
 SUN_MARGIN_M = 0.25
 """Around the sun's patch, where the model's edges may be wrong."""
 PX_PER_M = 50.0
+DARK = np.zeros((32, 64, 3), np.float32)
+DARK.setflags(write=False)
+"""Outdoors of which nothing is known."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +68,15 @@ class RoomAlbedo:
     """By opening."""
     gloss: float
     """How much of full varnish the floor mirrors, 0 to 1; it is taken out of its albedo."""
+    lamps: tuple[Lamp, ...]
+    """What gives light by itself, the strongest first; its light is in the scene."""
     notes: tuple[str, ...]
 
 
 def albedo_of_room(
     panorama: LuminanceImage,
     room: RoomModel,
-    outdoors: Outdoors,
+    outdoors: Outdoors | None,
     *,
     reveal_m: float = REVEAL_M,
     filled: np.ndarray | None = None,
@@ -85,7 +91,7 @@ def albedo_of_room(
     panorama
         The emptied room, upright, equirectangular, in cd/m2.
     outdoors
-        The light outside at the same moment.
+        The light outside at the same moment; None: nobody knows, the windows light as they look from inside.
     filled
         (H, W): pixels that removal filled in; they light the room but tell no albedo of their own.
     rows
@@ -114,9 +120,12 @@ def albedo_of_room(
     value, whole, told = _values(
         flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
     )
+    usable = ~near_sun(stage, sight) & ~_filled_in(filled, rows)
+    emission, lamps = find_lamps(flat, whole, _usual(value, sight, told), sight, usable)
+    told &= ~emission.any(axis=1)
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
     doubt = np.where(told, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
-    scene, picture = _textured(stage.scene, room, sight, value, told)
+    scene, picture = _textured(stage.scene, room, sight, value, told, emission)
     notes += (f"{100 * told[sight.solid].mean():.0f} % of pixels tell their own albedo",)
     notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss told, taken as matte",)
     shape = sight.shape
@@ -128,8 +137,17 @@ def albedo_of_room(
         scene,
         transmittance,
         gloss,
+        tuple(lamps),
         notes,
     )
+
+
+def _filled_in(filled: np.ndarray | None, rows: int) -> np.ndarray:
+    """Return which pixels (n,) of the albedo picture show something that removal made up."""
+    if filled is None:
+        return np.zeros(2 * rows * rows, bool)
+    small = cv2.resize(filled.astype(np.float32), (2 * rows, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(small.ravel() > 0)
 
 
 def _brought_to(panorama: LuminanceImage, rows: int, filled: np.ndarray | None) -> tuple[Floats, np.ndarray]:
@@ -150,14 +168,18 @@ def _brought_to(panorama: LuminanceImage, rows: int, filled: np.ndarray | None) 
 
 
 def _stage(
-    room: RoomModel, outdoors: Outdoors, rgb: Floats, valid: np.ndarray, reveal_m: float, effort: Effort
+    room: RoomModel, outdoors: Outdoors | None, rgb: Floats, valid: np.ndarray, reveal_m: float, effort: Effort
 ) -> tuple[Stage, dict[int, Vector], tuple[str, ...]]:
     """Return the room under its light with windows that let through what the pictures tell."""
     surfaces, panes = shell_of(room, reveal_m=reveal_m)
-    stage = Stage.of(Scene(surfaces, panes, outdoors), effort.texel_m)
-    geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
-    sight = sight_of(stage, geometry, (0.0, 0.0, room.camera_height_m))
     eye = (0.0, 0.0, room.camera_height_m)
+    stage = Stage.of(Scene(surfaces, panes, outdoors or Outdoors(DARK)), effort.texel_m)
+    if outdoors is None:
+        lit = replace(stage, scene=replace(stage.scene, panes=windows_from_inside(stage, rgb, eye)))
+        note = "no picture of the sky: windows light as they look from inside, and their transmittance is not known"
+        return lit, {}, (note,) if panes else ()
+    geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
+    sight = sight_of(stage, geometry, eye)
     clear, measured, told = measured_windows(stage, sight, rgb, valid, eye)
     notes = () if told or not panes else ("the windows' transmittance cannot be told: that of double glazing is taken",)
     every = {pane.opening: pane.transmittance for pane in clear}
@@ -260,8 +282,10 @@ def _spread(value: Doubles, usual: Doubles, sight: Sight, among: np.ndarray) -> 
     return out
 
 
-def _textured(scene: Scene, room: RoomModel, sight: Sight, value: Doubles, told: np.ndarray) -> tuple[Scene, Floats]:
-    """Return the scene with albedo textures, and the albedo picture with untold pixels taken from them."""
+def _textured(
+    scene: Scene, room: RoomModel, sight: Sight, value: Doubles, told: np.ndarray, emission: Floats
+) -> tuple[Scene, Floats]:
+    """Return the scene with albedo and lamps as textures, and the albedo picture with untold pixels taken from them."""
     geometry = Equirectangular(sight.shape[1], sight.shape[0])
     usual = _usual(value, sight, told)
     shaped = value.reshape(*sight.shape, 3).astype(np.float32)
@@ -275,7 +299,13 @@ def _textured(scene: Scene, room: RoomModel, sight: Sight, value: Doubles, told:
             hidden = ~mine.reshape(sight.shape)
             found = unwrap(shaped, geometry, room, planes[surface.plane], PX_PER_M, mask=hidden)
             texture = _filled(found.values, found.known, colour)
-        surfaces.append(replace(surface, albedo=texture))
+        emits = plain(0.0)
+        if surface.plane >= 0 and emission[sight.label == number].any():
+            other = (sight.label != number).reshape(sight.shape)
+            shining = emission.reshape(*sight.shape, 3)
+            seen = unwrap(shining, geometry, room, planes[surface.plane], PX_PER_M, mask=other)
+            emits = np.where(seen.known[..., None], seen.values, np.float32(0))
+        surfaces.append(replace(surface, albedo=texture, emission_cd_m2=emits))
     textured = replace(scene, surfaces=tuple(surfaces))
     picture = value.astype(np.float32)
     again = albedo_of(Stage.of(textured, 1.0), sight)

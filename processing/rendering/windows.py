@@ -54,6 +54,35 @@ def measured_windows(
     return panes, outdoors if gain is None else _with_ground(outdoors, gain), told
 
 
+def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[Pane, ...]:
+    """Return panes that give the light that the camera sees on them, as bright from everywhere: no picture of the sky.
+
+    A place on the floor sees the sky where the camera sees the horizon: without an outdoor picture this is not known.
+    """
+    found = []
+    for pane in stage.scene.panes:
+        way, seen, shape = _cells(stage, pane, eye_m)
+        veil = looked_up(panorama, way).astype(np.float64)
+        if seen.any():
+            veil[~seen] = veil[seen].mean(axis=0)
+        covered = np.zeros(shape, np.float32)
+        found.append(replace(pane, clear=covered, veil_cd_m2=veil.reshape(*shape, 3).astype(np.float32)))
+    return tuple(found)
+
+
+def _cells(stage: Stage, pane: Pane, eye_m: Vector) -> tuple[Floats, np.ndarray, tuple[int, int]]:
+    """Return the directions (n, 3) from a point to a pane's cells, which of them it sees, and rows and columns."""
+    rows = max(1, round(float(np.linalg.norm(pane.up_m)) / CELL_M))
+    columns = max(1, round(float(np.linalg.norm(pane.across_m)) / CELL_M))
+    v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
+    places = pane.corner_m + u[..., None] * pane.across_m + (1 - v)[..., None] * pane.up_m
+    way = places.reshape(-1, 3) - np.asarray(eye_m)
+    far = np.linalg.norm(way, axis=1)
+    way = (way / far[:, None]).astype(np.float32)
+    hits = stage.tracer.cast(np.broadcast_to(np.asarray(eye_m, np.float32), way.shape), way)
+    return way, hits.distance_m > far - 0.02, (rows, columns)
+
+
 def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Vector, bool]:
     """Return the transmittance of the clear parts of all windows (they are glazed alike), and whether it was told."""
     weights = np.asarray(LUMINANCE_WEIGHTS)
@@ -76,15 +105,7 @@ def _covered(stage: Stage, pane: Pane, ground: float, panorama: Floats, eye_m: V
     A cell is clear or not. Where the camera looks down through the pane it is compared with ground that is ``ground``
     times as bright as its usual albedo makes it. What covers the rest is as bright from everywhere as for the camera.
     """
-    rows = max(1, round(float(np.linalg.norm(pane.up_m)) / CELL_M))
-    columns = max(1, round(float(np.linalg.norm(pane.across_m)) / CELL_M))
-    v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
-    places = pane.corner_m + u[..., None] * pane.across_m + (1 - v)[..., None] * pane.up_m
-    way = places.reshape(-1, 3) - np.asarray(eye_m)
-    far = np.linalg.norm(way, axis=1)
-    way = (way / far[:, None]).astype(np.float32)
-    hits = stage.tracer.cast(np.broadcast_to(np.asarray(eye_m, np.float32), way.shape), way)
-    seen = hits.distance_m > far - 0.02
+    way, seen, (rows, columns) = _cells(stage, pane, eye_m)
     shown = looked_up(panorama, way).astype(np.float64)
     through = looked_up(stage.scene.outdoors.rgb, way) * np.asarray(pane.transmittance)
     weights = np.asarray(LUMINANCE_WEIGHTS)

@@ -18,6 +18,8 @@ from processing.pipeline import Artifact, Stage, resolve
 from station import strict_json
 
 MAX_JSON_BYTES = 64 << 20
+WRITTEN = True
+"""Instead of an artifact's value: the stage has written the file."""
 _SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
 _READ_PICTURE = "processing.image_files:read_exr"
 _WRITE_PICTURE = "processing.image_files:write_exr"
@@ -33,10 +35,11 @@ def file_name(artifact: Artifact) -> str:
 def save(artifact: Artifact, value: object, folder: Path) -> object:
     """Write an artifact into ``folder`` and return what later stages are handed.
 
-    Raises `ProcessingError` for a "file" that the stage has not written, and what the writers raise.
+    A picture may be `WRITTEN` by the stage itself, so that large ones need not be in memory together. Raises
+    `ProcessingError` for a "file" that the stage has not written, and what the writers raise.
     """
     path = folder / file_name(artifact)
-    if artifact.kind == "picture":
+    if artifact.kind == "picture" and value is not WRITTEN:
         resolve(_WRITE_PICTURE)(path, value)
         return value
     if artifact.kind == "mask":

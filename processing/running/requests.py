@@ -91,8 +91,10 @@ def parameters(stage: Stage, request: RunRequest) -> StageParameters:
 
 
 def given_files(stage: Stage, request: RunRequest) -> dict[str, Path]:
-    """Return the files given to a stage by option name; `ParameterError` where one is no file."""
-    return {option.name: _file(flag, request.options[flag]) for flag, option in _asked(stage, request, "file")}
+    """Return the files and folders given to a stage by option name; `ParameterError` where one is none."""
+    files = {option.name: _file(flag, request.options[flag]) for flag, option in _asked(stage, request, "file")}
+    folders = {option.name: _folder(flag, request.options[flag]) for flag, option in _asked(stage, request, "folder")}
+    return files | folders
 
 
 def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
@@ -122,4 +124,11 @@ def _file(flag: str, value: object) -> Path:
     path = Path(str(value))
     if not path.is_file():
         raise ParameterError(f"{flag}: there is no file {path.name}", where=str(path))
+    return path
+
+
+def _folder(flag: str, value: object) -> Path:
+    path = Path(str(value))
+    if not path.is_dir():
+        raise ParameterError(f"{flag}: there is no folder {path.name}", where=str(path))
     return path

@@ -17,6 +17,8 @@ from station.errors import IntegrityError
 from station.folder import Folder
 from station.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
 
+READ_FOLDER_BYTES = 1 << 30
+"""Of a folder that the user gives, up to which all of it is read; a larger one counts by names and sizes."""
 _PROGRAM = Path(__file__).resolve().parents[1]
 
 
@@ -109,8 +111,21 @@ def make_context(
 
 
 def _digests(files: Mapping[str, Path]) -> dict[str, str]:
-    found = {}
-    for name, path in files.items():
-        with path.open("rb") as file:
-            found[name] = hashlib.file_digest(file, "sha256").hexdigest()
-    return found
+    return {name: _folder_digest(path) if path.is_dir() else _file_digest(path) for name, path in files.items()}
+
+
+def _file_digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _folder_digest(folder: Path) -> str:
+    """Return a digest of a folder's files: of their bytes, or of their sizes where there is too much to read."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    sizes = [path.stat().st_size for path in files]
+    whole = sum(sizes) <= READ_FOLDER_BYTES
+    digest = hashlib.sha256()
+    for path, size in zip(files, sizes, strict=True):
+        what = _file_digest(path) if whole else str(size)
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{what}\0".encode())
+    return digest.hexdigest()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from processing.errors import ProcessingError
 from processing.pipeline import Artifact, Stage, resolve
-from processing.running.artifacts import file_name, load, save
+from processing.running.artifacts import WRITTEN, file_name, load, save
 from processing.running.cost import Cost
 from processing.running.digest_memory import DigestMemory
 from processing.running.fingerprint import Ingredients, digest
@@ -117,7 +117,7 @@ def _write(made: list[Artifact], values: Mapping[str, object], building: Buildin
     for artifact in made:
         with durable.disk_errors(building.folder.path / file_name(artifact), "writing"):
             value = save(artifact, values[artifact.name], folder)
-        if artifact.kind != "file":
+        if artifact.kind != "file" and values[artifact.name] is not WRITTEN:
             in_memory[artifact.name] = value
     return in_memory
 

@@ -6,15 +6,19 @@ import json
 from pathlib import Path
 from typing import Any
 
-from processing.errors import LayoutError
+from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
+from processing.layout.catalogue import Catalogue
 from processing.layout.drawing import write_drawings
-from processing.layout.item_list import parse_items, set_items
+from processing.layout.item_list import parse_items, set_list
+from processing.layout.item_table import KINDS
 from processing.layout.items import Item
+from processing.layout.plan import FloorPlan
 from processing.layout.plan_room import from_room_model
 from processing.layout.rules import built_in_rules
 from processing.room.model import RoomModel
+from processing.stages.arrange_choice import Choice, fitting_choice, named_choice, with_door
 from processing.stages.arrange_parameters import MOST_STAGED, ArrangeParameters
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 
@@ -43,19 +47,44 @@ def run(context: StageContext) -> StageOutput:
     asked = context.parameters
     assert isinstance(asked, ArrangeParameters)
     room = RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
-    plan = from_room_model(room, name=context.session.name or "room")
-    name, items = _items(asked)
-    found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed)
+    room, assumed = with_door(room)
+    # The camera's place stays free: furniture around it would hide the room from the picture.
+    plan = from_room_model(room, name=context.session.name or "room", keep_camera_free=True)
+    choice = _choice(asked, context.session.name, plan)
+    context.progress(0.3, choice.name)
+    items = _items(asked, choice, context.files.get("furniture"))
+    try:
+        found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed)
+    except (NoDoorError, RoomTooSmallError) as error:
+        return _nothing(error, choice)
     context.progress(0.8, "drawing")
     drawn = _draw(found, context.folder)
-    return _output(found, name, drawn)
+    return _output(found, choice, drawn, assumed)
 
 
-def _items(asked: ArrangeParameters) -> tuple[str, list[Item]]:
+def _choice(asked: ArrangeParameters, session_name: str, plan: FloorPlan) -> Choice:
     if asked.items is not None:
-        return "items given", parse_items(asked.items)
-    name = "bedroom" if asked.set == "auto" else asked.set
-    return name, set_items(name)
+        return Choice("items", "given by you")
+    if asked.set != "auto":
+        return Choice(asked.set, "asked for")
+    return named_choice(session_name) or fitting_choice(plan, asked.rules, asked.seed)
+
+
+def _items(asked: ArrangeParameters, choice: Choice, folder: Path | None) -> list[Item]:
+    """Return the items; with a folder of furniture, in the sizes of its models (kinds that it lacks are built in)."""
+    kinds = KINDS if folder is None else {**KINDS, **Catalogue.at(folder).kinds(asked.seed)}
+    return parse_items(asked.items if asked.items is not None else set_list(choice.name), kinds)
+
+
+def _nothing(error: LayoutError, choice: Choice) -> StageOutput:
+    """Tell that nothing can be arranged: no failure of the session, its other results stand."""
+    reason = f"{error.code}: {str(error).split(' | ')[0]}"[:480]
+    names = ("arrangement", "contact-sheet", *(f"plan-{k}" for k in range(1, MOST_STAGED + 1)))
+    return StageOutput(
+        metrics={"set": choice.name, "why": choice.why, "alternatives": 0},
+        warnings=(StageWarning(code="arrange", message=f"nothing is arranged: {reason}"),),
+        left_out=dict.fromkeys(names, reason),
+    )
 
 
 def _draw(found: Arrangements, folder: Path) -> set[str]:
@@ -73,13 +102,15 @@ def _draw(found: Arrangements, folder: Path) -> set[str]:
     return drawn
 
 
-def _output(found: Arrangements, name: str, drawn: set[str]) -> StageOutput:
+def _output(found: Arrangements, choice: Choice, drawn: set[str], assumed: str) -> StageOutput:
     first = found.arrangements[0] if found.arrangements else None
     every = {"contact-sheet", *(f"plan-{k}" for k in range(1, MOST_STAGED + 1))}
     refused = () if first is None else first.not_placed
-    texts = [*found.notes, *(f"{one.id} is not placed: {one.reason}" for one in refused)]
+    texts = [assumed] if assumed else []
+    texts += [*found.notes, *(f"{one.id} is not placed: {one.reason}" for one in refused)]
     metrics: dict[str, Any] = {
-        "set": name,
+        "set": choice.name,
+        "why": choice.why,
         "asked": list(found.asked),
         "alternatives": len(found.arrangements),
         "scores": [round(one.score, 4) for one in found.arrangements],

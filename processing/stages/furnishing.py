@@ -18,11 +18,17 @@ LIFT_M = 0.001
 """By which everything stands above the floor, so that undersides do not lie in it."""
 
 
-def furniture_parts(items: Sequence[PlacedItem], catalogue: Catalogue) -> tuple[Part, ...]:
-    """Return the parts of all items in the room's frame; raises `CatalogueError` or `ModelFileError`."""
+def furniture_parts(items: Sequence[PlacedItem], built_in: Catalogue, own: Catalogue | None = None) -> tuple[Part, ...]:
+    """Return the parts of all items in the room's frame; ``own`` has those that name a model.
+
+    Raises `CatalogueError` or `ModelFileError`.
+    """
     found = []
     for item in items:
-        model = catalogue.mesh(item.model or item.category, item.size_m)
+        if item.model and own is not None:
+            model = own.mesh(item.model, item.size_m)
+        else:
+            model = built_in.mesh(item.category, item.size_m)
         found += [_placed(part, item) for part in model.parts if len(part.faces)]
     return tuple(found)
 

@@ -42,7 +42,7 @@ def run(context: StageContext) -> StageOutput:
     image, filled = emptied(context)
     room = room_model(context)
     context.progress(0.0, "the light outdoors")
-    outdoors, source, warnings = _outdoors(context, image)
+    outdoors, source, warnings = _outdoors(context)
     context.progress(0.1, "albedo")
     rows = min(ROWS[context.quality.value], image.rgb.shape[0])
     found = albedo_of_room(
@@ -90,16 +90,25 @@ def room_model(context: StageContext) -> RoomModel:
     return RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
 
 
-def _outdoors(context: StageContext, image: LuminanceImage) -> tuple[Outdoors, str, list[str]]:
+def _outdoors(context: StageContext) -> tuple[Outdoors | None, str, list[str]]:
+    """Return the light outside, what it was taken from, and what is to be told of it."""
+    inside = "windows as seen from inside"
     picture = context.optional_artifact("calibrate", "outdoor")
     if picture is None:
-        dark = Outdoors(np.zeros((32, 64, 3), np.float32))
-        return dark, "none", ["there is no outdoor picture"]
+        why = context.summary("calibrate")["left_out"].get("outdoor", "the session has no outdoor picture")
+        text = f"the windows light as they look from inside, without direct sun: {why}"
+        return None, inside, [text]
     try:
-        return outdoors_of(picture), "outdoor picture", []
+        found = outdoors_of(picture)
     except SceneError as error:
-        dark = Outdoors(np.zeros((32, 64, 3), np.float32))
-        return dark, "none", [f"the outdoor picture is of no use: {error}"]
+        return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
+    warnings = []
+    if context.session.heading_rad is None:
+        warnings.append(
+            "the heading of the panorama is not recorded: sky and sun may stand before the wrong windows "
+            "(heading_deg in the rig file; --heading of daylit import)"
+        )
+    return found, "outdoor picture", warnings
 
 
 def _facts(found: RoomAlbedo, source: str) -> dict[str, Any]:
