@@ -2,7 +2,8 @@
 
 Simulated rooms of test seeds, furnished (as they stand) and emptied, 1024 x 512; ZInD pictures of the scored half
 against ``layout_raw`` (keys ``_zind_``) and ``layout_visible``; ``seconds`` is the CPU time of one full-size panorama
-(6720 x 3360) from levelling to openings. Corner errors are in % of a 1024 x 512 picture's diagonal.
+(6720 x 3360) from levelling to openings. Corner errors are in % of a 1024 x 512 picture's diagonal. Keys ``level_``:
+test rooms tilted by up to 15 degrees; ``_given_room``: openings alone, on the true walls.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ import numpy as np
 from benchmarks._detect_truth import picture_of
 from benchmarks._memory import MemoryWatch
 from benchmarks._plots import Point, time_against_error
+from benchmarks._room_level import level_metrics
+from benchmarks._room_openings import opening_metrics
 from benchmarks._room_openings import score_room as score_openings
 from benchmarks._room_plots import reliability_plot
 from benchmarks._room_real import RealRoom, labelled_rooms, real_rooms
@@ -69,6 +72,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         empty.add(told(picture_of(truth.empty_rgb)), true)
     real, notes = _real(quick=quick)
     metrics = _simulated_metrics(empty, furnished) | real.pop("metrics")
+    metrics |= level_metrics(quick=quick) | opening_metrics(quick=quick)
     full, parts = _full_size(rooms[0])
     metrics |= full
     rivals = {

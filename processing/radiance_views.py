@@ -10,7 +10,6 @@ from processing.picture_checks import refused
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
 
 _FIT = 1e-6
-_CENTRED_PX = 1e-3
 
 
 def view_of(geometry: Geometry, where: Path | str) -> str:

@@ -101,8 +101,3 @@ def draw_eye_m(rng: np.random.Generator, ceiling_m: float) -> float:
     """Return a camera height."""
     high = rng.uniform(0.9, 2.0) if rng.random() < 0.3 else rng.normal(1.5, 0.12)
     return float(min(max(high, 0.85), ceiling_m - 0.4, math.inf))
-
-
-def least_side_m(outline: Doubles) -> float:
-    """Return the shortest wall."""
-    return float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).min())

@@ -108,11 +108,6 @@ def _half_widths(here: Doubles, there: Doubles, angle_rad: float, columns: int) 
     return np.where(none, -1, np.minimum(np.floor(half + 1e-9), columns // 2)).astype(np.int64)
 
 
-def shrunk(mask: Flags, angle_rad: float) -> Flags:
-    """Return the places of a mask that are farther than an angle from everything outside it."""
-    return ~grown(~mask, angle_rad)
-
-
 def resized(values: Floats, shape: tuple[int, int]) -> Floats:
     """Return a picture (H, W) or (H, W, C) of the whole sphere at another size: by area down, linear up, round."""
     height, width = values.shape[:2]

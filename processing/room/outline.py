@@ -170,10 +170,3 @@ def values_of(outline: Outline) -> Doubles:
     """Return the parameters: walls' azimuth, log of the heights' ratio, distances, then the normals of FREE walls."""
     free = [w.normal_rad for w in outline.walls if w.kind == FREE]
     return np.array([outline.turned_rad, math.log(outline.ratio), *(w.distance for w in outline.walls), *free])
-
-
-def box_outline(turned_rad: float, ratio: float, distances: tuple[float, float, float, float]) -> Outline:
-    """Return a rectangle: distances of the walls ahead, right, behind, left in the turned axes."""
-    kinds = (ALONG_Y, ALONG_X, ALONG_Y, ALONG_X)
-    walls = (Wall(kind, k * math.pi / 2, d) for k, (kind, d) in enumerate(zip(kinds, distances, strict=True)))
-    return Outline(tuple(walls), turned_rad, ratio)

@@ -13,7 +13,6 @@ from processing.sphere import Equirectangular
 
 LARGEST_BLANK = 0.3
 """Share of the sphere without data or detail from which a picture is refused."""
-DOUBTFUL_BLANK = 0.12
 STEP_ROWS = 256
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -37,7 +38,7 @@ class Segmenter(Protocol):
         """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); each pixel sums to 1."""
 
 
-class _ByContract:
+class _ByContract(ABC):
     """A network that is fed and read as its contract says; names and, on a grey view, its output are checked first."""
 
     contract: NetworkContract
@@ -82,8 +83,9 @@ class _ByContract:
             raise _failed(self.contract, view_rgb8, exc) from exc
         return scene_probabilities(self.contract, found, view_rgb8.shape[:2])
 
+    @abstractmethod
     def _outputs_of(self, fed: Array) -> list[Array]:
-        raise NotImplementedError
+        """Return the outputs that the contract names, in its order."""
 
 
 class OnnxSegmenter(_ByContract):

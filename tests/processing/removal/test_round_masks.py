@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.removal.round_masks import components, grown, resized, share_of_sphere, shrunk, smoothed
+from processing.removal.round_masks import components, grown, resized, share_of_sphere, smoothed
 from processing.sphere import Equirectangular, directions, pixels
 
 ROWS = 46
@@ -56,8 +56,6 @@ def test_growing_nothing_and_by_nothing() -> None:
     assert not grown(mask, 0.5).any()
     mask[3, 3] = True
     np.testing.assert_array_equal(grown(mask, 0.0), mask)
-    assert not shrunk(mask, 0.5).any()
-    assert shrunk(np.ones((8, 16), bool), 0.5).all()
 
 
 def test_shares_are_by_solid_angle() -> None:

@@ -15,7 +15,7 @@ from processing.room.confidence import diagnose, wall_confidences
 from processing.room.estimate import estimate_room, walls_azimuth
 from processing.room.hypotheses import hypotheses
 from processing.room.model import geometry_problems
-from processing.room.outline import box_outline, corners_of, polygon_of, values_of, with_values
+from processing.room.outline import ALONG_X, ALONG_Y, Outline, Wall, corners_of, polygon_of, values_of, with_values
 from processing.room.refine import Refined
 from processing.room.tidy import tidied
 from processing.segmentation.evidence import SceneEvidence
@@ -203,6 +203,13 @@ def test_columns_of_which_nothing_is_known_do_not_count() -> None:
     floor[40:70], sigma[40:70] = -1.4, np.inf
     best = hypotheses(columns_of(replace(true, floor_rad=floor, floor_sigma_rad=sigma)), 0.0)[0]
     assert iou(best.fit.polygon * 1.6, BOX) > 0.98
+
+
+def box_outline(turned_rad: float, ratio: float, distances: tuple[float, ...]) -> Outline:
+    """A rectangle: distances of the walls ahead, right, behind, left in the turned axes."""
+    kinds = (ALONG_Y, ALONG_X, ALONG_Y, ALONG_X)
+    walls = (Wall(kind, k * math.pi / 2, d) for k, (kind, d) in enumerate(zip(kinds, distances, strict=True)))
+    return Outline(tuple(walls), turned_rad, ratio)
 
 
 def test_outlines_make_polygons_and_take_parameters() -> None:
