@@ -89,8 +89,7 @@ def select(  # type: ignore[no-untyped-def]
     x0, y0, cell = grid[0], grid[1], grid[2]
     children = np.zeros(dyn.shape[0], dtype=np.int64)
     in_stratum = np.zeros(n_strata, dtype=np.int64)
-    work = np.empty(blocked.shape[1:], dtype=np.uint8)
-    stack = np.empty(work.size, dtype=np.int64)
+    work = np.empty((2, *blocked.shape[1:]), dtype=np.uint64)
     zones = np.empty((dyn.shape[1], 4, 2))
     for row in order:
         b, v, k = index[row, 0], index[row, 1], index[row, 2]
@@ -111,9 +110,9 @@ def select(  # type: ignore[no-untyped-def]
             radius2,
         )  # fmt: skip
         n_zones = zones_of(new_dyn[found], new_classes[found], count, zones)
-        if connected(
-            new_blocked[found], work, stack, doors, doors.shape[0], zones, n_zones, x0, y0, cell, reach
-        ) < 0:  # fmt: skip
+        if not connected(
+            new_blocked[found], work, doors, doors.shape[0], zones, n_zones, x0, y0, cell, reach
+        ):  # fmt: skip
             continue
         new_n[found] = count
         accepted[found] = row

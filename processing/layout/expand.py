@@ -15,10 +15,24 @@ MOST_ROWS = 12_000
 
 
 @njit(cache=True)
+def close_outside(walls, line, own, longest, intervals, count, gaps):  # type: ignore[no-untyped-def]
+    """Append the gaps between merged intervals in which the rectangles are outside; return how many there are then.
+
+    No wall is crossed within a gap, so that one place tells of all.
+    """
+    for i in range(complement(intervals, count, 0.0, longest, gaps)):
+        low, high = gaps[i, 0], gaps[i, 1]
+        if not rects_inside(walls, line[0], line[1], line[2], line[3], 0.5 * (low + high), own):
+            intervals[count, 0], intervals[count, 1] = low - 3 * SKIN_M, high + 3 * SKIN_M
+            count += 1
+    return count
+
+
+@njit(cache=True)
 def standing(walls, outlines, heights, classes, rects, kinds, n_rects, widths, lines, allowed, meets, out, counts):  # type: ignore[no-untyped-def]
     """Write the merged intervals that walls and fixed outlines forbid: out (V, L, K, 2), counts (V, L)."""
     rows = (walls.shape[0] + outlines.shape[0]) * rects.shape[1] + 4
-    scratch = np.empty((rows, 2))
+    scratch, gaps = np.empty((2 * rows, 2)), np.empty((rows, 2))
     for v in range(rects.shape[0]):
         own, kind = rects[v, : n_rects[v]], kinds[v, : n_rects[v]]
         for k in range(lines.shape[0]):
@@ -31,6 +45,7 @@ def standing(walls, outlines, heights, classes, rects, kinds, n_rects, widths, l
                 outlines, heights, classes, outlines.shape[0], ox, oy, ux, uy, own, kind, meets, scratch, found
             )
             found = merged(scratch, found)
+            found = merged(scratch, close_outside(walls, lines[k], own, lines[k, 4] - widths[v], scratch, found, gaps))
             if found > out.shape[2]:
                 found = out.shape[2]
                 scratch[found - 1, 1] = 1e300
@@ -86,7 +101,7 @@ def stands_by(line, s, rect, near, anchors, n_anchors):  # type: ignore[no-untyp
 
 @njit(cache=True)
 def try_places(  # type: ignore[no-untyped-def]
-    free, n_free, line, own, bonus, at, to, half, role, near, walls, longest, anchors, n_anchors, fractions, doors,
+    free, n_free, line, own, bonus, at, to, half, role, near, longest, anchors, n_anchors, fractions, doors,
     windows, middle, b, v, k, out_index, out_place, out_score, found, places, wanted,
 ):  # fmt: skip
     """Write the rows of one line's free intervals from row `found`; return how many rows there are then."""
@@ -102,8 +117,6 @@ def try_places(  # type: ignore[no-untyped-def]
             if found >= out_score.shape[0]:
                 continue
             if near[0] >= 0 and not stands_by(line, s, own[0], near, anchors, n_anchors):
-                continue
-            if not rects_inside(walls, ox, oy, ux, uy, s, own):
                 continue
             ax, ay = s + at[0], at[1]
             ends = int(s - free[i, 0] < 1e-3) + int(free[i, 1] - s < 1e-3)
@@ -123,7 +136,7 @@ def try_places(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def expand(  # type: ignore[no-untyped-def]
-    walls, rects, kinds, n_rects, widths, bonus, anchor_at, anchor_to, half, role, near, lines, allowed, meets,
+    rects, kinds, n_rects, widths, bonus, anchor_at, anchor_to, half, role, near, lines, allowed, meets,
     fixed, fixed_counts, dyn, dyn_heights, dyn_classes, dyn_n, anchors, n_anchors, fractions, doors, windows, middle,
     out_index, out_place, out_score,
 ):  # fmt: skip
@@ -148,7 +161,7 @@ def expand(  # type: ignore[no-untyped-def]
                 longest = lines[k, 4] - widths[v]
                 n_free = complement(scratch, count, 0.0, longest, free)
                 found = try_places(
-                    free, n_free, lines[k], own, bonus[v], anchor_at[v], anchor_to[v], half[v], role, near, walls,
+                    free, n_free, lines[k], own, bonus[v], anchor_at[v], anchor_to[v], half[v], role, near,
                     longest, anchors[b], n_anchors[b], fractions, doors, windows, middle,
                     b, v, k, out_index, out_place, out_score, found, places, wanted,
                 )  # fmt: skip

@@ -16,7 +16,6 @@ from numba import njit
 SKIN_M = 1e-7
 """Overlaps thinner than this are contact."""
 BODY, ZONE, DOOR, WINDOW, RUG, KEPT = 0, 1, 2, 3, 4, 5
-MOST_INTERVALS = 96
 
 _MEETS = np.zeros((6, 6), dtype=np.bool_)
 """Which class of rectangle (first) an obstacle's class forbids, given that their heights overlap."""
@@ -51,23 +50,34 @@ def extent_in_strip(xs, ys, count, y0, y1):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def strip_of(rects):  # type: ignore[no-untyped-def]
+    """Return (low, high) of the open strip along the line that a set of rectangles moves in."""
+    nearest, farthest = 1e300, -1e300
+    for r in range(rects.shape[0]):
+        nearest, farthest = min(nearest, rects[r, 2] + SKIN_M), max(farthest, rects[r, 3] - SKIN_M)
+    return nearest, farthest
+
+
+@njit(cache=True)
 def add_forbidden(outlines, heights, classes, count, ox, oy, ux, uy, rects, kinds, meets, out, found):  # type: ignore[no-untyped-def]
     """Append what `count` convex outlines (k, v, 2) forbid to out (m, 2) from row `found`; return how many rows."""
     corners = outlines.shape[1]
     xs, ys = np.empty(corners), np.empty(corners)
+    nearest, farthest = strip_of(rects)
     for k in range(count):
-        ready = False
+        lowest, highest = 1e300, -1e300
+        for c in range(corners):
+            ys[c] = (outlines[k, c, 1] - oy) * ux - (outlines[k, c, 0] - ox) * uy
+            lowest, highest = min(lowest, ys[c]), max(highest, ys[c])
+        if highest <= nearest or lowest >= farthest:
+            continue
+        for c in range(corners):
+            xs[c] = (outlines[k, c, 0] - ox) * ux + (outlines[k, c, 1] - oy) * uy
         for r in range(rects.shape[0]):
             if not meets[kinds[r], classes[k]]:
                 continue
             if heights[k, 0] >= rects[r, 5] - SKIN_M or heights[k, 1] <= rects[r, 4] + SKIN_M:
                 continue
-            if not ready:
-                for c in range(corners):
-                    dx, dy = outlines[k, c, 0] - ox, outlines[k, c, 1] - oy
-                    xs[c] = dx * ux + dy * uy
-                    ys[c] = dy * ux - dx * uy
-                ready = True
             low, high = extent_in_strip(xs, ys, corners, rects[r, 2], rects[r, 3])
             if low <= high and found < out.shape[0]:
                 out[found, 0] = low - rects[r, 1]

@@ -26,8 +26,7 @@ MOST_UNITS = 48
 class RoomArrays(NamedTuple):
     """What stands fast."""
 
-    walls: Array
-    blocked: npt.NDArray[np.uint8]
+    blocked: npt.NDArray[np.uint64]
     grid: Array
     doors: Array
     door_middles: Array
@@ -97,7 +96,7 @@ def places_of(room, table, u, dyn, heights, classes, count, anchors, n_anchors, 
         n_free = complement(scratch, n, 0.0, longest, free)
         found = try_places(
             free, n_free, line, own, table.bonus[v], table.anchor_at[v], table.anchor_to[v], table.half[v],
-            table.roles[u], near, room.walls, longest, anchors, n_anchors, fractions, room.door_middles, room.windows,
+            table.roles[u], near, longest, anchors, n_anchors, fractions, room.door_middles, room.windows,
             room.middle, 0, v, k, index, place, score, found, places, wanted,
         )  # fmt: skip
     return found
@@ -129,7 +128,7 @@ def add_at(table, slot, s, dyn, heights, classes, count):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def walkable(room, blocked, dyn, classes, count, work, stack, zones):  # type: ignore[no-untyped-def]
+def walkable(room, blocked, dyn, classes, count, work, zones):  # type: ignore[no-untyped-def]
     """Tell whether all doors and use zones are joined."""
     n_zones = 0
     for r in range(count):
@@ -138,7 +137,7 @@ def walkable(room, blocked, dyn, classes, count, work, stack, zones):  # type: i
             n_zones += 1
     x0, y0, cell = room.grid[0], room.grid[1], room.grid[2]
     doors = room.doors
-    return connected(blocked, work, stack, doors, doors.shape[0], zones, n_zones, x0, y0, cell, room.reach) >= 0
+    return connected(blocked, work, doors, doors.shape[0], zones, n_zones, x0, y0, cell, room.reach)
 
 
 @njit(cache=True)
@@ -190,7 +189,7 @@ def loss_left(table, slot_of):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def one_round(room, table, slot_of, s_of, gain_of, taken, noise, fractions, dyn, heights, classes, blocked, scratch):  # type: ignore[no-untyped-def]
     """Place what has no place or was taken out, in place of slot_of, s_of and gain_of."""
-    trial, work, stack, zones, index, place, score = scratch
+    trial, work, zones, index, place, score = scratch
     units = slot_of.size
     order, rows, anchors = np.empty(units, np.int64), np.empty(TRIED_PLACES, np.int64), np.empty((MOST_UNITS, 7))
     n_order = order_of(table, slot_of, taken, order)
@@ -215,7 +214,7 @@ def one_round(room, table, slot_of, s_of, gain_of, taken, noise, fractions, dyn,
             end = add_at(table, slot, s, dyn, heights, classes, count)
             copy_grid(blocked, trial)
             stamp_bodies(trial, dyn, heights, classes, count, end, x0, y0, cell, room.radius2)
-            if walkable(room, trial, dyn, classes, end, work, stack, zones):
+            if walkable(room, trial, dyn, classes, end, work, zones):
                 copy_grid(trial, blocked)
                 slot_of[u], s_of[u], gain_of[u] = slot, s, score[rows[j]]
                 anchor_of(table, u, slot, s, anchors[n_anchors])
@@ -237,7 +236,7 @@ def rebuild(room, table, seed, rounds, most_out, patience, noise, fractions, eno
     dyn, heights, classes = np.empty((rows, 4, 2)), np.empty((rows, 2)), np.empty(rows, np.int64)
     blocked = np.empty_like(room.blocked)
     scratch = (
-        np.empty_like(room.blocked), np.empty_like(room.blocked), np.empty(room.blocked.size, np.int64),
+        np.empty_like(room.blocked), np.empty((2, *room.blocked.shape), np.uint64),
         np.empty((rows, 4, 2)), np.empty((MOST_PLACES, 3), np.int64), np.empty(MOST_PLACES), np.empty(MOST_PLACES),
     )  # fmt: skip
     slot_of, s_of, gain_of = np.full(units, -1), np.zeros(units), np.zeros(units)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from processing.layout.walk_grid import spread, stamp
+from processing.layout.walk_bits import WORD, count_bits, lowest, spread
+from processing.layout.walk_grid import stamp
 
 
 @njit(cache=True)
@@ -42,23 +43,41 @@ def largest_circle(points, clear, boxes):  # type: ignore[no-untyped-def]
 def share_in_one_piece(clearance2, x0, y0, cell, radius, boxes):  # type: ignore[no-untyped-def]
     """Return the share, in the largest part, of the cells where a walker's middle may be (radius from walls, boxes)."""
     rows, columns = clearance2.shape
-    grid = np.empty((rows, columns), dtype=np.uint8)
-    for i in range(rows):
-        for j in range(columns):
-            grid[i, j] = clearance2[i, j] < radius * radius
+    free = np.zeros((rows, (columns + WORD - 1) // WORD), dtype=np.uint64)
+    blocked, reached = np.zeros_like(free), np.zeros_like(free)
     corners = np.empty((4, 2))
     for k in range(boxes.shape[0]):
         box_corners(boxes[k], corners)
-        stamp(grid, corners, x0, y0, cell, radius * radius)
-    stack = np.empty(rows * columns, dtype=np.int64)
-    total, best = 0, 0
+        stamp(blocked, corners, x0, y0, cell, radius * radius)
     for i in range(rows):
         for j in range(columns):
-            if grid[i, j] == 0:
-                count = spread(grid, i, j, stack)
+            if clearance2[i, j] >= radius * radius:
+                free[i, j // WORD] |= np.uint64(1) << np.uint64(j % WORD)
+    total, best = 0, 0
+    for i in range(rows):
+        for w in range(free.shape[1]):
+            free[i, w] &= ~blocked[i, w]
+    for i in range(rows):
+        for w in range(free.shape[1]):
+            while free[i, w] != np.uint64(0):
+                reached[:] = np.uint64(0)
+                reached[i, w] = lowest(free[i, w])
+                spread(reached, free, i)
+                count = take_away(free, reached)
                 total += count
                 best = max(best, count)
     return best / total if total > 0 else 0.0
+
+
+@njit(cache=True)
+def take_away(free, reached):  # type: ignore[no-untyped-def]
+    """Clear the reached bits of a grid; return how many there were."""
+    count = 0
+    for i in range(free.shape[0]):
+        for w in range(free.shape[1]):
+            free[i, w] &= ~reached[i, w]
+            count += count_bits(reached[i, w])
+    return count
 
 
 __all__ = ["box_corners", "largest_circle", "share_in_one_piece"]

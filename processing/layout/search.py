@@ -22,6 +22,7 @@ from processing.layout.soft import ROLE
 from processing.layout.states import Beam, Choice, Found, Ints, UnitArrays, Walk, quarter, rows_of
 from processing.layout.unit_table import found_of, unit_table
 from processing.layout.units import Unit
+from processing.layout.walk_bits import packed
 from processing.layout.walk_grid import TOUCH_M, stamp, wall_clearance2
 
 
@@ -109,7 +110,7 @@ class Search:
         units = [self.arrays(unit) for unit in packing.units]
         walk = self.walk(optimistic=True)
         room = RoomArrays(
-            self.field.walls, walk.blocked, walk.grid, walk.doors, self._door_middles, self.shared.windows,
+            walk.blocked, walk.grid, walk.doors, self._door_middles, self.shared.windows,
             self.shared.middle,
             self._stood_rows(), walk.radius2, walk.reach,
         )  # fmt: skip
@@ -153,7 +154,7 @@ class Search:
         grid, clearance2 = self.shared.clearance
         r, cell = (self.field.rules.path - PATH_SLACK_M) / 2, float(grid[2])
         radius = r - 0.45 * cell if optimistic else math.sqrt(r * r + cell * cell / 4) + 1e-7
-        blocked = (clearance2 < radius * radius).astype(np.uint8)
+        blocked = packed(clearance2 < radius * radius)
         fixed = self.field.fixed
         for corners, (low, _), kind in zip(fixed.corners, fixed.heights_m, fixed.classes, strict=True):
             if kind == BODY and low < PERSON_M:
@@ -209,7 +210,7 @@ class Search:
         """Write all places of a unit beside what is placed in each state; return how many."""
         return int(
             expand(
-                self.field.walls, unit.rects, unit.kinds, unit.n_rects, unit.widths, unit.bonus, unit.anchor_at,
+                unit.rects, unit.kinds, unit.n_rects, unit.widths, unit.bonus, unit.anchor_at,
                 unit.anchor_to, unit.half, unit.role, unit.near, unit.lines, unit.allowed, MEETS, unit.fixed,
                 unit.fixed_counts, *placed, anchors, n_anchors, np.array(fractions), self._door_middles,
                 self.shared.windows, self.shared.middle, *self.shared.rows,

@@ -66,7 +66,7 @@ class Walk:
     """The grid that paths are checked on."""
 
     grid: Array
-    blocked: npt.NDArray[np.uint8]
+    blocked: npt.NDArray[np.uint64]
     doors: Array
     radius2: float
     reach: float
@@ -81,7 +81,7 @@ class Beam:
     heights: Array
     classes: Ints
     counts: Ints
-    blocked: npt.NDArray[np.uint8]
+    blocked: npt.NDArray[np.uint64]
     anchors: Array
     n_anchors: Ints
     scores: Array
@@ -112,7 +112,7 @@ class Beam:
             np.zeros((width, rows, 2)),
             np.zeros((width, rows), dtype=np.int64),
             np.zeros(width, dtype=np.int64),
-            np.empty((width, *walk.blocked.shape), dtype=np.uint8),
+            np.empty((width, *walk.blocked.shape), dtype=np.uint64),
             np.zeros((width, units, 7)),
             np.zeros(width, dtype=np.int64),
             np.zeros(width),

@@ -11,7 +11,9 @@ import numpy as np
 from numba import njit
 
 from processing.layout.free_sets import inside_walls
+from processing.layout.walk_bits import WORD, between, lowest, spread
 
+_NONE = np.uint64(0)
 TOUCH_M = 0.05
 """A walker has reached a use zone when overlapping it by this much."""
 
@@ -53,48 +55,83 @@ def wall_clearance2(walls, x0, y0, cell, rows, columns):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def window(corners, margin, x0, y0, cell, rows, columns):  # type: ignore[no-untyped-def]
-    """Return the rows and columns (first, end, first, end) of the cells around an outline."""
-    low_x, low_y, high_x, high_y = corners[0, 0], corners[0, 1], corners[0, 0], corners[0, 1]
+def span_within(corners, y, radius):  # type: ignore[no-untyped-def]
+    """Return (low, high) of the x at height y that are at most `radius` from a convex outline; low > high for none.
+
+    The outline grown by a disc is bounded by arcs around its corners and by its edges moved outwards; edges moved
+    inwards lie within it too, so that the way round does not matter.
+    """
+    low, high = 1e300, -1e300
+    for c in range(corners.shape[0]):
+        ax, ay = corners[c, 0], corners[c, 1]
+        d = c + 1 if c + 1 < corners.shape[0] else 0
+        ex, ey = corners[d, 0] - ax, corners[d, 1] - ay
+        off = y - ay
+        if abs(off) <= radius:
+            half = np.sqrt(radius * radius - off * off)
+            low, high = min(low, ax - half), max(high, ax + half)
+        if abs(ey) < 1e-12:
+            continue
+        grow = radius / np.sqrt(ex * ex + ey * ey)
+        for sign in (-1.0, 1.0):
+            t = (off + sign * grow * ex) / ey
+            if 0.0 <= t <= 1.0:
+                x = ax + t * ex + sign * grow * ey
+                low, high = min(low, x), max(high, x)
+    return low, high
+
+
+@njit(cache=True)
+def rows_within(corners, radius, y0, cell, rows):  # type: ignore[no-untyped-def]
+    """Return (first, end) of the rows whose middles may be within `radius` of an outline."""
+    low, high = corners[0, 1], corners[0, 1]
     for c in range(1, corners.shape[0]):
-        low_x, high_x = min(low_x, corners[c, 0]), max(high_x, corners[c, 0])
-        low_y, high_y = min(low_y, corners[c, 1]), max(high_y, corners[c, 1])
-    i0 = max(0, int(np.floor((low_y - margin - y0) / cell)))
-    i1 = min(rows, int(np.ceil((high_y + margin - y0) / cell)) + 1)
-    j0 = max(0, int(np.floor((low_x - margin - x0) / cell)))
-    j1 = min(columns, int(np.ceil((high_x + margin - x0) / cell)) + 1)
-    return i0, i1, j0, j1
+        low, high = min(low, corners[c, 1]), max(high, corners[c, 1])
+    first = max(0, int(np.floor((low - radius - y0) / cell)))
+    return first, min(rows, int(np.ceil((high + radius - y0) / cell)) + 1)
+
+
+@njit(cache=True)
+def columns_within(corners, i, radius, x0, y0, cell, words):  # type: ignore[no-untyped-def]
+    """Return (first, last) of the columns of row i whose middles are within `radius` of an outline; first > last for none."""
+    low, high = span_within(corners, y0 + (i + 0.5) * cell, radius)
+    if low > high:
+        return 0, -1
+    first = int(np.ceil((low - x0) / cell - 0.5))
+    last = int(np.floor((high - x0) / cell - 0.5))
+    return max(0, first), min(WORD * words - 1, last)
 
 
 @njit(cache=True)
 def stamp(blocked, corners, x0, y0, cell, radius2):  # type: ignore[no-untyped-def]
-    """Mark the cells whose middles are nearer than the radius to a rectangle."""
-    r = np.sqrt(radius2)
-    rows, columns = blocked.shape
-    i0, i1, j0, j1 = window(corners, r, x0, y0, cell, rows, columns)
-    for i in range(i0, i1):
-        for j in range(j0, j1):
-            if blocked[i, j] == 0 and rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) < radius2:
-                blocked[i, j] = 1
+    """Mark the cells whose middles are nearer than the radius to a convex outline."""
+    radius = np.sqrt(radius2)
+    rows, words = blocked.shape
+    first, end = rows_within(corners, radius, y0, cell, rows)
+    for i in range(first, end):
+        a, b = columns_within(corners, i, radius, x0, y0, cell, words)
+        if a <= b:
+            for w in range(a // WORD, b // WORD + 1):
+                blocked[i, w] |= between(a, b, w)
 
 
 @njit(cache=True)
 def touches(reached, corners, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
-    """Tell whether a reached cell's middle lies within `reach` of a rectangle."""
-    rows, columns = reached.shape
-    i0, i1, j0, j1 = window(corners, reach, x0, y0, cell, rows, columns)
-    for i in range(i0, i1):
-        for j in range(j0, j1):
-            if reached[i, j] != 2:
-                continue
-            if rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) <= reach * reach:
-                return True
+    """Tell whether a reached cell's middle lies within `reach` of a convex outline."""
+    rows, words = reached.shape
+    first, end = rows_within(corners, reach, y0, cell, rows)
+    for i in range(first, end):
+        a, b = columns_within(corners, i, reach, x0, y0, cell, words)
+        if a <= b:
+            for w in range(a // WORD, b // WORD + 1):
+                if reached[i, w] & between(a, b, w) != _NONE:
+                    return True
     return False
 
 
 @njit(cache=True)
 def all_touched(reached, outlines, first, end, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
-    """Tell whether reached cells touch each of the rectangles first..end - 1."""
+    """Tell whether reached cells touch each of the outlines first..end - 1."""
     k = first
     while k < end and touches(reached, outlines[k], x0, y0, cell, reach):
         k += 1
@@ -102,64 +139,46 @@ def all_touched(reached, outlines, first, end, x0, y0, cell, reach):  # type: ig
 
 
 @njit(cache=True)
-def spread(grid, i, j, stack):  # type: ignore[no-untyped-def]
-    """Mark (2) the free cells connected over four neighbours to cell (i, j); return how many."""
-    rows, columns = grid.shape
-    grid[i, j] = 2
-    stack[0] = i * columns + j
-    top, count = 1, 1
-    while top > 0:
-        top -= 1
-        i2, j2 = stack[top] // columns, stack[top] % columns
-        for d in range(4):
-            a = i2 + (d == 0) - (d == 1)
-            b = j2 + (d == 2) - (d == 3)
-            if 0 <= a < rows and 0 <= b < columns and grid[a, b] == 0:
-                grid[a, b] = 2
-                stack[top] = a * columns + b
-                top += 1
-                count += 1
-    return count
-
-
-@njit(cache=True)
-def flood(grid, corners, x0, y0, cell, stack):  # type: ignore[no-untyped-def]
-    """Mark (2) the free cells (0) connected to the first free one in a rectangle; return how many.
+def flood(free, reached, corners, x0, y0, cell):  # type: ignore[no-untyped-def]
+    """Mark in `reached` the free cells connected to the first free one in an outline; tell whether there is one.
 
     Only one patch: a door's floor may be cut in two, and all that is served must share one of them.
     """
-    rows, columns = grid.shape
-    i0, i1, j0, j1 = window(corners, 0.0, x0, y0, cell, rows, columns)
-    for i in range(i0, i1):
-        for j in range(j0, j1):
-            if grid[i, j] != 0:
-                continue
-            if rect_distance2(corners, x0 + (j + 0.5) * cell, y0 + (i + 0.5) * cell) == 0.0:
-                return spread(grid, i, j, stack)
-    return 0
+    rows, words = free.shape
+    first, end = rows_within(corners, 0.0, y0, cell, rows)
+    for i in range(first, end):
+        a, b = columns_within(corners, i, 0.0, x0, y0, cell, words)
+        for w in range(max(a, 0) // WORD, b // WORD + 1):
+            seeds = free[i, w] & between(a, b, w)
+            if seeds != _NONE:
+                reached[i, w] = lowest(seeds)
+                spread(reached, free, i)
+                return True
+    return False
 
 
 @njit(cache=True)
-def connected(blocked, work, stack, doors, n_doors, zones, n_zones, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
-    """Return the cells reached where one connected patch serves all doors and zones, else -1; 0 for no doors to reach.
+def connected(blocked, work, doors, n_doors, zones, n_zones, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
+    """Tell whether one connected patch serves all doors and zones; always so where no doors are to be reached.
 
-    blocked (rows, columns) uint8, doors (n, 4, 2), zones (m, 4, 2), reach: how near a walker's middle comes to a zone.
+    blocked (rows, words) bits, work (2, rows, words), doors (n, 4, 2), zones (m, 4, 2), reach: how near a walker's
+    middle comes to a zone.
     """
     if n_doors == 0:
-        return 0
-    for i in range(work.shape[0]):
-        for j in range(work.shape[1]):
-            work[i, j] = blocked[i, j]
+        return True
+    free, reached = work[0], work[1]
+    for i in range(free.shape[0]):
+        for w in range(free.shape[1]):
+            free[i, w] = ~blocked[i, w]
     for _ in range(4):
-        count = flood(work, doors[0], x0, y0, cell, stack)
-        if count == 0:
-            return -1
-        if all_touched(work, doors, 1, n_doors, x0, y0, cell, 0.0) and all_touched(
-            work, zones, 0, n_zones, x0, y0, cell, reach
+        reached[:] = _NONE
+        if not flood(free, reached, doors[0], x0, y0, cell):
+            return False
+        if all_touched(reached, doors, 1, n_doors, x0, y0, cell, 0.0) and all_touched(
+            reached, zones, 0, n_zones, x0, y0, cell, reach
         ):
-            return count
-        for i in range(work.shape[0]):
-            for j in range(work.shape[1]):
-                if work[i, j] == 2:
-                    work[i, j] = 1
-    return -1
+            return True
+        for i in range(free.shape[0]):
+            for w in range(free.shape[1]):
+                free[i, w] &= ~reached[i, w]
+    return False
