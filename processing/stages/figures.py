@@ -1,0 +1,64 @@
+"""The stage figures: illuminance, glare and luminance statistics at the camera, from the calibrated pictures."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from processing.images import LuminanceImage
+from processing.light_figures.figures import (
+    camera_figures,
+    level_ratio,
+    meter_figures,
+    outdoor_figures,
+    surface_figures,
+)
+from processing.room.model import RoomModel
+from processing.stages.contract import StageContext, StageOutput
+from processing.stages.upright import upright_panorama
+
+
+def run(context: StageContext) -> StageOutput:
+    """Write light_figures.json (docs/light.md)."""
+    image = upright_panorama(context)
+    facts = context.artifact("calibrate", "calibration")
+    told = context.optional_artifact("room", "room")
+    room = None if told is None else RoomModel.model_validate_json(json.dumps(told))
+    left_out = {} if room else {"surfaces": "the room is not known: statistics are of the whole picture alone"}
+    context.progress(0.0, "light at the camera")
+    height_m = room.camera_height_m if room else context.session.camera_height_m
+    camera = camera_figures(image, height_m=height_m, heading_rad=context.session.heading_rad)
+    context.progress(0.7, "surfaces")
+    outdoor = outdoor_figures(context.optional_artifact("calibrate", "outdoor"), facts)
+    readings = [r.luminance_cd_m2 for r in context.session.readings if r.luminance_cd_m2 is not None]
+    figures: dict[str, Any] = {
+        "version": 1,
+        "absolute": image.absolute,
+        "units": _units(image),
+        "camera": camera,
+        "outdoor": outdoor,
+        "level_ratio": level_ratio(camera, outdoor),
+        "meter": meter_figures(context.artifact("calibrate", "indoor"), facts["indoor"], readings),
+        "surfaces": surface_figures(image, room),
+    }
+    if not image.absolute:
+        left_out["glare"] = "the picture has no absolute scale, on which glare depends"
+    if outdoor is None:
+        left_out["outdoor"] = "there is no outdoor picture in cd/m2"
+    return StageOutput(artifacts={"light_figures": figures}, metrics=_metrics(figures), left_out=left_out)
+
+
+def _units(image: LuminanceImage) -> dict[str, str]:
+    return {"luminance": image.unit, "illuminance": "lx" if image.absolute else image.unit}
+
+
+def _metrics(figures: dict[str, Any]) -> dict[str, Any]:
+    camera = figures["camera"]
+    brightest = camera["directions"][camera["brightest"]]
+    glare = [look["glare"]["dgp"] for look in camera["directions"] if "glare" in look]
+    return {
+        "level_up": camera["level_up"]["value"],
+        "brightest_vertical": brightest["vertical"]["value"],
+        "highest_dgp": max(glare) if glare else None,
+        "level_ratio": figures["level_ratio"],
+    }
