@@ -1,12 +1,14 @@
 """How long the rest will take, from what the same stages took before on this computer.
 
-The seconds per megapixel of each stage's last runs are kept in the user's state folder (`DAYLIT_STATE` names another);
-losing them costs the estimate of one run.
+The seconds and megapixels of each stage's last runs are kept in the user's state folder (`DAYLIT_STATE` names
+another); losing them costs the estimate of one run. Part of what a stage costs grows with the picture and part does
+not: how much is told from runs of several sizes, and between the two until there are some.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import statistics
 from collections.abc import Iterable
@@ -17,11 +19,20 @@ from drivers.errors import DaylitError
 from station import strict_json
 from station.folder import Folder, make_folders, write_file
 
+Run = tuple[float, float]
+"""Seconds and megapixels."""
+
 FILE_NAME = "stage-seconds.json"
 KEPT_RUNS = 7
 _MAX_BYTES = 1 << 20
 _SMALLEST_MPX = 0.1
 """Below this, what a stage costs does not depend on the size."""
+_SAME_SIZE = 1.3
+"""Ratio of sizes up to which runs are of one size."""
+_USUAL_GROWTH = 0.5
+"""Power of the size with which costs grow, where one size only is known: between not at all and in proportion."""
+_TRUSTED_FRACTION = 0.05
+"""Of a stage's work, before which its own word alone tells no time."""
 
 
 def state_folder() -> Path:
@@ -35,20 +46,20 @@ def state_folder() -> Path:
 
 
 class PastSeconds:
-    """Seconds per megapixel of the last runs of each stage and quality."""
+    """Seconds and megapixels of the last runs of each stage and quality."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._runs = _load(folder)
 
     def expected_s(self, key: str, megapixels: float) -> float | None:
-        """Return the median of the past, scaled to the size; None for a stage that never ran."""
+        """Return what the past makes expect for this size; None for a stage that never ran."""
         runs = self._runs.get(key)
-        return statistics.median(runs) * max(megapixels, _SMALLEST_MPX) if runs else None
+        return expected_from(runs, megapixels) if runs else None
 
     def add(self, key: str, seconds: float, megapixels: float) -> None:
         """Note a run."""
-        runs = [*self._runs.get(key, []), seconds / max(megapixels, _SMALLEST_MPX)]
+        runs = [*self._runs.get(key, []), (round(seconds, 3), round(megapixels, 3))]
         self._runs[key] = runs[-KEPT_RUNS:]
 
     def save(self) -> None:
@@ -62,16 +73,41 @@ class PastSeconds:
                 folder.close()
 
 
+def expected_from(runs: list[Run], megapixels: float) -> float:
+    """Return the seconds to expect: the median of the runs of the nearest size, grown to this one."""
+    sizes = [max(size, _SMALLEST_MPX) for _, size in runs]
+    wanted = max(megapixels, _SMALLEST_MPX)
+    nearest = min(sizes, key=lambda size: abs(math.log(size / wanted)))
+    seconds = _median_at(runs, nearest)
+    others = [size for size in sizes if _ratio(size, nearest) > _SAME_SIZE]
+    growth = _USUAL_GROWTH
+    if others:
+        other = min(others, key=lambda size: abs(math.log(size / wanted)))
+        slope = math.log(max(_median_at(runs, other), 1e-3) / max(seconds, 1e-3)) / math.log(other / nearest)
+        growth = min(max(slope, 0.0), 1.0)
+    power = 1.0 if _ratio(wanted, nearest) <= _SAME_SIZE else growth
+    return seconds * math.exp(power * math.log(wanted / nearest))
+
+
+def _median_at(runs: list[Run], megapixels: float) -> float:
+    return statistics.median(s for s, size in runs if _ratio(max(size, _SMALLEST_MPX), megapixels) <= _SAME_SIZE)
+
+
+def _ratio(one: float, other: float) -> float:
+    return max(one / other, other / one)
+
+
 def left_s(
     expected: Iterable[float | None], running_s: float | None, elapsed_s: float, fraction: float
 ) -> float | None:
     """Return the seconds left: of the running stage and of the ``expected`` ones after it; None if not known.
 
     The running stage counts by what it was expected to take until it says how far it is; then by both, the more by
-    its own word the further it is.
+    its own word the further it is. A stage that never ran tells nothing in its first twentieth.
     """
     rest = list(expected)
-    own = elapsed_s * (1 - fraction) / fraction if fraction > 0 else None
+    least = _TRUSTED_FRACTION if running_s is None else 0.0
+    own = elapsed_s * (1 - fraction) / fraction if fraction > least else None
     past = max(running_s - elapsed_s, 0.0) if running_s is not None else None
     if own is None or past is None:
         current = past if own is None else own
@@ -83,15 +119,21 @@ def left_s(
     return current + sum(known)
 
 
-def _load(folder: Path) -> dict[str, list[float]]:
+def _load(folder: Path) -> dict[str, list[Run]]:
     try:
         opened = Folder.open(folder)
     except OSError:
         return {}
     try:
         data = strict_json.loads(opened.read_file(FILE_NAME, _MAX_BYTES) or b"{}")
-        return {str(key): [abs(float(run)) for run in runs][-KEPT_RUNS:] for key, runs in data.items()}
+        return {str(key): [_run(*run) for run in runs][-KEPT_RUNS:] for key, runs in data.items()}
     except (DaylitError, ValueError, TypeError, AttributeError):
         return {}
     finally:
         opened.close()
+
+
+def _run(seconds: object, megapixels: object) -> Run:
+    if not (isinstance(seconds, int | float) and isinstance(megapixels, int | float)):
+        raise TypeError("not two numbers")
+    return abs(float(seconds)), abs(float(megapixels))
