@@ -32,7 +32,7 @@ def upsampled(
 
 
 @compiled
-def _likeness(label, other, normal, others_normal, point, others_point) -> float:  # type: ignore[no-untyped-def]
+def likeness_of(label, other, normal, others_normal, point, others_point) -> float:  # type: ignore[no-untyped-def]
     """Return how much one pixel tells of another: 0 for another surface, less the more the two are turned apart."""
     if label != other:
         return 0.0
@@ -62,7 +62,7 @@ def _sum(low, high, y, x, wraps, values, labels, normals, points, label, normal,
             if (c < 0 or c >= columns) and not wraps:
                 continue
             k = c % columns
-            share = _likeness(label, labels[r, k], normal, normals[r, k], point, points[r, k])
+            share = likeness_of(label, labels[r, k], normal, normals[r, k], point, points[r, k])
             if share == 0.0:
                 continue
             if low == 0:

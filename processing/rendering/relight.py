@@ -1,0 +1,219 @@
+"""Pictures of a scene under another light outdoors, from stored rays (`relight_basis`), far cheaper than a render.
+
+Irradiance of a small picture: the sky and all bounces are sums over stored rays; the sun's patch is found anew, and a
+few shots at it carry its first bounce. It is smoothed along surfaces by fixed weights, brought to the full size, and
+texture, direct sun and glass are worked out for every pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import RelightError
+from processing.images import LUMINANCE_WEIGHTS
+from processing.rendering.chance import random
+from processing.rendering.relight_basis import RADIUS_PX, BasisEffort, LightBasis, SkyRays, scene_digest, sky_values
+from processing.rendering.relight_kernels import add_bounced, add_shots, add_sky, aim, smooth
+from processing.rendering.relight_steps import Steps
+from processing.rendering.relight_sun import may_see_sun, sun_on_picture, sun_on_places
+from processing.rendering.scene import Doubles, Floats, Outdoors
+from processing.rendering.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_of
+from processing.rendering.stage import Stage
+from processing.rendering.transport import BrightPatches, Links, patch_points, settle
+from processing.sphere import Equirectangular
+
+GOALS = 4096
+"""Places on the sun's patch that shots are aimed at."""
+PATCH_SHOTS, PIXEL_SHOTS = 4, 2
+EDGE_SAMPLES = 32
+"""Rays to the sun from pixels in half shadow."""
+
+
+@dataclass(frozen=True)
+class Relit:
+    """A panorama under another light."""
+
+    rgb: Floats
+    """(H, 2 H, 3) cd/m2; the sun's disc itself is not drawn."""
+    irradiance: Floats
+    """(H, 2 H, 3) lx, sun included; 0 where nothing solid is seen."""
+    sun: Floats
+    """(H, 2 H, 3) lx: of which by the sun's own disc."""
+    error: float
+    """Relative standard error of irradiance without the sun's own disc (rms), from two halves of the rays."""
+
+
+class RelightView:
+    """A scene seen from one place, ready to be shown under any light outdoors."""
+
+    def __init__(self, stage: Stage, basis: LightBasis, rows: int) -> None:
+        """``rows``: height of the pictures. Raises `RelightError` where the basis is of another scene."""
+        if basis.scene_digest != scene_digest(stage):
+            raise RelightError("the basis is of another scene", where="relighting", advice="make it anew")
+        self.stage, self.basis = stage, basis
+        self.geometry = Equirectangular(2 * rows, rows)
+        small = basis.effort.rows
+        self.small = sight_of(stage, Equirectangular(2 * small, small), basis.eye_m)
+        self.full = self.small if rows == small else sight_of(stage, self.geometry, basis.eye_m)
+        self.albedo = albedo_of(stage, self.full)
+        self.emission = emission_of(stage, self.full)
+        self._places = patch_points(stage, basis.effort.sun_places, (0, 85))
+        self._steps = None if self.full is self.small else Steps.of(self.small, self.full)
+        self._colours = np.array([*(p.transmittance for p in stage.scene.panes), (1.0, 1.0, 1.0)], np.float32)
+        pixel = basis.pixel
+        self._points, self._normals = self.small.point[pixel], self.small.normal[pixel]
+        row, column = np.divmod(pixel, 2 * small)
+        # Neighbours aim at places far apart: together they cover the whole patch of sun.
+        self._shift = (row * 0.7548776662466927 + column * 0.5698402909980532) % 1.0
+
+    def relit(self, outdoors: Outdoors, *, veils: Floats | None = None, seed: int = 0) -> Relit:
+        """Return the picture under another light.
+
+        ``veils`` (panes,): by what each pane's covering (curtain, blind) is brighter than the scene has it.
+        """
+        panes = self.stage.scene.panes
+        if veils is not None:
+            panes = tuple(
+                replace(p, veil_cd_m2=p.veil_cd_m2 * np.float32(v)) for p, v in zip(panes, veils, strict=True)
+            )
+        stage = replace(self.stage, scene=replace(self.stage.scene, outdoors=outdoors, panes=panes))
+        stage.__dict__["albedo"] = self.stage.albedo
+        small, error = self._irradiance(stage, seed)
+        full = self.full
+        sky = small.reshape(-1, 3) if self._steps is None else self._steps.apply(small)
+        sun = sun_on_picture(stage, full.point, full.normal, full.shape, EDGE_SAMPLES, seed)
+        whole = sky + sun
+        rgb = self.albedo * whole * np.float32(1 / np.pi) + self.emission
+        glass = np.flatnonzero(full.pane >= 0)
+        if len(glass):
+            rgb[glass] = seen_outdoors(stage, _part(full, glass))
+        shape = (*full.shape, 3)
+        return Relit(rgb.reshape(shape), whole.reshape(shape), sun.reshape(shape), error)
+
+    def _irradiance(self, stage: Stage, seed: int) -> tuple[Floats, float]:
+        basis = self.basis
+        values = sky_values(stage.scene.outdoors, stage.scene.panes)
+        radiosity, bright = self._patches(stage, values, seed)
+        count = len(basis.pixel)
+        light, apart = basis.fixed.copy(), np.zeros(count, np.float32)
+        _add(basis.pixel_sky, self._colours, values, light, apart)
+        goals = None if bright is None else _Goals.of(stage, bright, (seed, 86))
+        _bounced(basis.pixel_links, radiosity, bright, PIXEL_SHOTS, light, apart)
+        if goals is not None:
+            with_links = PIXEL_SHOTS, basis.pixel_links.patch
+            goals.shoot(stage, self._points, self._normals, self._shift, with_links, light, apart)
+        flat = np.zeros((2 * basis.effort.rows**2, 4), np.float32)
+        flat[basis.pixel, :3], flat[basis.pixel, 3] = light, apart
+        picture = flat.reshape(*self.small.shape, 4)
+        out = np.zeros_like(picture)
+        smooth(picture, basis.near, RADIUS_PX, out)
+        return np.ascontiguousarray(out[..., :3]), _relative(out, self.small)
+
+    def _patches(self, stage: Stage, values: Floats, seed: int) -> tuple[Floats, BrightPatches | None]:
+        """Return the radiosity of patches (n, 3) but for the sun's own, and what the sun gives off there."""
+        basis, normals = self.basis, stage.patches.normal
+        first, apart = np.zeros((len(normals), 3), np.float32), np.zeros(len(normals), np.float32)
+        _add(basis.patch_sky, self._colours, values, first, apart)
+        bright = BrightPatches.of(stage, stage.albedo * self._sun_on_patches(stage))
+        if bright is not None:
+            middles = np.ascontiguousarray(self._places[:, 0])
+            _bounced(basis.patch_links, np.zeros_like(first), bright, PATCH_SHOTS, first, apart)
+            shift = random((seed, 87), len(normals), 1)[:, 0]
+            goals = _Goals.of(stage, bright, (seed, 88))
+            goals.shoot(stage, middles, normals, shift, (PATCH_SHOTS, basis.patch_links.patch), first, apart)
+        settled = settle(stage, basis.patch_links, first.astype(np.float64), stage.albedo)
+        return (stage.albedo * settled).astype(np.float32), bright
+
+    def _sun_on_patches(self, stage: Stage) -> Doubles:
+        normals, out = stage.patches.normal, np.zeros((stage.patches.count, 3))
+        sun = stage.scene.outdoors.sun
+        if sun is None:
+            return out
+        near = np.zeros(len(normals), bool)
+        for k in range(self._places.shape[1]):
+            near |= may_see_sun(stage, sun, self._places[:, k], normals)
+        chosen = np.flatnonzero(near & (stage.patches.area_m2 > 0))
+        places = np.ascontiguousarray(self._places[chosen]).reshape(-1, 3)
+        each = np.repeat(normals[chosen], self._places.shape[1], axis=0)
+        light = sun_on_places(stage, places, each, 1, np.zeros((len(places), 2)))
+        out[chosen] = light.reshape(len(chosen), -1, 3).mean(axis=1)
+        return out
+
+
+def _part(sight: Sight, chosen: npt.NDArray[np.int64]) -> Sight:
+    fields = ("rays", "label", "pane", "distance_m", "point", "normal", "triangle")
+    return replace(sight, shape=(1, len(chosen)), **{name: getattr(sight, name)[chosen] for name in fields})
+
+
+def _add(rays: SkyRays, colours: Floats, values: Floats, out: Floats, apart: Floats) -> None:
+    add_sky(rays.first, rays.cell, rays.tint, rays.weight, colours, values, out, apart)
+
+
+def _bounced(
+    links: Links, radiosity: Floats, bright: BrightPatches | None, shots: int, out: Floats, apart: Floats
+) -> None:
+    if bright is None:
+        glow, chance = np.zeros((1, 3), np.float32), np.zeros(len(radiosity), np.float32)
+    else:
+        glow, chance = bright.radiosity.astype(np.float32), bright.chance.astype(np.float32)
+    add_bounced(links.patch, links.density, radiosity, glow, chance, shots, out, apart)
+
+
+@dataclass(frozen=True)
+class _Goals:
+    """Places on what the sun lights, spread by their light."""
+
+    places: Floats
+    normals: Floats
+    light: Floats
+    chance: Floats
+
+    @classmethod
+    def of(cls, stage: Stage, bright: BrightPatches, key: tuple[int, ...]) -> _Goals:
+        goal = (np.arange(GOALS) + 0.5) / GOALS
+        patch = bright.patch[np.minimum(np.searchsorted(bright.upto, goal), len(bright.patch) - 1)]
+        return cls(
+            stage.patches.places(patch, key),
+            stage.patches.normal[patch],
+            bright.radiosity[patch].astype(np.float32),
+            bright.chance[patch].astype(np.float32),
+        )
+
+    def shoot(
+        self,
+        stage: Stage,
+        points: Floats,
+        normals: Floats,
+        shift: Doubles,
+        counts: tuple[int, npt.NDArray[np.int32]],
+        out: Floats,
+        apart: Floats,
+    ) -> None:
+        """Add what shots from points (n, 3) at these places bring; ``counts``: shots, and the links they go with."""
+        shots, samples = counts[0], counts[1].shape[1]
+        origins, rays = np.empty((2, len(points), shots, 3), np.float32)
+        chosen = np.empty((len(points), shots), np.int32)
+        aim(points, normals, shift, self.places, self.normals, shots, origins, rays, chosen)
+        useful = np.flatnonzero(chosen.ravel() >= 0)
+        way = rays.reshape(-1, 3)[useful]
+        far = np.sqrt(np.einsum("ij,ij->i", way, way))
+        hits = stage.tracer.cast(origins.reshape(-1, 3)[useful], way / np.maximum(far, 1e-9)[:, None])
+        seen = np.zeros(chosen.size, bool)
+        seen[useful] = hits.distance_m > far * np.float32(0.999) - np.float32(1e-4)
+        seen = seen.reshape(chosen.shape)
+        add_shots(normals, self.normals, self.light, self.chance, chosen, rays, seen, shots, samples, out, apart)
+
+
+def _relative(picture: Floats, sight: Sight) -> float:
+    solid = sight.solid.reshape(sight.shape)
+    if not solid.any():
+        return 0.0
+    level = picture[..., :3][solid] @ np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    apart = picture[..., 3][solid] / np.maximum(level, 1e-9)
+    return float(np.sqrt(np.mean(apart.astype(np.float64) ** 2)))
+
+
+__all__ = ["BasisEffort", "RelightView", "Relit"]
