@@ -60,6 +60,8 @@ class Table:
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    folded: bool = False
+    """Whether it opens on request only: what few readers want."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,8 @@ class ReportData:
     files: tuple[FileLine, ...]
     made_with: str
     """Program and version."""
+    lead: Section | None = None
+    """What stands above the summary: the picture that people came for."""
     unit: str = "cd/m2"
     """Of luminance: another where its scale is not known."""
 

@@ -46,7 +46,8 @@ def write_page(path: Path, data: ReportData) -> None:
 
 def _script_names(data: ReportData) -> list[str]:
     """Return the scripts that the page's widgets need, each once, in order."""
-    wanted = [name for section in data.sections for widget in section.widgets for name in widget.scripts]
+    sections = [section for section in (data.lead, *data.sections) if section]
+    wanted = [name for section in sections for widget in section.widgets for name in widget.scripts]
     return list(dict.fromkeys(wanted))
 
 

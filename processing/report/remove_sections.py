@@ -18,7 +18,7 @@ WIDTH_PX = 1200
 
 
 def remove_section(before: LuminanceImage, after: LuminanceImage, filled: Flags, facts: Mapping[str, Any]) -> Section:
-    """Return the panorama before and after in one exposure, with what was filled and how.
+    """Return the emptied panorama with what was filled and how, in the exposure of the one before.
 
     ``filled``: (H, W); ``facts``: the stage's metrics.
     """
@@ -26,18 +26,13 @@ def remove_section(before: LuminanceImage, after: LuminanceImage, filled: Flags,
     rows = slice(step // 2, None, step)
     # One picture, so that both get the same exposure.
     both = preview_rgb8(np.concatenate([before.rgb[rows, rows], after.rgb[rows, rows]]))
-    old, new = np.split(both, 2)
-    outlined = new.copy()
+    outlined = np.split(both, 2)[1].copy()
     mask = filled[rows, rows]
     inner = mask & np.roll(mask, 1, 1) & np.roll(mask, -1, 1)
     inner[1:] &= mask[:-1]
     inner[:-1] &= mask[1:]
     outlined[mask & ~inner] = (0, 220, 60)
-    pictures = (
-        Picture("Before", jpeg_bytes(old), "panorama as captured", wide=True),
-        Picture("Emptied", jpeg_bytes(new), "panorama without furniture", wide=True),
-        Picture("Emptied: what was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True),
-    )
+    pictures = (Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True),)
     quantities = (
         Quantity("Filled", 100 * float(facts.get("filled_share", filled.mean())), "% of the picture"),
         Quantity("of it made up", 100 * float(facts.get("synthesised_share", 0.0)), "% of the picture"),

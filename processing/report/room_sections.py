@@ -27,7 +27,7 @@ def room_section(
     image: LuminanceImage, room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]
 ) -> Section:
     """Return the room as it was told or given; ``facts`` are the stage's metrics."""
-    area = _area_m2(room)
+    area = floor_area_m2(room)
     quantities = [
         Quantity("Floor", area, "m2"),
         Quantity(
@@ -97,7 +97,8 @@ def _ends(room: RoomModel, opening: int) -> tuple[str, tuple[float, float], tupl
     return one.kind.value, a, b
 
 
-def _area_m2(room: RoomModel) -> float:
+def floor_area_m2(room: RoomModel) -> float:
+    """Return the area of the floor."""
     corners = np.array(room.floor)
     following = np.roll(corners, -1, axis=0)
     return float((corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum() / 2)

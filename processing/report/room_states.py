@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from processing.exchange.label import TEXT
 from processing.images import LuminanceImage, luminance_cd_m2
 from processing.report.data import Section
 from processing.report.parameters import ReportParameters
-from processing.report.states import State, comparison, viewer
+from processing.report.states import FIELD_DEG, State, comparison, viewer
 from processing.report.tone import Look
 from processing.report.widgets import Model, Models
 from processing.sphere import Equirectangular
@@ -45,9 +46,29 @@ def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
     asked = context.parameters
     plain = isinstance(asked, ReportParameters) and asked.no_staged_label
     staged = [state.image for state in states if state.staged]
-    reference = next((state.image for state in states if state.name == "Emptied"), states[0].image)
-    yaw = towards(reference, staged[0]) if staged else towards(states[0].image, states[-1].image)
+    places = furniture_places(context.optional_artifact("arrange", "arrangement") or {}) if staged else []
+    yaw = towards_furniture(places) if places else towards(states[0].image, states[-1].image)
     return Look.of(states[0].image, yaw_rad=yaw, label="" if plain else TEXT)
+
+
+def furniture_places(arrangements: Mapping[str, Any]) -> list[tuple[float, float, float]]:
+    """Return the pieces of all alternatives: x, y in metres from the camera, and size of the footprint in metres."""
+    return [
+        (float(item["t_m"][0]), float(item["t_m"][1]), math.sqrt(float(item["size_m"][0]) * float(item["size_m"][1])))
+        for one in arrangements.get("arrangements", [])
+        for item in one["items"]
+        if item["category"] != "rug"
+    ]
+
+
+def towards_furniture(places: Sequence[tuple[float, float, float]]) -> float:
+    """Return the longitude of the view that shows most furniture, large pieces first, and not only what is near."""
+    x, y, size = np.array(places, dtype=np.float64).T
+    worth = size * np.clip((np.hypot(x, y) - 0.8) / 1.2, 0.0, 1.0)
+    longitudes = np.radians(np.arange(-180, 180, 2.0))
+    apart = np.abs(np.angle(np.exp(1j * (longitudes[:, None] - np.arctan2(x, y)[None]))))
+    score = np.maximum(0.0, 1 - (apart / math.radians(FIELD_DEG / 2)) ** 4) @ worth
+    return float(longitudes[np.argmax(score)])
 
 
 def towards(before: LuminanceImage, after: LuminanceImage) -> float:
@@ -66,15 +87,18 @@ def towards(before: LuminanceImage, after: LuminanceImage) -> float:
     return float(longitudes[np.argmax((np.maximum(math.pi / 4 - apart, 0)) @ by_column)])
 
 
-def state_sections(states: tuple[State, ...], look: Look) -> list[Section]:
-    """Return the slider and the viewer."""
-    found = []
-    if len(states) > 1:
-        words = {2: "Drag to compare two states of the room.", 1: "", 0: ""}
-        text = words.get(min(len(states), 2), "")
-        if any(state.staged for state in states):
-            text += " Furniture in staged pictures is virtual; walls, floor, windows and daylight are the room's own."
-        found.append(Section("Before and after", text.strip(), widgets=(comparison(states, look),)))
+def lead_section(states: tuple[State, ...], look: Look) -> Section | None:
+    """Return the states under a slider; None where there is but one."""
+    if len(states) < 2:
+        return None
+    text = "Drag to compare two states of the room."
+    if any(state.staged for state in states):
+        text += " Furniture in staged pictures is virtual; walls, floor, windows and daylight are the room's own."
+    return Section("Before and after", text, widgets=(comparison(states, look),))
+
+
+def viewer_section(states: tuple[State, ...], look: Look) -> Section:
+    """Return the viewer."""
     unit = states[0].image.unit
     text = (
         f"Drag to look around. The reading, in {unit}, is of one pixel of the picture on disk (to 0.05 %), with its "
@@ -82,8 +106,7 @@ def state_sections(states: tuple[State, ...], look: Look) -> list[Section]:
     )
     if not states[0].image.absolute:
         text += " The scale of this picture's light is not known: values compare within the room, not between rooms."
-    found.append(Section("Look around", text, widgets=(viewer(states, look),)))
-    return found
+    return Section("Look around", text, widgets=(viewer(states, look),))
 
 
 def model_section(context: StageContext) -> Section | None:

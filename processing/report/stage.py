@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
@@ -13,9 +12,9 @@ from processing.report.data import FileLine, Quantity, ReportData, Section, Stag
 from processing.report.detect_sections import TINTS, detect_section
 from processing.report.page import write_page
 from processing.report.remove_sections import remove_section
-from processing.report.room_sections import room_section
-from processing.report.room_states import MOST_STAGED, look_of, model_section, room_states, state_sections
-from processing.report.staging_sections import alternatives_section, materials_section
+from processing.report.room_sections import floor_area_m2, room_section
+from processing.report.room_states import MOST_STAGED
+from processing.report.staging import staging_sections
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from station.session import SessionManifest, Side
@@ -59,15 +58,18 @@ def run(context: StageContext) -> StageOutput:
 def report_data(context: StageContext) -> ReportData:
     """Return what the page shows, from the session, the stages' summaries and their artifacts."""
     facts = context.artifact("calibrate", "calibration")
+    lead, staging = staging_sections(context)
     return ReportData(
         title=context.session.name,
         facts=session_facts(context.session),
-        summary=_summary(facts),
+        summary=(*_summary(facts), *_shape(context)),
         stages=tuple(_stage_line(name, context.summary(name)) for name in BEFORE),
         warnings=tuple(line for name in BEFORE for line in _warnings(name, context.summary(name))),
-        sections=_sections(context, facts),
+        lead=lead,
+        sections=(*staging, *_sections(context, facts)),
         files=_files(context),
         made_with=f"daylit {version('daylit')}",
+        unit=context.artifact("calibrate", "indoor").unit,
     )
 
 
@@ -105,6 +107,15 @@ def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
+def _shape(context: StageContext) -> tuple[Quantity, ...]:
+    """Return the room's size, as people ask for it."""
+    room = told_room(context)
+    if room is None:
+        return ()
+    height = f"{room.ceiling_height_m:.2f} m high, {len(room.openings)} windows and doors"
+    return (Quantity("Floor", round(floor_area_m2(room), 2), "m²", note=height),)
+
+
 def _stage_line(name: str, summary: Mapping[str, Any]) -> StageLine:
     if reason := summary.get("skipped"):
         return StageLine(name, "skipped", str(reason))
@@ -120,8 +131,7 @@ def _warnings(name: str, summary: Mapping[str, Any]) -> list[WarningLine]:
 def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section, ...]:
     response = context.optional_artifact("merge", "response") or {}
     metrics = context.summary("merge").get("metrics", {})
-    found = _staging(context)
-    found.append(indoor_section(context.artifact("calibrate", "indoor"), facts["indoor"]))
+    found = [indoor_section(context.artifact("calibrate", "indoor"), facts["indoor"])]
     sky = context.optional_artifact("calibrate", "outdoor")
     if sky is not None:
         found.append(outdoor_section(sky, facts["outdoor"]))
@@ -138,37 +148,20 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     return tuple(found)
 
 
-def _staging(context: StageContext) -> list[Section]:
-    """Return what people look at first: before and after, the viewer, the model, the alternatives, materials."""
-    states = room_states(context)
-    found: list[Section | None] = []
-    if states:
-        look = look_of(context, states)
-        found += state_sections(states, look)
-        found.append(model_section(context))
-        arrangement = context.optional_artifact("arrange", "arrangement")
-        staged = context.optional_artifact("render", "staged")
-        plans = {k: path.read_bytes() for k in range(1, MOST_STAGED + 1) if (path := _plan(context, k))}
-        found.append(alternatives_section(arrangement, staged, states, plans, look))
-    materials = context.optional_artifact("materials", "materials")
-    if materials is not None:
-        found.append(materials_section(materials, context.summary("materials").get("metrics", {})))
-    return [section for section in found if section is not None]
-
-
-def _plan(context: StageContext, number: int) -> Path | None:
-    found = context.optional_artifact("arrange", f"plan-{number}")
-    return found if isinstance(found, Path) else None
+def told_room(context: StageContext) -> RoomModel | None:
+    """Return the room, None where there is none."""
+    room = context.optional_artifact("room", "room")
+    return None if room is None else RoomModel.model_validate_json(json.dumps(room))
 
 
 def _room(context: StageContext) -> list[Section]:
-    room = context.optional_artifact("room", "room")
+    room = told_room(context)
     if room is None:
         return []
     upright = context.optional_artifact("room", "panorama")
     image = context.artifact("calibrate", "indoor") if upright is None else upright
     told = context.summary("room")
-    return [room_section(image, RoomModel.model_validate_json(json.dumps(room)), told["metrics"], told["left_out"])]
+    return [room_section(image, room, told["metrics"], told["left_out"])]
 
 
 def _detect(context: StageContext) -> list[Section]:

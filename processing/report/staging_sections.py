@@ -66,8 +66,13 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
         quantities.append(Quantity("Surfaces told from light", 100 * metrics["told_share"], "%", note=note))
     if "floor_gloss" in materials:
         quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 a mirror"))
-    rows = tuple(_surface_row(one) for one in materials.get("surfaces", []))
-    tables = [Table("Mean albedo", ("surface", "albedo", "red, green, blue"), rows)] if rows else []
+    surfaces = materials.get("surfaces", [])
+    large = tuple(_surface_row(one) for one in surfaces if not str(one["name"]).startswith("reveal"))
+    small = tuple(_surface_row(one) for one in surfaces if str(one["name"]).startswith("reveal"))
+    head = ("surface", "albedo", "red, green, blue")
+    tables = [Table("Mean albedo", head, large)] if large else []
+    if small:
+        tables.append(Table("Albedo of the windows' niches", head, small, folded=True))
     if windows := materials.get("windows", []):
         shown = tuple(_window_row(one) for one in windows)
         tables.append(Table("Windows", ("opening", "transmittance (r, g, b)", "covered"), shown))
@@ -94,14 +99,19 @@ def _figures(told: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 
 def _tables(every: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
-    found = []
+    """Return the pieces of the alternatives, those of the same pieces in one table; and what found no place."""
+    groups: dict[tuple[tuple[str, str, str], ...], list[int]] = {}
     for number, one in enumerate(every, 1):
-        rows = tuple(_item_row(item) for item in one.get("items", []))
-        found.append(Table(f"Pieces of alternative {number}", ("piece", "model", "width × depth × height"), rows))
+        groups.setdefault(tuple(_item_row(item) for item in one.get("items", [])), []).append(number)
+    found = []
+    for rows, numbers in groups.items():
+        which = f"alternative{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
+        head = ("piece", "model", "width × depth × height")
+        found.append(Table(f"{len(rows)} pieces of {which}", head, rows, folded=True))
     refused = every[0].get("not_placed", [])
     if refused:
-        rows = tuple((str(item["id"]), str(item["rule"]), str(item["reason"])) for item in refused)
-        found.append(Table("Not placed", ("piece", "rule", "why"), rows))
+        not_placed = tuple((str(item["id"]), str(item["rule"]), str(item["reason"])) for item in refused)
+        found.append(Table("Not placed", ("piece", "rule", "why"), not_placed))
     return tuple(found)
 
 

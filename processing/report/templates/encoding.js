@@ -40,11 +40,19 @@ daylit.screen = Uint8ClampedArray.from({ length: 4096 }, (_, i) => {
   return 255 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * Math.pow(linear, 1 / 2.4) - 0.055);
 });
 
-/** A number for people: three digits, thin spaces between thousands, powers of ten at the ends. */
-daylit.numberText = function (value) {
-  if (!Number.isFinite(value)) return "unknown";
-  if (value !== 0 && (value < 1e-3 || value >= 1e7)) return value.toExponential(2).replace(/e\+?/, " × 10^");
-  const digits = value === 0 ? 0 : Math.max(0, 2 - Math.floor(Math.log10(value)));
-  const rounded = value < 1000 ? value.toFixed(digits) : String(Number(value.toPrecision(4)));
-  return rounded.replace(/\B(?=(\d{3})+(?!\d))(?<!\.\d*)/g, "\u2009");
+const thousands = (text) => text.replace(/^\d+/, (whole) => whole.replace(/\B(?=(\d{3})+$)/g, "\u2009"));
+
+/** A number with its standard uncertainty, both to two digits of that; four digits where it is not known. */
+daylit.quantityText = function (value, uncertainty) {
+  if (value !== 0 && (value < 1e-3 || value >= 1e7)) {
+    const margin = Number.isNaN(uncertainty) ? "" : ` ± ${((100 * uncertainty) / value).toPrecision(2)} %`;
+    return value.toExponential(3).replace(/e\+?/, " × 10^") + margin;
+  }
+  const known = uncertainty > 0;
+  const decimals = known ? 1 - Math.floor(Math.log10(uncertainty)) : value ? 3 - Math.floor(Math.log10(value)) : 0;
+  const round = (x) => {
+    const step = Math.pow(10, -Math.min(decimals, 0));
+    return thousands((Math.round(x / step) * step).toFixed(Math.max(decimals, 0)));
+  };
+  return known ? `${round(value)} ± ${round(uncertainty)}` : round(value);
 };

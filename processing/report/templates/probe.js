@@ -37,10 +37,9 @@
       `${Math.abs(latitude).toFixed(1)}° ${latitude < 0 ? "down" : "up"} · pixel ${reading.x}, ${reading.y}`;
     if (Number.isNaN(reading.luminance)) return { value: "no value", detail: [reading.worth, where].filter(Boolean).join(" · ") };
     const share = reading.relativeUncertainty;
-    const margin = Number.isNaN(share) ? "" : ` ± ${daylit.numberText(share * reading.luminance)}`;
     const percent = Number.isNaN(share) ? "uncertainty unknown" : `± ${(100 * share).toPrecision(2)} %`;
     return {
-      value: `${daylit.numberText(reading.luminance)}${margin} ${unit}`,
+      value: `${daylit.quantityText(reading.luminance, share * reading.luminance)} ${unit}`,
       detail: [percent, reading.worth, where].filter(Boolean).join(" · "),
     };
   };
