@@ -25,8 +25,10 @@ from station.session import (
     SettingRecord,
     Side,
 )
+from station.session import Site as Place
 
 STOPS_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
+NOWHERE = Place()
 _BEGUN = datetime(2026, 6, 1, 12, 0, tzinfo=UTC)
 _NAMES = {Side.INDOOR: ("Ricoh Company, Ltd.", "RICOH THETA Z1"), Side.OUTDOOR: ("Canon Inc.", "Canon EOS 5D Mark II")}
 
@@ -41,6 +43,9 @@ class Taken:
     nd: bool = True
     stops_s: Sequence[float] = STOPS_S
     seed: int = 0
+    begun: datetime = _BEGUN
+    place: Place = NOWHERE
+    heading_rad: float | None = None
 
     def optics(self, side: Side) -> CameraOptics:
         """Return the camera."""
@@ -60,8 +65,10 @@ def write_session(path: Path, taken: Taken) -> Path:
     manifest = SessionManifest(
         session_id=hashlib.sha256(str((path.name, taken.seed, taken.world.key)).encode()).hexdigest()[:32],
         name=path.name,
-        created_utc=_BEGUN,
+        created_utc=taken.begun,
         simulated=True,
+        site=taken.place,
+        heading_rad=taken.heading_rad,
         bracket=BracketRecord(mode="full", stops_s=tuple(taken.stops_s), sides=taken.sides),
         devices=tuple(_device(taken, side) for side in taken.sides),
         frames=tuple(frames),
@@ -83,7 +90,7 @@ def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
     shots.prepare(taken.stops_s, wide, high, settings=settings)
     records = []
     for stop, shutter_s in enumerate(taken.stops_s):
-        moment = _BEGUN + timedelta(seconds=10 + 2 * (len(taken.stops_s) - stop))
+        moment = taken.begun + timedelta(seconds=10 + 2 * (len(taken.stops_s) - stop))
         request = ShotRequest(
             shutter_s, usual.iso, usual.f_number, 6500, wide, high, moment.replace(tzinfo=None), stop + 1, maker, model,
             "1001", "1.0",
@@ -105,7 +112,7 @@ def _write_frames(path: Path, taken: Taken, side: Side) -> list[FrameRecord]:
                 width_px=wide,
                 height_px=high,
                 taken_utc=moment,
-                release_monotonic_s=(moment - _BEGUN).total_seconds(),
+                release_monotonic_s=(moment - taken.begun).total_seconds(),
             )
         )
     return records
@@ -145,7 +152,7 @@ def _readings(taken: Taken, way: Vector) -> list[ReadingRecord]:
                 when="before" if when == "before" else "after",
                 status="ok",
                 luminance_cd_m2=float(shown),
-                taken_utc=_BEGUN + timedelta(seconds=at_s),
+                taken_utc=taken.begun + timedelta(seconds=at_s),
                 taken_monotonic_s=at_s,
                 raw=shown,
                 dialect="ls160",
