@@ -1,9 +1,10 @@
 """An oracle for rooms that are not fully furnished: does any arrangement exist? CP-SAT, rooms with right angles, mm.
 
-Pieces stand at right angles to the walls, anywhere (`custom` off) or by the solver's custom too (storage, beds and
-desks with a side to a wall). What follows its host is left out: the TV, and the desk chair, which stands in its desk's
-own use zone. *Relaxed* (obstacles 1 mm smaller, paths not looked at): without a solution none exists. *Strict* (1 mm
-larger): each solution goes to the judge; where a path is closed, those pieces may not stand so again (to 10 cm).
+Pieces stand at right angles to the walls, anywhere (`custom` off) or by the solver's custom too (storage, beds, sofas
+and desks with their backs or a side to a wall, TV stands with their backs). What follows its host is left out: the TV,
+and the desk chair, which stands in its desk's own use zone. *Relaxed* (obstacles 1 mm smaller, paths not looked at):
+without a solution none exists. *Strict* (1 mm larger): each solution goes to the judge; where a path is closed, those
+pieces may not stand so again (to 10 cm).
 """
 
 from __future__ import annotations
@@ -273,7 +274,7 @@ class _Model:
         item, choices = self.items[k], []
         ring = np.array(self.room.exterior.coords)
         ring = ring if self.room.exterior.is_ccw else ring[::-1]
-        sides = (0, 1, 3) if item.spec.footprint_m2 >= SIDEWAYS_M2 else (0,)
+        sides = (0, 1, 3) if item.spec.footprint_m2 >= SIDEWAYS_M2 and item.spec.category != "tv stand" else (0,)
         for a, b in pairwise(ring):
             along = 0 if abs(b[0] - a[0]) > abs(b[1] - a[1]) else 1
             inward = (-np.sign(b[1] - a[1]), np.sign(b[0] - a[0]))

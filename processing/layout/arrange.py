@@ -26,6 +26,8 @@ from processing.layout.tries import Final, run_search
 from processing.layout.verify import Judge, Piece
 
 MOST_ALTERNATIVES = 50
+LITTLE_MORE = 1.0
+"""Where something has no place, alternatives may leave out so much more (`units.loss_of`): another piece instead."""
 
 
 def arrange(
@@ -95,7 +97,7 @@ def arrange(
         asked=tuple(i.id for i in items),
         seed=seed,
         arrangements=tuple(_arrangement(k, one, task) for k, one in enumerate(chosen, 1)),
-        notes=_notes(task, len(doors), len(chosen), n),
+        notes=(*_notes(task, len(doors)), *_fewer(finals, len(chosen), n)),
     )
 
 
@@ -136,15 +138,29 @@ class _Task:
         return made if self.rules.name in made else {self.rules.name: self.judge, **made}
 
 
-def _notes(task: _Task, doors: int, found: int, asked: int) -> tuple[str, ...]:
+def _notes(task: _Task, doors: int) -> tuple[str, ...]:
     notes = list(dict.fromkeys(task.plan.notes))
     lost = len(task.plan.doors) - doors
     if lost:
         path_m = task.rules.path
         notes.append(f"{lost} of {len(task.plan.doors)} doors cannot be reached on {path_m:g} m even in the empty room")
-    if found < asked:
-        notes.append(f"{found} different arrangements were found of {asked} asked for")
     return tuple(notes)
+
+
+def _fewer(finals: Sequence[Final], found: int, asked: int) -> tuple[str, ...]:
+    """Return why there are fewer arrangements than asked for, where there are."""
+    if found >= asked:
+        return ()
+    told = f"{found} different arrangements were found of {asked} asked for"
+    if not finals:
+        return (f"{told}: all pieces are pinned",)
+    least = min(f.loss() for f in finals)
+    alike = sum(f.loss() <= least + 1e-9 for f in finals)
+    little = "as little" if least > 0 else "nothing"
+    return (
+        f"{told}: of {alike} tried that leave out {little}, the others have every large piece at the same wall and "
+        "within 1 m of where one of these has it, or a path too narrow for the judge",
+    )
 
 
 def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
@@ -155,15 +171,20 @@ def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
         return [Chosen(only, "")] if task.stood else []
     units = finals[0].packing.units
     main = units[0].items[0].id if units else ""
-    for candidates in _candidates(finals, task, n):
-        chosen = choose(candidates, n, main, lambda c: task.judge.passes(pieces(c.placed)), 6 * n + 24)
-        if chosen:
-            return chosen
-    return []
+    chosen: list[Chosen] = []
+    least = 0.0
+    for loss, candidates in _candidates(finals, task, n):
+        if chosen and loss > least + (LITTLE_MORE if least > 0 else 0.0):
+            break
+        least = least if chosen else loss
+        chosen = choose(candidates, n, main, lambda c: task.judge.passes(pieces(c.placed)), 6 * n + 24, chosen)
+        if len(chosen) == n:
+            break
+    return chosen
 
 
-def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[list[Candidate]]:
-    """Yield the best states with their soft scores, best first: those that leave least out, then the next."""
+def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[float, list[Candidate]]]:
+    """Yield (loss, the best states with their soft scores, best first): those that leave least out, then the next."""
     floor = make_floor(task.search.field.plan)
     held = [in_frame(s, task.frame) for s in task.stood]
     losses = sorted({round(f.loss(), 9) for f in finals})
@@ -178,7 +199,7 @@ def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[list[C
             scores = soft_scores(floor, [*held, *free])
             left = tuple(sorted(item.id for item in final.left_out()))
             made.append(Candidate(placed, left, weighted(scores, task.book.weights), scores))
-        yield sorted(made, key=lambda c: -c.score)
+        yield least, sorted(made, key=lambda c: -c.score)
 
 
 def _varied(finals: Sequence[Final], most: int) -> list[Final]:

@@ -34,13 +34,18 @@ class Chosen:
 
 
 def choose(
-    candidates: Sequence[Candidate], count: int, main: str, valid: Callable[[Candidate], bool], most_checks: int
+    candidates: Sequence[Candidate],
+    count: int,
+    main: str,
+    valid: Callable[[Candidate], bool],
+    most_checks: int,
+    before: Sequence[Chosen] = (),
 ) -> list[Chosen]:
-    """Return up to `count` valid candidates, best first, each different from all before it.
+    """Return `before` and valid candidates, up to `count`, best first, each different from all before it.
 
     Different: the main piece on another wall or moved by 1 m; where no more of those are left, another large piece.
     """
-    chosen: list[Chosen] = []
+    chosen = list(before)
     known: dict[int, bool] = {}
     while len(chosen) < count:
         best = _next(candidates, chosen, known, main)

@@ -127,6 +127,8 @@ def _sofas(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     sides = [["left", "right"]] if len(kept) == 2 else [["left"], ["right"]] if kept else [[]]
     variants = [seating(sofa, table, list(zip(kept, s, strict=True)), rug, rules) for s in sides]
     members = [sofa, *([table] if table else []), *kept, *([rug] if rug else [])]
+    if len(members) == 1:
+        variants += sideways(sofa, rules, bonus=-1.0)
     left += [i for i in (*sofas[1:], *tables, *chairs, *rugs) if i not in members]
     return [Unit(tuple(members), tuple(variants), "sofa")]
 

@@ -15,6 +15,8 @@ ROLE = {
         ("bed", "sofa", "tv", "desk", "seat", "dining", "night", "tall", "low", "table", "rug", "small")
     )
 }
+RUG_WEIGHT = 3.0
+"""A rug has nothing else to keep to, and lies in a corner otherwise where the search adds noise."""
 BED, SOFA, TV, DESK, SEAT, DINING, NIGHT, TALL, LOW, TABLE, RUGS, SMALL = range(12)
 
 
@@ -116,7 +118,7 @@ def score_small(role, x, y, at_end, anchors, n):  # type: ignore[no-untyped-def]
         return score_near(x, y, anchors, n, SOFA, 1.1, 1.0)
     if role == RUGS:
         near = score_near(x, y, anchors, n, SOFA, 1.0, 1.5) + score_near(x, y, anchors, n, BED, 1.1, 1.2)
-        return near + score_near(x, y, anchors, n, DINING, 0.0, 1.2)
+        return RUG_WEIGHT * (near + score_near(x, y, anchors, n, DINING, 0.0, 1.2))
     return 0.4 * at_end + 0.3 * score_near(x, y, anchors, n, SOFA, 1.3, 1.5)
 
 

@@ -28,8 +28,13 @@ REPAIRS = (
     (3, Rounds(500, 12, 4, 25, noise=1.0)),
 )
 """(division, rounds) where not everything has found a place."""
-VARIATIONS = (Rounds(160, 90, noise=0.3, fractions=_THREE), Rounds(480, 200, 5, noise=1.0, fractions=_THREE))
-"""Rounds for more kinds of whole states."""
+VARIATIONS = (
+    (0, Rounds(160, 90, noise=0.3, fractions=_THREE)),
+    (0, Rounds(320, 150, 5, noise=1.0, fractions=_THREE)),
+    (2, Rounds(200, 60, 5, noise=1.0)),
+    (3, Rounds(300, 90, 6, noise=1.0)),
+)
+"""(least division, rounds) for more kinds of whole states."""
 
 
 @dataclass(frozen=True)
@@ -97,10 +102,11 @@ def run_search(
             finals = run_search(search, [i for i in items if i not in hopeless], rules, n, seed, valid)
             return [replace(f, hopeless=(*hopeless, *f.hopeless)) for f in finals]
         _repair(search, divisions, pool, seed, valid)
-    for number, rounds in enumerate(VARIATIONS if n > 1 and pool.kinds else ()):
+    for number, (split, rounds) in enumerate(VARIATIONS if n > 1 and pool.kinds else ()):
         if len(pool.kinds) >= wanted:
             break
-        packing = next(f.packing for f in pool.finals if not f.found.dropped)
+        whole = next(f.packing for f in pool.finals if not f.found.dropped)
+        packing = divisions[split] if split else whole
         pool.add(search.rebuild(packing, rounds, 1000 * seed + 500 + number), packing)
     return sorted(pool.finals, key=lambda f: -f.found.score)
 

@@ -93,7 +93,7 @@ def rows_within(corners, radius, y0, cell, rows):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def columns_within(corners, i, radius, x0, y0, cell, words):  # type: ignore[no-untyped-def]
-    """Return (first, last) of the columns of row i whose middles are within `radius` of an outline; first > last for none."""
+    """Return (first, last) of row i's columns with middles within `radius` of an outline; first > last for none."""
     low, high = span_within(corners, y0 + (i + 0.5) * cell, radius)
     if low > high:
         return 0, -1
