@@ -7,10 +7,12 @@ are right. Behind passages and open doors lies another room, seen through a port
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from shapely.errors import GEOSException
 from shapely.geometry import Polygon
 
 from processing.segmentation.classes import SceneClass
@@ -60,18 +62,26 @@ def draw_house(rng: np.random.Generator, cameras: int) -> House:
     """Return a room without fixtures and furniture: floor, ceiling and walls with openings."""
     from training.walls import build_walls
 
-    outline = draw_outline(rng)
+    outline, flat = _floor(rng)
     ceiling = draw_height_m(rng)
     places = draw_cameras(rng, outline, cameras)
     eyes = [draw_eye_m(rng, ceiling) for _ in places]
     house = House(outline, ceiling, Soup(), places, eyes)
     floor, top = house.soup.paint("floor"), house.soup.paint("ceiling")
-    flat = triangulated(outline)
     house.soup.add(np.concatenate([flat, np.zeros((*flat.shape[:2], 1))], axis=2), SceneClass.FLOOR, floor)
     house.soup.add(np.concatenate([flat, np.full((*flat.shape[:2], 1), ceiling)], axis=2), SceneClass.CEILING, top)
     build_walls(rng, house)
     ceiling_things(rng, house)
     return house
+
+
+def _floor(rng: np.random.Generator) -> tuple[Doubles, Doubles]:
+    """Return an outline and its triangles; now and then an outline has none (corners in a line, to rounding)."""
+    for _ in range(10):
+        outline = draw_outline(rng)
+        with suppress(GEOSException):
+            return outline, triangulated(outline)
+    raise RuntimeError("ten outlines in a row that cannot be divided into triangles")
 
 
 def triangulated(outline: Doubles) -> Doubles:

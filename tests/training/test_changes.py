@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapely.errors import GEOSException
 
 from processing.segmentation.classes import SceneClass
 from training.forms import bed, block, couch, heap, laden, shelf, wardrobe
-from training.house import draw_house
+from training.house import draw_house, triangulated
 from training.labels import boundary_latitudes
 from training.pieces import Piece, built_in_pieces, folder_pieces, joined
 from training.props import furnish_house
@@ -122,3 +123,18 @@ def test_houses_are_furnished_with_pieces_given() -> None:
         assert all(set(np.unique(one)) <= {SceneClass.FURNITURE, SceneClass.FIXTURE} for one in added)
         stood += sum(int((one == SceneClass.FURNITURE).sum()) for one in added)
     assert stood > 50
+
+
+def test_outline_without_triangles_is_drawn_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def refused_once(outline: np.ndarray) -> np.ndarray:
+        asked.append(outline)
+        if len(asked) == 1:
+            raise GEOSException("Unable to find a convex corner")
+        return triangulated(outline)
+
+    monkeypatch.setattr("training.house.triangulated", refused_once)
+    house = draw_house(np.random.default_rng(5), 1)
+    assert len(asked) == 2
+    assert np.array_equal(house.outline, asked[1])
