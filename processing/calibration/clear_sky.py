@@ -27,6 +27,17 @@ _DIRECT_LM_W = (
     (101.18, 1.58, -1.10, -8.29),
 )
 """a, b, c, d by bin of clearness: a + b W + c exp(5.73 Z - 5) + d brightness."""
+_DIFFUSE_LM_W = (
+    (97.24, -0.46, 12.00, -8.91),
+    (107.22, 1.15, 0.59, -3.95),
+    (104.97, 2.96, -5.53, -8.77),
+    (102.39, 5.59, -13.95, -13.90),
+    (100.71, 5.94, -22.75, -23.74),
+    (106.42, 3.83, -36.15, -28.83),
+    (141.88, 1.90, -53.24, -14.03),
+    (152.23, 0.35, -45.27, -7.98),
+)
+"""The same of the sky's own light: a + b W + c cos Z + d ln brightness."""
 BEAM_UNCERTAINTY = 0.12
 """Relative, standard: the clear-sky model by its turbidity (about 10 %) and the efficacy (about 5 %)."""
 
@@ -69,12 +80,22 @@ class Beam:
     relative_uncertainty: float
     normal_w_m2: float
     linke_turbidity: float
+    diffuse_w_m2: float = 0.0
+    """Of the clear sky around it, on level ground."""
+    diffuse_lx: float = 0.0
+    top_w_m2: float = 0.0
+    """Above the atmosphere, facing the sun."""
+    air_mass: float = 0.0
+    """Relative: 1 with the sun at the zenith."""
 
 
-def clear_beam(time_utc: datetime, place: Place, linke_turbidity: float | None = None) -> Beam:
+def clear_beam(
+    time_utc: datetime, place: Place, linke_turbidity: float | None = None, *, elevation_rad: float | None = None
+) -> Beam:
     """Return the beam of a clear sky; a Linke turbidity of None is the place's and month's mean (SoDa's map).
 
-    0 lx with the sun below the horizon.
+    ``elevation_rad``: where the sun is seen, if that is known better than by time and place. 0 lx with the sun below
+    the horizon.
     """
     import pandas as pd
     import pvlib
@@ -87,8 +108,9 @@ def clear_beam(time_utc: datetime, place: Place, linke_turbidity: float | None =
         linke_turbidity = float(means.iloc[0])
     if not 1 <= linke_turbidity <= 15:
         raise ParameterError(f"a Linke turbidity of {linke_turbidity}", advice="1 (clean) to 8 (hazy)")
-    sun = _solar_position(time_utc, place)
-    zenith_deg = sun["apparent_zenith"]
+    zenith_deg = _solar_position(time_utc, place)["apparent_zenith"]
+    if elevation_rad is not None:
+        zenith_deg = 90 - math.degrees(elevation_rad)
     if zenith_deg >= 90:
         return Beam(0.0, 1.0, 0.0, linke_turbidity)
     mass = float(pvlib.atmosphere.get_relative_airmass(zenith_deg))
@@ -96,18 +118,32 @@ def clear_beam(time_utc: datetime, place: Place, linke_turbidity: float | None =
     top = float(pvlib.irradiance.get_extra_radiation(_checked(time_utc).timetuple().tm_yday))
     light = pvlib.clearsky.ineichen(zenith_deg, absolute, linke_turbidity, place.altitude_m, top)
     normal, diffuse = float(light["dni"]), float(light["dhi"])
-    efficacy = direct_efficacy_lm_w(math.radians(zenith_deg), normal, diffuse, diffuse * mass / top)
-    return Beam(normal * efficacy, BEAM_UNCERTAINTY, normal, linke_turbidity)
+    brightness = diffuse * mass / top
+    efficacy = direct_efficacy_lm_w(math.radians(zenith_deg), normal, diffuse, brightness)
+    around = diffuse * diffuse_efficacy_lm_w(math.radians(zenith_deg), normal, diffuse, brightness)
+    return Beam(normal * efficacy, BEAM_UNCERTAINTY, normal, linke_turbidity, diffuse, around, top, mass)
 
 
 def direct_efficacy_lm_w(
     zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float, water_cm: float = WATER_CM
 ) -> float:
     """Return the luminous efficacy of the beam (Perez et al. 1990); ``brightness`` is their Delta."""
+    a, b, c, d = _DIRECT_LM_W[_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
+    return max(0.0, a + b * water_cm + c * math.exp(5.73 * zenith_rad - 5) + d * brightness)
+
+
+def diffuse_efficacy_lm_w(
+    zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float, brightness: float, water_cm: float = WATER_CM
+) -> float:
+    """Return the luminous efficacy of the sky's own light on level ground (Perez et al. 1990, table 4, diffuse)."""
+    a, b, c, d = _DIFFUSE_LM_W[_clearness_bin(zenith_rad, normal_w_m2, diffuse_w_m2)]
+    return max(0.0, a + b * water_cm + c * math.cos(zenith_rad) + d * math.log(max(brightness, 1e-3)))
+
+
+def _clearness_bin(zenith_rad: float, normal_w_m2: float, diffuse_w_m2: float) -> int:
     twist = 1.041 * zenith_rad**3
     clearness = ((diffuse_w_m2 + normal_w_m2) / max(diffuse_w_m2, 1e-9) + twist) / (1 + twist)
-    a, b, c, d = _DIRECT_LM_W[sum(clearness >= edge for edge in _CLEARNESS_EDGES)]
-    return max(0.0, a + b * water_cm + c * math.exp(5.73 * zenith_rad - 5) + d * brightness)
+    return sum(clearness >= edge for edge in _CLEARNESS_EDGES)
 
 
 def _solar_position(time_utc: datetime, place: Place) -> dict[str, float]:

@@ -7,7 +7,7 @@ texture, direct sun and glass are worked out for every pixel.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -144,8 +144,11 @@ class RelightView:
 
 
 def _part(sight: Sight, chosen: npt.NDArray[np.int64]) -> Sight:
-    fields = ("rays", "label", "pane", "distance_m", "point", "normal", "triangle")
-    return replace(sight, shape=(1, len(chosen)), **{name: getattr(sight, name)[chosen] for name in fields})
+    """Return some pixels of a sight, in one row."""
+    every = len(sight.label)
+    values = {field.name: getattr(sight, field.name) for field in fields(sight)}
+    parts = {k: v[chosen] for k, v in values.items() if isinstance(v, np.ndarray) and len(v) == every}
+    return replace(sight, shape=(1, len(chosen)), **parts)
 
 
 def _add(rays: SkyRays, colours: Floats, values: Floats, out: Floats, apart: Floats) -> None:

@@ -1,0 +1,1 @@
+"""The room of a session in another light, and from other places."""
