@@ -319,10 +319,10 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="report",
-        version=2,
+        version=3,
         title="write the report",
         function="processing.report.stage:run",
-        needs=("verify", "merge", "calibrate", "room", "detect", "remove", "materials", "arrange", "render"),
+        needs=("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render"),
         reads=("name", "site", "frames", "devices"),
         makes=(Artifact("page", "file", file_name="index.html"),),
         parameters="processing.report.parameters:ReportParameters",

@@ -50,7 +50,7 @@ def response_plot(log2_exposure: Reals, sigma_log2: Reals, low: Sequence[int], h
     axes.set_xlabel("code")
     axes.set_ylabel("exposure (stops)")
     axes.legend(frameon=False)
-    return _svg(figure)
+    return svg_bytes(figure)
 
 
 def residual_plot(codes: Reals, residual_stops: Reals) -> bytes:
@@ -62,7 +62,7 @@ def residual_plot(codes: Reals, residual_stops: Reals) -> bytes:
     axes.set_ylabel("residual, rms (stops)")
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False)
-    return _svg(figure)
+    return svg_bytes(figure)
 
 
 def frame_usage_plot(labels: Sequence[str], shares: Sequence[float], left_out: Sequence[bool]) -> bytes:
@@ -79,7 +79,7 @@ def frame_usage_plot(labels: Sequence[str], shares: Sequence[float], left_out: S
     axes.set_xlim(0, 112)
     axes.set_xticks(range(0, 101, 20))
     axes.set_xlabel("part of the picture that the frame serves (%)")
-    return _svg(figure)
+    return svg_bytes(figure)
 
 
 def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns: int = 3) -> bytes:
@@ -88,7 +88,7 @@ def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns
         raise ParameterError("a contact sheet has frames, and as many labels")
     rows = -(-len(thumbnails) // columns)
     height, width = thumbnails[0].shape[:2]
-    figure = _empty_figure(3.0 * columns, rows * (3.0 * height / width + 1.05))
+    figure = empty_figure(3.0 * columns, rows * (3.0 * height / width + 1.05))
     grid = figure.add_gridspec(2 * rows, columns, height_ratios=[3.0 * height / width, 0.7] * rows)
     for number, (picture, label) in enumerate(zip(thumbnails, labels, strict=True)):
         row, column = divmod(number, columns)
@@ -161,7 +161,8 @@ def _shrunk(values: Floats, width_px: int) -> Floats:
     return values[step // 2 :: step, step // 2 :: step]
 
 
-def _empty_figure(width_in: float, height_in: float) -> Figure:
+def empty_figure(width_in: float, height_in: float) -> Figure:
+    """Return a white figure of our own, apart from matplotlib's global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -191,11 +192,11 @@ def plan_plot(
     axes.set_xlabel("m to the right")
     axes.set_ylabel("m ahead")
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return _svg(figure)
+    return svg_bytes(figure)
 
 
 def _figure(height_in: float = _SIZE_IN[1]) -> tuple[Figure, Any]:
-    figure = _empty_figure(_SIZE_IN[0], height_in)
+    figure = empty_figure(_SIZE_IN[0], height_in)
     axes = figure.add_subplot()
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(visible=True, linewidth=0.4, alpha=0.5)
@@ -203,7 +204,8 @@ def _figure(height_in: float = _SIZE_IN[1]) -> tuple[Figure, Any]:
     return figure, axes
 
 
-def _svg(figure: Figure) -> bytes:
+def svg_bytes(figure: Figure) -> bytes:
+    """Return a figure as SVG, the same bytes for the same figure."""
     import matplotlib as mpl
 
     out = io.BytesIO()

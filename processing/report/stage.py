@@ -10,6 +10,7 @@ from typing import Any
 from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
 from processing.report.detect_sections import TINTS, detect_section
+from processing.report.light_figures_section import light_figures_section
 from processing.report.page import write_page
 from processing.report.remove_sections import remove_section
 from processing.report.room_sections import floor_area_m2, room_section
@@ -19,7 +20,7 @@ from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from station.session import SessionManifest, Side
 
-BEFORE = ("verify", "merge", "calibrate", "room", "detect", "remove", "materials", "arrange", "render")
+BEFORE = ("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render")
 """Stages that the report tells of; each of them is also in its row's ``needs``."""
 FILES = {
     ("merge", "indoor.exr"): "room before calibration, relative",
@@ -31,6 +32,7 @@ FILES = {
     ("room", "panorama.exr"): "the panorama made upright",
     ("room", "room.json"): "floor, heights, windows and doors; to be corrected by daylit room --edit",
     ("room", "evidence.npz"): "what the pixels show, and the boundaries",
+    ("figures", "light_figures.json"): "illuminance, glare, luminance statistics",
     ("detect", "target.png"): "all that is to be removed; correct it in a drawing program, give it back by --mask",
     ("detect", "furniture.png"): "furniture alone",
     ("detect", "tripod.png"): "tripod and equipment alone",
@@ -135,7 +137,8 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     sky = context.optional_artifact("calibrate", "outdoor")
     if sky is not None:
         found.append(outdoor_section(sky, facts["outdoor"]))
-    found.append(light_section(facts))
+    figures = context.optional_artifact("figures", "light_figures")
+    found.append(light_section(facts) if figures is None else light_figures_section(figures))
     found += _room(context)
     found += _detect(context)
     found += _remove(context)
