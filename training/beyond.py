@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -34,7 +37,18 @@ def outdoors(rng: np.random.Generator, rays: Floats) -> Floats:
     return np.asarray(np.where(things[:, None], leaf * speckle[:, None], out), dtype=np.float32)
 
 
-def other_room(portal: Portal, eye: Doubles, rays: Floats) -> Floats:
+@dataclass(frozen=True)
+class Home:
+    """What rooms of one home have in common: homes are often of one floor and one paint throughout."""
+
+    wall: Floats
+    """(3,) albedo."""
+    ceiling: Floats
+    floor: Callable[[Floats], Floats]
+    """Albedo (n, 3) at places (n, 2) of the floor, metres."""
+
+
+def other_room(portal: Portal, eye: Doubles, rays: Floats, home: Home | None = None) -> Floats:
     """Return relative radiance (n, 3), about 0.3, of the room behind a portal, for rays from ``eye``."""
     rng = np.random.default_rng([portal.seed, 3])
     ax, ay = portal.frame.along
@@ -52,16 +66,35 @@ def other_room(portal: Portal, eye: Doubles, rays: Floats) -> Floats:
     far[:, 1] = np.where(local[:, 1] > 0, far[:, 1], np.inf)
     axis = far.argmin(axis=1)
     point = start + local * far.min(axis=1)[:, None]
-    tones = np.abs(rng.normal([0.75, 0.72, 0.68], 0.12, (4, 3))) * rng.uniform(0.5, 1.0)
-    floor = np.abs(rng.uniform(0.05, 0.5) * (1 + 0.25 * rng.normal(size=3)))
-    boards = 1 + 0.15 * np.sign(np.sin(point[:, 0] * rng.uniform(10, 40)))[:, None]
-    out = tones[np.clip(axis, 0, 2)]
-    out = np.where((axis == 2)[:, None] & (local[:, 2] < 0)[:, None], floor * boards, out)
+    out = _surfaces(rng, portal, point, axis, local[:, 2] < 0, home)
     _fittings(rng, out, point, axis, low, high)
     light = rng.uniform(low, high)
     near = np.linalg.norm(point - light, axis=1)
     shade = rng.uniform(0.25, 0.8) + 1.6 / (1 + near**2)
     return np.asarray(out * shade[:, None] * 0.4, dtype=np.float32)
+
+
+def _surfaces(
+    rng: np.random.Generator,
+    portal: Portal,
+    point: Doubles,
+    axis: npt.NDArray[np.intp],
+    down: npt.NDArray[np.bool_],
+    home: Home | None,
+) -> Doubles:
+    """Return albedos (n, 3) of the other room's walls, ceiling and floor."""
+    below = (axis == 2) & down
+    if home is not None:
+        bends = 1 + 0.06 * rng.normal(size=(2, 1))
+        tones = np.concatenate([home.wall * bends, home.ceiling[None]])
+        out = np.asarray(tones[axis], np.float64)
+        out[below] = home.floor(portal.frame.world(point[below])[:, :2].astype(np.float32))
+        return out
+    tones = np.abs(rng.normal([0.75, 0.72, 0.68], 0.12, (4, 3))) * rng.uniform(0.5, 1.0)
+    floor = np.abs(rng.uniform(0.05, 0.5) * (1 + 0.25 * rng.normal(size=3)))
+    boards = 1 + 0.15 * np.sign(np.sin(point[:, 0] * rng.uniform(10, 40)))[:, None]
+    out = tones[np.clip(axis, 0, 2)]
+    return np.asarray(np.where(below[:, None], floor * boards, out))
 
 
 def _fittings(

@@ -49,8 +49,8 @@ def fill_gap(
         _shut(rng, house, frame, gap, look, leaves=1 if kind == "door" else max(2, round(width / 0.6)))
         return gap
     if kind in ("open door", "passage"):
-        tall = kind == "passage" and rng.random() < 0.5
-        gap = Gap(start, end, 0.0, house.ceiling_m if tall and rng.random() < 0.3 else min(look.door_m, top))
+        tall = kind == "passage" and rng.random() < 0.6
+        gap = Gap(start, end, 0.0, house.ceiling_m if tall and rng.random() < 0.5 else min(look.door_m, top))
         _open(rng, house, frame, gap, look, leaf=kind == "open door")
         return gap
     if kind == "fitted":

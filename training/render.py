@@ -13,7 +13,7 @@ from mocks.rooms.mesh import Mesh, Part
 from mocks.rooms.model import Material, Role
 from mocks.rooms.truth import equirectangular
 from processing.segmentation.classes import SceneClass
-from training.beyond import other_room, outdoors
+from training.beyond import Home, other_room, outdoors
 from training.house import Portal
 from training.light import Gathered, Panes, Points, Spread, coarse, gather, smoothed, spread_of, sunlit
 from training.paints import Coats, draw_coats
@@ -111,12 +111,38 @@ def radiance(rng: np.random.Generator, stage: Stage, seen: Seen, tiles: list[Til
     away = np.flatnonzero(seen.paint.reshape(-1) < 0)
     flat[away] = outdoors(rng, seen.rays.reshape(-1, 3)[away]) * window
     level = float(np.median(light)) * rng.uniform(0.4, 2.5)
+    home = _home(stage, coats, tiles) if rng.random() < 0.65 else None
     for portal in stage.portals:
         mine = np.flatnonzero(seen.paint.reshape(-1) == portal.paint)
         if mine.size:
             # A mirrored camera sees the other room from its own place: near enough.
-            flat[mine] = other_room(portal, seen.eye, seen.rays.reshape(-1, 3)[mine]) * np.float32(level)
+            flat[mine] = other_room(portal, seen.eye, seen.rays.reshape(-1, 3)[mine], home) * np.float32(level)
     return out
+
+
+def _home(stage: Stage, coats: Coats, tiles: list[Tile]) -> Home | None:
+    """Return this room's own floor, wall and ceiling, for the rooms beyond; None for a room without them."""
+    first = {paint.kind: number for number, paint in reversed(list(enumerate(stage.soup.paints)))}
+    if not {"floor", "wall", "ceiling"} <= set(first):
+        return None
+    number = first["floor"]
+
+    def floor(place: Floats) -> Floats:
+        out = np.repeat(coats.albedo[number][None], len(place), axis=0)
+        if coats.tile[number] >= 0:
+            footprint = np.full(len(place), 0.05, np.float32)
+            out = out * _relative(coats, tiles, number, place, footprint)
+        return np.asarray(np.minimum(out, 0.95), dtype=np.float32)
+
+    return Home(coats.albedo[first["wall"]], coats.albedo[first["ceiling"]], floor)
+
+
+def _relative(coats: Coats, tiles: list[Tile], number: int, uv: Floats, footprint_m: Floats) -> Floats:
+    """Return the factors (n, 3) by which a paint's texture changes its albedo at places (n, 2), metres."""
+    c, s = np.cos(coats.turn[number]), np.sin(coats.turn[number])
+    turned = np.stack([uv[:, 0] * c - uv[:, 1] * s, uv[:, 0] * s + uv[:, 1] * c], axis=1) / coats.scale[number]
+    relative = tiles[coats.tile[number]].at(turned.astype(np.float32), footprint_m / coats.scale[number])
+    return np.asarray(np.maximum(1 + (relative - 1) * coats.contrast[number], 0.05), dtype=np.float32)
 
 
 def _light(rng: np.random.Generator, stage: Stage, seen: Seen, coats: Coats) -> tuple[Floats, float]:
@@ -174,10 +200,7 @@ def _albedo(seen: Seen, coats: Coats, tiles: list[Tile]) -> Floats:
         # On upright faces the horizontal axis is the one that runs along the face.
         along = np.where(n[:, 0] > n[:, 1], p[:, 1], p[:, 0])
         uv = np.stack([np.where(flat, p[:, 0], along), np.where(flat, p[:, 1], p[:, 2])], axis=1)
-        c, s = np.cos(coats.turn[number]), np.sin(coats.turn[number])
-        uv = np.stack([uv[:, 0] * c - uv[:, 1] * s, uv[:, 0] * s + uv[:, 1] * c], axis=1) / coats.scale[number]
-        relative = tiles[coats.tile[number]].at(uv.astype(np.float32), footprint[mine] / coats.scale[number])
-        out[mine] *= np.maximum(1 + (relative - 1) * coats.contrast[number], 0.05)
+        out[mine] *= _relative(coats, tiles, int(number), uv, footprint[mine])
     return np.minimum(out, 0.95).reshape(*seen.paint.shape, 3)
 
 
