@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
+    from processing.pipeline import Option
     from processing.running.requests import RunRequest
 
 _PREFIX = "of_stage_"
@@ -25,21 +26,54 @@ class ProcessCommand(click.Command):
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
         """Return our own options and those of the stages."""
-        from processing.pipeline import STAGES, options, trades
+        from processing.pipeline import options, trades
 
         found: list[click.Parameter] = list(super().get_params(ctx))
         at = len(found) - 2
-        for trade in sorted(trades()):
-            honoured = ", ".join(stage.name for stage in STAGES if trade in stage.trades)
-            given: dict[str, Any] = dict(_TRADES[trade])
-            given["help"] += f" Stages: {honoured}."
-            found.insert(at, click.Option([f"--{trade.replace('_', '-')}"], **given))
-        for flag, option in options().items():
-            users = ", ".join(stage.name for stage in STAGES if option in stage.options)
-            name = _PREFIX + flag.removeprefix("--").replace("-", "_")
-            kind = {"type": _type(option.kind, option.type), "is_flag": option.type == "flag", "default": None}
-            found.insert(at, click.Option([flag, name], help=f"{option.help} Stages: {users}.", **kind))
-        return found
+        more = [_trade_option(trade) for trade in sorted(trades())]
+        more += [_stage_option(flag, option) for flag, option in options().items()]
+        return [*found[:at], *more, *found[at:]]
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write our own options, then those of each stage in the order in which stages run."""
+        from processing.pipeline import STAGES
+
+        params = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
+        sections: dict[str, list[click.Option]] = {
+            "Options": [p for p in params if not (p.name or "").startswith(_PREFIX)]
+        }
+        for stage in STAGES:
+            names = {_parameter_name(option.flag) for option in stage.options}
+            told = {p.name for section in sections.values() for p in section}
+            sections[f"{stage.name}: {stage.title}"] = [p for p in params if p.name in names - told]
+        for title, among in sections.items():
+            records = [record for p in among if (record := p.get_help_record(ctx))]
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def _trade_option(trade: str) -> click.Option:
+    from processing.pipeline import STAGES
+
+    honoured = ", ".join(stage.name for stage in STAGES if trade in stage.trades)
+    given: dict[str, Any] = dict(_TRADES[trade])
+    given["help"] += f" Stages: {honoured}."
+    return click.Option([f"--{trade.replace('_', '-')}"], **given)
+
+
+def _stage_option(flag: str, option: Option) -> click.Option:
+    """Return an option of one stage; where several have it, its help names them."""
+    from processing.pipeline import STAGES
+
+    users = [stage.name for stage in STAGES if option in stage.options]
+    shared = f" Stages: {', '.join(users)}." if len(users) > 1 else ""
+    kind = {"type": _type(option.kind, option.type), "is_flag": option.type == "flag", "default": None}
+    return click.Option([flag, _parameter_name(flag)], help=f"{option.help}{shared}", **kind)
+
+
+def _parameter_name(flag: str) -> str:
+    return _PREFIX + flag.removeprefix("--").replace("-", "_")
 
 
 def _type(kind: str, value: str) -> Any:
@@ -83,7 +117,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
     from processing.commands.process_views import SilentView, plain_or_terminal, summary_lines
     from processing.running.runner import process as run
 
-    request = _request(asked)
+    request = run_request(asked)
     session = _session(session, asked["panorama"], asked["into"])
     with SilentView() if as_json else plain_or_terminal(sys.stdout.isatty()) as view:
         report = run(session, request, on_event=view.show)
@@ -114,13 +148,13 @@ def _session(session: Path | None, panorama: Path | None, into: Path | None) -> 
     return panorama_session(panorama, into or Path("sessions"))
 
 
-def _request(asked: dict[str, Any]) -> RunRequest:
+def run_request(asked: dict[str, Any]) -> RunRequest:
     """Return what is asked, without what is not."""
     from processing.pipeline import options
     from processing.running.requests import RunRequest
     from processing.stages.contract import Quality
 
-    values = {flag: asked[_PREFIX + flag.removeprefix("--").replace("-", "_")] for flag in options()}
+    values = {flag: asked[_parameter_name(flag)] for flag in options()}
     return RunRequest(
         until=asked["until"],
         force=asked["force"],

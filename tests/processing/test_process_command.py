@@ -113,3 +113,15 @@ def test_views(capsys: pytest.CaptureFixture[str]) -> None:
     PlainView().show(RunEvent(RunEventKind.STARTED, "merge", "x\x1b[2J", left_s=100.0))
     assert capsys.readouterr().out == "merge: x?[2J, about 2 min left\n"
     assert printable("a\tb\n") == "a?b?"
+
+
+def test_help_lists_options_stage_by_stage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["process", "--help"]) == 0
+    told = capsys.readouterr().out
+    sections = [line for line in told.splitlines() if line and not line.startswith(" ")]
+    own = [stage for stage in TOYS if stage.options]
+    assert sections[-len(own) :] == [f"{stage.name}: {stage.title}:" for stage in own]
+    for stage in own:
+        for option in stage.options:
+            assert told.count(f"  {option.flag} ") == 1
+    assert "[SESSION]" not in told.partition("Options:")[2]
