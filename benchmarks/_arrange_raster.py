@@ -50,10 +50,20 @@ class Raster:
         self.needed = self._needed()
 
     def _strip(self, edge: int, t0: float, t1: float, deep: float, more: float = -SKIN_M) -> Any:
+        at, t, n = self._along(edge, t0 - 0.1, t1 + 0.1, deep + 0.1)
+        zone = np.zeros(self.x.shape, dtype=bool)
+        zone[at] = (t > t0 - more) & (t < t1 + more) & (n > -more) & (n < deep + more)
+        return zone
+
+    def _along(self, edge: int, t0: float, t1: float, deep: float) -> Any:
+        """Return the window of cells around a strip, and their places along and away from the edge."""
         corner, u, _ = self.plan.edge(edge)
-        dx, dy = self.x - corner[0], self.y - corner[1]
-        t, n = dx * u[0] + dy * u[1], dy * u[0] - dx * u[1]
-        return (t > t0 - more) & (t < t1 + more) & (n > -more) & (n < deep + more)
+        ends = np.array([corner + u * t + np.array([-u[1], u[0]]) * n for t in (t0, t1) for n in (-0.1, deep)])
+        first = np.floor((ends.min(axis=0) - (self.x[0, 0], self.y[0, 0])) / CELL_M).astype(int).clip(0)
+        last = np.ceil((ends.max(axis=0) - (self.x[0, 0], self.y[0, 0])) / CELL_M).astype(int).clip(0) + 1
+        at = slice(first[1], last[1]), slice(first[0], last[0])
+        dx, dy = self.x[at] - corner[0], self.y[at] - corner[1]
+        return at, dx * u[0] + dy * u[1], dy * u[0] - dx * u[1]
 
     def _door(self, door: Any) -> Any:
         r = self.rules
@@ -63,12 +73,10 @@ class Raster:
             return zone
         pair = wide > r.door_reach and door.swing != "in"
         leaf = wide / 2 if pair else wide
-        corner, u, _ = self.plan.edge(door.edge)
-        dx, dy = self.x - corner[0], self.y - corner[1]
-        t, n = dx * u[0] + dy * u[1], dy * u[0] - dx * u[1]
+        place, t, n = self._along(door.edge, door.start_m - 0.1, door.end_m + 0.1, leaf + 0.1)
         for hand, at, sign in (("left", door.end_m, -1), ("right", door.start_m, 1)):
             if pair or door.hinge in (hand, "unknown"):
-                zone |= (n > SKIN_M) & (sign * (t - at) > SKIN_M) & (np.hypot(t - at, n) < leaf - SKIN_M)
+                zone[place] |= (n > SKIN_M) & (sign * (t - at) > SKIN_M) & (np.hypot(t - at, n) < leaf - SKIN_M)
         return zone
 
     def _cells(self, item: PlacedItem, rect: tuple[float, float, float, float], more: float = -SKIN_M) -> Any:

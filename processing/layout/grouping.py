@@ -43,6 +43,8 @@ ROLES = {
 HUNG_TV_M = 1.0
 END_TO_WALL = -0.6
 """Bonus of a desk with an end to the wall."""
+SIDEWAYS_BED = -2.5
+"""Bonus of a bed with a side to the wall, and so mostly with its head in the room: a last resort."""
 LAST_SPLIT = 3
 
 
@@ -107,7 +109,7 @@ def _beds(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
 
 def _bed_variants(bed: Item, tables: Sequence[Item], rules: RuleSet) -> list[Variant]:
     if not tables:
-        return [*single(bed, rules, at_wall=True), *sideways(bed, rules, bonus=-1.0)]
+        return [*single(bed, rules, at_wall=True), *sideways(bed, rules, bonus=SIDEWAYS_BED)]
     if len(tables) == 1:
         return [*beside(bed, tables, (), rules, GAP_M), *beside(bed, (), tables, rules, GAP_M)]
     return beside(bed, tables[:1], tables[1:2], rules, GAP_M)

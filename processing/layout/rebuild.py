@@ -165,9 +165,10 @@ def order_of(table, slot_of, taken, order):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def take_out(table, slot_of, most, taken):  # type: ignore[no-untyped-def]
-    """Mark up to `most` placed units at random, with those that stand by them."""
+    """Mark up to `most` placed units at random, with those that stand by them; rugs always, as they follow the rest."""
     count = slot_of.size
-    taken[:] = False
+    for u in range(count):
+        taken[u] = table.sizes[u] < 0
     for _ in range(np.random.randint(1, most + 1)):
         u = np.random.randint(0, count)
         taken[u] = True

@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from processing.layout.free_sets import inside_walls
 from processing.layout.grouping import ROLES
 from processing.layout.plan import FloorPlan
 from processing.layout.polygons import Array
@@ -23,6 +24,7 @@ SLIM_M = 0.2
 """Half the width of the walker of the score `walk`."""
 WALK_CELL_M = 0.07
 HEAD_ROOM_M = 2.0
+AT_WALL_M = 0.06
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class Floor:
     """What scores need to know of a room, made once."""
 
     plan: FloorPlan
+    walls: Array
+    """(n, 4) segments."""
     points: Array
     """(n, 2), spread over the floor."""
     clear_m: Array
@@ -52,7 +56,7 @@ def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
         "conversation": _conversation(placed),
         "viewing": _viewing(placed),
         "bed_view": _bed_view(floor, placed),
-        "bed_wall": _bed_wall(floor.plan, placed),
+        "bed_wall": _bed_wall(floor, placed),
         "desk_light": _desk_light(floor, placed),
         "wall_use": _wall_use(placed),
         "alignment": _alignment(placed),
@@ -142,16 +146,23 @@ def _bed_view(floor: Floor, placed: Sequence[Stand]) -> float | None:
     return float(np.mean(values))
 
 
-def _bed_wall(plan: FloorPlan, placed: Sequence[Stand]) -> float | None:
+def _bed_wall(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    """Return how well beds lie: the head at a wall without a window, both sides free."""
     beds = _of(placed, "bed")
     if not beds:
         return None
     values = []
     for bed in beds:
         sides = sum(1 for x0, x1, _, _ in bed.zones if x1 <= 0 or x0 >= 0)
-        behind = _behind(plan, bed)
-        values.append((0.5 if bed.edge is not None else 0.0) * (1 - behind) + 0.25 * min(2, sides))
+        behind = _behind(floor.plan, bed)
+        values.append((0.5 if _head_at_wall(floor, bed) else 0.0) * (1 - behind) + 0.25 * min(2, sides))
     return float(np.mean(values))
+
+
+def _head_at_wall(floor: Floor, bed: Stand) -> bool:
+    """Tell whether there is no floor just behind a bed's head."""
+    w, d = bed.item.spec.size_m[0] / 4, -bed.item.spec.size_m[1] / 2 - AT_WALL_M
+    return not any(inside_walls(floor.walls, x, y) for x, y in bed.corners((-w, w, d, d)))
 
 
 def _behind(plan: FloorPlan, stand: Stand) -> float:
@@ -228,8 +239,8 @@ def make_floor(plan: FloorPlan) -> Floor:
     cross = ring[:, 0] * nxt[:, 1] - nxt[:, 0] * ring[:, 1]
     middle = ((ring + nxt) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
     return Floor(
-        plan, np.ascontiguousarray(points), np.sqrt(coarse[i, j]), wall_clearance2(walls, *at, cell, rows, columns),
-        at, cell, (float(middle[0]), float(middle[1])), plan.area_m2,
+        plan, walls, np.ascontiguousarray(points), np.sqrt(coarse[i, j]),
+        wall_clearance2(walls, *at, cell, rows, columns), at, cell, (float(middle[0]), float(middle[1])), plan.area_m2,
         tuple(_openings(plan, "door")), tuple(_openings(plan, "window")),
     )  # fmt: skip
 
