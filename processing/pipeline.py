@@ -301,7 +301,7 @@ STAGES: tuple[Stage, ...] = (
         version=1,
         title="put furniture into the picture",
         function="processing.stages.render:run",
-        needs=("calibrate", "room", "remove", "materials", "arrange"),
+        needs=("calibrate", "room", "detect", "remove", "materials", "arrange"),
         makes=(
             *(Artifact(name, "picture", optional=True) for name in STAGED),
             *(Artifact(f"{name}-model", "file", optional=True, file_name=f"{name}.glb") for name in STAGED),

@@ -125,7 +125,7 @@ def albedo_of_room(
     told &= ~emission.any(axis=1)
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
     doubt = np.where(told, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
-    scene, picture = _textured(stage.scene, room, sight, value, told, emission)
+    scene, picture = _textured(_glossy(stage.scene, gloss), room, sight, value, told, emission)
     notes += (f"{100 * told[sight.solid].mean():.0f} % of pixels tell their own albedo",)
     notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss told, taken as matte",)
     shape = sight.shape
@@ -310,6 +310,10 @@ def _textured(
     picture = value.astype(np.float32)
     again = albedo_of(Stage.of(textured, 1.0), sight)
     return textured, np.where(told[:, None], picture, again)
+
+
+def _glossy(scene: Scene, gloss: float) -> Scene:
+    return replace(scene, surfaces=tuple(replace(s, gloss=gloss) if s.plane == FLOOR else s for s in scene.surfaces))
 
 
 def _median(value: Doubles, among: np.ndarray, otherwise: Doubles) -> Doubles:

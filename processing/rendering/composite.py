@@ -9,29 +9,26 @@ without it. Pixels whose light does not change are kept bit by bit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.chance import random
+from processing.rendering.change import Change, bands, in_bands
 from processing.rendering.denoise import denoised
-from processing.rendering.irradiance import EFFORTS, Effort, Irradiance, irradiance_of
+from processing.rendering.irradiance import EFFORTS, Effort, Lights, irradiance_of
 from processing.rendering.kernels import cosine_rays
-from processing.rendering.render import shaded, small_geometry, sun_of
+from processing.rendering.mirrors import mirrors_of
+from processing.rendering.render import small_geometry
 from processing.rendering.scene import Floats, Part, Scene, Vector
-from processing.rendering.sight import FIRST_PART, Sight, albedo_of, emission_of, looked_up, sight_of
+from processing.rendering.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 from processing.rendering.upsample import upsampled
 from processing.sphere import Equirectangular
 
-LEAST_CHANGE = 0.004
-"""Relative: a smaller change of light is within the noise, and the photograph's pixel is kept as it is."""
-MOST_GAIN = 4.0
-"""By which new furniture may brighten a place of the room."""
-MISFIT = 0.5
-"""Of log luminance between photograph and model, beyond which the model's sun is not believed."""
+IBL_ROWS = 512
+"""Height of the picture in which furniture's light by the panorama is gathered."""
 
 
 @dataclass(frozen=True)
@@ -50,45 +47,61 @@ class Staged:
     """Relative standard error of the furnished room's irradiance."""
 
 
+@dataclass(frozen=True)
+class Bare:
+    """A room without furniture made ready, for all that is put into it."""
+
+    stage: Stage
+    lights: Lights = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, room: Scene, effort: Effort) -> Bare:
+        """Return a room made ready for pictures of this effort."""
+        return cls(Stage.of(room, effort.texel_m))
+
+
 def differential(
     photograph: Floats,
-    room: Scene,
+    room: Scene | Bare,
     parts: tuple[Part, ...],
     eye_m: Vector,
     *,
     effort: Effort = EFFORTS["standard"],
     seed: int = 0,
+    sunless: np.ndarray | None = None,
 ) -> Staged:
     """Return the photograph (H, 2 H, 3) of a room with furniture added.
 
-    ``room`` is the empty room with its albedo, under the light of the photograph (`albedo.RoomAlbedo.scene`).
+    Parameters
+    ----------
+    room
+        The empty room with its albedo, under the light of the photograph (`albedo.RoomAlbedo.scene`); made ready once
+        (`Bare.of`) it serves several pictures.
+    sunless
+        (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now.
     """
     geometry = _panorama(photograph)
     if not parts:
-        none = np.zeros(photograph.shape[:2], bool)
-        return Staged(photograph.copy(), none, ~none, np.ones(photograph.shape[:2], np.float32), 0.0)
-    bare, full = Stage.of(room, effort.texel_m), Stage.of(room.furnished(parts), effort.texel_m)
+        return _untouched(photograph)
+    bare = room if isinstance(room, Bare) else Bare.of(room, effort)
+    full = Stage.of(bare.stage.scene.furnished(parts), effort.texel_m)
     small = sight_of(full, small_geometry(geometry, effort.rows), eye_m)
-    after = irradiance_of(full, small, effort, seed, wraps=True)
+    lights: Lights = {}
+    after = irradiance_of(full, small, effort, seed, wraps=True, lights=lights)
     # The same places, on furniture too, so that both meet the same chance.
     same = replace(effort, max_error=1e-12, budget_s=None, most_rounds=after.rounds)
-    before = irradiance_of(bare, small, same, seed, wraps=True)
-    large = sight_of(full, geometry, eye_m)
-    furniture = large.label >= FIRST_PART
-    ratio = _change(bare, full, before, after, small, large, photograph, effort, seed)
-    kept = ~furniture & ((np.abs(ratio - 1) < LEAST_CHANGE).all(axis=1) | ~large.solid)
-    rendered = shaded(full, small, after, geometry, eye_m, effort=effort, seed=seed).reshape(-1, 3)
-    flat = photograph.reshape(-1, 3)
-    out = np.where(kept[:, None], flat, np.where(furniture[:, None], rendered, flat * ratio)).astype(np.float32)
-    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
-    shape = photograph.shape[:2]
-    return Staged(
-        out.reshape(photograph.shape),
-        furniture.reshape(shape),
-        kept.reshape(shape),
-        np.where(kept, 1, ratio @ weights).reshape(shape).astype(np.float32),
-        after.error,
-    )
+    before = irradiance_of(bare.stage, small, same, seed, wraps=True, lights=bare.lights)
+    first = next(iter(lights))
+    pair = (bare.lights[first], lights[first])
+    mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
+    change = Change(bare.stage, full, small, before, after, mirrors, effort, seed, eye_m)
+    rgb, furniture, kept, ratio = in_bands(change, photograph, sunless)
+    return Staged(rgb, furniture, kept, ratio, after.error)
+
+
+def _untouched(photograph: Floats) -> Staged:
+    none = np.zeros(photograph.shape[:2], bool)
+    return Staged(photograph.copy(), none, ~none, np.ones(photograph.shape[:2], np.float32), 0.0)
 
 
 def _panorama(photograph: Floats) -> Equirectangular:
@@ -97,42 +110,6 @@ def _panorama(photograph: Floats) -> Equirectangular:
     if not np.isfinite(photograph).all() or (photograph < 0).any():
         raise ParameterError("a photograph with values that light cannot have", advice="give finite values from 0")
     return Equirectangular(photograph.shape[1], photograph.shape[0])
-
-
-def _without_furniture(sight: Sight) -> Sight:
-    """Return the same places, of which those on furniture count as nothing."""
-    hidden = sight.label >= FIRST_PART
-    return replace(sight, label=np.where(hidden, -1, sight.label).astype(np.int32))
-
-
-def _change(
-    bare: Stage,
-    full: Stage,
-    before: Irradiance,
-    after: Irradiance,
-    small: Sight,
-    large: Sight,
-    photograph: Floats,
-    effort: Effort,
-    seed: int,
-) -> Floats:
-    """Return by what (n, 3) the light changes on the room's own surfaces; 1 elsewhere."""
-    shell = _without_furniture(large)
-    old, _ = upsampled(before.picture, small, shell, wraps=True)
-    new, missed = upsampled(after.picture, small, shell, wraps=True)
-    old_sun = sun_of(bare, shell, effort.sun_samples, seed)
-    new_sun = sun_of(full, shell, effort.sun_samples, seed)
-    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
-    modelled = (albedo_of(bare, shell) * (old + old_sun) / np.float32(np.pi)) @ weights
-    shown = photograph.reshape(-1, 3) @ weights
-    fits = np.abs(np.log(np.maximum(modelled, 1e-6) / np.maximum(shown, 1e-6))) < MISFIT
-    sunny = (old_sun @ weights > 0) & fits
-    # Where the photograph does not show the sun that the model expects, only the rest of the light is compared.
-    above = new + np.where(sunny[:, None], new_sun, 0)
-    below = old + np.where(sunny[:, None], old_sun, 0)
-    usable = shell.solid & ~missed & (below > 0).all(axis=1)
-    ratio = np.where(usable[:, None], above / np.where(usable[:, None], below, 1), 1)
-    return np.clip(ratio, 0, MOST_GAIN).astype(np.float32)
 
 
 def ibl(
@@ -147,22 +124,29 @@ def ibl(
 ) -> Staged:
     """Return the photograph with furniture lit by the photograph alone; ``room`` only hides what is behind walls."""
     geometry = _panorama(photograph)
+    if not parts:
+        return _untouched(photograph)
     full = Stage.of(room.furnished(parts), 0.2)
-    sight = sight_of(full, geometry, eye_m)
+    sight = sight_of(full, small_geometry(geometry, IBL_ROWS), eye_m)
     furniture = np.flatnonzero(sight.label >= FIRST_PART)
-    alone = Stage.of(Scene((), (), room.outdoors, parts), 0.2) if parts else None
+    alone = Stage.of(Scene((), (), room.outdoors, parts), 0.2)
     light = np.zeros((len(sight.label), 3), np.float32)
-    if alone is not None and len(furniture):
+    if len(furniture):
         light[furniture] = _from_afar(alone, photograph, sight.point[furniture], sight.normal[furniture], samples, seed)
-    shaped = light.reshape(photograph.shape)
+    shaped = light.reshape(*sight.shape, 3)
     if clean:
         there = (sight.label >= FIRST_PART).reshape(sight.shape)
         near = np.where(there, 1 / (1 + sight.distance_m.reshape(sight.shape)), 0).astype(np.float32)
-        shaped = denoised(shaped, sight.normal.reshape(photograph.shape) * there[..., None], near, wraps=True)
-    rendered = albedo_of(full, sight) * shaped.reshape(-1, 3) / np.float32(np.pi) + emission_of(full, sight)
-    mask = (sight.label >= FIRST_PART).reshape(sight.shape)
-    rgb = np.where(mask[..., None], rendered.reshape(photograph.shape), photograph).astype(np.float32)
-    return Staged(rgb, mask, ~mask, np.ones(sight.shape, np.float32), 0.0)
+        shaped = denoised(shaped, sight.normal.reshape(shaped.shape) * there[..., None], near, wraps=True)
+    rgb, mask = photograph.copy(), np.zeros(photograph.shape[:2], bool)
+    for rows, large in bands(full, geometry, eye_m):
+        lit, _ = upsampled(shaped, sight, large, wraps=True, first_row=rows.start, rows=geometry.height_px)
+        there = large.label >= FIRST_PART
+        shown = albedo_of(full, large) * lit / np.float32(np.pi) + emission_of(full, large)
+        band = rgb[rows].reshape(-1, 3)
+        band[there] = shown[there]
+        rgb[rows], mask[rows] = band.reshape(rgb[rows].shape), there.reshape(large.shape)
+    return Staged(rgb, mask, ~mask, np.ones(mask.shape, np.float32), 0.0)
 
 
 def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, samples: int, seed: int) -> Floats:

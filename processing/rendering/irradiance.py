@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -99,12 +100,23 @@ def gathered(stage: Stage, light: LightMap, points: Floats, normals: Floats, sam
     return out
 
 
-def irradiance_of(stage: Stage, sight: Sight, effort: Effort, seed: int, *, wraps: bool) -> Irradiance:
-    """Return the irradiance of all solid pixels: rounds of two halves each, until the effort's end is reached."""
+Lights: TypeAlias = dict[tuple[int, int], LightMap]
+"""Light maps of a stage that are known already, by samples and seed."""
+
+
+def irradiance_of(
+    stage: Stage, sight: Sight, effort: Effort, seed: int, *, wraps: bool, lights: Lights | None = None
+) -> Irradiance:
+    """Return the irradiance of all solid pixels: rounds of two halves each, until the effort's end is reached.
+
+    ``lights`` keeps the stage's light maps for another picture of it.
+    """
+    lights = {} if lights is None else lights
     solid = np.flatnonzero(sight.solid)
     halves, start_s = _Halves(), time.process_time()
     while True:
-        halves.add([_half(stage, sight, solid, effort, (seed * 1000 + halves.rounds) * 2 + half) for half in range(2)])
+        seeds = [(seed * 1000 + halves.rounds) * 2 + half for half in range(2)]
+        halves.add([_half(stage, sight, solid, effort, one, lights) for one in seeds])
         noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
         error = _difference(noisy[0], noisy[1], sight, blurred=effort.clean)
         spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
@@ -113,8 +125,10 @@ def irradiance_of(stage: Stage, sight: Sight, effort: Effort, seed: int, *, wrap
             return Irradiance(cleaned(mean, sight, wraps=wraps) if effort.clean else mean, error, halves.rounds)
 
 
-def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: int) -> Doubles:
-    light = light_map(stage, max(1, effort.patch_samples // 2), seed)
+def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: int, lights: Lights) -> Doubles:
+    samples = max(1, effort.patch_samples // 2)
+    light = lights.get((samples, seed)) or light_map(stage, samples, seed)
+    lights[samples, seed] = light
     return gathered(stage, light, sight.point[solid], sight.normal[solid], max(1, effort.pixel_samples // 2), seed)
 
 

@@ -1,7 +1,8 @@
 """What is rendered: flat surfaces with textures, panes of glass, furniture as meshes, and the light outdoors.
 
 World axes and units as in docs/coordinates.md; radiance is linear RGB in cd/m2, irradiance in lx, albedo 0 to 1.
-All light transport treats surfaces as matte (Lambert); a material's gloss is kept for those that can show it.
+Light goes from surface to surface as if all were matte (Lambert); what the eye sees of furniture and of glossy floors
+has highlights besides (`highlights`).
 """
 
 from __future__ import annotations
@@ -66,6 +67,8 @@ class Part:
     material: Material
     uv: Floats | None = None
     """(n, 2)."""
+    normals: Floats | None = None
+    """(n, 3) unit, in the world: round shapes look round; None: every face is flat."""
 
     def __post_init__(self) -> None:
         shapes = self.vertices_m.ndim == 2 and self.vertices_m.shape[1] == 3 and self.faces.shape[1:] == (3,)
@@ -80,6 +83,10 @@ class Part:
             )
         if self.faces.min() < 0 or self.faces.max() >= len(self.vertices_m):
             raise SceneError("a face names no vertex", where=f"part {self.name}", advice="repair the mesh")
+        if self.normals is not None and (
+            self.normals.shape != self.vertices_m.shape or not np.isfinite(self.normals).all()
+        ):
+            raise SceneError("normals that fit no vertices", where=f"part {self.name}", advice="leave them out")
 
 
 @dataclass(frozen=True)
@@ -103,10 +110,14 @@ class Surface:
     """(h, w, 3), likewise: lamps."""
     plane: int = -1
     """The room's plane (`surfaces.plane`) that this belongs to, -1 for reveals."""
+    gloss: float = 0.0
+    """How much of full varnish it mirrors, 0 to 1 (`gloss`); its albedo is without that."""
 
     def __post_init__(self) -> None:
         _check_texture(f"surface {self.name}", self.albedo)
         _check_emission(f"surface {self.name}", self.emission_cd_m2)
+        if not 0 <= self.gloss <= 1:
+            raise MaterialError(f"a gloss of {self.gloss}", where=f"surface {self.name}", advice="give 0 to 1")
 
     def at(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
         """Return world positions (..., 3)."""

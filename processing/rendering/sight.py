@@ -8,11 +8,14 @@ import numpy as np
 
 from processing.rendering.patches import FURNITURE, PANE
 from processing.rendering.scene import Doubles, Floats, Ints, Vector
-from processing.rendering.stage import RAYS_AT_ONCE, Stage, part_albedo, surface_values
+from processing.rendering.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
 from processing.sphere import Geometry, directions
 
 NOTHING, GLASS, FIRST_PART = -1, -2, 1_000_000
 """Labels of pixels that see nothing, a pane, furniture (FIRST_PART + its part); else the surface's number."""
+
+LEAST_AGREEMENT = 0.3
+"""Cosine between a smooth normal and its face's, below which the mesh is wrong about it and the face's is taken."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,19 @@ class Sight:
     def solid(self) -> np.ndarray:
         """(n,) whether a surface or furniture is seen."""
         return self.label >= 0
+
+    def some(self, pixels: np.ndarray) -> Sight:
+        """Return what some pixels (k,) see, as one row."""
+        return Sight(
+            (1, len(pixels)),
+            self.rays[pixels],
+            self.label[pixels],
+            self.pane[pixels],
+            self.distance_m[pixels],
+            self.point[pixels],
+            self.normal[pixels],
+            self.triangle[pixels],
+        )
 
 
 def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:
@@ -65,7 +81,22 @@ def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int
     normal = np.where((label >= 0)[:, None], p.normals[safe], np.float32(0))
     normal *= np.where(np.einsum("ij,ij->i", normal, rays) > 0, np.float32(-1), np.float32(1))[:, None]
     point = eye + rays * np.where(met, distance, np.float32(0))[:, None]
+    _round(stage, label, triangle, point, normal)
     return Sight(shape, rays, label, pane, distance, point, normal, triangle)
+
+
+def _round(stage: Stage, label: Ints, triangle: Ints, point: Floats, normal: Floats) -> None:
+    """Turn the normals of round furniture as its shape turns, never beyond the edge of what faces the eye."""
+    for number, part in enumerate(stage.scene.parts):
+        chosen = np.flatnonzero(label == FIRST_PART + number) if part.normals is not None else ()
+        if not len(chosen):
+            continue
+        smooth = part_normals(part, stage.patches.face[triangle[chosen]], point[chosen].astype(np.float64))
+        assert smooth is not None
+        flat = normal[chosen]
+        agree = np.einsum("ij,ij->i", smooth, flat)
+        smooth *= np.where(agree < 0, np.float32(-1), np.float32(1))[:, None]
+        normal[chosen] = np.where(np.abs(agree)[:, None] > LEAST_AGREEMENT, smooth, flat)
 
 
 def albedo_of(stage: Stage, sight: Sight) -> Floats:

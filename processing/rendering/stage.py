@@ -99,18 +99,33 @@ def part_albedo(part: Part, face: Ints, places: Doubles) -> Doubles:
     texture = part.material.texture
     if texture is None or part.uv is None:
         return colour
-    corners = part.vertices_m[part.faces[face]]
-    a, b, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], places - corners[:, 0]
-    aa, ab, bb = (a * a).sum(1), (a * b).sum(1), (b * b).sum(1)
-    wa, wb = (w * a).sum(1), (w * b).sum(1)
-    scale = 1 / np.maximum(aa * bb - ab * ab, 1e-30)
-    s, t = np.clip((bb * wa - ab * wb) * scale, 0, 1), np.clip((aa * wb - ab * wa) * scale, 0, 1)
+    s, t = part_shares(part, face, places)
     uv = part.uv[part.faces[face]].astype(np.float64)
     at = uv[:, 0] + s[:, None] * (uv[:, 1] - uv[:, 0]) + t[:, None] * (uv[:, 2] - uv[:, 0])
     high, wide = texture.shape[:2]
     x = np.floor((at[:, 0] % 1.0) * wide).astype(int).clip(0, wide - 1)
     y = np.floor((1 - at[:, 1] % 1.0) * high).astype(int).clip(0, high - 1)
     return np.asarray(colour * texture[y, x])
+
+
+def part_shares(part: Part, face: Ints, places: Doubles) -> tuple[Doubles, Doubles]:
+    """Return the shares (n,), (n,) that a face's second and third corner have in places (n, 3) on it, 0 to 1."""
+    corners = part.vertices_m[part.faces[face]]
+    a, b, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], places - corners[:, 0]
+    aa, ab, bb = (a * a).sum(1), (a * b).sum(1), (b * b).sum(1)
+    wa, wb = (w * a).sum(1), (w * b).sum(1)
+    scale = 1 / np.maximum(aa * bb - ab * ab, 1e-30)
+    return np.clip((bb * wa - ab * wb) * scale, 0, 1), np.clip((aa * wb - ab * wa) * scale, 0, 1)
+
+
+def part_normals(part: Part, face: Ints, places: Doubles) -> Floats | None:
+    """Return the smooth normals (n, 3) of places on a part's faces; None for a part whose faces are flat."""
+    if part.normals is None:
+        return None
+    s, t = part_shares(part, face, places)
+    three = part.normals[part.faces[face]].astype(np.float64)
+    mixed = three[:, 0] + s[:, None] * (three[:, 1] - three[:, 0]) + t[:, None] * (three[:, 2] - three[:, 0])
+    return np.asarray(mixed / np.maximum(np.linalg.norm(mixed, axis=1, keepdims=True), 1e-12), dtype=np.float32)
 
 
 def surface_values(texture: Floats, u: Doubles, v: Doubles) -> Floats:
@@ -128,4 +143,4 @@ def surface_values(texture: Floats, u: Doubles, v: Doubles) -> Floats:
     return found
 
 
-__all__ = ["PANE", "Stage", "area_means", "part_albedo", "surface_values"]
+__all__ = ["PANE", "Stage", "area_means", "part_albedo", "part_normals", "part_shares", "surface_values"]

@@ -43,6 +43,7 @@ def _placed(part: MeshPart, item: PlacedItem) -> Part:
         faces=np.ascontiguousarray(part.faces, np.int32),
         material=_material(part.material),
         uv=part.texture_coordinates(),
+        normals=np.asarray(part.normals @ turn.T.astype(np.float32), np.float32),
     )
 
 

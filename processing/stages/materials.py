@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ from processing.stages.materials_parameters import MaterialsParameters
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
+MOST_LAMPS = 100
+"""That are told by themselves; the light of all is in the scene."""
 
 
 def nothing_to_stage(context: StageContext) -> str | None:
@@ -39,7 +42,8 @@ def run(context: StageContext) -> StageOutput:
     """Tell albedo, windows and lamps."""
     asked = context.parameters
     assert isinstance(asked, MaterialsParameters)
-    image, filled = emptied(context)
+    empty = emptied(context)
+    image = empty.image
     room = room_model(context)
     context.progress(0.0, "the light outdoors")
     outdoors, source, warnings = _outdoors(context)
@@ -50,18 +54,20 @@ def run(context: StageContext) -> StageOutput:
         room,
         outdoors,
         reveal_m=REVEAL_M if asked.reveal_m is None else asked.reveal_m,
-        filled=filled,
+        filled=empty.filled,
         rows=rows,
         effort=Effort(pixel_samples=32),
     )
     context.progress(0.95, "writing")
     write_scene(context.folder / "scene.npz", found.scene)
     return StageOutput(
-        artifacts={"materials": _facts(found, source), "scene": True},
+        artifacts={"materials": _facts(found, source, absolute=image.absolute), "scene": True},
         metrics={
             "told_share": round(float(found.told.mean()), 4),
             "floor_gloss": round(found.gloss, 3),
             "outdoors": source,
+            "lamps": len(found.lamps),
+            "units": "cd/m2" if image.absolute else "relative units",
             "notes": list(found.notes),
         },
         warnings=tuple(StageWarning(code="materials", message=text[:500]) for text in warnings),
@@ -76,13 +82,40 @@ def panorama(context: StageContext) -> LuminanceImage:
     return image
 
 
-def emptied(context: StageContext) -> tuple[LuminanceImage, npt.NDArray[np.bool_] | None]:
-    """Return the emptied panorama and which pixels were filled; where nothing was removed, as it was taken."""
+@dataclass(frozen=True)
+class EmptyRoom:
+    """The panorama without furniture, its own sunlight in its place."""
+
+    image: LuminanceImage
+    filled: npt.NDArray[np.bool_] | None
+    """(H, W): what removal made up; None where nothing was removed."""
+    sunless: npt.NDArray[np.bool_] | None
+    """(H, W): what is shown without the direct sun that may fall there."""
+
+
+def emptied(context: StageContext) -> EmptyRoom:
+    """Return the emptied panorama; direct sunlight that removal took away stands again where nothing hid it.
+
+    The sun's patch lights the room, and furniture is put into the room as it was photographed.
+    """
     image = context.optional_artifact("remove", "empty")
     if image is None:
-        return panorama(context), None
+        return EmptyRoom(panorama(context), None, None)
     assert isinstance(image, LuminanceImage)
-    return image, np.asarray(context.artifact("remove", "filled"), bool)
+    filled = np.asarray(context.artifact("remove", "filled"), bool)
+    before = panorama(context)
+    mask = context.optional_artifact("detect", "sunlight")
+    if mask is None or np.shape(mask) != filled.shape:
+        return EmptyRoom(image, filled, filled)
+    hidden = [context.optional_artifact("detect", name) for name in ("furniture", "tripod", "shadow")]
+    back = np.asarray(mask, bool) & ~np.any([np.asarray(h, bool) for h in hidden if h is not None], axis=0)
+    image = replace(
+        image,
+        rgb=np.where(back[..., None], before.rgb, image.rgb),
+        validity=np.where(back, before.validity, image.validity),
+        uncertainty=np.where(back, before.uncertainty, image.uncertainty),
+    )
+    return EmptyRoom(image, filled & ~back, filled & ~back)
 
 
 def room_model(context: StageContext) -> RoomModel:
@@ -111,7 +144,7 @@ def _outdoors(context: StageContext) -> tuple[Outdoors | None, str, list[str]]:
     return found, "outdoor picture", warnings
 
 
-def _facts(found: RoomAlbedo, source: str) -> dict[str, Any]:
+def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:
     weights = np.asarray(LUMINANCE_WEIGHTS)
     return {
         "schema_version": 1,
@@ -125,7 +158,18 @@ def _facts(found: RoomAlbedo, source: str) -> dict[str, Any]:
             }
             for pane in found.scene.panes
         ],
+        "lamps": [
+            {
+                "surface": found.scene.surfaces[lamp.label].name,
+                "luminance_cd_m2": round(lamp.luminance_cd_m2, 1),
+                "solid_angle_sr": float(f"{lamp.solid_angle_sr:.3g}"),
+                "towards": [round(v, 4) for v in lamp.towards],
+            }
+            for lamp in found.lamps[:MOST_LAMPS]
+        ],
         "floor_gloss": round(found.gloss, 3),
+        "units": "cd/m2" if absolute else "relative units",
+        "uncertainty": round(float(np.median(found.uncertainty[found.told])), 4) if found.told.any() else 1.0,
         "notes": list(found.notes),
     }
 

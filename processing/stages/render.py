@@ -3,127 +3,179 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from processing.errors import ParameterError
+from processing.exchange.gltf import write_scene_glb
+from processing.image_files import write_exr
 from processing.images import LuminanceImage, Validity
 from processing.layout.arrangement import Arrangement, Arrangements
 from processing.layout.catalogue import Catalogue
-from processing.layout.furniture.styles import STYLES
-from processing.rendering.composite import Staged, differential, ibl
+from processing.layout.furniture.styles import STYLES, style_named
+from processing.rendering.composite import Bare, Staged, differential, ibl
 from processing.rendering.irradiance import EFFORTS, Effort
 from processing.rendering.render import render
-from processing.rendering.scene import Part, Scene, Vector
+from processing.rendering.scene import Floats, Part, Vector
 from processing.rendering.scene_file import read_scene
 from processing.sphere import Equirectangular
 from processing.stages.arrange_parameters import MOST_STAGED
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
-from processing.stages.materials import emptied, room_model
+from processing.stages.materials import EmptyRoom, emptied, room_model
 from processing.stages.render_parameters import RenderParameters
 
+QUALITY = {
+    "draft": EFFORTS["draft"],
+    "standard": EFFORTS["standard"],
+    "reference": Effort(texel_m=0.07, patch_samples=128, rows=512, pixel_samples=32, sun_samples=256),
+}
 MODELLED = 0.05
-"""Relative standard uncertainty of a rendered pixel that is not measured: of furniture's colour and the light on it."""
+"""Relative standard uncertainty of what is not measured: furniture's colour, and the change of light around it."""
 
 
 def nothing_to_render(context: StageContext) -> str | None:
     """Return why there is nothing to do: no materials, or nothing arranged."""
     if context.optional_artifact("materials", "scene") is None:
-        return f"no scene: {context.summary('materials').get('skipped') or 'left out by the stage materials'}"
+        return f"no scene: {_why(context, 'materials', 'scene')}"
     found = context.optional_artifact("arrange", "arrangement")
     if found is None:
-        return f"no arrangement: {context.summary('arrange').get('skipped') or 'left out by the stage arrange'}"
-    if not found["arrangements"]:
-        return "no arrangement was found"
-    return None
+        return f"no arrangement: {_why(context, 'arrange', 'arrangement')}"
+    return None if found["arrangements"] else "no arrangement was found"
+
+
+def _why(context: StageContext, stage: str, name: str) -> str:
+    told = context.summary(stage)
+    return str(told.get("skipped") or told["left_out"].get(name, "left out"))[:400]
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What all alternatives have in common."""
+
+    empty: EmptyRoom
+    base: Floats
+    """(H, 2 H, 3): the picture that furniture is put into."""
+    bare: Bare
+    eye_m: Vector
+    effort: Effort
+    asked: RenderParameters
+    own: Catalogue | None
 
 
 def run(context: StageContext) -> StageOutput:
-    """Render each alternative."""
-    asked = context.parameters
-    assert isinstance(asked, RenderParameters)
-    image, _ = emptied(context)
-    scene = read_scene(context.artifact("materials", "scene"))
-    eye = (0.0, 0.0, room_model(context).camera_height_m)
+    """Render each alternative; pictures and models are written one by one."""
+    work = _work(context)
     every = Arrangements.model_validate_json(json.dumps(context.artifact("arrange", "arrangement"))).arrangements
     every = every[:MOST_STAGED]
-    effort = _effort(context, len(every))
-    artifacts: dict[str, object] = {}
     told: list[Any] = []
+    warnings = _method_warnings(work)
     for number, one in enumerate(every):
-        context.progress(number / len(every), f"alternative {one.rank}")
-        style = asked.style or list(STYLES)[(asked.seed + number) % len(STYLES)]
-        parts = furniture_parts(one.items, Catalogue.builtin(style))
-        staged = staged_picture(image.rgb, scene, parts, eye, asked.method, effort, asked.seed)
-        artifacts[f"staged-{number + 1}"] = _picture(image, staged, one, asked.method)
-        told.append(_told(one, style, staged, asked.method))
-    artifacts["staged"] = {"schema_version": 1, "method": asked.method, "alternatives": told}
-    missing = {f"staged-{k}": "no such alternative" for k in range(len(every) + 1, MOST_STAGED + 1)}
+        context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
+        told.append(_alternative(context, work, number, one, len(every)))
+    made = [f"staged-{k}" for k in range(1, len(every) + 1)]
+    missing = [f"staged-{k}" for k in range(len(every) + 1, MOST_STAGED + 1)]
+    staged = {"schema_version": 1, "method": work.asked.method, "units": _units(work), "alternatives": told}
     return StageOutput(
-        artifacts=artifacts,
-        metrics={"method": asked.method, "alternatives": told},
-        warnings=_warnings(context, told),
-        left_out=missing,
-        honoured=_honoured(context, told),
+        artifacts={"staged": staged} | {name: True for one in made for name in (one, f"{one}-model")},
+        metrics={"method": work.asked.method, "alternatives": told},
+        warnings=(*warnings, *_warnings(context, told)),
+        left_out=dict.fromkeys([name for one in missing for name in (one, f"{one}-model")], "no such alternative"),
+        honoured=_honoured(context, work, told),
     )
 
 
-def staged_picture(
-    photograph: Any, scene: Scene, parts: tuple[Part, ...], eye: Vector, method: str, effort: Effort, seed: int
-) -> Staged:
-    """Return the photograph with furniture by one of the methods."""
-    if method == "ibl":
-        return ibl(photograph, parts, eye, scene, seed=seed)
-    if method == "differential":
-        return differential(photograph, scene, parts, eye, effort=effort, seed=seed)
-    high, wide = photograph.shape[:2]
-    found = render(scene.furnished(parts), Equirectangular(wide, high), eye, effort=effort, seed=seed)
-    none = np.zeros((high, wide), bool)
-    return Staged(found.rgb, none, none, np.ones((high, wide), np.float32), found.error)
+def _work(context: StageContext) -> _Work:
+    asked = context.parameters
+    assert isinstance(asked, RenderParameters)
+    if asked.style is not None:
+        style_named(asked.style)
+    empty = emptied(context)
+    effort = replace(QUALITY[context.quality.value], max_error=context.max_error)
+    bare = Bare.of(read_scene(context.artifact("materials", "scene")), effort)
+    eye: Vector = (0.0, 0.0, room_model(context).camera_height_m)
+    base = empty.image.rgb
+    if base.shape[1] != 2 * base.shape[0]:
+        raise ParameterError("furniture is put into whole panoramas only", where="render")
+    if asked.method == "global":
+        geometry = Equirectangular(base.shape[1], base.shape[0])
+        base = render(bare.stage, geometry, eye, effort=effort, seed=asked.seed).rgb
+    folder = context.files.get("furniture")
+    return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder))
 
 
-def _effort(context: StageContext, alternatives: int) -> Effort:
-    effort = EFFORTS[context.quality.value]
-    budget = None if context.time_budget_s is None else context.time_budget_s / alternatives
-    return replace(effort, max_error=context.max_error, budget_s=budget)
-
-
-def _picture(image: LuminanceImage, staged: Staged, one: Arrangement, method: str) -> LuminanceImage:
-    uncertainty = np.where(staged.kept, image.uncertainty, np.hypot(np.minimum(image.uncertainty, 1.0), MODELLED))
-    validity = np.where(staged.furniture, np.uint8(Validity.VALID), image.validity).astype(np.uint8)
-    attributes = {**image.attributes, "staged": True, "method": method, "arrangement": one.rank}
-    return replace(
-        image,
-        rgb=staged.rgb,
-        uncertainty=uncertainty.astype(np.float32),
-        validity=validity,
-        ghost=None,
-        attributes=attributes,
-    )
-
-
-def _told(one: Arrangement, style: str, staged: Staged, method: str) -> dict[str, Any]:
+def _alternative(context: StageContext, work: _Work, number: int, one: Arrangement, count: int) -> dict[str, Any]:
+    """Render one alternative, write its picture and its model, and return what is told of it."""
+    style = work.asked.style or list(STYLES)[(work.asked.seed + number) % len(STYLES)]
+    parts = furniture_parts(one.items, Catalogue.builtin(style), work.own)
+    budget = None if context.time_budget_s is None else context.time_budget_s / count
+    staged = _staged(work, parts, replace(work.effort, budget_s=budget))
+    name = f"staged-{number + 1}"
+    write_exr(context.folder / f"{name}.exr", _picture(work, staged, one))
+    write_scene_glb(context.folder / f"{name}.glb", work.bare.stage.scene.furnished(parts))
     return {
         "rank": one.rank,
         "items": [item.id for item in one.items],
+        "not_placed": [item.id for item in one.not_placed],
         "style": style,
+        "triangles": sum(len(part.faces) for part in parts),
         "furniture_share": round(float(staged.furniture.mean()), 5),
         "changed_share": round(float((~staged.kept).mean()), 5),
         "error": round(staged.error, 5),
-        "method": method,
+        "method": work.asked.method,
     }
 
 
-def _honoured(context: StageContext, told: list[Any]) -> dict[str, str]:
+def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
+    """Return the picture with furniture by the method asked for.
+
+    ``global`` is the rendered room with the rendered change of light: the same light transport as one render of the
+    furnished room, less the noise that the two have in common.
+    """
+    if work.asked.method == "ibl":
+        return ibl(work.base, parts, work.eye_m, work.bare.stage.scene, seed=work.asked.seed)
+    sunless = work.empty.sunless if work.asked.method == "differential" else None
+    return differential(work.base, work.bare, parts, work.eye_m, effort=effort, seed=work.asked.seed, sunless=sunless)
+
+
+def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
+    image, method = work.empty.image, work.asked.method
+    kept = staged.kept if method == "differential" else staged.kept & (method == "ibl")
+    doubt = np.hypot(np.minimum(image.uncertainty, 1.0), np.float32(MODELLED))
+    return replace(
+        image,
+        rgb=staged.rgb,
+        uncertainty=np.where(kept, image.uncertainty, doubt).astype(np.float32),
+        validity=np.where(staged.furniture, np.uint8(Validity.VALID), image.validity).astype(np.uint8),
+        ghost=None,
+        attributes={**image.attributes, "staged": True, "method": method, "arrangement": one.rank},
+    )
+
+
+def _units(work: _Work) -> str:
+    return "cd/m2" if work.empty.image.absolute else "relative units"
+
+
+def _honoured(context: StageContext, work: _Work, told: list[Any]) -> dict[str, str]:
     worst = max(one["error"] for one in told)
-    found = {"quality": context.quality.value}
+    found = {"quality": f"{context.quality.value}: light at {work.effort.rows} rows"}
+    if work.asked.method == "ibl":
+        return found
     if context.max_error is not None:
-        found["max_error"] = f"worst error of irradiance {worst:.3f}, {context.max_error:g} asked"
+        found["max_error"] = f"{context.max_error:g} asked, {worst:.3f} reached (error of irradiance)"
     if context.time_budget_s is not None:
-        found["time_budget"] = f"no round begun after {context.time_budget_s:g} CPU seconds"
+        found["time_budget"] = f"no round of rays began after {context.time_budget_s:g} CPU seconds of gathering"
     return found
+
+
+def _method_warnings(work: _Work) -> tuple[StageWarning, ...]:
+    """Tell what of the method asked for limits the picture."""
+    if work.asked.method == "ibl":
+        text = "ibl: furniture is lit as if the room lay infinitely far away; it throws no shadow"
+        return (StageWarning(code="method", message=text),)
+    return ()
 
 
 def _warnings(context: StageContext, told: list[Any]) -> tuple[StageWarning, ...]:

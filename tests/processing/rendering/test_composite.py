@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -46,7 +47,9 @@ def test_differential_is_the_furnished_room_and_keeps_the_window(room, photograp
     # Both pictures are noisy: single pixels differ by 5 %, their means hardly.
     assert np.median(np.abs(ratio - 1)) < 0.08
     assert staged.rgb.sum() == pytest.approx(truth.sum(), rel=0.01)
-    assert staged.rgb[staged.furniture].sum() == pytest.approx(truth[staged.furniture].sum(), rel=0.03)
+    # Pixels at its edges are smooth: part of them is the room's.
+    inside = cv2.erode(staged.furniture.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    assert staged.rgb[inside].sum() == pytest.approx(truth[inside].sum(), rel=0.03)
     assert 0.01 < staged.furniture.mean() < 0.2
     # The table darkens the room on average.
     assert staged.ratio[~staged.furniture & ~staged.kept].mean() < 1

@@ -1,0 +1,177 @@
+"""What furniture changes in a photograph, band by band of whole rows, so that a large picture needs little memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.images import LUMINANCE_WEIGHTS
+from processing.rendering.edges import smooth_edges
+from processing.rendering.highlights import matte_share
+from processing.rendering.irradiance import Effort, Irradiance
+from processing.rendering.mirrors import Mirrors, few_highlights
+from processing.rendering.render import ROWS_AT_ONCE_PX, directly, sun_of
+from processing.rendering.scene import Floats, Vector
+from processing.rendering.sight import FIRST_PART, Sight, albedo_of, emission_of, sight_along
+from processing.rendering.stage import Stage
+from processing.rendering.upsample import upsampled
+from processing.sphere import Equirectangular, directions
+
+LEAST_CHANGE = 0.004
+"""Relative: a smaller change of light is within the noise, and the photograph's pixel is kept as it is."""
+MOST_GAIN = 4.0
+"""By which new furniture may brighten a place of the room."""
+MISFIT = 0.5
+"""Of log luminance between photograph and model, beyond which the model's sun is not believed."""
+MOST_MIRRORED = 0.5
+"""Of a floor's pixel that is taken to be mirrored light."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A room without and with furniture, and the light of both at a small size."""
+
+    bare: Stage
+    full: Stage
+    small: Sight
+    before: Irradiance
+    after: Irradiance
+    mirrors: Mirrors | None
+    effort: Effort
+    seed: int
+    eye_m: Vector
+
+
+@dataclass(frozen=True)
+class _Lit:
+    """Irradiance (n, 3) of a band's pixels without and with furniture, the sun's own apart."""
+
+    old: Floats
+    new: Floats
+    old_sun: Floats
+    new_sun: Floats
+
+
+def bands(stage: Stage, geometry: Equirectangular, eye_m: Vector, halo: int = 0) -> Iterator[tuple[slice, Sight]]:
+    """Yield bands of whole rows and what their pixels see; ``halo`` rows more on both sides where there are any."""
+    high, wide = geometry.height_px, geometry.width_px
+    step = max(1, ROWS_AT_ONCE_PX // wide)
+    for start in range(0, high, step):
+        rows = slice(max(0, start - halo), min(high, start + step + halo))
+        rays, _ = directions(geometry, rows)
+        flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
+        yield rows, sight_along(stage, flat, eye_m, (rows.stop - rows.start, wide))
+
+
+def in_bands(
+    change: Change, photograph: Floats, sunless: np.ndarray | None
+) -> tuple[Floats, np.ndarray, np.ndarray, Floats]:
+    """Return the picture (H, W, 3), where furniture is seen, which pixels are kept, and the change of luminance."""
+    shape = photograph.shape[:2]
+    geometry = Equirectangular(shape[1], shape[0])
+    rgb, ratio = np.empty_like(photograph), np.ones(shape, np.float32)
+    furniture, kept = np.zeros(shape, bool), np.zeros(shape, bool)
+    step = max(1, ROWS_AT_ONCE_PX // shape[1])
+    for k, (rows, large) in enumerate(bands(change.full, geometry, change.eye_m, halo=1)):
+        lacks = None if sunless is None else sunless[rows].ravel()
+        shown, gain, same = _band(change, photograph[rows].reshape(-1, 3), large, rows, shape[0], lacks)
+        whole = shown.reshape(photograph[rows].shape)
+        smooth = smooth_edges(change.full, large, rows.start, shape[0], change.eye_m, photograph[rows], whole)
+        inner = slice(k * step - rows.start, min((k + 1) * step, shape[0]) - rows.start)
+        out = slice(k * step, min((k + 1) * step, shape[0]))
+        rgb[out] = smooth[inner]
+        furniture[out] = (large.label >= FIRST_PART).reshape(large.shape)[inner]
+        ratio[out] = gain.reshape(large.shape)[inner]
+        untouched = (smooth == photograph[rows]).all(axis=2)
+        kept[out] = (same.reshape(large.shape) & untouched)[inner]
+    return rgb, furniture, kept, ratio
+
+
+def _band(
+    change: Change, photo: Floats, large: Sight, rows: slice, high: int, sunless: np.ndarray | None
+) -> tuple[Floats, Floats, np.ndarray]:
+    """Return a band's pixels (n, 3) without smooth edges, their change of luminance (n,), and which are kept (n,)."""
+    lit = _light(change, large, rows, high)
+    albedo, emission = albedo_of(change.full, large), emission_of(change.full, large)
+    furniture = large.label >= FIRST_PART
+    gain = _gain(lit, photo, albedo, emission, large, sunless)
+    shown = photo * gain
+    shown += _floor_mirror(change, large, rows, high, photo, gain)
+    own = albedo * matte_share(change.full, large) * (lit.new + lit.new_sun) / np.float32(np.pi) + emission
+    own += _mirrored(change, large, rows, high, lit.new_sun)
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    little = np.abs(shown - photo) < LEAST_CHANGE * np.maximum(photo, 1e-12)
+    kept = ~furniture & (little.all(axis=1) | ~large.solid)
+    out = np.where(kept[:, None], photo, np.where(furniture[:, None], own, shown)).astype(np.float32)
+    return out, np.where(kept | furniture, 1, gain @ weights).astype(np.float32), kept
+
+
+def _light(change: Change, large: Sight, rows: slice, high: int) -> _Lit:
+    """Return the light of a band's pixels; what no small pixel tells of is gathered by rays of its own."""
+    where = {"wraps": True, "first_row": rows.start, "rows": high}
+    old, _ = upsampled(change.before.picture, change.small, large, **where)
+    new, missed = upsampled(change.after.picture, change.small, large, **where)
+    alone = np.flatnonzero(missed & large.solid)
+    seed = change.seed + rows.start
+    if len(alone):
+        places = large.point[alone], large.normal[alone], change.effort, seed
+        old[alone] = directly(change.bare, *places)
+        new[alone] = directly(change.full, *places)
+    suns = (sun_of(stage, large, change.effort.sun_samples, seed) for stage in (change.bare, change.full))
+    return _Lit(old, new, *suns)
+
+
+def _gain(
+    lit: _Lit, photo: Floats, albedo: Floats, emission: Floats, large: Sight, sunless: np.ndarray | None
+) -> Floats:
+    """Return by how much furniture changes what the room's pixels show (n, 3)."""
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    part = albedo / np.float32(np.pi)
+    modelled = (part * (lit.old + lit.old_sun) + emission) @ weights
+    shown = photo @ weights
+    fits = np.abs(np.log(np.maximum(modelled, 1e-6) / np.maximum(shown, 1e-6))) < MISFIT
+    sunny = (lit.old_sun @ weights > 0) & fits
+    # Where the photograph does not show the sun that the model expects, only the rest of the light is compared; but
+    # where removal took it away, or filled what furniture had shaded, it falls now.
+    returns = np.zeros(len(photo), bool) if sunless is None else sunless & ~sunny
+    above = part * (lit.new + np.where((sunny | returns)[:, None], lit.new_sun, 0)) + emission
+    below = part * (lit.old + np.where(sunny[:, None], lit.old_sun, 0)) + emission
+    usable = large.solid & (below > 0).all(axis=1)
+    ratio = np.where(usable[:, None], above / np.where(usable[:, None], below, 1), 1)
+    most = np.where(returns[:, None], np.inf, MOST_GAIN)
+    return np.clip(ratio, 0, most).astype(np.float32)
+
+
+def _floor_mirror(change: Change, large: Sight, rows: slice, high: int, photo: Floats, gain: Floats) -> Floats:
+    """Return what is to be added (n, 3) to a glossy floor: what it mirrors now, less what it mirrored before.
+
+    Mirrored light is not shaded where it falls, so what was mirrored before is not changed by ``gain``.
+    """
+    mirrors = change.mirrors
+    if mirrors is None or not mirrors.has_floor:
+        return np.zeros_like(photo)
+    where = {"wraps": True, "first_row": rows.start, "rows": high}
+    old, lost = upsampled(mirrors.floor_before, mirrors.sight, large, **where)
+    new, _ = upsampled(mirrors.floor_after, mirrors.sight, large, **where)
+    # No more is taken to be mirrored than the photograph can hold: there the model is wrong, not the photograph.
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    believed = np.minimum(MOST_MIRRORED * (photo @ weights) / np.maximum(old @ weights, 1e-9), 1)[:, None]
+    found = np.maximum(believed * (new - old * gain), -MOST_MIRRORED * photo * gain)
+    there = (large.label >= 0) & (large.label < FIRST_PART) & ~lost
+    return np.where(there[:, None], found, 0).astype(np.float32)
+
+
+def _mirrored(change: Change, large: Sight, rows: slice, high: int, sun: Floats) -> Floats:
+    """Return what furniture mirrors (n, 3), 0 for the room's own pixels."""
+    mirrors = change.mirrors
+    if mirrors is None:
+        return np.zeros_like(sun)
+    out, missed = upsampled(mirrors.furniture, mirrors.sight, large, wraps=True, first_row=rows.start, rows=high)
+    furniture = large.label >= FIRST_PART
+    out[~furniture] = 0
+    chosen = np.flatnonzero(missed & furniture)
+    if len(chosen):
+        out[chosen] = few_highlights(mirrors, large, chosen, sun, change.seed + rows.start)
+    return out
