@@ -29,10 +29,12 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     },
     "Offline": {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
+        "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),
         "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
         "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),
         "furniture": Entry("processing.commands.furniture", "furniture", "List, show and export furniture models."),
+        "relight": Entry("processing.commands.relight", "relight", "Show a room at another time, or through a day."),
     },
     "Try it": {
         "demo": Entry("processing.commands.demo", "demo", "Calibrate, capture and process on simulated instruments."),

@@ -136,6 +136,8 @@ class RelightView:
         for k in range(self._places.shape[1]):
             near |= may_see_sun(stage, sun, self._places[:, k], normals)
         chosen = np.flatnonzero(near & (stage.patches.area_m2 > 0))
+        if not len(chosen):
+            return out
         places = np.ascontiguousarray(self._places[chosen]).reshape(-1, 3)
         each = np.repeat(normals[chosen], self._places.shape[1], axis=0)
         light = sun_on_places(stage, places, each, 1, np.zeros((len(places), 2)))

@@ -1,0 +1,245 @@
+"""``daylit relight``: a processed session's room at another time, under another sky, or through a day."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    from processing.calibration.clear_sky import Place
+    from processing.relighting.relit_session import Relighting, RelitRoom
+    from processing.relighting.session_room import SessionRoom
+    from processing.relighting.weather import Weather
+
+SHEET_ROWS, ANIMATION_ROWS = 192, 384
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--at", "at", metavar="TIME", help='Such as "2023-06-21 16:00" (local), or 2023-06-21T14:00Z.')
+@click.option(
+    "--sky", type=click.Path(path_type=Path), metavar="FILE", help="Light of another sky: an OpenEXR picture."
+)
+@click.option("--sweep", type=click.Choice(["day"]), help="The hours of a day.")
+@click.option("--date", metavar="DATE", help="Of --sweep: 2023-06-21; default: the day of the capture.")
+@click.option("--step", metavar="TIME", help="Of --sweep: 30m or 1h.  [default: 1h]")
+@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="The staged alternative N.")
+@click.option("--empty", is_flag=True, help="The emptied room.  [default]")
+@click.option("--weather", type=click.Choice(["captured", "clear", "overcast"]), default="captured", show_default=True)
+@click.option("--site", metavar="LAT,LON", help="Where the room is, if the session does not say.")
+@click.option("--heading", type=float, metavar="DEGREES", help="Compass azimuth of the panorama's middle.")
+@click.option(
+    "--utc-offset", type=click.FloatRange(-14, 14), metavar="HOURS", help="Of local time; by longitude if unset."
+)
+@click.option("--rows", type=click.IntRange(64, 2048), default=1024, show_default=True, help="Height of the pictures.")
+@click.option("--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard", show_default=True)
+@click.option("--output", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/relight.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
+def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
+    """Show SESSION's room, empty or staged, in another light: another time, another sky, a whole day.
+
+    Needs a session that was processed with furniture asked for (--set). The captured weather goes with the sun:
+    how clear the sky was and its colour are kept. Writes pictures in cd/m2 (EXR) and JPEG; a sweep writes JPEG, a
+    contact sheet and an animation (WebP). A basis of the light is kept in SESSION/relight for the next time.
+
+    \b
+    Examples:
+      daylit relight sessions/2023-05-19T1554Z_coda-320 --at "2023-06-21 16:00"
+      daylit relight sessions/2023-05-19T1554Z_coda-320 --sweep day --staged 1 --step 30m
+      daylit relight sessions/2023-05-19T1554Z_coda-320 --sky other/stages/calibrate/outdoor.exr
+    """
+    _check(asked)
+    from processing.relighting.relit_session import FOLDER, Relighting
+    from processing.relighting.session_room import read_session_room
+    from processing.rendering.relight_basis import BASIS_EFFORTS
+
+    room = read_session_room(session, asked["staged"], asked["rows"])
+    folder = asked["output"] or session / FOLDER
+    name = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
+    moments = _moments(room, asked)
+    ready = Relighting(room, session / FOLDER, BASIS_EFFORTS[asked["quality"]])
+    folder.mkdir(parents=True, exist_ok=True)
+    if asked["sweep"]:
+        found = _sweep(ready, moments, folder, name)
+    else:
+        found = _one(ready, moments, folder, name)
+    if as_json:
+        click.echo(json.dumps({"ok": True, "folder": str(folder), **found}))
+        return 0
+    for line in found["notes"]:
+        click.echo(f"note: {line}")
+    for one in found["moments"]:
+        click.echo(_line(one))
+    click.echo(f"written to {folder}")
+    return 0
+
+
+def _check(asked: dict[str, Any]) -> None:
+    if sum(asked[name] is not None for name in ("at", "sky", "sweep")) != 1:
+        raise click.UsageError("say one of --at TIME, --sky FILE and --sweep day")
+    if asked["empty"] and asked["staged"] is not None:
+        raise click.UsageError("--empty and --staged exclude each other")
+    for name in ("date", "step"):
+        if asked[name] is not None and not asked["sweep"]:
+            raise click.UsageError(f"--{name} goes with --sweep")
+    if asked["sky"] is not None:
+        for name in ("site", "heading", "utc_offset"):
+            if asked[name] is not None:
+                raise click.UsageError(f"--{name.replace('_', '-')} does nothing beside --sky")
+        if asked["weather"] != "captured":
+            raise click.UsageError("--weather does nothing beside --sky")
+
+
+def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
+    """Return the lights to show: notes, and for each a name, a caption, the light outdoors and its facts."""
+    from datetime import timedelta
+    from math import radians
+
+    from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
+    from processing.relighting.session_room import heading_of, other_sky, place_of
+    from processing.relighting.weather import daylight_at
+
+    if asked["sky"] is not None:
+        outdoors = other_sky(asked["sky"])
+        stem = re.sub(r"[^\w-]+", "-", asked["sky"].stem)
+        return {
+            "notes": ["the sky's +y is taken as the room's"],
+            "lights": [(f"sky-{stem}", stem, outdoors, sky_facts(outdoors))],
+        }
+    place = place_of(room, _site(asked["site"]))
+    given = None if asked["heading"] is None else radians(asked["heading"])
+    heading, source = heading_of(room, given, place)
+    hours = zone_hours(place) if asked["utc_offset"] is None else asked["utc_offset"]
+    weather = _weather(room, asked["weather"], place)
+    if asked["at"]:
+        times = [parse_time(asked["at"], hours)]
+    else:
+        day = parse_time(asked["date"], hours) if asked["date"] else room.time_utc
+        times = day_times(day, place, hours, _step(asked["step"] or "1h"))
+    notes = [
+        f"heading {heading * 57.29578 % 360:.1f} degrees ({source}); local time is UTC{hours:+g} h",
+        *weather.notes,
+    ]
+    lights = []
+    for time_utc in times:
+        found = daylight_at(time_utc, place, heading, weather, room.scene.outdoors)
+        local = time_utc + timedelta(hours=hours)
+        facts = {"local_time": f"{local:%Y-%m-%d %H:%M}", "weather": weather.kind, **daylight_facts(found, time_utc)}
+        lights.append((f"{local:%Y-%m-%dT%H%M}", _caption(local, facts), found.outdoors, facts))
+    return {"notes": notes, "lights": lights}
+
+
+def _caption(local: datetime, facts: dict[str, Any]) -> str:
+    return (
+        f"{local:%H:%M}  sun {facts['sun_elevation_deg']:.0f}°  {facts['global_horizontal_lx'] / 1000:.0f} klx outdoors"
+    )
+
+
+def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
+    from dataclasses import replace
+
+    from processing.relighting.weather import captured_weather, usual_weather
+
+    if kind != "captured":
+        return usual_weather("clear" if kind == "clear" else "overcast")
+    if room.outdoors_measured:
+        return captured_weather(room.scene.outdoors, room.time_utc, place)
+    note = "no picture of the sky was captured: a clear sky is taken"
+    return replace(usual_weather("clear"), notes=(note,))
+
+
+def _site(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        latitude, longitude = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise click.UsageError("--site is LATITUDE,LONGITUDE in degrees, such as 40.44,-79.94") from error
+    return latitude, longitude
+
+
+def _step(text: str) -> Any:
+    from datetime import timedelta
+
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)\s*(h|m|min)?", text.strip())
+    if not found:
+        raise click.UsageError("--step is a time such as 30m or 1h")
+    return timedelta(**{"hours" if (found[2] or "h") == "h" else "minutes": float(found[1])})
+
+
+def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
+    from processing.exr_files import write_exr
+    from processing.picture_preview import auto_exposure
+
+    stem, _, outdoors, said = moments["lights"][0]
+    relit = ready.under(outdoors, said)
+    write_exr(folder / f"{name}-{stem}.exr", relit.picture)
+    _jpeg(folder / f"{name}-{stem}.jpg", relit, ready, auto_exposure(relit.picture.rgb))
+    found = _summary(ready, moments, [relit.facts])
+    (folder / f"{name}-{stem}.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    return found
+
+
+def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
+    from processing.relighting.sheet import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
+
+    relits = [ready.under(outdoors, said) for _, _, outdoors, said in moments["lights"]]
+    exposure = common_exposure([r.picture.rgb for r in relits])
+    for (stem, _, _, _), relit in zip(moments["lights"], relits, strict=True):
+        _jpeg(folder / f"{name}-{stem}.jpg", relit, ready, exposure)
+    small = [preview_rgb8(reduced(r.picture.rgb, ANIMATION_ROWS), exposure) for r in relits]
+    sheet = [preview_rgb8(reduced(r.picture.rgb, SHEET_ROWS), exposure) for r in relits]
+    day = moments["lights"][0][0][:10]
+    write_animation(folder / f"{name}-{day}.webp", [_marked(p, ready) for p in small])
+    write_sheet(folder / f"{name}-{day}-sheet.png", sheet, [caption for _, caption, _, _ in moments["lights"]])
+    found = _summary(ready, moments, [r.facts for r in relits])
+    (folder / f"{name}-{day}.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    return found
+
+
+def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, Any]]) -> dict[str, Any]:
+    room = ready.room
+    return {
+        "schema_version": 1,
+        "session": room.manifest.name,
+        "staged": room.staged,
+        "basis": "kept" if ready.basis_kept else "made",
+        "notes": moments["notes"],
+        "moments": facts,
+    }
+
+
+def _marked(rgb8: Any, ready: Relighting) -> Any:
+    from processing.exchange.label import labelled
+
+    return rgb8 if ready.room.staged is None else labelled(rgb8)
+
+
+def _jpeg(path: Path, relit: RelitRoom, ready: Relighting, exposure: float) -> None:
+    from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
+    from processing.picture_preview import preview_rgb8
+
+    rgb8 = _marked(preview_rgb8(relit.picture.rgb, exposure), ready)
+    high, wide = rgb8.shape[:2]
+    heading = ready.room.manifest.heading_rad
+    write_jpeg(
+        path,
+        rgb8,
+        panorama=PanoramaTags.whole(wide, high, heading_rad=heading),
+        staged=ready.room.staged is not None,
+        relative=not ready.room.picture.absolute,
+        title=f"{ready.room.manifest.name}, relit",
+    )
+
+
+def _line(one: dict[str, Any]) -> str:
+    when = one.get("local_time", "other sky")
+    sun = f"sun {one['sun_elevation_deg']:.1f} degrees high" if "sun_elevation_deg" in one else "no sun"
+    light = f"outdoors {one['global_horizontal_lx']:.0f} lx, room {one['median_luminance']:.4g} {one['unit']}"
+    return f"{when}  {sun}, {light}, {100 * one['sunny_share']:.1f} % in the sun"
