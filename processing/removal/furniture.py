@@ -35,6 +35,8 @@ AROUND_RAD = math.radians(1.0)
 BIAS = -1.6
 LEAST_BY_COLOUR = -0.8
 """A place of the surface's own colour is less likely furniture, but a light bed on a light floor may stay one."""
+ISLAND_SR = 0.03
+"""What furniture goes all round is taken with it up to this size (10 degrees square): it would be left hanging."""
 FLOOR_DOUBT, CEILING_DOUBT, OPENING_DOUBT = 0.6, 1.6, 2.0
 """Natural logarithm of odds taken off before floor, ceiling, windows and doors."""
 
@@ -73,7 +75,8 @@ def find_furniture(
     if not floor_filter:
         return FurnitureFound(mask, soft, 0, 0.0)
     kept, dropped, dropped_sr = attached(mask, maps.plane == FLOOR)
-    return FurnitureFound(kept, soft, dropped, dropped_sr)
+    islands = islands_in(kept, maps.opening >= 0)
+    return FurnitureFound(kept | islands, np.where(islands, np.float32(1), soft), dropped, dropped_sr)
 
 
 def furniture_prior(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Floats:
@@ -111,6 +114,17 @@ def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:
     gone = ~stands
     gone[0] = False
     return stands[labels], int((gone & (size >= LEAST_SR)).sum()), float(size[gone].sum())
+
+
+def islands_in(mask: Flags, never: Flags) -> Flags:
+    """Return the components outside a mask that it encloses and that are small, but for those mostly in ``never``."""
+    count, labels = components(~mask)
+    weight = np.broadcast_to(row_solid_angles((mask.shape[0], mask.shape[1])), mask.shape)
+    size = np.bincount(labels.ravel(), weight.ravel(), count + 1)
+    barred = np.bincount(labels.ravel(), (weight * never).ravel(), count + 1)
+    small = (size < ISLAND_SR) & (barred < size / 2)
+    small[0] = False
+    return np.asarray(small[labels], bool)
 
 
 def _feet(

@@ -12,7 +12,7 @@ from processing.errors import ParameterError, RoomError
 from processing.images import RelativeImage
 from processing.picture_preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
-from processing.removal.furniture import attached
+from processing.removal.furniture import attached, islands_in
 from processing.removal.masks import find_masks
 from processing.removal.round_masks import grown, share_of_sphere
 from processing.removal.tripod import find_tripod, painted_disc
@@ -121,6 +121,21 @@ def test_components_by_the_floor() -> None:
     assert kept[40, 105]
     assert not kept[25, 70]
     assert (dropped, dropped_sr > 0) == (1, True)
+
+
+def test_what_furniture_encloses_goes_with_it_unless_large_or_a_window() -> None:
+    mask = np.zeros((64, 128), bool)
+    mask[30:40, 120:] = mask[30:40, :8] = True
+    mask[33:36, :2] = mask[33:36, 127:] = False
+    found = islands_in(mask, np.zeros_like(mask))
+    assert found.sum() == 3 * 3
+    assert found[33:36, :2].all()
+    assert not islands_in(mask, found).any()
+    mask[10:60, 20:80] = True
+    mask[12:58, 22:78] = False
+    assert islands_in(mask, np.zeros_like(mask)).sum() == 3 * 3
+    assert not islands_in(np.ones_like(mask), mask).any()
+    assert not islands_in(np.zeros_like(mask), mask).any()
 
 
 def test_edges_are_found_in_the_picture() -> None:
