@@ -26,7 +26,7 @@ from processing.layout.item_list import set_items
 from processing.layout.plan import FloorPlan
 
 QUICK_ROOMS, QUICK_GENERATED = 16, 1
-FULL_GENERATED = 60
+FULL_GENERATED = 75
 UNITS = {"placed_all_pct": "% of odd-numbered rooms >= 12 m2", "navigability": "share of free floor"}
 Row = dict[str, Any]
 
