@@ -226,3 +226,28 @@ class RemovalError(ProcessingError):
     """A room that cannot be emptied: what is to be removed covers all that is seen."""
 
     code = "RMV-002"
+
+
+class ClusterError(ProcessingError):
+    """No Dask cluster at the address given, or none that can be made here."""
+
+    code = "BAT-001"
+    exit_code = 6
+
+
+class SessionKilledError(ProcessingError):
+    """The process that worked on a session was ended by a signal, twice."""
+
+    code = "BAT-002"
+
+
+class SessionTimeoutError(ProcessingError):
+    """A session that was not done in the time allowed."""
+
+    code = "BAT-003"
+
+
+class WorkerLostError(ProcessingError):
+    """The workers that had a session ended, or failed, while they had it."""
+
+    code = "BAT-004"

@@ -1,0 +1,1 @@
+"""Many sessions: each a task of its own on a Dask cluster, local or elsewhere."""

@@ -1,0 +1,97 @@
+"""A Dask cluster: on this computer (loopback only), or one that is there already.
+
+On a local cluster each worker is a process that does one session at a time. Whoever may connect to a Dask scheduler
+may run code on its workers: therefore nothing listens beyond the loopback unless a cluster elsewhere was named.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from processing.errors import ClusterError
+
+LOOPBACK = "127.0.0.1"
+SESSION_BYTES = 5 << 30
+"""Of memory that one full-size session may take."""
+DEATHS = 1
+"""Workers that may die over one session; with the next it counts as lost."""
+CONNECT_S = 30
+
+
+def usual_workers() -> int:
+    """Return how many sessions this computer does at once: one for two cores, and no more than memory holds."""
+    cores = os.cpu_count() or 1
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (ValueError, OSError):
+        memory = SESSION_BYTES
+    return max(1, min(cores // 2, memory // SESSION_BYTES))
+
+
+def threads_each(workers: int) -> int:
+    """Return how many threads a session's libraries may use, so that all sessions together use every core once."""
+    return max(1, (os.cpu_count() or 1) // workers)
+
+
+def thread_settings(threads: int) -> dict[str, str]:
+    """Return the environment by which numerical libraries take this many threads."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+    return {name: str(threads) for name in (*names, "OPENCV_FOR_THREADS_NUM")}
+
+
+@contextmanager
+def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]:
+    """Give a Dask client of the cluster at ``address``, or of one made for the purpose on this computer.
+
+    ``scratch``: where local workers keep their own small files. Raises `ClusterError` where there is no cluster.
+    """
+    import dask
+    import distributed
+
+    dask_client: Any = distributed.Client
+    local_cluster: Any = distributed.LocalCluster
+    _quiet()
+    settings: dict[str, Any] = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        # Sessions are minutes of work in other processes: nothing is gained by moving or weighing them.
+        "distributed.scheduler.work-stealing": False,
+        "distributed.admin.tick.limit": "1h",
+        "distributed.worker.daemon": True,
+    }
+    with dask.config.set(settings):
+        if address is not None:
+            try:
+                client = dask_client(address, timeout=CONNECT_S)
+            except (OSError, TimeoutError, ValueError, ImportError) as error:
+                raise ClusterError(
+                    f"no Dask scheduler answers ({str(error).splitlines()[0] if str(error) else 'time is up'})",
+                    where=address,
+                    advice="start `dask scheduler`, and give the address that it shows",
+                ) from None
+            with client:
+                yield client
+            return
+        cluster = local_cluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host=LOOPBACK,
+            dashboard_address=f"{LOOPBACK}:0",
+            worker_dashboard_address=f"{LOOPBACK}:0",
+            memory_limit=0,
+            local_directory=str(scratch),
+            silence_logs=logging.CRITICAL,
+        )
+        with cluster, dask_client(cluster, timeout=CONNECT_S) as client:
+            yield client
+
+
+def _quiet() -> None:
+    """Keep Dask's own log lines off the terminal: what becomes of sessions is told by us."""
+    for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker", "tornado"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)

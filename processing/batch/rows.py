@@ -1,0 +1,155 @@
+"""A session as a row of the table: the paper's columns (cali_hdr_summary.csv), and what processing has found.
+
+All is read from the session's folder: session.json and the results that stand. What is not known is empty. Values of
+a picture without absolute scale are left empty where the column is in lx or cd/m2, and ``units`` says so.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+from zoneinfo import ZoneInfo
+
+from station.session import SessionManifest, Side
+from station.store import load_manifest
+
+PAPER_COLUMNS = (
+    *("index", "date", "scene_name", "theta_time", "luminance_cd_m2", "fisheye_time", "illuminance_lux"),
+    *("orientation", "nd_filter", "natural_light"),
+)
+FOUND_COLUMNS = (
+    *("session", "session_id", "utc", "zone", "latitude_deg", "longitude_deg", "simulated", "captured", "units"),
+    *("k1", "k1_u_rel", "k2", "outdoor_lux_u", "meter_drift_frac"),
+    *("level_up_lx", "brightest_vertical_lx", "highest_dgp", "level_ratio"),
+    *("room_confidence", "walls", "floor_m2", "ceiling_m", "windows", "doors", "removed_share", "staged"),
+)
+_POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+_MAX_JSON_BYTES = 8 << 20
+
+
+def session_row(path: Path, zone: str = "UTC") -> dict[str, str]:
+    """Return a session's row but for its index; dates and times in ``zone``. Raises `SessionError` for no session."""
+    manifest = load_manifest(path)
+    found = _paper(manifest, path, zone) | {
+        "session": path.name,
+        "session_id": manifest.session_id,
+        "utc": f"{manifest.created_utc:%Y-%m-%dT%H:%MZ}",
+        "zone": zone,
+        "latitude_deg": _number(manifest.site.latitude_deg),
+        "longitude_deg": _number(manifest.site.longitude_deg),
+        "simulated": "YES" if manifest.simulated else "NO",
+        "captured": manifest.status.value,
+    }
+    return found | _calibrated(path) | _light(path) | _room(path) | _staged(path)
+
+
+def _paper(manifest: SessionManifest, path: Path, zone: str) -> dict[str, str]:
+    readings = [r.luminance_cd_m2 for r in manifest.readings if r.luminance_cd_m2 is not None]
+    outdoor = [device for device in manifest.devices if device.role == "outdoor"]
+    facts = stage_json(path, "calibrate", "calibration").get("outdoor", {})
+    lux = facts.get("measured_outdoor_lux", {}).get("value", facts.get("illuminance_lx", {}).get("up", {}).get("value"))
+    local = manifest.created_utc.astimezone(ZoneInfo(zone))
+    return {
+        "date": f"{local:%Y%m%d}",
+        "scene_name": manifest.name,
+        "theta_time": _begun(manifest, Side.INDOOR, zone) or f"{local:%H:%M}",
+        "luminance_cd_m2": f"{sum(readings) / len(readings):.2f}" if readings else "",
+        "fisheye_time": _begun(manifest, Side.OUTDOOR, zone),
+        "illuminance_lux": "" if lux is None else f"{lux:.0f}",
+        "orientation": orientation(manifest.heading_rad),
+        "nd_filter": ("YES" if outdoor[0].nd_filter else "NO") if outdoor else "",
+        "natural_light": "",
+    }
+
+
+def _begun(manifest: SessionManifest, side: Side, zone: str) -> str:
+    times: list[datetime] = [f.taken_utc for f in manifest.frames if f.side is side and f.taken_utc is not None]
+    return f"{min(times).astimezone(ZoneInfo(zone)):%H:%M}" if times else ""
+
+
+def orientation(heading_rad: float | None) -> str:
+    """Return a heading as the paper writes it: ``328°NW``; empty where it is not known."""
+    if heading_rad is None:
+        return ""
+    degrees = round(math.degrees(heading_rad)) % 360
+    return f"{degrees}°{_POINTS[round(degrees / 45) % 8]}"
+
+
+def _calibrated(path: Path) -> dict[str, str]:
+    facts = stage_json(path, "calibrate", "calibration")
+    if not facts:
+        return {}
+    indoor, outdoor = facts.get("indoor", {}), facts.get("outdoor", {})
+    return {
+        "k1": _number(indoor.get("k1")),
+        "k1_u_rel": _number(indoor.get("k1_relative_uncertainty")),
+        "k2": _number(outdoor.get("k2")),
+        "outdoor_lux_u": _number(outdoor.get("illuminance_lx", {}).get("up", {}).get("uncertainty")),
+        "meter_drift_frac": _number(indoor.get("meter_drift_frac")),
+    }
+
+
+def _light(path: Path) -> dict[str, str]:
+    figures, metrics = stage_json(path, "figures", "light_figures"), _result(path, "figures").get("metrics", {})
+    if not figures:
+        return {}
+    found = {"units": figures["units"]["luminance"], "level_ratio": _number(metrics.get("level_ratio"))}
+    if figures["absolute"]:
+        found |= {
+            "level_up_lx": _number(metrics.get("level_up")),
+            "brightest_vertical_lx": _number(metrics.get("brightest_vertical")),
+            "highest_dgp": _number(metrics.get("highest_dgp")),
+        }
+    return found
+
+
+def _room(path: Path) -> dict[str, str]:
+    room = stage_json(path, "room", "room")
+    if not room:
+        return {}
+    corners = room["floor"]
+    turned = [*corners[1:], corners[0]]
+    area = sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(corners, turned, strict=True)) / 2
+    kinds = [opening["kind"] for opening in room.get("openings", ())]
+    return {
+        "room_confidence": _number(room.get("confidence")),
+        "walls": str(len(corners)),
+        "floor_m2": _number(area),
+        "ceiling_m": _number(room["ceiling_height_m"]),
+        "windows": str(kinds.count("window")),
+        "doors": str(kinds.count("door")),
+    }
+
+
+def _staged(path: Path) -> dict[str, str]:
+    removed = _result(path, "detect").get("metrics", {}).get("shares", {}).get("target")
+    made = _result(path, "render").get("artifacts", {})
+    staged = sum(1 for name in made if name.startswith("staged-") and str(made[name]).endswith(".exr"))
+    return {"removed_share": _number(removed), "staged": str(staged)}
+
+
+def stage_json(path: Path, stage: str, name: str) -> dict[str, Any]:
+    """Return a JSON artifact of a stage as it stands; empty where there is none that can be read."""
+    return _json(path / "stages" / stage / f"{name}.json")
+
+
+def _result(path: Path, stage: str) -> dict[str, Any]:
+    return _json(path / "stages" / stage / "result.json")
+
+
+def _json(path: Path) -> dict[str, Any]:
+    with suppress(OSError, ValueError):
+        if path.stat().st_size <= _MAX_JSON_BYTES:
+            found = json.loads(path.read_text("utf-8"))
+            return found if isinstance(found, dict) else {}
+    return {}
+
+
+def _number(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return ""
+    return f"{value:.6g}"

@@ -1,0 +1,180 @@
+"""Many sessions through the cluster: found, handed out a few at a time, every one accounted for at the end."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from processing.batch.cluster import connected, thread_settings, threads_each
+from processing.batch.work import Outcome, Task, work
+from processing.errors import ParameterError, WorkerLostError
+from station.session import MANIFEST_NAME
+
+DEPTH = 3
+"""Folders below the one that is named, in which sessions are looked for."""
+
+
+@dataclass(frozen=True)
+class BatchRequest:
+    """What to do with a folder of sessions."""
+
+    folder: Path
+    arguments: tuple[str, ...] = ()
+    """Of `daylit process`, but for the session."""
+    workers: int = 1
+    """On this computer; not used with a cluster elsewhere."""
+    cluster: str | None = None
+    timeout_s: float = 7200.0
+    zone: str = "UTC"
+
+
+@dataclass
+class BatchReport:
+    """What became of all sessions, in the order of their names."""
+
+    folder: Path
+    outcomes: list[Outcome] = field(default_factory=list)
+    workers: int = 0
+    """How many worked at the end."""
+    seconds: float = 0.0
+
+    @property
+    def failed(self) -> list[Outcome]:
+        """Return those that are not done."""
+        return [one for one in self.outcomes if one.state == "failed"]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values."""
+        done = len(self.outcomes) - len(self.failed)
+        return {
+            "ok": not self.failed,
+            "sessions": len(self.outcomes),
+            "done": done,
+            "failed": len(self.failed),
+            "workers": self.workers,
+            "seconds": round(self.seconds, 3),
+            "outcomes": [one.to_dict() for one in self.outcomes],
+        }
+
+
+OnOutcome = Callable[[Outcome, int, int], None]
+"""(outcome, how many are over, of how many)."""
+
+
+def find_sessions(folder: Path) -> list[Path]:
+    """Return the sessions in a folder and the folders in it, sorted; raise `ParameterError` where there are none."""
+    if not folder.is_dir():
+        raise ParameterError(f"{folder.name} is no folder", where=str(folder))
+    found = sorted(_below(folder, DEPTH))
+    if not found:
+        raise ParameterError(
+            "no sessions here", where=str(folder), advice=f"a session is a folder with {MANIFEST_NAME}"
+        )
+    return found
+
+
+def _below(folder: Path, depth: int) -> Iterator[Path]:
+    for path in folder.iterdir():
+        if path.name.startswith(".") or path.is_symlink() or not path.is_dir():
+            continue
+        if (path / MANIFEST_NAME).exists():
+            yield path
+        elif depth > 1:
+            yield from _below(path, depth - 1)
+
+
+def run_batch(
+    request: BatchRequest, on_outcome: OnOutcome = lambda *_: None, *, do: Callable[[Task], Outcome] = work
+) -> BatchReport:
+    """Process all sessions of a folder; one that fails, hangs or kills its worker is listed and stops no other.
+
+    ``do`` is what a worker does (tests give their own). Raises `ParameterError` where there are no sessions and
+    `ClusterError` where the cluster cannot be reached.
+    """
+    begun_s = time.monotonic()
+    sessions = find_sessions(request.folder)
+    environment = {} if request.cluster else thread_settings(threads_each(request.workers))
+    tasks = [
+        Task(
+            str(path.resolve()),
+            str(path.relative_to(request.folder)),
+            request.arguments,
+            request.timeout_s,
+            environment,
+            request.zone,
+        )
+        for path in sessions
+    ]
+    report = BatchReport(request.folder)
+    with tempfile.TemporaryDirectory(prefix="daylit-batch-", ignore_cleanup_errors=True) as scratch:
+        workers = max(1, min(request.workers, len(tasks)))
+        with connected(request.cluster, workers, Path(scratch)) as client:
+            for outcome in handed_out(client, tasks, do):
+                report.outcomes.append(outcome)
+                on_outcome(outcome, len(report.outcomes), len(tasks))
+            report.workers = len(client.scheduler_info(n_workers=-1)["workers"])
+    report.outcomes.sort(key=lambda one: one.session)
+    report.seconds = time.monotonic() - begun_s
+    return report
+
+
+def handed_out(client: Any, tasks: Sequence[Task], do: Callable[[Task], Outcome]) -> Iterator[Outcome]:
+    """Yield the outcome of every task as it comes, with one for each thread of a Dask client's workers under way.
+
+    When a worker dies, the cluster blames all tasks that it had, and a task that kills workers may take others with
+    it. Those that are lost are therefore tried again at the end, one by one: then only the guilty are.
+    """
+    threads = sum(client.nthreads().values())
+    suspects: list[Task] = []
+    for task, outcome in _through(client, tasks, do, at_once=max(1, threads)):
+        if outcome.code == WorkerLostError.code:
+            suspects.append(task)
+        else:
+            yield outcome
+    for _, outcome in _through(client, suspects, do, at_once=1):
+        yield replace(outcome, tries=outcome.tries + 1)
+
+
+def _through(
+    client: Any, tasks: Sequence[Task], do: Callable[[Task], Outcome], *, at_once: int
+) -> Iterator[tuple[Task, Outcome]]:
+    """Yield each task with its outcome as it comes; only so many are with the cluster at a time."""
+    import distributed
+
+    left = iter(tasks)
+    of: dict[str, Task] = {}
+    under_way: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
+
+    def submit() -> None:
+        task = next(left, None)
+        if task is not None:
+            future: Any = client.submit(do, task, pure=False)
+            of[future.key] = task
+            under_way.add(future)
+
+    for _ in range(at_once):
+        submit()
+    for future in under_way:
+        task = of.pop(future.key)
+        yield task, _outcome(future, task)
+        future.release()
+        submit()
+
+
+def _outcome(future: Any, task: Task) -> Outcome:
+    """Return what a task gave, or what is known where its worker did not live to tell."""
+    name = task.name
+    try:
+        found = future.result()
+    except Exception as error:  # noqa: BLE001 (whatever it is, it is this session's and is listed)
+        kind = type(error).__name__
+        if kind == "KilledWorker":
+            told = "its workers ended while they had it, again and again; look for a lack of memory"
+            return Outcome(name, "failed", WorkerLostError.code, told)
+        return Outcome(name, "failed", WorkerLostError.code, f"its worker failed: {kind}: {error}"[:500])
+    assert isinstance(found, Outcome)
+    return found

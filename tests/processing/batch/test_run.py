@@ -1,0 +1,158 @@
+"""Many sessions on a real local cluster of two workers, one of which is killed in the middle."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import daylit
+from processing.batch.cluster import connected, thread_settings, threads_each, usual_workers
+from processing.batch.rows import orientation, session_row
+from processing.batch.run import BatchReport, find_sessions
+from processing.batch.table import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, write_table
+from processing.batch.work import Outcome
+from processing.errors import ClusterError, ParameterError
+from tests.station.sessions import complete_session
+
+ROOT = Path(__file__).resolve().parents[3]
+NAMES = ("a", "b", "broken", "cursed", "mortal")
+
+RUN = """
+import json, sys
+from pathlib import Path
+from processing.batch.run import BatchRequest, run_batch
+from tests.processing.batch.doings import as_named
+if __name__ == "__main__":
+    report = run_batch(BatchRequest(Path(sys.argv[1]), workers=2), do=as_named)
+    print(json.dumps(report.to_dict()))
+"""
+
+
+def empty_sessions(folder: Path, names: tuple[str, ...]) -> None:
+    for name in names:
+        (folder / name).mkdir(parents=True)
+        (folder / name / "session.json").write_text("{}")
+
+
+@pytest.mark.timeout(600)
+def test_killed_workers_lose_no_session_and_make_none_wrong(tmp_path: Path) -> None:
+    """In a process of its own: a cluster's threads and sockets are none of the other tests' business."""
+    empty_sessions(tmp_path / "sessions", NAMES)
+    script = tmp_path / "batch_here.py"
+    script.write_text(RUN)
+    done = subprocess.run(
+        [sys.executable, str(script), str(tmp_path / "sessions")],
+        capture_output=True,
+        text=True,
+        timeout=550,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout.splitlines()[-1])
+    states = {one["session"]: (one["state"], one["code"]) for one in report["outcomes"]}
+    assert list(states) == sorted(NAMES)
+    assert states.pop("cursed") == ("failed", "BAT-004")
+    assert states.pop("broken") == ("failed", "BAT-004")
+    assert set(states.values()) == {("done", "")}, "the mortal one was given to another worker"
+    assert (report["sessions"], report["done"], report["failed"]) == (5, 3, 2)
+    assert (tmp_path / "sessions" / "mortal" / "tried-1").exists()
+
+
+def test_sessions_are_found_in_folders_of_folders(tmp_path: Path) -> None:
+    empty_sessions(tmp_path / "rooms" / "monday", ("one", "two"))
+    empty_sessions(tmp_path / "rooms", ("zero", ".unfinished"))
+    (tmp_path / "rooms" / "zero" / "stages" / "session.json").mkdir(parents=True)
+    found = [path.relative_to(tmp_path / "rooms").as_posix() for path in find_sessions(tmp_path / "rooms")]
+    assert found == ["monday/one", "monday/two", "zero"]
+    with pytest.raises(ParameterError, match="no sessions"):
+        find_sessions(tmp_path / "rooms" / "monday" / "one")
+    with pytest.raises(ParameterError, match="no folder"):
+        find_sessions(tmp_path / "elsewhere")
+
+
+def test_a_row_has_the_papers_columns(tmp_path: Path) -> None:
+    row = session_row(complete_session(tmp_path), "America/New_York")
+    assert (row["date"], row["theta_time"], row["scene_name"]) == ("20230519", "11:54", "coda 320")
+    outcomes = [Outcome("x", "done", row=row, seconds=1.0), Outcome("y", "failed", "CAL-003", "no\nscale")]
+    read = list(csv.DictReader(io.StringIO(batch_csv(outcomes))))
+    assert tuple(read[0]) == COLUMNS
+    assert COLUMNS[: len(PAPER_COLUMNS)] == PAPER_COLUMNS
+    assert [one["index"] for one in read] == ["1", "2"]
+    assert read[1]["message"] == "no scale"
+    assert read[1]["code"] == "CAL-003"
+
+
+def test_headings_are_written_as_the_paper_does() -> None:
+    assert [orientation(degrees * 3.141592653589793 / 180) for degrees in (328, 139, 0, 359.7, -90)] == [
+        "328°NW",
+        "139°SE",
+        "0°N",
+        "0°N",
+        "270°W",
+    ]
+    assert orientation(None) == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("=1+1", "'=1+1"), ("@x", "'@x"), ("-0.5", "-0.5"), ("-1e-05", "-1e-05"), ("+a", "'+a"), ("a=b", "a=b"), ("", "")],
+)
+def test_no_cell_is_a_formula(text: str, shown: str) -> None:
+    assert guarded(text) == shown
+
+
+def test_the_table_is_written_whole(tmp_path: Path) -> None:
+    table, values = write_table(tmp_path / "out", BatchReport(tmp_path, [Outcome("x", "done")], 2, 1.5))
+    assert json.loads(values.read_text())["done"] == 1
+    assert table.read_text().count("\n") == 2
+
+
+def test_workers_share_the_cores() -> None:
+    assert usual_workers() >= 1
+    assert threads_each(1) >= threads_each(2) >= threads_each(10_000) == 1
+    assert thread_settings(3)["OMP_NUM_THREADS"] == "3"
+
+
+@pytest.mark.parametrize("address", ["no such thing", "tcp://"])
+def test_a_cluster_that_is_none_is_a_named_error(tmp_path: Path, address: str) -> None:
+    with pytest.raises(ClusterError), connected(address, 1, tmp_path):
+        pass
+
+
+def test_options_are_checked_once_and_not_once_a_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    empty_sessions(tmp_path / "sessions", ("a",))
+    folder = str(tmp_path / "sessions")
+    for wrong in (["--until", "nonsense"], ["--zone", "Mars/Olympus"], ["--cluster", "tcp://x:1", "--workers", "2"]):
+        assert daylit.main(["batch", folder, *wrong, "--json"]) == 2
+        assert json.loads(capsys.readouterr().out)["error"]["code"] == "USE-004"
+    assert not (tmp_path / "sessions" / "batch.csv").exists()
+
+
+def test_arguments_reach_each_session_as_they_were_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import processing.batch.run as module
+
+    seen: list[tuple[str, ...]] = []
+
+    def instead(request: object, _show: object) -> BatchReport:
+        seen.append(request.arguments)
+        return BatchReport(tmp_path, [Outcome("x", "failed", "CAL-003", "no scale")], 1, 1.0)
+
+    monkeypatch.setattr(module, "run_batch", instead)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "room.json").write_text("{}")
+    words = ["--until", "room", "--force", "merge", "--k1", "2.5", "--room", "room.json", "--max-error", "0.02"]
+    assert daylit.main(["batch", str(tmp_path), *words]) == 5
+    given = seen[0]
+    assert given[given.index("--room") + 1] == str(tmp_path / "room.json")
+    assert given[given.index("--k1") + 1] == "2.5"
+    assert {"--force", "--until", "--max-error", "--quality"} <= set(given)
+    assert (tmp_path / "batch.csv").exists()

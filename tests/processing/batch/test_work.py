@@ -1,0 +1,106 @@
+"""One session in a process of its own: what it says, how it ends, and what is made of that."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from processing.batch.work import Outcome, Task, outcome_of, work
+from station.folder import Folder
+from station.lock import SessionLock
+from tests.station.sessions import complete_session
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    return complete_session(tmp_path / "sessions")
+
+
+def task(path: Path, *arguments: str, timeout_s: float = 300.0) -> Task:
+    return Task(str(path), path.name, ("--until", "verify", *arguments), timeout_s)
+
+
+def test_a_session_is_done_and_told(session: Path) -> None:
+    outcome = work(task(session))
+    assert (outcome.state, outcome.code, outcome.tries) == ("done", "", 1)
+    assert outcome.stages == {"verify": "ran"}
+    assert outcome.row["scene_name"] == "coda 320"
+    assert outcome.peak_bytes > 0
+    assert json.loads(json.dumps(outcome.to_dict())) == outcome.to_dict()
+
+
+def test_what_is_wrong_is_told_by_code(session: Path, tmp_path: Path) -> None:
+    assert work(task(tmp_path / "nothing")).code == "SES-001"
+    opened = Folder.open(session)
+    lock = SessionLock(opened)
+    try:
+        outcome = work(task(session))
+        assert (outcome.state, outcome.code) == ("failed", "SES-002")
+        assert outcome.row["session"] == session.name, "what is known of it is in the table all the same"
+    finally:
+        lock.release()
+        opened.close()
+
+
+def test_a_session_that_takes_too_long_is_ended(session: Path) -> None:
+    outcome = work(task(session, timeout_s=0.01))
+    assert (outcome.state, outcome.code) == ("failed", "BAT-003")
+
+
+@pytest.mark.parametrize(
+    ("exit_code", "out", "err", "state", "code", "said"),
+    [
+        (0, 'a line\n{"ok": true, "stages": [{"stage": "verify", "action": "ran"}]}\n', "", "done", "", ""),
+        (4, '{"ok": false, "error": {"code": "SES-001", "message": "none"}}', "", "failed", "SES-001", "none"),
+        (70, '{"ok": false, "error": {"message": "boom"}}', "", "failed", "internal", "boom"),
+        (1, "", "Traceback\nImportError: no numpy\n\n", "failed", "internal", "ImportError: no numpy"),
+        (0, "", "", "failed", "internal", "said nothing"),
+        (0, "[1]", "", "failed", "internal", "said nothing"),
+        (0, '{"ok": false}', "", "failed", "internal", "no message"),
+        (-9, "", "", "failed", "BAT-002", "memory"),
+        (-11, "", "", "failed", "BAT-002", "signal 11"),
+    ],
+)
+def test_how_a_process_ends(exit_code: int, out: str, err: str, state: str, code: str, said: str) -> None:
+    outcome = outcome_of("one", exit_code, out, err)
+    assert (outcome.state, outcome.code) == (state, code)
+    assert said in outcome.message
+
+
+def test_a_process_that_is_killed_is_tried_once_more(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import processing.batch.work as module
+
+    told = [Outcome("a", "failed", "BAT-002", "killed"), Outcome("a", "done")]
+    monkeypatch.setattr(module, "_once", lambda _task: told.pop(0))
+    outcome = work(task(session))
+    assert (outcome.state, outcome.tries) == ("done", 2)
+    told += [Outcome("a", "failed", "BAT-002", "killed"), Outcome("a", "failed", "BAT-002", "again")]
+    assert (work(task(session)).message, told) == ("again", [])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
+def test_the_process_dies_with_its_worker() -> None:
+    """The worker here begins a child that would wait for ever, and is killed."""
+    lines = (
+        "import os, signal, sys",
+        "from processing.batch.child import die_with_parent",
+        "die_with_parent(int(sys.argv[1]))",
+        "print('ready', flush=True)",
+        "signal.pause()",
+    )
+    begun = "subprocess.Popen([sys.executable, '-c', " + repr("; ".join(lines)) + ", str(os.getpid())])"
+    worker = f"import os, signal, subprocess, sys; child = {begun}; signal.pause()"
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
+    command = [sys.executable, "-c", worker]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGKILL)
+        # The child holds the other end of the pipe: only its end is the end of the file.
+        assert process.stdout.read() == ""
