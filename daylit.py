@@ -35,6 +35,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),
         "furniture": Entry("processing.commands.furniture", "furniture", "List, show and export furniture models."),
         "relight": Entry("processing.commands.relight", "relight", "Show a room at another time, or through a day."),
+        "view-from": Entry("processing.commands.view_from", "view_from", "Show a room from another place in it."),
     },
     "Try it": {
         "demo": Entry("processing.commands.demo", "demo", "Calibrate, capture and process on simulated instruments."),
