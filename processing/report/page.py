@@ -35,7 +35,7 @@ def build_page(data: ReportData) -> str:
     styles = ["pannellum.css"] if "pannellum.js" in names else []
     style = "\n".join(_source(name) for name in (*styles, "report.css", "widgets.css"))
     return environment.get_template("report.html.j2").render(
-        data=data, style=style, scripts=scripts, policy=_policy(scripts)
+        data=data, style=style, scripts=scripts, policy=_policy(names, scripts)
     )
 
 
@@ -58,9 +58,11 @@ def _source(name: str) -> str:
     return (ours if ours.exists() else VENDORED / name).read_text("utf-8")
 
 
-def _policy(scripts: list[str]) -> str:
+def _policy(names: list[str], scripts: list[str]) -> str:
     digests = [base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii") for text in scripts]
     allowed = " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"
+    if any(name.startswith("model-viewer") for name in names):
+        allowed += " 'wasm-unsafe-eval'"  # its decoder of packed meshes is WebAssembly, within the file
     rules = {
         "default-src": "'none'",
         "script-src": allowed,

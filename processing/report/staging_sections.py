@@ -46,7 +46,7 @@ def alternatives_section(
     ]
     drawn = [
         Card(f"Plan {number}", plans[number], f"floor plan of alternative {number}", str(one.get("differs_by", "")),
-             (Quantity("Score", float(one["score"]), "of 1"),))
+             (Quantity("Score", round(float(one["score"]), 2), "of 1"),))
         for number, one in enumerate(every, 1)
         if number in plans
     ]  # fmt: skip
@@ -63,7 +63,7 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
     quantities = []
     if "told_share" in metrics:
         note = "the rest is taken from its neighbours"
-        quantities.append(Quantity("Surfaces told from light", 100 * metrics["told_share"], "%", note=note))
+        quantities.append(Quantity("Surfaces told from light", round(100 * metrics["told_share"], 1), "%", note=note))
     if "floor_gloss" in materials:
         quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 a mirror"))
     surfaces = materials.get("surfaces", [])
@@ -92,9 +92,9 @@ def _told_text(told: Mapping[str, Any]) -> str:
 def _figures(told: Mapping[str, Any]) -> tuple[Quantity, ...]:
     found = []
     if "changed_share" in told:
-        found.append(Quantity("Changed", 100 * float(told["changed_share"]), "% of the picture"))
+        found.append(Quantity("Changed", round(100 * float(told["changed_share"]), 1), "% of the picture"))
     if "error" in told:
-        found.append(Quantity("Error of the light", 100 * float(told["error"]), "%"))
+        found.append(Quantity("Error of the light", round(100 * float(told["error"]), 1), "%"))
     return tuple(found)
 
 

@@ -159,7 +159,12 @@ def _scene(
     name: str, states: Sequence[State], look: Look, pictures: Sequence[Bytes], *, panorama: bool = False
 ) -> Scene:
     shots = tuple(
-        Shot(state.name, _jpeg(rgb8, state, look, panorama=panorama), f"{state.alt or state.name}: {name.lower()}")
+        Shot(
+            state.name,
+            _jpeg(rgb8, state, look, panorama=panorama),
+            f"{state.alt or state.name}: {name.lower()}",
+            f"{state.name} · {look.label.lower()}" if state.staged and look.label else "",
+        )
         for state, rgb8 in zip(states, pictures, strict=True)
     )
     return Scene(name, shots, pictures[0].shape[1], pictures[0].shape[0])

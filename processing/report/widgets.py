@@ -22,6 +22,8 @@ class Shot:
     data: bytes
     """JPEG."""
     alt: str
+    tag: str = ""
+    """What stands on it under the slider, where that is not its name."""
 
     @property
     def uri(self) -> str:

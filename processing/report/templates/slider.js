@@ -11,9 +11,9 @@
         const name = shot.dataset.name;
         shot.classList.toggle("on-left", name === left.value);
         shot.classList.toggle("on-right", name === right.value);
+        if (name === left.value) box.querySelector("[data-part=left-name]").textContent = shot.dataset.tag;
+        if (name === right.value) box.querySelector("[data-part=right-name]").textContent = shot.dataset.tag;
       }
-      box.querySelector("[data-part=left-name]").textContent = left.value;
-      box.querySelector("[data-part=right-name]").textContent = right.value;
       divide();
     }
 

@@ -86,8 +86,13 @@
 
     async function read() {
       const [, probe] = await load(current);
+      if (!pannellumViewer) return;
       const [latitude, longitude] = pointed || [pannellumViewer.getPitch(), pannellumViewer.getYaw()];
-      const text = daylit.readingText(probe.at(longitude, latitude), longitude, latitude, data.unit);
+      const reading = probe.at(longitude, latitude);
+      const text = daylit.readingText(reading, longitude, latitude, data.unit);
+      // Unrounded, for those who read the page by program.
+      Object.assign(find("reading").dataset, { luminance: reading.luminance, x: reading.x, y: reading.y });
+      find("reading").setAttribute("aria-live", pointed ? "off" : "polite");
       find("value").textContent = text.value;
       find("detail").textContent = `${pointed ? "under the pointer" : "at the cross"} · ${text.detail}`;
       stage.classList.toggle("pointed", pointed !== null);

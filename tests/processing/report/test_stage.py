@@ -1,0 +1,128 @@
+"""The page of a whole session, of sessions where stages were skipped, and of pictures without a scale."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from processing.report import room_states
+from processing.report.stage import report_data, run
+from processing.report.widgets import Cards, Comparison, Models, Viewer
+from tests.processing.report.made_up import context, darker, picture, results, without
+
+STAGED_XMP = b"compositeSynthetic"
+
+
+def widgets(data: object) -> dict[str, object]:
+    sections = [data.lead, *data.sections] if data.lead else list(data.sections)  # type: ignore[attr-defined]
+    return {widget.kind: widget for section in sections for widget in section.widgets}
+
+
+def test_a_whole_session_has_all_its_parts(tmp_path: Path) -> None:
+    given = context(tmp_path, results())
+    data = report_data(given)
+    found = widgets(data)
+    slider, around = found["comparison"], found["viewer"]
+    assert isinstance(slider, Comparison)
+    assert isinstance(around, Viewer)
+    assert isinstance(found["models"], Models)
+    assert isinstance(found["cards"], Cards)
+    names = ["Photograph", "Emptied", "Staged 1", "Staged 2"]
+    assert [state.name for state in around.states] == names
+    assert [shot.name for shot in slider.scenes[0].shots] == names
+    assert (slider.first, slider.second) == ("Photograph", "Staged 1")
+    titles = [section.title for section in data.sections]
+    assert titles[:3] == ["Look around", "In three dimensions", "Alternatives"]
+    assert {"Materials", "Light and glare", "Emptied room", "Room's shape"} <= set(titles)
+    assert [line.name for line in data.stages][-1] == "render"
+    run(given)
+    assert (given.folder / "index.html").stat().st_size < 3_000_000
+
+
+def test_what_was_skipped_is_named_and_the_rest_stands(tmp_path: Path) -> None:
+    bare = without(results(), "room", "figures", "detect", "remove", "materials", "arrange", "render")
+    data = report_data(context(tmp_path, bare))
+    assert data.lead is None, "there is nothing to compare"
+    assert list(widgets(data)) == ["viewer"]
+    skipped = {line.name: line.reason for line in data.stages if line.state == "skipped"}
+    later = ("room", "figures", "detect", "remove", "materials", "arrange", "render")
+    assert skipped == dict.fromkeys(later, "not asked")
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path: Path, labelled: bool) -> None:
+    data = report_data(context(tmp_path, results(), no_staged_label=not labelled))
+    slider, around = widgets(data)["comparison"], widgets(data)["viewer"]
+    assert isinstance(slider, Comparison)
+    assert isinstance(around, Viewer)
+    pictures = {shot.name: shot.data for shot in slider.scenes[2].shots} | {s.name + "!": s.jpeg for s in around.states}
+    assert all((STAGED_XMP in data) == name.startswith("Staged") for name, data in pictures.items())
+    assert [bool(shot.tag) for shot in slider.scenes[0].shots] == [False, False, labelled, labelled]
+    assert bool(around.label) == labelled
+
+
+def test_without_a_scale_units_are_relative(tmp_path: Path) -> None:
+    data = report_data(context(tmp_path, results(absolute=False)))
+    around = widgets(data)["viewer"]
+    assert isinstance(around, Viewer)
+    assert around.unit == data.unit == "relative units"
+    text = json.dumps([section.text for section in data.sections])
+    assert "not between rooms" in text
+    assert "DGP" not in text
+    assert b"relative" in around.states[0].jpeg
+
+
+def test_the_same_results_give_the_same_page(tmp_path: Path) -> None:
+    pages = []
+    for name in ("a", "b"):
+        folder = tmp_path / name
+        folder.mkdir()
+        given = context(folder, results(alternatives=1))
+        run(given)
+        pages.append((given.folder / "index.html").read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_further_models_are_named_when_the_page_would_be_too_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given = context(tmp_path, results())
+    (tmp_path / "stages" / "render" / "staged-2.glb").write_bytes(b"x" * 10_000)
+    monkeypatch.setattr(room_states, "LARGEST_MODELS", 9_000)
+    section = room_states.model_section(given)
+    assert section is not None
+    models = section.widgets[0]
+    assert isinstance(models, Models)
+    assert [model.name for model in models.models] == ["Staged 1"]
+    assert "staged-2.glb" in models.note
+    assert base64.b64decode(models.models[0].text).startswith(b"glTF")
+
+
+def test_views_look_where_most_furniture_is_seen() -> None:
+    bed, chair, lamp = (2.0, 2.0, 1.7), (2.5, 1.0, 0.5), (-2.0, -2.0, 0.3)
+    yaw = np.degrees(room_states.towards_furniture([bed, chair, lamp]))
+    assert 20 < yaw < 80
+    at_hand = (0.0, -0.5, 2.0)
+    assert room_states.towards_furniture([bed, at_hand]) > 0, "what hides the room is not looked at"
+
+
+def test_without_an_arrangement_views_look_at_what_changed() -> None:
+    before = picture((1.0, 1.0, 1.0), 1)
+    after = darker(before, 1.0)
+    after.rgb[70:90, 190:210] *= 5
+    assert np.degrees(room_states.towards(before, after)) == pytest.approx(120, abs=8)
+    assert room_states.towards(before, before) == 0.0
+
+
+def test_page_names_no_address_of_the_net(tmp_path: Path) -> None:
+    given = context(tmp_path, results(alternatives=1))
+    run(given)
+    page = (given.folder / "index.html").read_text("utf-8")
+    markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    markup = re.sub(r"<style>.*?</style>|data:[a-z+/]*;base64,[A-Za-z0-9+/=]*", "", markup, flags=re.DOTALL)
+    assert "http" not in markup.replace("http-equiv", "")
