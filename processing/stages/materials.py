@@ -23,6 +23,7 @@ from processing.stages.materials_parameters import MaterialsParameters
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
+EFFORT = Effort(pixel_samples=32)
 MOST_LAMPS = 100
 """That are told by themselves; the light of all is in the scene."""
 
@@ -56,7 +57,7 @@ def run(context: StageContext) -> StageOutput:
         reveal_m=REVEAL_M if asked.reveal_m is None else asked.reveal_m,
         filled=empty.filled,
         rows=rows,
-        effort=Effort(pixel_samples=32),
+        effort=EFFORT,
     )
     context.progress(0.95, "writing")
     write_scene(context.folder / "scene.npz", found.scene)

@@ -135,7 +135,7 @@ def _staged(work: _Work, parts: tuple[Part, ...], effort: Effort) -> Staged:
     furnished room, less the noise that the two have in common.
     """
     if work.asked.method == "ibl":
-        return ibl(work.base, parts, work.eye_m, work.bare.stage.scene, seed=work.asked.seed)
+        return ibl(work.base, parts, work.eye_m, work.bare.stage.scene, clean=effort.clean, seed=work.asked.seed)
     sunless = work.empty.sunless if work.asked.method == "differential" else None
     return differential(work.base, work.bare, parts, work.eye_m, effort=effort, seed=work.asked.seed, sunless=sunless)
 

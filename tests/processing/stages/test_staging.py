@@ -1,0 +1,210 @@
+"""The stages materials, arrange and render on a small room: what they make, keep, leave out and say."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from processing.errors import ItemError, LayoutError
+from processing.image_files import read_exr
+from processing.images import LuminanceImage
+from processing.rendering.irradiance import Effort
+from processing.rendering.render import render
+from processing.rendering.scene_file import read_scene
+from processing.room.model import Opening, OpeningKind, RoomModel
+from processing.sphere import Equirectangular
+from processing.stages import arrange, materials
+from processing.stages import render as rendering
+from processing.stages.arrange_choice import fitting_choice, named_choice, with_door
+from processing.stages.arrange_parameters import ArrangeParameters
+from processing.stages.contract import Quality, StageContext, StageParameters
+from processing.stages.materials_parameters import MaterialsParameters
+from processing.stages.render_parameters import RenderParameters
+from tests.processing.rendering.rooms import EYE, box_room, scene_of, uniform_sky
+
+ROWS = 48
+LOOK = Effort(texel_m=0.3, patch_samples=32, rows=ROWS, pixel_samples=32, clean=False)
+DOOR = Opening(kind=OpeningKind.DOOR, wall=2, start_m=0.2, end_m=1.1, sill_m=0.0, head_m=2.05)
+ROOM = box_room().model_copy(update={"openings": (*box_room().openings, DOOR)})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick() -> Iterator[None]:
+    """Little work, no denoiser: these tests ask what is done, not how well."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rendering, "QUALITY", {"draft": LOOK})
+        patch.setattr(materials, "ROWS", {"draft": ROWS})
+        patch.setattr(materials, "EFFORT", LOOK)
+        yield
+
+
+@pytest.fixture(scope="module")
+def photograph() -> LuminanceImage:
+    scene = scene_of(ROOM, uniform_sky(4000.0), 0.5, reveal_m=0.2)
+    rgb = render(scene, Equirectangular(2 * ROWS, ROWS), EYE, effort=LOOK).rgb
+    shape = rgb.shape[:2]
+    doubt = np.full(shape, 0.02, np.float32)
+    return LuminanceImage(rgb, doubt, np.zeros(shape, np.uint8), Equirectangular(2 * ROWS, ROWS), 0.02)
+
+
+def context(
+    folder: Path,
+    parameters: StageParameters,
+    artifacts: Mapping[tuple[str, str], Any],
+    *,
+    name: str = "coda-320",
+    **more: Any,
+) -> StageContext:
+    session: Any = SimpleNamespace(name=name, heading_rad=None)
+    return StageContext(
+        session=session,
+        session_path=folder,
+        folder=folder,
+        parameters=parameters,
+        fetch=lambda stage, what: artifacts.get((stage, what)),
+        summary=lambda _stage: {"left_out": {}, "skipped": ""},
+        quality=Quality.DRAFT,
+        **more,
+    )
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory: pytest.TempPathFactory, photograph: LuminanceImage) -> dict[tuple[str, str], Any]:
+    """What the stages before render have made."""
+    found: dict[tuple[str, str], Any] = {
+        ("calibrate", "indoor"): photograph,
+        ("room", "room"): ROOM.model_dump(mode="json"),
+    }
+    folder = tmp_path_factory.mktemp("materials")
+    made = materials.run(context(folder, MaterialsParameters(), found))
+    found["materials", "scene"] = folder / "scene.npz"
+    found["materials", "materials"] = made.artifacts["materials"]
+    folder = tmp_path_factory.mktemp("arrange")
+    laid = arrange.run(context(folder, ArrangeParameters(items="bed, nightstand, tv stand", alternatives=1), found))
+    found["arrange", "arrangement"] = laid.artifacts["arrangement"]
+    return found
+
+
+def test_without_a_picture_of_the_sky_the_windows_light_the_room(known: dict[tuple[str, str], Any]) -> None:
+    told = known["materials", "materials"]
+    assert told["outdoors"] == "windows as seen from inside"
+    scene = read_scene(known["materials", "scene"])
+    assert scene.outdoors.sun is None
+    assert all(pane.veil_cd_m2.mean() > 100 for pane in scene.panes)
+    walls = [s["albedo"] for s in told["surfaces"] if s["name"].startswith("wall")]
+    assert np.median(walls) == pytest.approx(0.5, abs=0.12)
+    assert told["units"] == "cd/m2"
+
+
+def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
+    made = rendering.run(context(tmp_path, RenderParameters(style="walnut"), known, max_error=0.5))
+    staged = read_exr(tmp_path / "staged-1.exr")
+    before = known["calibrate", "indoor"]
+    told = made.artifacts["staged"]["alternatives"][0]  # type: ignore[index]
+    assert staged.attributes["staged"] is True
+    assert set(told["items"]) == {"bed", "nightstand", "tv-stand"}
+    assert 0.01 < told["furniture_share"] < 0.5
+    same = (staged.rgb == before.rgb).all(axis=2)
+    assert same.mean() == pytest.approx(1 - told["changed_share"], abs=1e-4)
+    assert (staged.uncertainty[~same] > before.uncertainty[~same]).all()
+    assert "reached" in made.honoured["max_error"]
+    assert made.left_out["staged-2"]
+    assert (tmp_path / "staged-1.glb").read_bytes()[:4] == b"glTF"
+    again = tmp_path / "again"
+    again.mkdir()
+    rendering.run(context(again, RenderParameters(style="walnut"), known, max_error=0.5))
+    assert (again / "staged-1.exr").read_bytes() == (tmp_path / "staged-1.exr").read_bytes()
+
+
+def test_ibl_and_a_relative_picture(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
+    relative = {**known, ("calibrate", "indoor"): replace(known["calibrate", "indoor"], absolute=False)}
+    made = rendering.run(context(tmp_path, RenderParameters(method="ibl"), relative))
+    assert not read_exr(tmp_path / "staged-1.exr").absolute  # type: ignore[union-attr]
+    assert made.artifacts["staged"]["units"] == "relative units"  # type: ignore[index]
+    assert made.warnings[0].code == "method"
+
+
+def test_what_is_skipped_and_why(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
+    none = MaterialsParameters(set="none")
+    assert materials.nothing_to_stage(context(tmp_path, none, known)) == "staging not asked"
+    assert arrange.nothing_to_arrange(context(tmp_path, ArrangeParameters(set="none"), known)) == "no furniture asked"
+    assert arrange.nothing_to_arrange(context(tmp_path, ArrangeParameters(set="none", items="bed"), known)) is None
+    assert "no room" in str(materials.nothing_to_stage(context(tmp_path, MaterialsParameters(), {})))
+    assert "no scene" in str(rendering.nothing_to_render(context(tmp_path, RenderParameters(), {})))
+    bare = {key: value for key, value in known.items() if key[0] != "arrange"}
+    assert "no arrangement" in str(rendering.nothing_to_render(context(tmp_path, RenderParameters(), bare)))
+    assert rendering.nothing_to_render(context(tmp_path, RenderParameters(), known)) is None
+
+
+def test_sunlight_stands_again_but_where_furniture_hid_it(photograph: LuminanceImage, tmp_path: Path) -> None:
+    shape = photograph.rgb.shape[:2]
+    sun, hidden = np.zeros(shape, bool), np.zeros(shape, bool)
+    sun[30:34, 10:20], hidden[30:34, 16:26] = True, True
+    empty = replace(photograph, rgb=np.where((sun | hidden)[..., None], np.float32(1.0), photograph.rgb))
+    found = materials.emptied(
+        context(
+            tmp_path,
+            MaterialsParameters(),
+            {
+                ("calibrate", "indoor"): photograph,
+                ("remove", "empty"): empty,
+                ("remove", "filled"): sun | hidden,
+                ("detect", "sunlight"): sun,
+                ("detect", "furniture"): hidden,
+            },
+        )
+    )
+    assert np.array_equal(found.image.rgb[sun & ~hidden], photograph.rgb[sun & ~hidden])
+    assert (found.image.rgb[hidden] == 1.0).all()
+    assert np.array_equal(found.sunless, hidden)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("1f-bed", "bedroom"), ("Living_Room 2", "living"), ("study", "office"), ("coda-320", None), ("abed", None)],
+)
+def test_the_sessions_name_tells_the_furniture(name: str, told: str | None) -> None:
+    found = named_choice(name)
+    assert (found.name if found else None) == told
+
+
+def test_else_what_fits_tells(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
+    from processing.layout.plan_room import from_room_model
+
+    found = fitting_choice(from_room_model(ROOM), "standard", 0)
+    assert found.name in {"living", "bedroom"}
+    assert "20.0 m2" in found.why
+
+
+def test_a_room_without_a_door_gets_one_and_says_so(tmp_path: Path) -> None:
+    room, text = with_door(box_room())
+    assert "wall" in text
+    door = room.openings[-1]
+    assert door.kind is OpeningKind.PASSAGE
+    assert door.wall in (1, 2, 3)
+    assert with_door(ROOM) == (ROOM, "")
+    found = {("room", "room"): box_room().model_dump(mode="json")}
+    made = arrange.run(context(tmp_path, ArrangeParameters(items="bed", alternatives=1), found))
+    assert made.warnings[0].message == text
+
+
+def test_a_room_too_small_is_no_failure_of_the_session(tmp_path: Path) -> None:
+    tiny = RoomModel.model_validate(box_room(1.2, 1.2, window=None).model_dump())
+    found = {("room", "room"): tiny.model_dump(mode="json")}
+    made = arrange.run(context(tmp_path, ArrangeParameters(items="king bed"), found))
+    assert "LAY-002" in made.left_out["arrangement"]
+    with pytest.raises(ItemError):
+        arrange.run(context(tmp_path, ArrangeParameters(items="throne"), found))
+
+
+def test_what_is_no_arrangement_is_refused(known: dict[tuple[str, str], Any]) -> None:
+    arrange.check_arrangement(json.loads(json.dumps(known["arrange", "arrangement"])))
+    with pytest.raises(LayoutError, match="no arrangements"):
+        arrange.check_arrangement({"items": []})
