@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,7 @@ from processing.layout.catalogue import CatalogueEntry
 from processing.layout.catalogue_names import OTHER, category_of
 from processing.layout.furniture.model import FurnitureModel, Part, Size
 from processing.layout.furniture.surface import Solid, part_of
-from processing.layout.item_table import KINDS
+from processing.layout.item_table import KINDS, OTHER_NAMES
 from processing.layout.mesh_files import SUFFIXES, read_model_file
 from processing.layout.mesh_pose import Given, posed
 from processing.layout.mesh_repair import Sound, repaired
@@ -27,6 +28,8 @@ MOST_STRETCH = 2.0
 MOST_DISTORTION = 1.6
 CREASE_RAD = np.radians(40.0)
 MAX_SIZE_M = 12.0
+VAGUE = ("dining chair", "dining table")
+"""What mere chairs and tables are taken for."""
 _LICENCES = (
     ("creative commons zero", "CC0"),
     ("cc0", "CC0"),
@@ -48,6 +51,8 @@ class FileSource:
     root: Path
     licence: str
     given: Given = Given()  # noqa: RUF009 (frozen)
+    notes: tuple[str, ...] = ()
+    """What was not understood or changed before the file was read."""
 
     def entry(self) -> CatalogueEntry:
         """Return its size as loaded; it may be stretched to half and twice of that."""
@@ -77,18 +82,33 @@ def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[F
         raise CatalogueError(f"no {', '.join(SUFFIXES)} files in it", where=str(path))
     told = _told(path, files)
     licence = _licence(path)
-    sources = []
+    sources: dict[str, FileSource] = {}
     for file in files:
-        name = file.relative_to(path).with_suffix("").as_posix()
         row = told.get(file.resolve(), {})
         given = _given(row, file.name)
         given = replace(given, unit=unit or given.unit, front=front or given.front)
-        parts = name.split("/")
-        short = "/".join(parts[:-1]) if len(parts) > 1 and parts[-1] == parts[-2] else name
         own = _licence(file.parent) if file.parent != path else ""
         said = str(row.get("licence") or row.get("license") or own or licence or "not stated")[:200]
-        sources.append(FileSource(short, _category(row, parts[-1]), file, path, said, given.checked(file.name)))
-    return sources
+        model_id, notes = _own_id(file.relative_to(path), sources)
+        category, unknown = _category(row, file.stem)
+        sources[model_id] = FileSource(
+            model_id, category, file, path, said, given.checked(file.name), (*notes, *unknown)
+        )
+    return list(sources.values())
+
+
+def _own_id(file: Path, taken: Collection[str]) -> tuple[str, tuple[str, ...]]:
+    """Return a name that no other file has, and a note where it is not the usual one.
+
+    Usual is the path without its suffix, `sofa` for `sofa/sofa.glb`; files beside each other may share that.
+    """
+    name = file.with_suffix("").as_posix()
+    parts = name.split("/")
+    usual = "/".join(parts[:-1]) if len(parts) > 1 and parts[-1] == parts[-2] else name
+    if usual not in taken:
+        return usual, ()
+    free = name if name not in taken else file.as_posix()
+    return free, (f"another file is called {usual}; this one is {free}",)
 
 
 def _files(root: Path) -> list[Path]:
@@ -142,16 +162,23 @@ def _number(value: Any, where: str) -> float:
     return float(value)
 
 
-def _category(row: dict[str, Any], name: str) -> str:
-    said = str(row.get("category", "")).lower()
+def _category(row: dict[str, Any], name: str) -> tuple[str, tuple[str, ...]]:
+    """Return a model's category, and a note where the one that is told is not understood.
+
+    What `category` says goes first, by its words where it is none of ours; but where it says no more than chair or
+    table, the model's own name or the file's may be more exact.
+    """
+    said = " ".join(re.split(r"[\s_-]+", str(row.get("category") or "").lower())).strip()
     if said in KINDS:
-        return said
-    of_name = category_of(str(row.get("name", "")))
-    if of_name in (OTHER, "dining chair", "dining table"):
-        # The file's own name may be the more exact one.
-        own = category_of(name)
-        return own if own != OTHER else of_name
-    return of_name
+        return said, ()
+    of_said = OTHER_NAMES.get(said) or category_of(said)
+    found = [of_said, category_of(str(row.get("name") or "")), category_of(name)]
+    exact = next((c for c in found if c not in (OTHER, *VAGUE)), None)
+    category = exact or next((c for c in reversed(found) if c != OTHER), OTHER)
+    if not said or of_said != OTHER:
+        return category, ()
+    instead = f"by its name it is taken for a {category}" if category != OTHER else "it is not arranged by itself"
+    return category, (f"its category '{said[:40]}' is not known; {instead}",)
 
 
 def _licence(folder: Path) -> str:
@@ -195,7 +222,7 @@ def load_model(source: FileSource) -> FurnitureModel:
     size = [float(max(v, 1e-3)) for v in high - low]
     if max(size) > MAX_SIZE_M:
         raise ModelFileError(f"{max(size):.4g} m large; at most {MAX_SIZE_M:g}", where=where, advice="give its unit")
-    notes = (*raw.notes, *_repairs([body for _, body in sound]), *guessed)
+    notes = (*source.notes, *raw.notes, *_repairs([body for _, body in sound]), *guessed)
     return FurnitureModel(
         source.model_id, source.category, parts, (size[0], size[1], size[2]), source.licence,
         all(body.closed for _, body in kept), notes,

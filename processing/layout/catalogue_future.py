@@ -38,13 +38,14 @@ def future_sources(path: Path) -> list[FileSource]:
     """
     if not path.is_dir():
         raise CatalogueError("no such folder", where=str(path))
-    sources = []
+    sources: dict[str, FileSource] = {}
     for info in (path / "model_info.json", *sorted(path.glob("*/model_info.json"))):
         if info.is_file():
-            sources += _of_list(info, path)
+            for source in _of_list(info, path):
+                sources.setdefault(source.model_id, source)  # the same model in two lists is one model
     if not sources:
         raise CatalogueError("no model_info.json, or none of its models lies beside it", where=str(path))
-    return sources
+    return list(sources.values())
 
 
 def _of_list(info: Path, root: Path) -> list[FileSource]:

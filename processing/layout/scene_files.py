@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from processing.errors import CatalogueError
+from processing.errors import CatalogueError, ModelFileError
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.catalogue import Catalogue
 from processing.layout.furniture.builtin import BUILT_IN
@@ -33,7 +33,7 @@ def placed_models(arrangement: Arrangement, catalogue: Catalogue) -> list[tuple[
 def _model_of(item: PlacedItem, catalogue: Catalogue) -> FurnitureModel:
     try:
         return catalogue.mesh(item.model or item.category, item.size_m)
-    except CatalogueError as error:
+    except (CatalogueError, ModelFileError) as error:
         if item.category not in BUILT_IN:
             raise
         note = f"the built-in {item.category} instead: {error}"

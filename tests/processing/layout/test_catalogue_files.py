@@ -301,3 +301,46 @@ def test_a_folder_without_models_is_refused(tmp_path: Path) -> None:
     catalogue = Catalogue.folder(tmp_path)
     assert catalogue.entries == ()
     assert isinstance(catalogue.refused["bad"], ModelFileError)
+
+
+@pytest.mark.parametrize(
+    ("said", "name", "category", "noted"),
+    [
+        ("Nightstands", "", "nightstand", False),
+        ("tv_stand", "", "tv stand", False),
+        ("Couch", "", "sofa", False),
+        ("Loveseat Sofa", "", "sofa", False),
+        ("chair", "swivel chair", "desk chair", False),
+        ("chair", "", "dining chair", False),
+        ("Meuble", "velvet armchair", "armchair", True),
+        ("Meuble", "", "other", True),
+    ],
+)
+def test_told_categories_are_understood_by_their_words_or_said(
+    tmp_path: Path, said: str, name: str, category: str, noted: bool
+) -> None:
+    write_obj(tmp_path / "thing.obj", to_y_up(chair()[0]), chair()[1])
+    (tmp_path / "catalog.json").write_text(json.dumps({"thing.obj": {"category": said, "name": name}}))
+    entry = Catalogue.folder(tmp_path).entry("thing")
+    assert entry.category == category
+    assert any(said.lower() in note and "not known" in note for note in entry.notes) is noted
+
+
+def test_files_of_one_name_are_two_models(tmp_path: Path) -> None:
+    vertices, faces = chair()
+    write_obj(tmp_path / "chair.obj", to_y_up(vertices), faces)
+    write_obj(tmp_path / "chair" / "chair.obj", to_y_up(vertices), faces)
+    trimesh.Trimesh(to_y_up(vertices), faces).export(tmp_path / "chair.glb")
+    catalogue = Catalogue.folder(tmp_path)
+    assert len(catalogue.ids) == len(catalogue.entries) == 3
+    assert sum(any("another file is called chair" in note for note in e.notes) for e in catalogue.entries) == 2
+
+
+def test_a_broken_model_of_a_placed_piece_is_replaced_and_said(tmp_path: Path) -> None:
+    (tmp_path / "chest.glb").write_bytes(b"glTF but not really")
+    chest = PlacedItem(
+        id="chest", category="chest", model="chest", size_m=(0.9, 0.45, 0.85), theta_rad=0.0, t_m=(0.0, 0.0, 0.0)
+    )
+    one = Arrangement(rank=1, items=(chest,), score=1.0, scores={}, rule_set="standard")
+    models = write_arrangement(tmp_path / "room.glb", one, Catalogue.folder(tmp_path))
+    assert "the built-in chest instead" in models[0].notes[-1]
