@@ -77,8 +77,6 @@ def test_fewer_than_asked_says_why_and_leaves_out_other_pieces() -> None:
     ring = [[0.0, 0.0], [3.0, 0.0], [3.0, 2.9], [0.0, 2.9]]
     door = Door(0, 0.1, 0.9, "left", "in", "d")
     small = make_plan(ring, doors=[door], windows=[], ceiling_height_m=2.4, name="small")
-        ring, doors=[Door(0, 0.1, 0.9, "left", "in", "d")], windows=[], ceiling_height_m=2.4, name="small"
-    )
     result = arrange(small, parse_items("bed, wardrobe, desk, desk chair, chest"), "tight", n=20)
     assert 0 < len(result.arrangements) < 20
     assert any("different arrangements were found of 20 asked for: of" in note for note in result.notes)
