@@ -51,8 +51,9 @@ daylit.quantityText = function (value, uncertainty) {
   const known = uncertainty > 0;
   const decimals = known ? 1 - Math.floor(Math.log10(uncertainty)) : value ? 3 - Math.floor(Math.log10(value)) : 0;
   const round = (x) => {
-    const step = Math.pow(10, -Math.min(decimals, 0));
-    return thousands((Math.round(x / step) * step).toFixed(Math.max(decimals, 0)));
+    if (decimals > 0) return thousands(x.toFixed(decimals));
+    const step = Math.pow(10, -decimals);
+    return thousands(String(Math.round(x / step) * step));
   };
   return known ? `${round(value)} ± ${round(uncertainty)}` : round(value);
 };

@@ -1,0 +1,264 @@
+"""The report in a real browser: from disk, without a network, everything moves and every number is the picture's."""
+
+from __future__ import annotations
+
+import io
+import math
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from processing.exr_files import read_exr
+from processing.images import luminance_cd_m2
+from processing.report.encoding import LARGEST_ERROR
+from processing.report.stage import run
+from processing.report.states import map_pixels
+from processing.sphere import Perspective, directions
+from tests.processing.report.made_up import SIZE_PX, context, results
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine"),
+    pytest.mark.timeout(900),
+]
+PATIENCE_MS = 300_000
+"""A ceiling on a wait, for slow machines; nothing is timed."""
+OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+
+
+@dataclass
+class Opened:
+    """The page, and what went wrong in it."""
+
+    page: Any
+    folder: Path
+    complaints: list[str] = field(default_factory=list)
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    folder = tmp_path_factory.mktemp("session")
+    given = context(folder, results(alternatives=1))
+    run(given)
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
+        tab = browser.new_context(viewport={"width": 900, "height": 700}, offline=True, reduced_motion="reduce")
+        found = Opened(tab.new_page(), folder)
+        found.page.set_default_timeout(PATIENCE_MS)
+        listen(found)
+        found.page.goto((given.folder / "index.html").as_uri(), timeout=PATIENCE_MS)
+        found.page.wait_for_selector(".viewer.ready")
+        yield found
+        browser.close()
+
+
+def listen(found: Opened) -> None:
+    page, told = found.page, found.complaints
+    page.on("console", lambda line: told.append(line.text) if line.type == "error" else None)
+    page.on("pageerror", lambda error: told.append(str(error)))
+    page.on("requestfailed", lambda asked: told.append(f"failed: {asked.url[:80]}"))
+    local = ("file:", "data:", "blob:")
+    page.on("request", lambda asked: None if asked.url.startswith(local) else told.append(f"asked: {asked.url[:80]}"))
+
+
+def pixels(opened: Opened, selector: str) -> np.ndarray:
+    """What the screen shows of an element, float (H, W, 3)."""
+    png = opened.page.locator(selector).first.screenshot(timeout=PATIENCE_MS)
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=float)
+
+
+def shown(opened: Opened, wanted: str) -> None:
+    """Wait until the viewer has drawn a state in a mode."""
+    opened.page.wait_for_selector(f'.viewer[data-shown="{wanted}"]')
+
+
+def look(opened: Opened, longitude: float, latitude: float) -> None:
+    opened.page.evaluate(
+        "([yaw, pitch]) => { daylit.viewer.setYaw(yaw, false); daylit.viewer.setPitch(pitch, false); }",
+        [longitude, latitude],
+    )
+
+
+def reading(opened: Opened) -> dict[str, str]:
+    found = opened.page.locator("[data-part=reading]").evaluate("(one) => ({ ...one.dataset })")
+    assert isinstance(found, dict)
+    return found
+
+
+def test_probe_tells_the_pixels_of_the_picture_on_disk(opened: Opened) -> None:
+    """Twenty places under the pointer: the right pixel by our own projection, and its value by the EXR."""
+    image = read_exr(opened.folder / "stages" / "calibrate" / "indoor.exr")
+    luminance = luminance_cd_m2(image.rgb)
+    width, height = SIZE_PX
+    opened.page.locator(".stage").scroll_into_view_if_needed()
+    box = opened.page.locator(".stage canvas").bounding_box()
+    rng = np.random.default_rng(5)
+    for k in range(20):
+        look(opened, float(rng.uniform(-180, 180)), float(rng.uniform(-60, 60)))
+        x, y = (round(float(rng.uniform(0.2, 0.8)) * box[side]) for side in ("width", "height"))
+        opened.page.mouse.move(box["x"] + x - 3, box["y"] + y - 3)
+        opened.page.mouse.move(box["x"] + x, box["y"] + y)
+        view = opened.page.evaluate("() => ['getYaw','getPitch','getHfov'].map((name) => daylit.viewer[name]())")
+        found = reading(opened)
+        longitude, latitude = direction_at(view, (x, y), (box["width"], box["height"]))
+        column = int((longitude / 360 + 0.5) % 1 * width)
+        row = int((0.5 - latitude / 180) * height)
+        apart = abs(int(found["x"]) - column)
+        assert min(apart, width - apart) <= 1, k
+        assert abs(int(found["y"]) - row) <= 1, k
+        exact = float(luminance[int(found["y"]), int(found["x"])])
+        assert float(found["luminance"]) == pytest.approx(exact, rel=LARGEST_ERROR * 1.01), k
+    assert "under the pointer" in opened.page.locator("[data-part=detail]").inner_text()
+
+
+def direction_at(view: list[float], place: tuple[int, int], size: tuple[float, float]) -> tuple[float, float]:
+    """Longitude and latitude, degrees, that a view (yaw, pitch, field) shows at a place, by our own geometry."""
+    yaw, pitch, field_rad = (math.radians(angle) for angle in view)
+    yaw = math.remainder(yaw, math.tau)
+    geometry = Perspective(round(size[0]), round(size[1]), field_rad, yaw_rad=yaw, pitch_rad=pitch)
+    ray = directions(geometry)[0][min(place[1], geometry.height_px - 1), min(place[0], geometry.width_px - 1)]
+    return math.degrees(math.atan2(ray[0], ray[1])), math.degrees(math.asin(ray[2]))
+
+
+def test_probe_says_what_a_value_is_worth(opened: Opened) -> None:
+    """The sun beside the room, clipped; a pixel of which nothing is known."""
+    width, height = SIZE_PX
+    opened.page.mouse.move(1, 1)
+    for (x, y), value, words in (((20, 10), "1.600 × 10^9", "clipped"), ((21, 11), "no value", "too dark")):
+        longitude, latitude = ((x + 0.5) / width - 0.5) * 360, (0.5 - (y + 0.5) / height) * 180
+        told = opened.page.evaluate(
+            """async ([longitude, latitude]) => {
+              const data = JSON.parse(document.querySelector(".viewer-data").textContent);
+              const probe = await daylit.openProbe(data.states[0]);
+              return daylit.readingText(probe.at(longitude, latitude), longitude, latitude, data.unit);
+            }""",
+            [longitude, latitude],
+        )
+        assert value in told["value"]
+        assert words in told["detail"]
+        assert f"pixel {x}, {y}" in told["detail"]
+    assert len(map_pixels(width, 1024)) == width
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "text"),
+    [
+        (164.03, 4.02, "164.0 ± 4.0"),
+        (45213.7, 823.0, "45\u2009210 ± 820"),
+        (0.5, 0.013, "0.500 ± 0.013"),
+        (100.0, None, "100.0"),
+        (1.6e9, 3.2e7, "1.600 × 10^9 ± 2.0 %"),
+    ],
+)
+def test_readings_are_rounded_by_their_uncertainty(
+    opened: Opened, value: float, uncertainty: float | None, text: str
+) -> None:
+    script = "([value, uncertainty]) => daylit.quantityText(value, uncertainty === null ? NaN : uncertainty)"
+    assert opened.page.evaluate(script, [value, uncertainty]) == text
+
+
+def test_exposure_makes_brighter_and_darker(opened: Opened) -> None:
+    look(opened, 0.0, 0.0)
+    opened.page.mouse.move(1, 1)
+    means = []
+    for stops in ("-3", "0", "3"):
+        opened.page.locator("[data-part=exposure]").fill(stops)
+        shown(opened, f"0 {stops}")
+        means.append(pixels(opened, ".stage")[150:300, 300:600].mean())
+    opened.page.locator("[data-part=exposure]").fill("0")
+    shown(opened, "0 0")
+    assert means[0] + 20 < means[1] < means[2] - 20, means
+
+
+def test_false_colours_are_those_of_the_scale(opened: Opened) -> None:
+    """Dark to the left is blue, bright to the right is red; the scale stands beside, with the unit."""
+    opened.page.get_by_text("Luminance", exact=True).first.click()
+    shown(opened, "0 colours")
+    found = []
+    for longitude in (-150.0, 150.0):
+        look(opened, longitude, 0.0)
+        found.append(pixels(opened, ".stage")[200:300, 400:500].reshape(-1, 3).mean(axis=0))
+    dark, bright = found
+    assert dark[2] > dark[0] + 30, dark
+    assert bright[0] > bright[2] + 60, bright
+    assert opened.page.locator(".scale .unit").inner_text() == "cd/m2"
+    assert opened.page.locator(".scale .tick").count() >= 3
+    opened.page.get_by_text("Picture", exact=True).first.click()
+    shown(opened, "0 0")
+
+
+def test_another_state_is_another_picture_with_other_numbers(opened: Opened) -> None:
+    look(opened, 30.0, 0.0)
+    before, told = pixels(opened, ".stage")[150:300, 300:600].reshape(-1, 3).mean(axis=0), reading(opened)
+    opened.page.locator("[data-part=state]").select_option(label="Staged 1")
+    shown(opened, "2 0")
+    after = pixels(opened, ".stage")[150:300, 300:600].reshape(-1, 3).mean(axis=0)
+    assert after[0] - after[2] > before[0] - before[2] + 30, "the staged picture is the reddish one"
+    assert float(reading(opened)["luminance"]) != float(told["luminance"])
+    opened.page.locator("[data-part=state]").select_option(label="Photograph")
+    shown(opened, "0 0")
+
+
+def test_slider_divides_two_states(opened: Opened) -> None:
+    page = opened.page
+    page.get_by_text("Panorama", exact=True).click()
+    page.locator("[data-part=left]").select_option("Emptied")
+    page.locator("[data-part=right]").select_option("Staged 1")
+    reds = []
+    for place in ("5", "95"):
+        page.locator("[data-part=divide]").fill(place)
+        middle = pixels(opened, ".comparison .frame")[100:300, 400:430]
+        reds.append((middle[..., 0] - middle[..., 2]).mean())
+    assert reds[0] > 20 > -20 > reds[1], "the staged picture is reddish, the emptied one bluish"
+    assert page.locator(".at-right").inner_text() == "Staged 1 · virtually staged"
+    slider = page.locator("[data-part=divide]")
+    slider.press("ArrowLeft")
+    assert float(slider.input_value()) < 95, "the keyboard moves it, too"
+    assert "Emptied" in slider.get_attribute("aria-valuetext")
+
+
+def test_model_is_shown(opened: Opened) -> None:
+    opened.page.locator(".models").scroll_into_view_if_needed()
+    opened.page.wait_for_selector(".models.ready")
+    opened.page.wait_for_function("() => document.querySelector('model-viewer').modelIsVisible")
+    opened.page.evaluate("() => document.querySelector('model-viewer').updateComplete")
+    assert opened.page.evaluate("() => document.querySelector('model-viewer').loaded")
+    for _ in range(200):  # it appears when the renderer has got to it
+        if pixels(opened, "model-viewer").std() > 3:
+            return
+        opened.page.wait_for_timeout(250)
+    pytest.fail("nothing stands in the model's view")
+
+
+def test_on_paper_all_states_are_there_and_nothing_moves(opened: Opened) -> None:
+    opened.page.emulate_media(media="print")
+    assert not opened.page.locator(".viewer").is_visible()
+    shots = opened.page.locator(".shot")
+    assert all(shots.nth(k).is_visible() for k in range(shots.count()))
+    opened.page.emulate_media(media="screen")
+
+
+def test_fits_a_phone(opened: Opened) -> None:
+    opened.page.set_viewport_size({"width": 390, "height": 844})
+    assert opened.page.evaluate("() => document.documentElement.scrollWidth") <= 390
+    assert opened.page.locator(".stage").bounding_box()["width"] >= 340
+    opened.page.set_viewport_size({"width": 900, "height": 700})
+
+
+def test_every_picture_has_words_and_every_control_a_name(opened: Opened) -> None:
+    assert opened.page.evaluate("() => [...document.images].every((one) => one.alt.trim())")
+    named = """() => [...document.querySelectorAll("input, select")].filter(
+        (one) => !(one.labels && one.labels.length) && !one.getAttribute("aria-label")).length"""
+    assert opened.page.evaluate(named) == 0
+
+
+def test_nothing_was_asked_of_the_net_and_nothing_failed(opened: Opened) -> None:
+    """Last: of all that was done above."""
+    assert opened.complaints == []
