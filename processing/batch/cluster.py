@@ -62,6 +62,9 @@ def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]
         "distributed.scheduler.work-stealing": False,
         "distributed.admin.tick.limit": "1h",
         "distributed.worker.daemon": True,
+        # A worker that died is begun anew by its nanny; on a busy computer that takes longer than the usual 15 s, after
+        # which the cluster would drop the nanny and never have a worker again.
+        "distributed.deploy.lost-worker-timeout": "1h",
     }
     with dask.config.set(settings):
         if address is not None:

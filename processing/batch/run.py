@@ -14,6 +14,10 @@ from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, WorkerLostError
 from station.session import MANIFEST_NAME
 
+LOOK_S = 10.0
+"""Between looks at whether any worker is left."""
+NO_WORKERS_S = 600.0
+"""Without any worker, after which what is under way is listed as lost: begun anew, they take seconds to a minute."""
 DEPTH = 3
 """Folders below the one that is named, in which sessions are looked for."""
 
@@ -128,7 +132,7 @@ def handed_out(client: Any, tasks: Sequence[Task], do: Callable[[Task], Outcome]
     When a worker dies, the cluster blames all tasks that it had, and a task that kills workers may take others with
     it. Those that are lost are therefore tried again at the end, one by one: then only the guilty are.
     """
-    threads = sum(client.nthreads().values())
+    threads = _threads(client)
     suspects: list[Task] = []
     for task, outcome in _through(client, tasks, do, at_once=max(1, threads)):
         if outcome.code == WorkerLostError.code:
@@ -143,38 +147,62 @@ def _through(
     client: Any, tasks: Sequence[Task], do: Callable[[Task], Outcome], *, at_once: int
 ) -> Iterator[tuple[Task, Outcome]]:
     """Yield each task with its outcome as it comes; only so many are with the cluster at a time."""
-    import distributed
-
     left = iter(tasks)
-    of: dict[str, Task] = {}
-    under_way: Any = distributed.as_completed([])  # type: ignore[no-untyped-call]
+    of: dict[Any, Task] = {}
+    idle_s = 0.0
 
     def submit() -> None:
         task = next(left, None)
         if task is not None:
-            future: Any = client.submit(do, task, pure=False)
-            of[future.key] = task
-            under_way.add(future)
+            of[client.submit(do, task, pure=False)] = task
 
     for _ in range(at_once):
         submit()
-    for future in under_way:
-        task = of.pop(future.key)
-        yield task, _outcome(future, task)
-        future.release()
-        submit()
+    while of:
+        over = _first_over(list(of))
+        idle_s = 0.0 if over or _threads(client) else idle_s + LOOK_S
+        if idle_s >= NO_WORKERS_S:
+            told = f"no worker was there for {NO_WORKERS_S:g} s"
+            yield from ((task, _lost(task, told)) for task in (*of.values(), *left))
+            return
+        for future in over:
+            task = of.pop(future)
+            yield task, _outcome(future, task)
+            future.release()
+            submit()
+
+
+def _first_over(futures: list[Any]) -> list[Any]:
+    """Wait a while for the first of some futures, and return those that are over."""
+    import distributed
+
+    wait: Any = distributed.wait
+    try:
+        return list(wait(futures, timeout=LOOK_S, return_when="FIRST_COMPLETED").done)
+    except TimeoutError:
+        return []
+
+
+def _threads(client: Any) -> int:
+    """Return how many threads the workers have; 0 where not even the scheduler answers."""
+    try:
+        return sum(client.nthreads().values())
+    except Exception:  # noqa: BLE001 (whatever keeps it from answering, there is nobody to work)
+        return 0
+
+
+def _lost(task: Task, told: str) -> Outcome:
+    return Outcome(task.name, "failed", WorkerLostError.code, told[:500])
 
 
 def _outcome(future: Any, task: Task) -> Outcome:
     """Return what a task gave, or what is known where its worker did not live to tell."""
-    name = task.name
     try:
-        found = future.result()
+        found = future.result(timeout=LOOK_S)
     except Exception as error:  # noqa: BLE001 (whatever it is, it is this session's and is listed)
         kind = type(error).__name__
         if kind == "KilledWorker":
-            told = "its workers ended while they had it, again and again; look for a lack of memory"
-            return Outcome(name, "failed", WorkerLostError.code, told)
-        return Outcome(name, "failed", WorkerLostError.code, f"its worker failed: {kind}: {error}"[:500])
+            return _lost(task, "its workers ended while they had it, again and again; look for a lack of memory")
+        return _lost(task, f"its worker failed: {kind}: {error}")
     assert isinstance(found, Outcome)
     return found

@@ -1,0 +1,66 @@
+"""The paper's 137 sessions as small simulated ones: its names, times, headings and filters, in a room that costs little.
+
+The room is the built-in one (analytic light), another for each row, not the generated ones: baking 137 of those would
+take hours and the batch cannot tell. Pictures are a sixteenth of full size each way.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+from benchmarks._sessions import Taken, write_session
+from benchmarks.seeds import seeds
+from mocks.simple_room import SimpleRoom
+from station.session import Site, folder_name
+
+ZONE = "America/New_York"
+PLACE = Site(name="Pittsburgh", latitude_deg=40.44, longitude_deg=-79.99)
+SESSIONS = 137
+DIVISOR = 16
+
+
+def rows(conditions: Path | None) -> list[dict[str, str]]:
+    """Return the conditions' rows; made-up ones where the table is not there."""
+    if conditions is not None and conditions.is_file():
+        with conditions.open(encoding="utf-8-sig", newline="") as file:
+            return list(csv.DictReader(file))[:SESSIONS]
+    return [
+        {
+            "date": f"2023{1 + k % 12:02d}{1 + k % 28:02d}",
+            "scene_name": f"room-{k}",
+            "theta_time": f"{9 + k % 8}:{k % 60:02d}",
+            "orientation": f"{37 * k % 360}°",
+            "nd_filter": "YES",
+        }
+        for k in range(SESSIONS)
+    ]
+
+
+def make_sessions(folder: Path, count: int, conditions: Path | None, seed: int) -> list[Path]:
+    """Write the first ``count`` sessions that are not there yet, and return the folders of all."""
+    made = []
+    for index, (row, room) in enumerate(zip(rows(conditions)[:count], seeds("test", count, seed), strict=True), 1):
+        local = datetime.strptime(f"{row['date']} {row['theta_time']}", "%Y%m%d %H:%M").replace(tzinfo=ZoneInfo(ZONE))
+        name = f"{folder_name(local.astimezone(UTC), row['scene_name'])}-{index}"
+        path = folder / name
+        made.append(path)
+        if (path / "session.json").exists():
+            continue
+        heading = re.match(r"\d+", row["orientation"])
+        taken = Taken(
+            SimpleRoom(seed=room),
+            divisor=DIVISOR,
+            nd=row["nd_filter"].strip().upper() == "YES",
+            seed=index,
+            begun=local.astimezone(UTC),
+            place=PLACE,
+            heading_rad=math.radians(float(heading[0])) if heading else None,
+        )
+        path.mkdir(parents=True, exist_ok=True)
+        write_session(path, taken)
+    return made
