@@ -3,7 +3,8 @@
 Rooms: the shared floor plans (even-numbered ones served for tuning: `placed_all_pct` is of the odd ones) and generated
 ones with slanted walls, bays, columns and 24 corners. Items: the built-in sets of eight, `living` where the label says
 so, else `bedroom`; rule set `tight` (paths of 0.6 m), and rooms >= 12 m2 by `standard` too. Every arrangement is judged
-anew by `verify` and by a 1 cm raster. Rooms >= 12 m2 that are not fully furnished go to an oracle (CP-SAT).
+anew by `verify` and by a 1 cm raster. For rooms >= 12 m2 that are not fully furnished, a full run tries every place of
+what was left out and asks an oracle (CP-SAT) whether any arrangement holds everything (`_layout_reasons.py`).
 Times are of one thread after warm-up (the search uses one): CPU time, which a busy machine changes less, and wall time.
 SceneEval's figures: out of bounds, collision, opening clearance (a door keeps one leaf's depth, at most 0.9 m, and its
 own width, in rooms whose doors have no known hand; a window 0.5 m against what is taller than its sill), navigability
@@ -21,6 +22,7 @@ import numpy as np
 
 from benchmarks._arrange_rooms import KINDS, generated, plan_of, shared_rooms, use_of
 from benchmarks._arrange_rows import MIN_AREA_M2, rows_of
+from benchmarks._layout_reasons import add_answers
 from processing.layout.arrange import arrange
 from processing.layout.item_list import set_items
 from processing.layout.plan import FloorPlan
@@ -38,6 +40,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         for n in (1, 7):
             arrange(plan, set_items(use), "tight", n=n)
     rows = list(rows_of(rooms, seed, keep=not quick))
+    if not quick:
+        add_answers(rooms, rows, seed)
     large = [row for row in rows if row["area_m2"] >= MIN_AREA_M2]
     return {"metrics": _metrics(rows, large), "rivals": _rivals(rows, large), "units": UNITS, "notes": _notes(large)}
 
@@ -74,6 +78,8 @@ def _metrics(rows: Sequence[Row], large: Sequence[Row]) -> dict[str, float]:
         "placed_all_generated_pct": _placed_pct(large, 2),
         "rooms_12m2": len(large),
         "named_reason_pct": _pct([bool(row["reasons"]) for row in unplaced]),
+        "reasons_confirmed": sum(bool(row.get("confirmed")) for row in unplaced),
+        "rooms_not_all_placed": len(unplaced),
         "oracle_none_exists": answers["proved"] + answers["by custom"],
         "oracle_found_one": answers["found"],
         "oracle_open": answers["open"] + answers["not rectilinear"],
@@ -123,9 +129,9 @@ def _notes(large: Sequence[Row]) -> list[str]:
     for row in large:
         if row.get("reasons"):
             answer = row["oracle"]["answer"] if row.get("oracle") else "not asked"
-            notes.append(
-                f"{row['room']} ({row['area_m2']} m2, {row['use']}), oracle: {answer}; {'; '.join(row['reasons'])}"
-            )
+            sure = "confirmed" if row.get("confirmed") else "not confirmed" if row.get("oracle") else "not looked at"
+            room = f"{row['room']} ({row['area_m2']} m2, {row['use']})"
+            notes.append(f"{room}, oracle: {answer}; {sure}: {'; '.join(row['reasons'])}")
     return notes
 
 
