@@ -16,24 +16,21 @@ from processing.rendering.stage import Stage
 
 RAYS = 8
 """In each pixel of an edge."""
-FAR_APART, TURNED = 0.04, 0.9
-"""Relative difference of distance, and cosine between normals, from which two pixels of one part are an edge."""
+STEP_M, TURNED = 0.01, 0.9
+"""Height of a step, and cosine between normals, from which two pixels of one part are an edge."""
 
 
 def edge_pixels(sight: Sight) -> np.ndarray:
     """Return which pixels (h, w) of a band lie at an edge of furniture; columns wrap, rows do not."""
     label = sight.label.reshape(sight.shape)
-    far = np.where(np.isfinite(sight.distance_m), sight.distance_m, 1e3).reshape(sight.shape)
-    normal = sight.normal.reshape(*sight.shape, 3)
+    normal, point = (each.reshape(*sight.shape, 3) for each in (sight.normal, sight.point))
     edge = np.zeros(sight.shape, bool)
     for axis in (0, 1):
         other = np.roll(label, 1, axis)
-        apart = label != other
         furniture = (label >= FIRST_PART) | (other >= FIRST_PART)
-        near = np.minimum(far, np.roll(far, 1, axis))
         bent = (normal * np.roll(normal, 1, axis)).sum(axis=-1) < TURNED
-        apart |= bent | (np.abs(far - np.roll(far, 1, axis)) > FAR_APART * near)
-        apart &= furniture
+        step = np.abs(((point - np.roll(point, 1, axis)) * normal).sum(axis=-1)) > STEP_M
+        apart = furniture & ((label != other) | bent | step)
         if axis == 0:
             apart[0] = False
         edge |= apart | np.roll(apart, -1, axis)

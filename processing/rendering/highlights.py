@@ -170,60 +170,52 @@ def _sun_glint(
 
 
 @compiled
+def _facet(x, y, z, u, w):  # type: ignore[no-untyped-def]
+    """Return a place (3) on the half sphere that a direction (x, y, z) sees, even over what it sees of it."""
+    flat = (x * x + y * y) ** 0.5
+    px, py = (-y / flat, x / flat) if flat > 1e-6 else (1.0, 0.0)
+    qx, qy, qz = -z * py, z * px, x * py - y * px
+    radius, angle = u**0.5, 6.283185307179586 * w
+    first, second = radius * np.cos(angle), radius * np.sin(angle)
+    mix = 0.5 * (1.0 + z)
+    second = (1.0 - mix) * max(1.0 - first * first, 0.0) ** 0.5 + mix * second
+    third = max(1.0 - first * first - second * second, 0.0) ** 0.5
+    return first * px + second * qx + third * x, first * py + second * qy + third * y, second * qz + third * z
+
+
+@compiled
 def facet_rays(rays, normals, shifts, samples, width, out, weight):  # type: ignore[no-untyped-def]
     """Fill mirrored directions (n, samples, 3) of eye rays (n, 3), and their weights (n, samples, 2).
 
     A ray's light counts (weight 0) x reflectance head on + (weight 1) x (1 - that). Facets are drawn by what of them
     the eye sees: Heitz (2018), "Sampling the GGX distribution of visible normals". Rays into the surface weigh 0.
     """
+    frame = np.empty((3, 3))
     for i in range(rays.shape[0]):
-        n0, n1, n2 = normals[i, 0], normals[i, 1], normals[i, 2]
-        sign = 1.0 if n2 >= 0 else -1.0
-        a = -1.0 / (sign + n2)
-        b = n0 * n1 * a
-        tx0, tx1, tx2 = 1.0 + sign * n0 * n0 * a, sign * b, -sign * n0
-        ty0, ty1, ty2 = b, sign + n1 * n1 * a, -n1
-        v0, v1, v2 = -rays[i, 0], -rays[i, 1], -rays[i, 2]
-        vx = v0 * tx0 + v1 * tx1 + v2 * tx2
-        vy = v0 * ty0 + v1 * ty1 + v2 * ty2
-        vz = max(v0 * n0 + v1 * n1 + v2 * n2, 1e-3)
-        hx, hy, hz = width * vx, width * vy, vz
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+        sign = 1.0 if z >= 0 else -1.0
+        a = -1.0 / (sign + z)
+        frame[0, 0], frame[0, 1], frame[0, 2] = 1.0 + sign * x * x * a, sign * x * y * a, -sign * x
+        frame[1, 0], frame[1, 1], frame[1, 2] = x * y * a, sign + y * y * a, -y
+        frame[2, 0], frame[2, 1], frame[2, 2] = x, y, z
+        view = np.empty(3)
+        for c in range(3):
+            view[c] = -(rays[i, 0] * frame[c, 0] + rays[i, 1] * frame[c, 1] + rays[i, 2] * frame[c, 2])
+        view[2] = max(view[2], 1e-3)
+        hx, hy, hz = width * view[0], width * view[1], view[2]
         length = (hx * hx + hy * hy + hz * hz) ** 0.5
-        hx, hy, hz = hx / length, hy / length, hz / length
-        flat = hx * hx + hy * hy
-        if flat > 1e-12:
-            root = flat**0.5
-            px, py, pz = -hy / root, hx / root, 0.0
-        else:
-            px, py, pz = 1.0, 0.0, 0.0
-        qx, qy, qz = hy * pz - hz * py, hz * px - hx * pz, hx * py - hy * px
         for s in range(samples):
             u = (shifts[i, 0] + (s + 1) * FIRST) % 1.0
             w = (shifts[i, 1] + (s + 1) * SECOND) % 1.0
-            radius, angle = u**0.5, 6.283185307179586 * w
-            t1 = radius * np.cos(angle)
-            t2 = radius * np.sin(angle)
-            mix = 0.5 * (1.0 + hz)
-            t2 = (1.0 - mix) * max(1.0 - t1 * t1, 0.0) ** 0.5 + mix * t2
-            t3 = max(1.0 - t1 * t1 - t2 * t2, 0.0) ** 0.5
-            mx = width * (t1 * px + t2 * qx + t3 * hx)
-            my = width * (t1 * py + t2 * qy + t3 * hy)
-            mz = max(t1 * pz + t2 * qz + t3 * hz, 1e-6)
-            length = (mx * mx + my * my + mz * mz) ** 0.5
-            mx, my, mz = mx / length, my / length, mz / length
-            vm = vx * mx + vy * my + vz * mz
-            lx, ly, lz = 2 * vm * mx - vx, 2 * vm * my - vy, 2 * vm * mz - vz
+            mx, my, mz = _facet(hx / length, hy / length, hz / length, u, w)
+            mx, my, mz = width * mx, width * my, max(mz, 1e-6)
+            size = (mx * mx + my * my + mz * mz) ** 0.5
+            mx, my, mz = mx / size, my / size, mz / size
+            along = view[0] * mx + view[1] * my + view[2] * mz
+            lx, ly, lz = 2 * along * mx - view[0], 2 * along * my - view[1], 2 * along * mz - view[2]
             for c in range(3):
-                tx = tx0 if c == 0 else (tx1 if c == 1 else tx2)
-                ty = ty0 if c == 0 else (ty1 if c == 1 else ty2)
-                n = n0 if c == 0 else (n1 if c == 1 else n2)
-                out[i, s, c] = lx * tx + ly * ty + lz * n
-            if lz <= 1e-4:
-                weight[i, s, 0] = weight[i, s, 1] = 0.0
-                continue
-            squared = width * width * (lx * lx + ly * ly) / (lz * lz)
-            seen = 2.0 / (1.0 + (1.0 + squared) ** 0.5)
-            rim = max(1.0 - vm, 0.0) ** 5
-            # Schlick: F = F0 + (1 - F0) rim.
+                out[i, s, c] = lx * frame[0, c] + ly * frame[1, c] + lz * frame[2, c]
+            spread = width * width * (lx * lx + ly * ly) / max(lz * lz, 1e-12)
+            seen = 2.0 / (1.0 + (1.0 + spread) ** 0.5) if lz > 1e-4 else 0.0
             weight[i, s, 0] = seen
-            weight[i, s, 1] = seen * rim
+            weight[i, s, 1] = seen * max(1.0 - along, 0.0) ** 5  # Schlick: F = F0 + (1 - F0) (1 - cos)^5

@@ -44,8 +44,8 @@ def write_scene(path: Path, scene: Scene) -> None:
 def read_scene(path: Path) -> Scene:
     """Read a scene; raise `SceneError` (or `MaterialError`) for what is none, naming the file."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            _check_size(path)
+        _check_size(path)
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         header = json.loads(arrays["scene"].tobytes().decode("utf-8"))
         if header["version"] != VERSION:
