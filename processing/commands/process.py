@@ -118,7 +118,12 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
     from processing.running.runner import process as run
 
     request = run_request(asked)
-    session = _session(session, asked["panorama"], asked["into"])
+    if request.dry_run and asked["panorama"] is not None and session is None:
+        session = _would_make(asked["panorama"], asked["into"] or Path("sessions"), as_json=as_json)
+        if session is None:
+            return 0
+    else:
+        session = _session(session, asked["panorama"], asked["into"])
     with SilentView() if as_json else plain_or_terminal(sys.stdout.isatty()) as view:
         report = run(session, request, on_event=view.show)
     if as_json:
@@ -130,6 +135,22 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
     if page.is_file() and not request.dry_run:
         click.echo(f"report: {page}")
     return 0
+
+
+def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:
+    """Return the session that is there of a panorama; else check the picture, say what would be made, return None."""
+    from processing.picture_panorama import read_panorama
+    from processing.running.panorama_session import existing_session
+
+    found = existing_session(panorama, into)
+    if found is not None:
+        return found
+    units = read_panorama(panorama).image.unit
+    if as_json:
+        click.echo(json.dumps({"ok": True, "dry_run": True, "session": None, "units": units, "stages": []}))
+    else:
+        click.echo(f"would make a session of {panorama.name} in {into}, in {units}, and run every stage on it")
+    return None
 
 
 def _session(session: Path | None, panorama: Path | None, into: Path | None) -> Path:

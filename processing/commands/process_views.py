@@ -89,7 +89,7 @@ def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> I
     done = [stage for stage in report.stages if stage.cost]
     cost = report.cost
     if not done:
-        yield f"nothing was done; {cost.seconds:.1f} s"
+        yield "nothing was run: --dry-run" if request.dry_run else f"nothing was done; {cost.seconds:.1f} s"
     else:
         spent = f"{cost.seconds:.1f} s ({cost.cpu_seconds:.1f} CPU s), peak memory {cost.peak_bytes / 1e9:.2f} GB"
         yield f"{len(done)} of {len(report.stages)} stages done in {spent}"

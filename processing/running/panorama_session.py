@@ -32,12 +32,10 @@ def panorama_session(
 
     Raises `PictureFileError` and `PanoramaError` for what cannot be taken; nothing is then made.
     """
-    data = _bytes(path)
-    digest = hashlib.sha256(data).hexdigest()
-    name = path.stem[:100] or "panorama"
-    found = _existing(into, name, digest, site or Site(), heading_rad)
+    found = existing_session(path, into, site=site, heading_rad=heading_rad)
     if found is not None:
         return found
+    data = _bytes(path)
     given = read_panorama(path)
     height, width = given.image.rgb.shape[:2]
     kind = panorama_format(path)
@@ -45,7 +43,7 @@ def panorama_session(
         file=f"{PANORAMA_FOLDER}/panorama.{ENDINGS[kind]}",
         format=kind,
         size_bytes=len(data),
-        sha256=digest,
+        sha256=hashlib.sha256(data).hexdigest(),
         width_px=width,
         height_px=height,
         given_name=path.name[:200],
@@ -53,7 +51,7 @@ def panorama_session(
     clock = clock or SystemClock()
     manifest = SessionManifest(
         session_id=uuid4().hex,
-        name=name,
+        name=_name(path),
         created_utc=clock.utc_now(),
         site=site or Site(),
         heading_rad=heading_rad,
@@ -79,17 +77,24 @@ def _bytes(path: Path) -> bytes:
     return data
 
 
-def _existing(into: Path, name: str, digest: str, site: Site, heading_rad: float | None) -> Path | None:
-    """Return a session of the same bytes whose file is still there, so that a second run does only what is new."""
+def _name(path: Path) -> str:
+    return path.stem[:100] or "panorama"
+
+
+def existing_session(
+    path: Path, into: Path, *, site: Site | None = None, heading_rad: float | None = None
+) -> Path | None:
+    """Return a session of the same bytes and facts, so that a second run does only what is new; None: there is none."""
     if not into.is_dir():
         return None
+    digest = hashlib.sha256(_bytes(path)).hexdigest()
     for folder in sorted(into.iterdir()):
         try:
             manifest = load_manifest(folder)
         except DaylitError:
             continue
-        same = manifest.panorama is not None and manifest.panorama.sha256 == digest and manifest.name == name
-        if same and (manifest.site, manifest.heading_rad) == (site, heading_rad):
+        same = manifest.panorama is not None and manifest.panorama.sha256 == digest and manifest.name == _name(path)
+        if same and (manifest.site, manifest.heading_rad) == (site or Site(), heading_rad):
             return folder
     return None
 

@@ -73,6 +73,13 @@ def _opened(session: Path, *, write: bool) -> Iterator[Folder]:
         root.close()
 
 
+def _listed(names: list[str]) -> str:
+    """Return names as people list them; of many, the first ones."""
+    if len(names) > 3:
+        return f"{', '.join(names[:2])} and {len(names) - 2} others"
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
 class PipelineRun:
     """One run over one session; `steps` yields a report a stage."""
 
@@ -122,7 +129,7 @@ class PipelineRun:
         upstream = [name for name in stage.needs if name in self._unknown]
         if upstream:
             self._unknown.add(stage.name)
-            return StageReport(stage.name, Action.DEPENDS, f"on what {' and '.join(upstream)} will give")
+            return StageReport(stage.name, Action.DEPENDS, f"on what {_listed(upstream)} will give")
         decision = self._decide(stage)
         if decision.result is None:
             self._unknown.add(stage.name)

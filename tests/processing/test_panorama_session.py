@@ -107,3 +107,21 @@ def test_the_command_takes_a_session_or_a_panorama(
     assert "nothing to do" in capsys.readouterr().out
     assert daylit.main(arguments) == 0
     assert "nothing was done" in capsys.readouterr().out
+
+
+def test_a_dry_run_makes_no_session_and_finds_the_one_there_is(
+    photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    into = tmp_path / "sessions"
+    arguments = ["process", "--panorama", str(photo), "--into", str(into), "--dry-run"]
+    assert daylit.main(arguments) == 0
+    assert "would make a session of bedroom.png" in capsys.readouterr().out
+    assert daylit.main([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["units"] == "relative units"
+    assert not into.exists()
+    panorama_session(photo, into)
+    assert daylit.main(arguments) == 0
+    told = capsys.readouterr().out
+    assert "would run" in told
+    assert " others will give" in told
+    assert told.splitlines()[-1] == "nothing was run: --dry-run"
