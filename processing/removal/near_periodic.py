@@ -51,7 +51,7 @@ class Repeat(StrEnum):
 
 
 MANNERS = {
-    Repeat.LATTICE: (0.35, 0.6, 2.0, True),
+    Repeat.LATTICE: (0.35, 0.45, 2.0, True),
     Repeat.LINE: (1.8, 1.0, 8.0, False),
     Repeat.NONE: (1.0, 1.0, 16.0, False),
 }

@@ -7,6 +7,7 @@ takes the weights to the full one.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -22,6 +23,11 @@ ROUNDS = 4
 COARSE_PENALTY = 1.0
 RIM_SCALES = 6
 UNSEEN_COST = 0.5
+USUAL_PX = 40_000
+USUAL_SHARE = 1.5
+"""Of a box's pixels that a copy's usual difference counts for."""
+LEAST_COMPARED = 50
+"""Known pixels from which a copy has a usual difference."""
 TIDY = 0.4
 PRUNE = 0.002
 """Share of the hole that a copy must serve after the first round to stay."""
@@ -97,17 +103,18 @@ def solve_weights(
     copies, offered, offsets = [copies[n] for n in useful], [offered[n] for n in useful], offsets[useful]
     any_copy = np.any(offered, axis=0)
     penalty = _penalties(density, known, offsets, window)
+    usual = _usual_costs(tone, known, offsets) if guesses else np.zeros(len(offsets), np.float32)
     guess = _first_guess(tone[window], here, copies, offered)
     rounds = ROUNDS if guesses else 1
     for turn in range(rounds):
         if guesses:
             size = max(3, round(box_px * (1.6 - 0.6 * turn / (ROUNDS - 1)))) | 1
-            cost = _costs(guess, here, lack, copies, offered, size)
+            cost = _costs(guess, here, lack, copies, offered, size, usual)
         else:
             cost = _rim_costs(guess, here, copies, offered, box_px)
         if penalty is not None:
             cost *= penalty
-        share, least = _shares(cost, 1.0 if turn < rounds - 1 else 0.6)
+        share, least = _shares(cost)
         soft = _mean(copies, share)
         guess = np.where((lack & any_copy)[..., None], soft, guess).astype(np.float32)
         if turn == 0 and rounds > 1 and len(copies) > 8:
@@ -116,7 +123,7 @@ def solve_weights(
             lost = any_copy & ~np.any([offered[n] for n in keep], axis=0) & lack
             if not lost.any():
                 copies, offered, offsets = [copies[n] for n in keep], [offered[n] for n in keep], offsets[keep]
-                penalty = None if penalty is None else penalty[keep]
+                penalty, usual = None if penalty is None else penalty[keep], usual[keep]
     best = np.argmin(cost, axis=0)
     if not guesses:
         best = _tidied(best, offered, box_px)
@@ -145,8 +152,34 @@ def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list
     return np.asarray(guess, np.float32)
 
 
-def _costs(guess: Floats, known: Flags, hole: Flags, copies: list[Floats], offered: list[Flags], size: int) -> Floats:
-    """Return (n, h, w): the mean squared difference between each copy and the guess in a box; inf where not offered."""
+def _usual_costs(tone: Floats, known: Flags, offsets: Doubles) -> Floats:
+    """Return (n,): each shift's mean squared difference over all pixels that are known here and there.
+
+    Rows of panes or tiles may differ more than the panes of one row: copies from along the row are then the better
+    ones in the middle of a hole too, where nothing known is near enough to tell.
+    """
+    step = max(1, round(math.sqrt(known.size / USUAL_PX)))
+    small, seen = np.ascontiguousarray(tone[::step, ::step]), np.ascontiguousarray(known[::step, ::step])
+    whole = (slice(0, seen.shape[0]), slice(0, seen.shape[1]))
+    found = np.full(len(offsets), np.nan, np.float32)
+    for index, offset in enumerate(offsets):
+        copy, some = shifted(small, seen, offset / step, whole, cubic=False)
+        both = seen & some
+        if both.sum() >= LEAST_COMPARED:
+            off = copy[both] - small[both]
+            found[index] = np.einsum("nc,nc->n", off, off).mean()
+    worst = float(np.nanmax(found)) if np.isfinite(found).any() else 0.0
+    return np.where(np.isfinite(found), found, np.float32(worst)).astype(np.float32)
+
+
+def _costs(
+    guess: Floats, known: Flags, hole: Flags, copies: list[Floats], offered: list[Flags], size: int, usual: Floats
+) -> Floats:
+    """Return (n, h, w): the mean squared difference between each copy and the guess in a box; inf where not offered.
+
+    What it ``usual``ly is (n,) counts as so many pixels more.
+    """
+    prior = np.float32(USUAL_SHARE * size**2)
     trust = np.where(known, 1.0, np.where(hole, GUESS_WEIGHT, 0.0)).astype(np.float32)
     cost = np.empty((len(copies), *known.shape), np.float32)
     for index, (copy, some) in enumerate(zip(copies, offered, strict=True)):
@@ -155,7 +188,7 @@ def _costs(guess: Floats, known: Flags, hole: Flags, copies: list[Floats], offer
         error = np.einsum("hwc,hwc->hw", off, off) * weight
         total = cv2.boxFilter(error, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
         count = cv2.boxFilter(weight, -1, (size, size), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        cost[index] = np.where(some, total / np.maximum(count, 1e-6), np.inf)
+        cost[index] = np.where(some, (total + prior * usual[index]) / np.maximum(count + prior, 1e-6), np.inf)
     return cost
 
 
@@ -178,11 +211,11 @@ def _rim_costs(tone: Floats, known: Flags, copies: list[Floats], offered: list[F
     return cost
 
 
-def _shares(cost: Floats, temperature: float) -> tuple[Floats, Floats]:
+def _shares(cost: Floats) -> tuple[Floats, Floats]:
     """Return each copy's share by how far its cost lies above the least one, and the least cost."""
     least = cost.min(axis=0)
     least = np.where(np.isfinite(least), least, np.float32(1e6))
-    scale = temperature * np.maximum(least, 1e-5) + 1e-6
+    scale = np.maximum(least, 1e-5) + 1e-6
     share = np.exp(-np.minimum((np.minimum(cost, np.float32(2e6)) - least) / scale, 60))
     share[~np.isfinite(cost)] = 0
     return np.asarray(share / np.maximum(share.sum(axis=0), 1e-12), np.float32), np.asarray(least, np.float32)
