@@ -16,12 +16,14 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks._arrange_rooms import KINDS, generated, plan_of, shared_rooms, use_of
 from benchmarks._arrange_rows import MIN_AREA_M2, rows_of
+from benchmarks._layout_plot import time_plot
 from benchmarks._layout_reasons import add_answers
 from processing.layout.arrange import arrange
 from processing.layout.item_list import set_items
@@ -43,6 +45,8 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     if not quick:
         add_answers(rooms, rows, seed)
     large = [row for row in rows if row["area_m2"] >= MIN_AREA_M2]
+    if not quick:
+        time_plot(large, Path("arrange-time.png"))
     return {"metrics": _metrics(rows, large), "rivals": _rivals(rows, large), "units": UNITS, "notes": _notes(large)}
 
 
