@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
@@ -103,12 +103,23 @@ def _stage_lines(stage: StageReport, *, explain: bool) -> Iterator[str]:
     if explain:
         for change in stage.changes:
             yield f"{'':10}   {change_line(change)}"
-    for name, why in stage.summary.get("left_out", {}).items():
-        yield f"{'':10} left out: {name}: {why}"
+    for why, names in _by_reason(stage.summary.get("left_out", {})).items():
+        yield f"{'':10} left out: {', '.join(names)}: {why}"
     for name, what in stage.summary.get("honoured", {}).items():
         yield f"{'':10} {name.replace('_', ' ')}: {what}"
     for warning in stage.summary.get("warnings", ()):
         yield f"{'':10} warning: {warning['message']} ({warning['code']})"
+
+
+def _by_reason(left_out: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return what was left out by the reason; alternatives that nobody asked for are no news."""
+    from processing.stages.arrange_parameters import NO_SUCH
+
+    found: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        if why != NO_SUCH:
+            found.setdefault(why, []).append(name)
+    return found
 
 
 def _left(seconds: float | None) -> str:

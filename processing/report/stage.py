@@ -17,6 +17,7 @@ from processing.report.room_sections import floor_area_m2, room_section
 from processing.report.room_states import MOST_STAGED
 from processing.report.staging import staging_sections
 from processing.room.model import RoomModel
+from processing.stages.arrange_parameters import NO_SUCH
 from processing.stages.contract import StageContext, StageOutput
 from station.session import SessionManifest, Side
 
@@ -121,7 +122,7 @@ def _shape(context: StageContext) -> tuple[Quantity, ...]:
 def _stage_line(name: str, summary: Mapping[str, Any]) -> StageLine:
     if reason := summary.get("skipped"):
         return StageLine(name, "skipped", str(reason))
-    left_out = [f"left out {what}: {why}" for what, why in summary["left_out"].items()]
+    left_out = [f"left out {what}: {why}" for what, why in summary["left_out"].items() if why != NO_SUCH]
     honoured = [f"{what}: {how}" for what, how in summary["honoured"].items()]
     return StageLine(name, "ran", "; ".join([*honoured, *left_out]))
 

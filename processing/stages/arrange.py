@@ -19,7 +19,7 @@ from processing.layout.plan_room import from_room_model
 from processing.layout.rules import built_in_rules
 from processing.room.model import RoomModel
 from processing.stages.arrange_choice import Choice, fitting_choice, named_choice, with_door
-from processing.stages.arrange_parameters import MOST_STAGED, ArrangeParameters
+from processing.stages.arrange_parameters import MOST_STAGED, NO_SUCH, ArrangeParameters
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 
 
@@ -121,5 +121,5 @@ def _output(found: Arrangements, choice: Choice, drawn: set[str], assumed: str) 
         artifacts={"arrangement": found.model_dump(mode="json")} | dict.fromkeys(sorted(drawn), True),
         metrics=metrics,
         warnings=tuple(StageWarning(code="arrange", message=text[:500]) for text in texts),
-        left_out=dict.fromkeys(sorted(every - drawn), "no such alternative"),
+        left_out=dict.fromkeys(sorted(every - drawn), NO_SUCH),
     )

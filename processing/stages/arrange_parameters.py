@@ -11,6 +11,9 @@ from processing.stages.contract import StageParameters
 MOST_STAGED = 7
 """Alternatives: as many as the paper shows."""
 
+NO_SUCH = "no such alternative"
+"""Why an artifact of an alternative that nobody asked for is left out."""
+
 
 class ArrangeParameters(StageParameters):
     """What is to stand in the room."""

@@ -21,7 +21,7 @@ from processing.rendering.render import render
 from processing.rendering.scene import Floats, Part, Vector
 from processing.rendering.scene_file import read_scene
 from processing.sphere import Equirectangular
-from processing.stages.arrange_parameters import MOST_STAGED
+from processing.stages.arrange_parameters import MOST_STAGED, NO_SUCH
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
 from processing.stages.materials import EmptyRoom, emptied, room_model
@@ -82,7 +82,7 @@ def run(context: StageContext) -> StageOutput:
         artifacts={"staged": staged} | {name: True for one in made for name in (one, f"{one}-model")},
         metrics={"method": work.asked.method, "alternatives": told},
         warnings=(*warnings, *_warnings(context, told)),
-        left_out=dict.fromkeys([name for one in missing for name in (one, f"{one}-model")], "no such alternative"),
+        left_out=dict.fromkeys([name for one in missing for name in (one, f"{one}-model")], NO_SUCH),
         honoured=_honoured(context, work, told),
     )
 
