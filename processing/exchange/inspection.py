@@ -1,0 +1,125 @@
+"""What a picture says: as a whole, and at a place of the sphere with what lies around it."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.exchange.opening import OpenPicture
+from processing.images import Floats, Validity, luminance_cd_m2
+from processing.sphere import Equirectangular, Fisheye, directions, pixels, solid_angles
+
+Facts = dict[str, Any]
+WORDS = {code.value: code.name.lower() for code in Validity}
+
+
+def picture_facts(picture: OpenPicture) -> Facts:
+    """Return size, geometry, unit, metadata and the range of a picture's luminance, as plain values."""
+    height, width = picture.rgb.shape[:2]
+    level = _level(picture)
+    chosen = np.ones(level.shape, bool) if picture.validity is None else picture.validity != Validity.OUTSIDE
+    facts: Facts = {
+        "kind": picture.kind,
+        "unit": picture.unit,
+        "width_px": width,
+        "height_px": height,
+        "geometry": _named(picture),
+        "scale_uncertainty": picture.scale_uncertainty,
+        "range": _range(level[chosen]),
+        "attributes": dict(picture.attributes),
+    }
+    if picture.validity is not None:
+        count = np.bincount(picture.validity.ravel(), minlength=max(WORDS) + 1) / picture.validity.size
+        facts["pixels"] = {name: float(count[code]) for code, name in WORDS.items()}
+    return facts
+
+
+def place_facts(picture: OpenPicture, lon_deg: float, lat_deg: float, radius_deg: float = 1.0) -> Facts:
+    """Return the pixel at a direction, and statistics of what lies within a radius of it, by solid angle.
+
+    Longitude 0 is the panorama's centre, to the right positive; latitude up. The uncertainty is the pixel's own and
+    the scale's together, relative. Raises `ParameterError` for a picture whose projection is not known, and for a
+    direction that it does not show.
+    """
+    if picture.geometry is None:
+        raise ParameterError(
+            "the picture does not say how it shows the sphere", advice="a panorama is twice as wide as high"
+        )
+    if not (-180 <= lon_deg <= 360 and -90 <= lat_deg <= 90 and 0 < radius_deg <= 90):
+        raise ParameterError("longitude -180 to 360, latitude -90 to 90, radius up to 90 degrees")
+    ray = _direction(math.radians(lon_deg), math.radians(lat_deg))
+    x, y, seen = pixels(picture.geometry, ray)
+    if not bool(seen):
+        raise ParameterError(f"the picture does not show longitude {lon_deg:g}, latitude {lat_deg:g}")
+    height, width = picture.rgb.shape[:2]
+    column, row = min(int(x), width - 1), min(int(y), height - 1)
+    level = _level(picture)
+    facts: Facts = {
+        "longitude_deg": lon_deg,
+        "latitude_deg": lat_deg,
+        "column": column,
+        "row": row,
+        "rgb": [float(v) for v in picture.rgb[row, column]],
+        "value": float(level[row, column]),
+        "unit": picture.unit,
+    }
+    if picture.uncertainty is not None and picture.validity is not None:
+        own = float(picture.uncertainty[row, column])
+        total = math.hypot(own, picture.scale_uncertainty or 0.0)
+        facts["relative_uncertainty"] = total if math.isfinite(total) else None
+        facts["pixel"] = WORDS.get(int(picture.validity[row, column]), "unknown")
+    facts["around"] = _around(picture, level, ray, radius_deg)
+    return facts
+
+
+def _around(picture: OpenPicture, level: Floats, ray: npt.NDArray[np.float64], radius_deg: float) -> Facts | None:
+    """Return statistics within the radius; None where not a single pixel's middle lies in it."""
+    assert picture.geometry is not None
+    rays, seen = directions(picture.geometry)
+    near = seen & (rays @ ray >= math.cos(math.radians(radius_deg)))
+    if picture.validity is not None:
+        near &= picture.validity != Validity.OUTSIDE
+    if not near.any():
+        return None
+    values, weights = level[near].astype(np.float64), solid_angles(picture.geometry)[near]
+    weights = weights if weights.sum() > 0 else np.ones_like(weights)
+    mean = float(np.average(values, weights=weights))
+    spread = math.sqrt(float(np.average((values - mean) ** 2, weights=weights)))
+    found = {"radius_deg": radius_deg, "pixels": int(near.sum()), "mean": mean, "standard_deviation": spread}
+    return found | {"lowest": float(values.min()), "highest": float(values.max())}
+
+
+def _level(picture: OpenPicture) -> Floats:
+    """Return luminance (H, W); of codes their mean."""
+    return luminance_cd_m2(picture.rgb) if picture.is_light else picture.rgb.mean(axis=2, dtype=np.float32)
+
+
+def _range(level: Floats) -> Facts:
+    if not level.size:
+        return {"lowest": None, "median": None, "mean": None, "highest": None}
+    mean = float(level.mean(dtype=np.float64))
+    return {
+        "lowest": float(level.min()),
+        "median": float(np.median(level)),
+        "mean": mean,
+        "highest": float(level.max()),
+    }
+
+
+def _named(picture: OpenPicture) -> str:
+    if picture.geometry is None:
+        return "not known"
+    if isinstance(picture.geometry, Equirectangular):
+        return "equirectangular panorama"
+    if isinstance(picture.geometry, Fisheye):
+        degrees = math.degrees(2 * picture.geometry.half_field_rad)
+        return f"{picture.geometry.mapping.value} fisheye of {degrees:.1f} degrees, looking up"
+    return f"perspective view of {math.degrees(picture.geometry.fov_x_rad):.1f} degrees"
+
+
+def _direction(lon: float, lat: float) -> npt.NDArray[np.float64]:
+    return np.array([math.cos(lat) * math.sin(lon), math.cos(lat) * math.cos(lon), math.sin(lat)])
