@@ -29,7 +29,9 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     },
     "Offline": {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
+        "inspect": Entry("processing.commands.inspect", "inspect", "Say what a picture holds: unit, values, metadata."),
         "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),
+        "view": Entry("processing.commands.view", "view", "Open a session's report."),
         "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
         "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),

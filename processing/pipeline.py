@@ -71,7 +71,8 @@ class Stage:
     data: tuple[str, ...] = ()
     """Files of the program (within `processing/`) that its result depends on: the shipped network."""
     reads: tuple[str, ...] = ()
-    """Fields of the session's manifest that it may see, and "folder": the session's files as they are on disk."""
+    """Fields of the session's manifest that it may see, and "folder": the session's files as they are on disk.
+    "relight": what `daylit relight` made of it."""
     makes: tuple[Artifact, ...] = ()
     parameters: str = "processing.stages.contract:StageParameters"
     skip_rule: str = ""
@@ -319,11 +320,11 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="report",
-        version=3,
+        version=4,
         title="write the report",
         function="processing.report.stage:run",
         needs=("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render"),
-        reads=("name", "site", "frames", "devices"),
+        reads=("name", "site", "frames", "devices", "relight"),
         makes=(Artifact("page", "file", file_name="index.html"),),
         parameters="processing.report.parameters:ReportParameters",
         options=(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from processing.report.data import Section
+from processing.report.relight_section import relight_section
 from processing.report.room_states import (
     MOST_STAGED,
     lead_section,
@@ -29,6 +30,7 @@ def staging_sections(context: StageContext) -> tuple[Section | None, list[Sectio
         arrangement = context.optional_artifact("arrange", "arrangement")
         staged = context.optional_artifact("render", "staged")
         found.append(alternatives_section(arrangement, staged, states, _plans(context), look))
+        found.append(relight_section(context.session_path, look))
     materials = context.optional_artifact("materials", "materials")
     if materials is not None:
         found.append(materials_section(materials, context.summary("materials").get("metrics", {})))

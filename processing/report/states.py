@@ -70,9 +70,18 @@ def comparison(states: Sequence[State], look: Look) -> Comparison:
 
 def small_view(state: State, look: Look, width_px: int = 720) -> bytes:
     """Return a JPEG of the first view, small."""
-    view = replace(_direction(look.yaw_rad), width_px=width_px, height_px=round(width_px * _TALLER))
-    rgb = cut_view(Panorama(np.ascontiguousarray(state.image.rgb)), view)[-(width_px * VIEW_PX[1] // VIEW_PX[0]) :]
-    return _jpeg(shown(rgb, look), state, look, panorama=False)
+    rgb = cut_view(Panorama(np.ascontiguousarray(state.image.rgb)), small_direction(look, width_px))
+    return _jpeg(shown(rgb[-small_height_px(width_px) :], look), state, look, panorama=False)
+
+
+def small_direction(look: Look, width_px: int) -> Perspective:
+    """Return the first view at another width; its lower `small_height_px` rows are what is shown."""
+    return replace(_direction(look.yaw_rad), width_px=width_px, height_px=round(width_px * _TALLER))
+
+
+def small_height_px(width_px: int) -> int:
+    """Return the height of a view of this width."""
+    return width_px * VIEW_PX[1] // VIEW_PX[0]
 
 
 def viewer(states: Sequence[State], look: Look) -> Viewer:

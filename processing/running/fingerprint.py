@@ -17,6 +17,9 @@ ALWAYS = ("schema_version", "session_id", "created_utc", "bracket", "simulated")
 _BLANK = {"name": "session"}
 """Required fields that no result depends on."""
 FOLDER = "folder"
+RELIGHT = "relight"
+"""What `daylit relight` wrote beside the stages: in a row's ``reads``, its summaries and pictures count."""
+_NO_FIELDS = {FOLDER, RELIGHT}
 
 Json = Any
 Ingredients = dict[str, Json]
@@ -38,7 +41,7 @@ def visible_part(manifest: SessionManifest, reads: tuple[str, ...]) -> SessionMa
     Raises `ValueError` for a name that is no field.
     """
     fields = SessionManifest.model_fields
-    unknown = set(reads) - set(fields) - {FOLDER}
+    unknown = set(reads) - set(fields) - _NO_FIELDS
     if unknown:
         raise ValueError(f"session.json has no {sorted(unknown)}")
     if FOLDER in reads:
@@ -50,7 +53,7 @@ def visible_part(manifest: SessionManifest, reads: tuple[str, ...]) -> SessionMa
 
 def session_ingredients(part: SessionManifest, reads: tuple[str, ...]) -> Json:
     """Return what a stage sees of the session: frames by file name, the other fields as they are."""
-    names = (set(ALWAYS) | set(reads)) - {FOLDER}
+    names = (set(ALWAYS) | set(reads)) - _NO_FIELDS
     data = part.model_dump(mode="json", include=names)
     if "frames" in data:
         data["frames"] = {frame.pop("file"): frame for frame in data["frames"]}

@@ -9,7 +9,7 @@ from typing import Any
 
 from processing.pipeline import Stage
 from processing.running.digest_memory import DigestMemory
-from processing.running.fingerprint import FOLDER, Ingredients, session_ingredients, visible_part
+from processing.running.fingerprint import FOLDER, RELIGHT, Ingredients, session_ingredients, visible_part
 from processing.running.requests import RunRequest, given_answers, given_files, parameters, trade_values
 from processing.running.results import StageResult
 from processing.stages.contract import Fetch, Progress, Quality, StageContext
@@ -57,7 +57,18 @@ class StageInputs:
             found["data"] = _digests({name: _PROGRAM / name for name in stage.data})
         if FOLDER in stage.reads:
             found[FOLDER] = self._folder_digests()
+        if RELIGHT in stage.reads and (relit := self._relight_digests()):
+            found[RELIGHT] = relit
         return found
+
+    def _relight_digests(self) -> dict[str, str]:
+        """Return the digests of what was relit: summaries and pictures, not the basis of the light."""
+        if self._root.lstat(RELIGHT) is None:
+            return {}
+        folder = self._root.sub(RELIGHT)
+        names = [name for name in folder.names() if name.endswith((".json", ".jpg"))]
+        folder.close()
+        return {name: self._digest(f"{RELIGHT}/{name}") for name in sorted(names)}
 
     def _folder_digests(self) -> dict[str, str]:
         """Return the digest of each file of the session on disk; "" where it is missing."""

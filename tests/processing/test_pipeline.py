@@ -326,7 +326,7 @@ def test_the_table_is_sound() -> None:
         assert callable(resolve(stage.function))
         assert issubclass(resolve(stage.parameters), StageParameters)
         resolve(stage.parameters)()
-        assert set(stage.reads) <= {"folder", *SessionManifest.model_fields}
+        assert set(stage.reads) <= {"folder", "relight", *SessionManifest.model_fields}
     named = options()
     for stage in STAGES:
         for option in stage.options:
@@ -351,3 +351,24 @@ def test_a_stage_s_own_data_count(session: Path) -> None:
     digest = hashlib.sha256((PROCESSING / "pipeline.py").read_bytes()).hexdigest()
     assert result(session, "total")["ingredients"]["data"] == {"pipeline.py": digest}
     assert [str(a) for a in actions(run(session, with_data))] == ["skipped"] * 3
+
+
+def test_what_was_relit_counts_where_a_row_reads_it(session: Path) -> None:
+    """New summaries and pictures of daylit relight run the stage again; the basis of the light does not count."""
+    rows = (replace(FRAMES, reads=(*FRAMES.reads, "relight")),)
+    run(session, rows)
+    (session / "relight").mkdir()
+    (session / "relight" / "basis.npz").write_bytes(b"light")
+    assert actions(run(session, rows)) == ["skipped"]
+    (session / "relight" / "day.json").write_text("{}")
+    assert "relight day.json" in reason(run(session, rows), FRAMES.name)
+    assert actions(run(session, rows)) == ["skipped"]
+
+
+def test_a_result_without_a_field_of_today_is_made_anew(session: Path) -> None:
+    """An ingredient of None that was not there before changes the fingerprint, and nothing that can be told."""
+    run(session, (FRAMES,))
+    path = session / "stages" / FRAMES.name / "result.json"
+    data = json.loads(path.read_text())
+    path.write_text(json.dumps({**data, "fingerprint": "0" * 64}))
+    assert "another version" in reason(run(session, (FRAMES,)), FRAMES.name)

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from processing.report import room_states
+from processing.report.relight_section import relight_section
 from processing.report.stage import report_data, run
+from processing.report.tone import Look
 from processing.report.widgets import Cards, Comparison, Models, Viewer
 from tests.processing.report.made_up import context, darker, picture, results, without
 
@@ -126,3 +129,34 @@ def test_page_names_no_address_of_the_net(tmp_path: Path) -> None:
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     markup = re.sub(r"<style>.*?</style>|data:[a-z+/]*;base64,[A-Za-z0-9+/=]*", "", markup, flags=re.DOTALL)
     assert "http" not in markup.replace("http-equiv", "")
+
+
+def relit(folder: Path, stem: str, tint: tuple[int, int, int]) -> None:
+    folder.mkdir(exist_ok=True)
+    Image.new("RGB", (240, 120), tint).save(folder / f"{stem}.jpg")
+
+
+def test_other_times_of_day_stand_side_by_side(tmp_path: Path) -> None:
+    folder = tmp_path / "relight"
+    for hour in ("0900", "1500"):
+        relit(folder, f"staged-1-2023-06-21T{hour}", (200, 150, 100))
+    relit(folder, "empty-sky-dusk", (60, 60, 90))
+    moments = [
+        {"local_time": f"2023-06-21 {hour}:00", "global_horizontal_lx": 41234.5, "weather": "clear", "unit": "cd/m2"}
+        for hour in ("09", "12", "15")
+    ]
+    (folder / "staged-1-2023-06-21.json").write_text(json.dumps({"staged": 1, "moments": moments}))
+    (folder / "empty-sky-dusk.json").write_text(json.dumps({"staged": None, "moments": [{"median_luminance": 3.21}]}))
+    (folder / "broken.json").write_text('{"moments": 3')
+    (folder / "other.json").write_text('{"moments": [1, 2]}')
+    section = relight_section(tmp_path, Look(1.0, 2.0))
+    assert section is not None
+    cards = section.widgets[0]
+    assert isinstance(cards, Cards)
+    titles = [card.title for card in cards.cards]
+    assert titles == ["another sky, emptied", "2023-06-21 09:00, staged 1", "2023-06-21 15:00, staged 1"]
+    assert [STAGED_XMP in card.data for card in cards.cards] == [False, True, True]
+    assert cards.cards[1].quantities[0].text == "41\u2009230"
+    assert relight_section(tmp_path / "nothing", Look(1.0, 2.0)) is None
+    titles = [section.title for section in report_data(context(tmp_path, results(alternatives=1))).sections]
+    assert "Times of day" in titles
