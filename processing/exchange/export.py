@@ -1,0 +1,154 @@
+"""A session's results written for other programs: pictures, what an eye meets, and the room as a model.
+
+Each file is written whole or not at all. What cannot be written is left out with the reason; the rest stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from processing.errors import ParameterError, PictureFileError, ProcessingError
+from processing.exchange.gltf import write_scene_glb
+from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
+from processing.exchange.label import labelled
+from processing.exr_files import read_exr, write_exr
+from processing.images import LuminanceImage
+from processing.picture_preview import auto_exposure, preview_rgb8
+from processing.picture_writing import write_bytes
+from processing.radiance_files import write_radiance_hdr
+from processing.rendering.scene_file import read_scene
+from processing.sphere import Equirectangular
+
+KINDS = ("jpeg", "hdr", "exr", "gltf")
+ROOM, SKY, EMPTY = "room", "sky", "empty"
+MOST_STAGED = 7
+
+
+@dataclass
+class Exported:
+    """What was written, and what was not and why."""
+
+    files: list[Path] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
+
+
+def pictures_of(session: Path) -> dict[str, Path]:
+    """Return the calibrated pictures that a session's results hold, by name: room, sky, empty, staged-1 ..."""
+    stages = session / "stages"
+    upright = stages / "room" / "panorama.exr"
+    found = {
+        ROOM: upright if upright.is_file() else stages / "calibrate" / "indoor.exr",
+        SKY: stages / "calibrate" / "outdoor.exr",
+        EMPTY: stages / "remove" / "empty.exr",
+    }
+    found |= {f"staged-{n}": stages / "render" / f"staged-{n}.exr" for n in range(1, MOST_STAGED + 1)}
+    return {name: path for name, path in found.items() if path.is_file()}
+
+
+def export(
+    session: Path, into: Path, what: Sequence[str], *, heading_rad: float | None = None, label: bool = True
+) -> Exported:
+    """Write a session's results into a folder.
+
+    Parameters
+    ----------
+    what
+        Some of `KINDS`. jpeg: tone-mapped, all of a room under the same exposure, with panorama tags; staged ones
+        carry the label and IPTC's source type. hdr, exr: in cd/m2. gltf: the room, and each staged room.
+    heading_rad
+        Compass azimuth of the panorama's centre, for viewers with a compass.
+    label
+        Whether staged pictures show that they are staged; their metadata always say so.
+
+    Raises
+    ------
+    ParameterError
+        An unknown kind, or a session that has not been processed.
+    """
+    unknown = set(what) - set(KINDS)
+    if unknown or not what:
+        raise ParameterError(f"no such kind of file: {sorted(unknown)}", advice=f"some of {', '.join(KINDS)}")
+    pictures = pictures_of(session)
+    if not pictures:
+        raise ParameterError("has no results yet", where=str(session), advice="daylit process it first")
+    into.mkdir(parents=True, exist_ok=True)
+    done = Exported()
+    if set(what) & {"jpeg", "hdr", "exr"}:
+        _pictures(session, into, what, pictures, done, (heading_rad, label))
+    if "gltf" in what:
+        _models(session, into, done)
+    return done
+
+
+def _pictures(
+    session: Path,
+    into: Path,
+    what: Sequence[str],
+    pictures: dict[str, Path],
+    done: Exported,
+    how: tuple[float | None, bool],
+) -> None:
+    exposure: float | None = None
+    for name, path in pictures.items():
+        image = read_exr(path)
+        assert isinstance(image, LuminanceImage)
+        if name == ROOM:
+            exposure = auto_exposure(image.rgb)
+        stem = into / f"{session.name}_{name}"
+        for kind in what:
+            try:
+                if kind == "hdr":
+                    done.files.append(_hdr(stem, image))
+                elif kind == "exr":
+                    write_exr(stem.with_name(stem.name + ".exr"), image)
+                    done.files.append(stem.with_name(stem.name + ".exr"))
+                elif kind == "jpeg":
+                    done.files.append(_jpeg(stem, image, name, None if name == SKY else exposure, how))
+            except PictureFileError as error:
+                done.left_out[f"{name}.{kind}"] = str(error)
+
+
+def _hdr(stem: Path, image: LuminanceImage) -> Path:
+    path = stem.with_name(stem.name + ".hdr")
+    write_radiance_hdr(path, image)
+    return path
+
+
+def _jpeg(stem: Path, image: LuminanceImage, name: str, exposure: float | None, how: tuple[float | None, bool]) -> Path:
+    heading_rad, label = how
+    staged = name.startswith("staged")
+    shown = preview_rgb8(image.rgb, exposure)
+    if staged and label:
+        shown = labelled(shown)
+    tags = None
+    if isinstance(image.geometry, Equirectangular):
+        tags = PanoramaTags.whole(image.geometry.width_px, image.geometry.height_px, heading_rad=heading_rad)
+    path = stem.with_name(stem.name + ".jpg")
+    write_jpeg(path, shown, panorama=tags, staged=staged, relative=not image.absolute, title=name)
+    return path
+
+
+def _models(session: Path, into: Path, done: Exported) -> None:
+    scene = session / "stages" / "materials" / "scene.npz"
+    if scene.is_file():
+        path = into / f"{session.name}_room.glb"
+        try:
+            write_scene_glb(path, read_scene(scene))
+            done.files.append(path)
+        except ProcessingError as error:
+            done.left_out["room.gltf"] = str(error)
+    else:
+        done.left_out["room.gltf"] = "the room's materials were not told (stage materials)"
+    for name, model in _staged_models(session):
+        path = into / f"{session.name}_{name}.glb"
+        write_bytes(path, model.read_bytes())
+        done.files.append(path)
+
+
+def _staged_models(session: Path) -> Iterator[tuple[str, Path]]:
+    for number in range(1, MOST_STAGED + 1):
+        path = session / "stages" / "render" / f"staged-{number}.glb"
+        if path.is_file():
+            yield f"staged-{number}", path
