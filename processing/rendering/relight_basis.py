@@ -8,6 +8,7 @@ sky is then a sum over stored rays; only the sun's own patch, which moves, needs
 from __future__ import annotations
 
 import hashlib
+import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,8 @@ class BasisEffort:
     """Rays from each patch into the room; a quarter of it to the panes."""
     sun_places: int = 16
     """Places on each patch that are asked whether the sun reaches them."""
+    clean: bool = True
+    """Whether noise is taken out of the light of lamps."""
 
     def __post_init__(self) -> None:
         counts = (self.rows, self.pixel_samples, self.sky_samples, self.patch_samples, self.sun_places)
@@ -261,8 +264,9 @@ def _lamps(
     found = gathered(dark, light, sight.point[pixel], sight.normal[pixel], effort.pixel_samples, seed)
     picture = np.zeros((len(sight.label), 3), np.float32)
     picture[pixel] = found
-    clean = cleaned(picture.reshape(*sight.shape, 3), sight, wraps=True)
-    return np.ascontiguousarray(clean.reshape(-1, 3)[pixel])
+    if effort.clean:
+        picture = cleaned(picture.reshape(*sight.shape, 3), sight, wraps=True).reshape(-1, 3)
+    return np.ascontiguousarray(picture[pixel])
 
 
 def scene_digest(stage: Stage) -> str:
@@ -300,14 +304,14 @@ def write_basis(path: Path, basis: LightBasis) -> None:
 def _numbers(effort: BasisEffort) -> list[float]:
     return [
         *(effort.texel_m, effort.rows, effort.pixel_samples),
-        *(effort.sky_samples, effort.patch_samples, effort.sun_places),
+        *(effort.sky_samples, effort.patch_samples, effort.sun_places, effort.clean),
     ]
 
 
 def read_basis(path: Path) -> LightBasis:
     """Read a basis. Raises `RelightError` for a file that is none, or that another version wrote."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             found = {name: stored[name] for name in stored.files}
         if int(found["version"]) != VERSION:
             raise ValueError("written by another version")
@@ -317,13 +321,13 @@ def read_basis(path: Path) -> LightBasis:
             for name in ("pixel_sky", "patch_sky")
         ]
         links = [Links(found[f"{n}_patch"], found[f"{n}_density"]) for n in ("pixel_links", "patch_links")]
-        effort = BasisEffort(texel_m, *(int(v) for v in counts))
+        effort = BasisEffort(texel_m, *(int(v) for v in counts[:-1]), clean=bool(counts[-1]))
         x, y, z = (float(v) for v in found["eye_m"])
         return LightBasis(
             *(effort, (x, y, z), found["pixel"], found["near"], skies[0], links[0], skies[1], links[1]),
             *(found["fixed"], str(found["scene"])),
         )
-    except (OSError, ValueError, KeyError, EOFError) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise RelightError(
             f"not a basis of this program: {error}", where=path.name, advice="delete the file"
         ) from error
