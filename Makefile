@@ -24,7 +24,7 @@ $(VENV)/.dev: requirements-dev.lock $(VENV)/.core
 	$(PIP) install --require-hashes -r requirements-dev.lock
 	touch $@
 
-## make demo      set up, then capture a session on simulated instruments at full size and verify it
+## make demo      set up, then the main job on simulated instruments: capture at full size, process, stage, report
 demo: $(VENV)/.core
 	$(BIN)/daylit demo
 
