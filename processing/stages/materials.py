@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy.typing as npt
 from processing.errors import SceneError
 from processing.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.rendering.albedo import RoomAlbedo, albedo_of_room
+from processing.rendering.facing import outdoors_facing
 from processing.rendering.irradiance import Effort
 from processing.rendering.outdoor import outdoors_of
 from processing.rendering.scene import Outdoors, Surface
@@ -47,7 +49,7 @@ def run(context: StageContext) -> StageOutput:
     image = empty.image
     room = room_model(context)
     context.progress(0.0, "the light outdoors")
-    outdoors, source, warnings = _outdoors(context)
+    outdoors, source, warnings = _outdoors(context, image, room)
     context.progress(0.1, "albedo")
     rows = min(ROWS[context.quality.value], image.rgb.shape[0])
     found = albedo_of_room(
@@ -124,7 +126,7 @@ def room_model(context: StageContext) -> RoomModel:
     return RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
 
 
-def _outdoors(context: StageContext) -> tuple[Outdoors | None, str, list[str]]:
+def _outdoors(context: StageContext, image: LuminanceImage, room: RoomModel) -> tuple[Outdoors | None, str, list[str]]:
     """Return the light outside, what it was taken from, and what is to be told of it."""
     inside = "windows as seen from inside"
     picture = context.optional_artifact("calibrate", "outdoor")
@@ -136,13 +138,18 @@ def _outdoors(context: StageContext) -> tuple[Outdoors | None, str, list[str]]:
         found = outdoors_of(picture)
     except SceneError as error:
         return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
-    warnings = []
-    if context.session.heading_rad is None:
-        warnings.append(
-            "the heading of the panorama is not recorded: sky and sun may stand before the wrong windows "
-            "(heading_deg in the rig file; --heading of daylit import)"
+    if context.session.heading_rad is not None:
+        return found, "outdoor picture", []
+    facing, turn = outdoors_facing(found, image, room)
+    advice = "(heading_deg in the rig file, --heading of daylit import)"
+    if turn is None:
+        text = f"the panorama's heading is not recorded: sky and sun may stand before the wrong windows {advice}"
+    else:
+        text = (
+            "the panorama's heading is not recorded: the outdoor picture is turned by "
+            f"{math.degrees(turn[0]):.0f} degrees, as the windows show it (likeness {turn[1]:.2f}) {advice}"
         )
-    return found, "outdoor picture", warnings
+    return facing, "outdoor picture", [text]
 
 
 def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:
