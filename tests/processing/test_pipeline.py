@@ -12,8 +12,11 @@ import pytest
 
 from processing.errors import ParameterError, ProcessingError
 from processing.pipeline import STAGES, Artifact, Option, Stage, check_table, options, resolve, selected, stage_named
+from processing.running.decision import decide
 from processing.running.fingerprint import digest
 from processing.running.requests import RunRequest, planned
+from processing.running.result_store import Stored
+from processing.running.results import StageResult
 from processing.running.run_report import Action, RunEvent, RunEventKind, RunReport
 from processing.running.runner import process
 from processing.stages.contract import Quality, StageContext, StageOutput, StageParameters
@@ -366,11 +369,11 @@ def test_what_was_relit_counts_where_a_row_reads_it(session: Path) -> None:
     assert actions(run(session, rows)) == ["skipped"]
 
 
-def test_a_result_with_other_empty_fields_is_made_anew(session: Path) -> None:
+def test_a_result_with_other_empty_fields_is_made_anew() -> None:
     """An ingredient of None that is not there today changes the fingerprint, and nothing that can be told."""
-    run(session, (FRAMES,))
-    path = session / "stages" / FRAMES.name / "result.json"
-    data = json.loads(path.read_text())
-    data["ingredients"]["gone"] = None
-    path.write_text(json.dumps({**data, "fingerprint": digest(data["ingredients"])}))
-    assert "another version" in reason(run(session, (FRAMES,)), FRAMES.name)
+    then = {"stage": "frames", "trades": {"max_error": None}}
+    now = {"stage": "frames", "trades": {"max_error": None, "time_budget": None}}
+    result = StageResult.model_construct(fingerprint=digest(then), ingredients=then)
+    decision = decide(Stored(result=result), now, forced=False)
+    assert decision.result is None
+    assert "another version" in decision.reason
