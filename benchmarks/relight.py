@@ -5,8 +5,9 @@ other times. ``median_err_pct`` and ``p95_err_pct``: luminance of relit pictures
 nothing cleans. ``speedup``: CPU time of a fresh render (4 rays a pixel, cleaned) over that of another light from a
 ready basis, lowered by the square of their rms errors' ratio where ours is larger. ``day_ratio``: basis, view and
 twelve lights over one fresh render (wanted: at most 3). ``sun_err_deg``: direction of the sun in room axes against
-pvlib's own figures, largest. ``viewpoint_median_err_pct``: a simulated room's emptied panorama shown from 0.6 m lower, against the simulated
-room from there, what the camera saw but for windows; ``viewpoint_seen_pct`` how much of it that is.
+pvlib's own figures, largest. ``viewpoint_median_err_pct``: a simulated room's emptied
+panorama shown from 0.6 m lower, against the simulated room from there, what the camera saw but for windows;
+``viewpoint_seen_pct`` how much of it that is.
 """
 
 from __future__ import annotations

@@ -134,12 +134,14 @@ def _write(
     write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
     rgb8 = preview_rgb8(found.rgb)
     round_ = isinstance(geometry, Equirectangular)
-    tags = PanoramaTags.whole(geometry.width_px, geometry.height_px, heading_rad=room.manifest.heading_rad)
+    tags = None
+    if round_:
+        tags = PanoramaTags.whole(geometry.width_px, geometry.height_px, heading_rad=room.manifest.heading_rad)
     staged = room.staged is not None
     write_jpeg(
         folder / f"{stem}.jpg",
         labelled(rgb8, panorama=round_) if staged else rgb8,
-        panorama=tags if round_ else None,
+        panorama=tags,
         staged=staged,
         relative=not room.picture.absolute,
     )

@@ -93,15 +93,15 @@ def captured_weather(outdoors: Outdoors, time_utc: datetime, place: Place) -> We
         off = math.degrees(elevation - sun_place(time_utc, place).elevation_rad)
         if abs(off) > 8:
             notes.append(f"the captured sun stands {off:+.1f} degrees off where time and site say: one is wrong")
-    colour = _unit(np.asarray(sun.normal_illuminance_lx)) if sun else USUAL_SUN
+    colour = _unit(np.asarray(sun.normal_illuminance_lx)) if sun else _unit(np.asarray(USUAL_SUN))
     return Weather("captured", *held, colour, clear.air_mass if sun else 1.5, _unit(sky_rgb), tuple(notes))
 
 
 def usual_weather(kind: Sky, sky_colour: Vector = USUAL_SKY) -> Weather:
     """Return a clear or an overcast weather."""
     beam = 1.0 if kind == "clear" else 0.0
-    colour = sky_colour if kind == "clear" else (1.0, 1.0, 1.0)
-    return Weather(kind, beam, 1.0, USUAL_SUN, 1.5, colour)
+    colour = _unit(np.asarray(sky_colour)) if kind == "clear" else (1.0, 1.0, 1.0)
+    return Weather(kind, beam, 1.0, _unit(np.asarray(USUAL_SUN)), 1.5, colour)
 
 
 def sun_direction(sun: SunPlace, heading_rad: float) -> Vector:

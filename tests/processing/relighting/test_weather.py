@@ -49,7 +49,7 @@ def meeus(time_utc: datetime, place: Place) -> tuple[float, float]:
     return math.atan2(east, north), math.asin(up)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     st.integers(0, 50 * 525_960),
     st.floats(-60, 60),
@@ -127,7 +127,7 @@ def test_strange_captures_are_held_and_told() -> None:
     assert any("held" in note for note in weather.notes)
     black = captured_weather(DARK, time_utc, place)
     assert np.isfinite(daylight_at(time_utc, place, 0.0, black, DARK).outdoors.rgb).all()
-    moved = daylight_at(time_utc + timedelta(hours=4), place, 0.0, usual_weather("clear"), DARK).outdoors
+    moved = daylight_at(time_utc + timedelta(hours=7), place, 0.0, usual_weather("clear"), DARK).outdoors
     assert any("off where time and site say" in note for note in captured_weather(moved, time_utc, place).notes)
 
 
@@ -139,7 +139,7 @@ def test_night_is_refused_and_days_end_where_the_sun_does() -> None:
     times = day_times(NOON, PITTSBURGH, hours, timedelta(hours=1))
     assert 13 <= len(times) <= 15
     assert all(sun_place(t, PITTSBURGH).elevation_rad > 0 for t in times)
-    assert {(t + timedelta(hours=hours)).date() for t in times} == {datetime(2023, 6, 21).date()}  # noqa: DTZ001
+    assert {(t + timedelta(hours=hours)).date() for t in times} == {datetime(2023, 6, 21).date()}
     with pytest.raises(DaylightError, match="does not rise"):
         day_times(datetime(2023, 12, 21, 12, tzinfo=UTC), Place(78.2, 15.6), 1.0, timedelta(hours=1))
     with pytest.raises(DaylightError, match="a step"):

@@ -1,0 +1,166 @@
+"""daylit relight and daylit view-from on a small session made by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from processing.calibration.clear_sky import Place
+from processing.commands.relight import relight
+from processing.commands.view_from import view_from
+from processing.errors import DaylightError, RelightError, ViewpointError
+from processing.exr_files import read_exr, write_exr
+from processing.images import LuminanceImage
+from processing.relighting.sheet import common_exposure, contact_sheet
+from processing.relighting.weather import daylight_at, usual_weather
+from processing.rendering.irradiance import Effort
+from processing.rendering.render import render
+from processing.rendering.scene import Outdoors
+from processing.rendering.scene_file import write_scene
+from processing.sphere import Equirectangular
+from station.session import BracketRecord, SessionManifest, Side, Site
+from tests.processing.rendering.rooms import EYE, box_room, scene_of
+
+HERE = Place(40.44, -79.99)
+CAPTURED = datetime(2023, 5, 19, 19, tzinfo=UTC)
+LOOK = Effort(texel_m=0.3, patch_samples=48, rows=64, pixel_samples=48, sun_samples=16, clean=False)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("sessions") / "bedroom"
+    stages = folder / "stages"
+    for name in ("materials", "room", "remove"):
+        (stages / name).mkdir(parents=True)
+    light = daylight_at(
+        CAPTURED, HERE, 0.0, usual_weather("clear"), Outdoors(np.zeros((16, 32, 3), np.float32)), rows=32
+    )
+    room = box_room()
+    scene = scene_of(room, light.outdoors, 0.5, reveal_m=0.2)
+    manifest = SessionManifest(
+        session_id="0" * 32,
+        name="bedroom",
+        created_utc=CAPTURED,
+        site=Site(latitude_deg=HERE.latitude_deg, longitude_deg=HERE.longitude_deg),
+        heading_rad=0.0,
+        bracket=BracketRecord(mode="imported", stops_s=(1.0,), sides=(Side.INDOOR,)),
+    )
+    (folder / "session.json").write_text(manifest.model_dump_json(), "utf-8")
+    write_scene(stages / "materials" / "scene.npz", scene)
+    (stages / "materials" / "materials.json").write_text('{"outdoors": "outdoor picture"}', "utf-8")
+    (stages / "room" / "room.json").write_text(room.model_dump_json(), "utf-8")
+    rgb = render(scene, Equirectangular(128, 64), EYE, effort=LOOK).rgb
+    image = LuminanceImage(
+        rgb, np.full((64, 128), 0.05, np.float32), np.zeros((64, 128), np.uint8), Equirectangular(128, 64), 0.03
+    )
+    write_exr(stages / "remove" / "empty.exr", image)
+    return folder
+
+
+def run(command, *arguments: object) -> dict:
+    result = CliRunner().invoke(
+        command, [*map(str, arguments), "--json"], catch_exceptions=False, standalone_mode=False
+    )
+    if result.exception:
+        raise result.exception
+    return json.loads(result.output.splitlines()[-1])
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    with Image.open(path) as picture:
+        picture.load()
+        return picture.size
+
+
+def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
+    found = run(relight, session, "--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
+    relit = read_exr(session / "relight" / "empty-2023-05-19T1400.exr")
+    taken = read_exr(session / "stages" / "remove" / "empty.exr")
+    assert isinstance(relit, LuminanceImage)
+    ratio = relit.rgb.sum(axis=2) / np.maximum(taken.rgb.sum(axis=2), 1e-6)
+    assert np.median(ratio) == pytest.approx(1, abs=0.03)
+    assert relit.attributes["relit"]["time_utc"] == "2023-05-19T19:00+00:00"  # type: ignore[index]
+    assert found["moments"][0]["detail_kept_share"] > 0.9
+    assert found["basis"] == "made"
+    assert size_of(session / "relight" / "empty-2023-05-19T1400.jpg") == (128, 64)
+    # The second time the stored rays are taken, and the day goes by.
+    day = run(relight, session, "--sweep", "day", "--step", "4h", "--rows", 64, "--quality", "draft")
+    assert day["basis"] == "kept"
+    assert [m["local_time"][-5:] for m in day["moments"]] == ["08:00", "12:00", "16:00"]
+    noon = day["moments"][1]
+    assert noon["global_horizontal_lx"] > day["moments"][0]["global_horizontal_lx"]
+    # The window faces south: sun at noon.
+    assert noon["sunny_share"] > 0
+    assert size_of(session / "relight" / "empty-2023-05-19.webp") == (128, 64)
+    assert (session / "relight" / "empty-2023-05-19-sheet.png").is_file()
+
+
+def test_another_sky(session, tmp_path) -> None:
+    even = np.full((32, 64, 3), 3000.0, np.float32)
+    sky = LuminanceImage(
+        even, np.full((32, 64), 0.1, np.float32), np.zeros((32, 64), np.uint8), Equirectangular(64, 32), 0.1
+    )
+    write_exr(tmp_path / "cloudy.exr", sky)
+    found = run(relight, session, "--sky", tmp_path / "cloudy.exr", "--rows", 64, "--quality", "draft")
+    assert found["moments"][0]["sky_horizontal_lx"] == pytest.approx(math.pi * 3000, rel=0.01)
+    assert found["moments"][0]["sunny_share"] == 0
+
+
+def test_from_another_place(session, monkeypatch) -> None:
+    # The denoiser loads torch where that is installed, which takes longer than this test.
+    monkeypatch.setattr("processing.rendering.denoise.available", lambda: False)
+    found = run(view_from, session, "--eye", "-1,0.5,1.2", "--look", "20,-5", "--width", 96)
+    assert found["seen_share"] > 0.95
+    picture = read_exr(session / "views" / "empty-from--1_0.5_1.2.exr")
+    assert picture.rgb.shape == (72, 96, 3)
+    assert (picture.rgb > 0).all()
+    with pytest.raises(ViewpointError, match="outside of the room"):
+        run(view_from, session, "--eye", "9,0,1")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--at", "2023-05-19T19:00Z", "--sweep", "day"), "say one of"),
+        ((), "say one of"),
+        (("--sky", "x.exr", "--site", "1,2"), "does nothing beside --sky"),
+        (("--at", "2023-05-19T19:00Z", "--step", "1h"), "goes with --sweep"),
+        (("--at", "2023-05-19T19:00Z", "--site", "north"), "LATITUDE,LONGITUDE"),
+        (("--at", "2023-05-19T19:00Z", "--empty", "--staged", "1"), "exclude each other"),
+        (("--sweep", "day", "--step", "soon"), "30m or 1h"),
+    ],
+)
+def test_requests_that_cannot_be(session, arguments, words) -> None:
+    result = CliRunner().invoke(relight, [str(session), *arguments])
+    assert result.exit_code == 2
+    assert words in result.output
+
+
+def test_what_is_not_there_is_named(session, tmp_path) -> None:
+    with pytest.raises(RelightError, match="no session"):
+        run(relight, tmp_path, "--at", "2023-05-19T19:00Z")
+    with pytest.raises(RelightError, match="no staged alternative 2"):
+        run(relight, session, "--at", "2023-05-19T19:00Z", "--staged", 2)
+    with pytest.raises(DaylightError, match="below the horizon"):
+        run(relight, session, "--at", "2023-05-19T06:00Z", "--rows", 64)
+    for bad in (
+        ("--eye", "1,2"),
+        ("--eye", "0,0,1", "--panorama", "--fov", "50"),
+        ("--eye", "0,0,1", "--look", "0,95"),
+    ):
+        assert CliRunner().invoke(view_from, [str(session), *bad]).exit_code == 2
+
+
+def test_sheets_and_exposures() -> None:
+    dark, light = np.full((8, 16, 3), 1.0, np.float32), np.full((8, 16, 3), 100.0, np.float32)
+    assert common_exposure([dark, light]) == pytest.approx(common_exposure([light]))
+    sheet = contact_sheet([np.zeros((8, 16, 3), np.uint8)] * 4, ["a", "b", "c", "d"])
+    assert sheet.dtype == np.uint8
+    assert sheet.shape[1] == 3 * (16 + 8) + 8
