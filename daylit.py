@@ -30,6 +30,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     "Offline": {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
         "inspect": Entry("processing.commands.inspect", "inspect", "Say what a picture holds: unit, values, metadata."),
+        "dataset": Entry("processing.commands.dataset", "dataset", "Sessions as a data set: index, splits, Croissant."),
         "export": Entry("processing.commands.export", "export", "Write results for other programs: JPEG, HDR, glTF."),
         "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),
         "view": Entry("processing.commands.view", "view", "Open a session's report."),

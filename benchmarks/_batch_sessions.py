@@ -1,7 +1,7 @@
-"""The paper's 137 sessions as small simulated ones: its names, times, headings and filters, in a room that costs little.
+"""The paper's 137 sessions as small simulated ones: its names, times, headings and filters, in rooms that cost little.
 
-The room is the built-in one (analytic light), another for each row, not the generated ones: baking 137 of those would
-take hours and the batch cannot tell. Pictures are a sixteenth of full size each way.
+Rooms are the built-in ones (analytic light), another for each of the paper's 19 scenes, not the generated ones: baking
+those would take hours and a batch cannot tell. Pictures are a 24th of full size each way; noise differs in all.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from station.session import Site, folder_name
 ZONE = "America/New_York"
 PLACE = Site(name="Pittsburgh", latitude_deg=40.44, longitude_deg=-79.99)
 SESSIONS = 137
-DIVISOR = 16
+DIVISOR = 24
 
 
 def rows(conditions: Path | None) -> list[dict[str, str]]:
@@ -44,7 +44,10 @@ def rows(conditions: Path | None) -> list[dict[str, str]]:
 def make_sessions(folder: Path, count: int, conditions: Path | None, seed: int) -> list[Path]:
     """Write the first ``count`` sessions that are not there yet, and return the folders of all."""
     made = []
-    for index, (row, room) in enumerate(zip(rows(conditions)[:count], seeds("test", count, seed), strict=True), 1):
+    chosen = rows(conditions)[:count]
+    scenes = sorted({row["scene_name"] for row in rows(conditions)})
+    rooms = dict(zip(scenes, seeds("test", len(scenes), seed), strict=True))
+    for index, row in enumerate(chosen, 1):
         local = datetime.strptime(f"{row['date']} {row['theta_time']}", "%Y%m%d %H:%M").replace(tzinfo=ZoneInfo(ZONE))
         name = f"{folder_name(local.astimezone(UTC), row['scene_name'])}-{index}"
         path = folder / name
@@ -53,7 +56,7 @@ def make_sessions(folder: Path, count: int, conditions: Path | None, seed: int) 
             continue
         heading = re.match(r"\d+", row["orientation"])
         taken = Taken(
-            SimpleRoom(seed=room),
+            SimpleRoom(seed=rooms[row["scene_name"]]),
             divisor=DIVISOR,
             nd=row["nd_filter"].strip().upper() == "YES",
             seed=index,

@@ -62,7 +62,7 @@ def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
         asked["workers"] or usual_workers(),
         asked["cluster"],
         asked["session_timeout"],
-        _zone(asked["zone"]),
+        known_zone(asked["zone"]),
     )
     with QuietView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
         report = run_batch(request, view.show)
@@ -115,7 +115,8 @@ def _arguments(request: RunRequest) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _zone(name: str) -> str:
+def known_zone(name: str) -> str:
+    """Return the name of a time zone; raise `ParameterError` where there is none."""
     from zoneinfo import ZoneInfo
 
     from processing.errors import ParameterError

@@ -1,0 +1,1 @@
+"""Processed sessions as a data set: index, checksums, licence, splits, Croissant metadata."""
