@@ -62,6 +62,8 @@ ONLY_IN = {
     "pyoidn": ("mocks/rooms/light.py", "processing/rendering/"),
     "onnxruntime": ("processing/segmentation/",),
     "ai_edge_litert": ("processing/segmentation/",),
+    "distributed": ("processing/batch/",),
+    "dask": ("processing/batch/",),
     "trimesh": ("processing/layout/", "processing/rendering/", "processing/room/"),
     "pvlib": ("mocks/rooms/moment.py", "processing/calibration/"),
     "pandas": ("mocks/rooms/moment.py", "processing/calibration/"),
