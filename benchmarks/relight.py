@@ -77,7 +77,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "ready_cpu_s": round(ready_s, 3),
         "basis_mb": round(float(np.median([one["basis_mb"] for one in found])), 1),
         "day_ratio": round((ready_s + 12 * relit_s) / fresh_s, 2),
-        "sun_err_deg": round(sun_error_deg(300 if quick else 10_000, seed), 5),
+        "sun_err_deg": round(sun_error_deg(100 if quick else 10_000, seed), 5),
     }
     views = [viewpoint(*one) for one in kept_list("test", 16, seed)[: 1 if quick else 8]]
     metrics |= {

@@ -321,7 +321,8 @@ def read_basis(path: Path) -> LightBasis:
             for name in ("pixel_sky", "patch_sky")
         ]
         links = [Links(found[f"{n}_patch"], found[f"{n}_density"]) for n in ("pixel_links", "patch_links")]
-        effort = BasisEffort(texel_m, *(int(v) for v in counts[:-1]), clean=bool(counts[-1]))
+        rows, pixels, sky, patches, places, clean = (int(v) for v in counts)
+        effort = BasisEffort(texel_m, rows, pixels, sky, patches, places, bool(clean))
         x, y, z = (float(v) for v in found["eye_m"])
         return LightBasis(
             *(effort, (x, y, z), found["pixel"], found["near"], skies[0], links[0], skies[1], links[1]),
