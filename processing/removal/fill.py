@@ -18,6 +18,7 @@ from processing.images import LuminanceImage, RelativeImage, Validity
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
 from processing.removal.regions import TEXELS, texture_density
+from processing.removal.skirting import Skirting, find_skirting
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map
@@ -97,12 +98,14 @@ def empty_room(
     shown = plane_map(room, geometry)
     unfit = _unfit(target, sunlight)
     planes = planes_of(room)
+    walls = ((shown >= FIRST_WALL) & target).any()
+    skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
     out, filled, notes = image.rgb.copy(), [], []
     for plane in planes:
         where = target & (shown == plane.index)
         if not where.any():
             continue
-        done = _plane(rgb, geometry, room, plane, target | blind, unfit, shown, quality)
+        done = _plane(rgb, geometry, room, plane, target | blind, unfit, shown, quality, skirting)
         done = done if filler is None else filler(done)
         _draw(done, room, geometry, where, (out, provenance, confidence))
         filled.append(done)
@@ -153,6 +156,7 @@ def _plane(
     unfit: Flags,
     shown: npt.NDArray[np.int16],
     quality: str,
+    skirting: Skirting | None,
 ) -> FilledPlane:
     px_per_m = texture_density(plane, room, geometry, quality)
     layers = np.concatenate([rgb, unfit[..., None].astype(np.float32)], axis=-1)
@@ -166,7 +170,7 @@ def _plane(
     # A few thousand pixels tell a median.
     among = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // 10_000)]
     elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32)
-    return fill_plane(texture, hole, mixed, room, elsewhere)
+    return fill_plane(texture, hole, mixed, room, elsewhere, skirting)
 
 
 def _draw(

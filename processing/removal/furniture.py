@@ -32,8 +32,9 @@ EVIDENCE_WEIGHT = 0.95
 HERE_WEIGHT, AROUND_WEIGHT = 0.30, 0.60
 """Of the colours' distance from the surface's own, at the place and within `AROUND_RAD` of it."""
 AROUND_RAD = math.radians(1.0)
-BIAS = -1.6
-LEAST_BY_COLOUR = -0.8
+BIAS = -1.1
+"""Half a unit above the fit: what is missed stays in the picture, what is taken too much is only filled in."""
+LEAST_BY_COLOUR = -0.3
 """A place of the surface's own colour is less likely furniture, but a light bed on a light floor may stay one."""
 ISLAND_SR = 0.03
 """What furniture goes all round is taken with it up to this size (10 degrees square): it would be left hanging."""

@@ -24,6 +24,8 @@ LEAST_SPREAD = 0.01
 GRAIN_PX = 3.0
 FEW = 0.1
 """Of the columns near the hole: rows with fewer known ones hardly have a profile."""
+SEEN_ROW = 0.05
+"""Of the columns near the hole, below which a row is as it usually is on other walls."""
 UNEVEN = 0.04
 """Tone by which a row of skirting may vary along the wall."""
 SLOW_ROWS = 0.08
@@ -47,8 +49,13 @@ class PlainFill:
     """Standard deviation of the known tones about light and profile: 0.01 paint, above 0.1 a pattern."""
 
 
-def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -> PlainFill:
-    """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile."""
+def fill_plain(
+    values: Floats, known: Flags, hole: Flags, *, level_rows: bool, usual_rows: Floats | None = None
+) -> PlainFill:
+    """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile.
+
+    ``usual_rows`` (h, 3): tone that rows have on other walls (skirting), where this one's are not seen.
+    """
     known = known & ~hole
     scale = ToneScale.of(values, known)
     tone = scale.tone(values)
@@ -57,7 +64,7 @@ def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -
     tone = np.where(known[..., None], tone - level, 0).astype(np.float32)
     slow = fit_illumination(tone, known, hole, None, bend=0.1)
     rest = np.where(known[..., None], tone - slow, 0).astype(np.float32)
-    profile = _profile(rest, known, hole) if level_rows else np.zeros((len(rest), 1, 3), np.float32)
+    profile = _profile(rest, known, hole, usual_rows) if level_rows else np.zeros((len(rest), 1, 3), np.float32)
     rest = np.where(known[..., None], rest - profile, 0).astype(np.float32)
     clean = known & ~_outliers(rest, known)
     low = _low(rest, clean)
@@ -69,8 +76,11 @@ def fill_plain(values: Floats, known: Flags, hole: Flags, *, level_rows: bool) -
     return PlainFill(out, _confidence(clean, hole), profile, clean, roughness)
 
 
-def _profile(rest: Floats, known: Flags, hole: Flags) -> Floats:
-    """Return (h, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted."""
+def _profile(rest: Floats, known: Flags, hole: Flags, usual: Floats | None) -> Floats:
+    """Return (h, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted.
+
+    Of rows that are not seen near the hole, what is ``usual``.
+    """
     columns = np.flatnonzero(hole.any(axis=0))
     reach = round(NEAR * rest.shape[1]) + 1
     near = slice(max(0, int(columns[0]) - reach), int(columns[-1]) + reach + 1) if len(columns) else slice(None)
@@ -87,7 +97,10 @@ def _profile(rest: Floats, known: Flags, hole: Flags) -> Floats:
         trust[row] = len(values) / (len(values) + FEW * seen.shape[1]) / (1 + (off / UNEVEN) ** 2)
     weight = gaussian_filter1d(trust, SLOW_ROWS * len(rest))[:, None]
     slow = gaussian_filter1d(middle * trust[:, None], SLOW_ROWS * len(rest), axis=0) / np.maximum(weight, 1e-6)
-    return np.asarray(((middle - slow) * trust[:, None])[:, None], np.float32)
+    found = (middle - slow) * trust[:, None]
+    if usual is not None:
+        found += usual * (seen.sum(axis=1) < SEEN_ROW * seen.shape[1])[:, None]
+    return np.asarray(found[:, None], np.float32)
 
 
 def _outliers(rest: Floats, known: Flags) -> Flags:

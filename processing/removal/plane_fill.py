@@ -11,13 +11,14 @@ from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plain import fill_plain
 from processing.removal.regions import opening_regions, too_bright
+from processing.removal.skirting import Skirting
 from processing.room.model import RoomModel
 from processing.surfaces.plane import FIRST_WALL, FLOOR
 from processing.surfaces.textures import Texture
 
 PATTERN = 0.012
 """Roughness about light and profile from which a wall or ceiling is no plain paint but a pattern."""
-WALL_NCC = 0.55
+WALL_NCC = 0.65
 """Of a wall's lattice: what hangs on it imitates one more easily than on a floor."""
 LEAST_TEXELS = 30
 """Known texels of a surface, under which it gets one colour."""
@@ -42,10 +43,18 @@ class FilledPlane:
     how: str
 
 
-def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats) -> FilledPlane:
+def fill_plane(
+    texture: Texture,
+    hole: Flags,
+    unfit: Flags,
+    room: RoomModel,
+    elsewhere: Floats,
+    skirting: Skirting | None = None,
+) -> FilledPlane:
     """Fill a texture's hole; ``unfit`` texels are known but nothing is copied from them (sunlight, mixed pixels).
 
-    ``elsewhere`` (3,) is the colour of like planes, taken where too little of this one is known.
+    ``elsewhere`` (3,) is the colour of like planes, taken where too little of this one is known; ``skirting`` that of
+    the room, for walls that hide their own.
     """
     known = texture.known & ~hole
     sources = known & ~unfit & ~too_bright(luminance_cd_m2(texture.values), known)
@@ -73,7 +82,7 @@ def fill_plane(texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, els
         values[inside] = _colour(values, sources & rest, elsewhere)
         confidence[inside], continued[inside], how = 0.05, False, "nothing of it is seen: one colour"
     elif inside.any():
-        values, sure, goes_on, how = _surface(texture, values, sources & rest, inside)
+        values, sure, goes_on, how = _surface(texture, values, sources & rest, inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
@@ -82,12 +91,16 @@ def _colour(values: Floats, known: Flags, elsewhere: Floats) -> Floats:
     return elsewhere if known.sum() < LEAST_TEXELS else np.asarray(np.median(values[known], axis=0), np.float32)
 
 
-def _surface(texture: Texture, values: Floats, sources: Flags, hole: Flags) -> tuple[Floats, Floats, bool, str]:
+def _surface(
+    texture: Texture, values: Floats, sources: Flags, hole: Flags, skirting: Skirting | None
+) -> tuple[Floats, Floats, bool, str]:
     """Return values, confidence, whether it is a continuation, and how it was filled."""
     if texture.plane.index == FLOOR:
         done = complete(values, sources, hole, density=texture.density)
     else:
-        plain = fill_plain(values, sources, hole, level_rows=texture.plane.index >= FIRST_WALL)
+        wall = texture.plane.index >= FIRST_WALL
+        usual = skirting.rows(len(hole), texture.px_per_m) if wall and skirting is not None else None
+        plain = fill_plain(values, sources, hole, level_rows=wall, usual_rows=usual)
         said = f"plain (roughness {plain.roughness:.3f})"
         if plain.roughness < PATTERN:
             return plain.values, plain.confidence, True, said

@@ -1,0 +1,53 @@
+"""Skirting: told from the walls that show theirs, put where furniture hides it, and not invented."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from processing.images import RelativeImage
+from processing.removal.fill import empty_room
+from processing.removal.skirting import find_skirting
+from processing.sphere import Equirectangular
+from tests.processing.removal.painted_room import Painted, box_room, paint
+
+ROWS = 256
+GEOMETRY = Equirectangular(2 * ROWS, ROWS)
+HEIGHT_M = 0.15
+
+
+@pytest.fixture(scope="module")
+def bare() -> Painted:
+    return paint(rows=ROWS, sun=False, things=False)
+
+
+def with_skirting(bare: Painted) -> RelativeImage:
+    """Return the room with boards of 15 cm, twice as bright as the walls."""
+    rgb = bare.image.rgb.copy()
+    rgb[(bare.maps.plane >= 2) & (bare.points_m[..., 2] < HEIGHT_M)] *= 2
+    return replace(bare.image, rgb=rgb)
+
+
+def test_it_is_told_from_the_walls_that_show_it(bare: Painted) -> None:
+    lit, hidden = with_skirting(bare), bare.maps.plane == 3
+    found = find_skirting(lit.rgb, GEOMETRY, box_room(), hidden)
+    assert found is not None
+    rows = found.rows(270, 100.0)
+    assert rows[-10].mean() > 0.4, "twice as bright, 10 cm above the floor"
+    assert abs(rows[:230]).max() < 0.05
+    assert find_skirting(bare.image.rgb, GEOMETRY, box_room(), hidden) is None, "no dark foot where the floor mixes in"
+    assert find_skirting(lit.rgb, GEOMETRY, box_room(), np.ones_like(hidden)) is None
+
+
+def test_a_wall_that_hides_its_own_gets_it(bare: Painted) -> None:
+    """The foot of one wall is hidden from end to end."""
+    lit, high = with_skirting(bare), bare.points_m[..., 2]
+    target = (bare.maps.plane == 3) & (high < 0.7)
+    spoilt = lit.rgb.copy()
+    spoilt[target] = 0.01
+    found = empty_room(replace(lit, rgb=spoilt), target, box_room(), quality="draft").image.rgb
+    board, above = target & (high < 0.1), target & (high > 0.25)
+    assert 1.5 < np.median(found[board]) / np.median(found[above]) < 2.5
+    np.testing.assert_allclose(np.median(found[board]), np.median(lit.rgb[board]), rtol=0.25)
