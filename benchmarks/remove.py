@@ -6,11 +6,16 @@ seeds, furnished against emptied under the same sky; the mask is the true one, 2
 `room_median_err_pct` holds also what furniture takes from the light of the whole room, which no filling may put back
 without changing what is seen; `room_consistent_err_pct` is against the emptied room scaled by what the *unmasked*
 pixels of each half lost. `composed_...` has the exact truth: the same masks on the emptied rooms themselves, as if
-furniture had been put into their pictures and covered with the mask. Published figures are quoted in docs/removal.md.
+furniture had been put into their pictures and covered with the mask. `room_seamless_err_pct` is the error of the truth
+itself, made to join the darker surroundings: what no filling gets below. `room_edge_sharpness`: steepest step across
+filled edges of the room over the true one. `real_...`: furniture rendered into real pictures (`_remove_composites`).
+Published figures are quoted in docs/removal.md.
 """
 
 from __future__ import annotations
 
+import math
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -19,6 +24,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks._remove_composites import composites, near_shadow
+from benchmarks._remove_edges import edge_sharpness, joined_truth
 from benchmarks._remove_floors import SORTS, blob, flat_floor
 from benchmarks._remove_real import DATA, encoded, image_of, linear
 from benchmarks._remove_rivals import Bytes, Flags, Rival, rivals, timed
@@ -28,6 +35,10 @@ from mocks.rooms.truth import WINDOWPANE, TruthPictures
 from processing.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 from processing.removal.near_periodic import complete
+from processing.surfaces.maps import plane_map
+
+Floats = npt.NDArray[np.float32]
+Integers = npt.NDArray[np.int16]
 
 Case = tuple[str, Bytes, Flags, Flags]
 """Name, picture (sRGB, OpenCV's order), what is valid, the hole."""
@@ -59,7 +70,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     }
     metrics |= _floor_metrics(quick, seed)
     room, room_rivals = _rooms(quick, seed, others)
-    metrics |= room
+    metrics |= room | _composed_real(quick, others, notes)
     metrics["seconds_full"] = _full(quick, seed, notes)
     found = {
         name: {
@@ -154,12 +165,8 @@ def _floor_metrics(quick: bool, seed: int) -> dict[str, float]:
 
 def _target(truth: TruthPictures) -> Flags:
     """Return what is to be removed: true furniture and tripod, two pixels more, and the dark beside it."""
-    things = truth.furniture | truth.tripod | (truth.ade == -1)
-    wide = cv2.dilate(things.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     ratio = luminance_cd_m2(truth.luminance_rgb) / np.maximum(luminance_cd_m2(truth.empty_rgb), 1e-6)
-    ratio = cv2.blur(ratio.astype(np.float32), (3, 3))
-    near = cv2.dilate(wide.astype(np.uint8), np.ones((25, 25), np.uint8)).astype(bool)
-    return wide | (near & (ratio < 0.7 * np.median(ratio[~wide])))
+    return near_shadow(truth.furniture | truth.tripod | (truth.ade == -1), ratio)
 
 
 def _kept_light(truth: TruthPictures, target: Flags) -> npt.NDArray[np.float32]:
@@ -171,6 +178,44 @@ def _kept_light(truth: TruthPictures, target: Flags) -> npt.NDArray[np.float32]:
         seen = ~target[half] & (truth.ade[half] != WINDOWPANE)
         share[half] = np.median(ratio[half][seen])
     return share
+
+
+def _edges_of(found: Floats, truth: TruthPictures, target: Flags, planes: Integers) -> tuple[float, float]:
+    """Return the sharpness of filled edges over the true one, and the error (%) of a seamless perfect filling."""
+    ones = np.ones((len(truth.ade), 1), np.float32)
+    joined = joined_truth(truth.luminance_rgb, truth.empty_rgb, planes, target)
+    sharp = edge_sharpness(found, truth.empty_rgb, planes, target)
+    return (sharp[0] / sharp[1] if sharp else math.nan), _errors(joined, truth, target, ones)[0]
+
+
+def _composed_real(quick: bool, others: dict[str, Rival], notes: list[str]) -> dict[str, float]:
+    """Return the figures of real rooms with rendered furniture; nothing where they are not here."""
+    rows: list[tuple[float, ...]] = []
+    theirs: list[tuple[float, ...]] = []
+    for one in composites(1 if quick else REAL_ROOMS):
+        found = empty_room(image_of(one.furnished), one.target, one.room).image.rgb
+        off = np.abs(luminance_cd_m2(found) - luminance_cd_m2(one.empty)) / np.maximum(luminance_cd_m2(one.empty), 1e-6)
+        scale = 0.35 / float(np.median(luminance_cd_m2(one.empty)))
+        shown, before = encoded(one.empty * scale), np.ascontiguousarray(encoded(one.furnished * scale))
+        scores = _scores(encoded(found * scale), shown, one.target)
+        errors = off[one.target]
+        rows.append((100 * float(np.median(errors)), 100 * float(np.percentile(errors, 95)), *scores[:2]))
+        fills = [timed(others[name], before, one.target)[0] for name in ("opencv_telea", "opencv_ns")]
+        theirs.append(tuple(_scores(fill, shown, one.target)[0] for fill in fills))
+        notes.append(
+            f"{one.name}: median error {rows[-1][0]:.1f} %, {scores[0]:.1f} dB, rivals {max(theirs[-1]):.1f} dB"
+        )
+    if not rows:
+        notes.append("no real panoramas here: furniture in real rooms was not measured")
+        return {}
+    mean = np.mean(rows, axis=0)
+    found_metrics = {name: round(float(value), 3) for name, value in zip(REAL_KEYS, mean, strict=True)}
+    gain = float(mean[2]) - float(np.mean(theirs, axis=0).max())
+    return found_metrics | {"real_gain_db": round(gain, 2), "real_rooms": len(rows)}
+
+
+REAL_ROOMS = 4
+REAL_KEYS = ("real_median_err_pct", "real_p95_err_pct", "real_psnr_db", "real_ssim")
 
 
 def _rooms(quick: bool, seed: int, others: dict[str, Rival]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
@@ -192,7 +237,9 @@ def _rooms(quick: bool, seed: int, others: dict[str, Rival]) -> tuple[dict[str, 
         median, p95 = _errors(found, truth, target, ones)
         same, _ = _errors(found, truth, target, share)
         composed_median, composed_p95 = _errors(composed, truth, target, ones)
-        rows.append((median, p95, same, *mine[:2], spent, composed_median, composed_p95, *exact))
+        sharp, floor = _edges_of(found, truth, target, plane_map(model, image_of(truth.empty_rgb).geometry))
+        rows.append((median, p95, same, *mine[:2], spent, composed_median, composed_p95, *exact, sharp, floor))
+        print(f"{room.name}: {dict(zip(ROOM_KEYS, np.round(rows[-1], 3), strict=True))}", file=sys.stderr, flush=True)
         before = np.ascontiguousarray(encoded(truth.luminance_rgb * scale))
         for name, rival in used.items():
             try:
@@ -210,14 +257,15 @@ def _rooms(quick: bool, seed: int, others: dict[str, Rival]) -> tuple[dict[str, 
 ROOM_KEYS = (
     *("room_median_err_pct", "room_p95_err_pct", "room_consistent_err_pct", "room_psnr_db", "room_ssim", "room_cpu_s"),
     *("composed_median_err_pct", "composed_p95_err_pct", "composed_psnr_db", "composed_ssim", "composed_gradient"),
+    *("room_edge_sharpness", "room_seamless_err_pct"),
 )
 
 
 def _room_metrics(
     rows: list[Any], theirs: dict[str, list[tuple[float, float]]]
 ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-    mean = np.mean(rows, axis=0)
-    metrics = {name: round(float(value), 3) for name, value in zip(ROOM_KEYS, mean, strict=True)}
+    mean = np.nanmean(rows, axis=0)
+    metrics = {k: round(float(v), 3) for k, v in zip(ROOM_KEYS, mean, strict=True) if np.isfinite(v)}
     metrics["rooms"] = len(rows)
     found = {}
     for name, pairs in theirs.items():
