@@ -30,6 +30,9 @@ SHEET_ROWS, ANIMATION_ROWS = 192, 384
 @click.option("--date", metavar="DATE", help="Of --sweep: 2023-06-21; default: the day of the capture.")
 @click.option("--step", metavar="TIME", help="Of --sweep: 30m or 1h.  [default: 1h]")
 @click.option("--staged", type=click.IntRange(min=1), metavar="N", help="The staged alternative N.")
+@click.option(
+    "--furniture", type=click.Path(path_type=Path), metavar="FOLDER", help="Your models that it was staged with."
+)
 @click.option("--empty", is_flag=True, help="The emptied room.  [default]")
 @click.option("--weather", type=click.Choice(["captured", "clear", "overcast"]), default="captured", show_default=True)
 @click.option("--site", metavar="LAT,LON", help="Where the room is, if the session does not say.")
@@ -59,7 +62,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     from processing.relighting.session_room import read_session_room
     from processing.rendering.relight_basis import BASIS_EFFORTS
 
-    room = read_session_room(session, asked["staged"], asked["rows"])
+    room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
     folder = asked["output"] or session / FOLDER
     name = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
     moments = _moments(room, asked)
@@ -85,6 +88,8 @@ def _check(asked: dict[str, Any]) -> None:
         raise click.UsageError("say one of --at TIME, --sky FILE and --sweep day")
     if asked["empty"] and asked["staged"] is not None:
         raise click.UsageError("--empty and --staged exclude each other")
+    if asked["furniture"] is not None and asked["staged"] is None:
+        raise click.UsageError("--furniture goes with --staged")
     for name in ("date", "step"):
         if asked[name] is not None and not asked["sweep"]:
             raise click.UsageError(f"--{name} goes with --sweep")

@@ -26,6 +26,9 @@ MOST_PX = 4096
     "--width", type=click.IntRange(64, MOST_PX), default=1280, show_default=True, help="Of the picture, pixels."
 )
 @click.option("--staged", type=click.IntRange(min=1), metavar="N", help="The staged alternative N.")
+@click.option(
+    "--furniture", type=click.Path(path_type=Path), metavar="FOLDER", help="Your models that it was staged with."
+)
 @click.option("--empty", is_flag=True, help="The emptied room.  [default]")
 @click.option("--quality", type=click.Choice(["draft", "standard"]), default="draft", show_default=True)
 @click.option("--name", help="Of the files; default: from the place.")
@@ -49,7 +52,7 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
 
     eye = _numbers(asked["eye"], 3, "--eye")
     geometry = _geometry(asked)
-    room = read_session_room(session, asked["staged"], 2048)
+    room = read_session_room(session, asked["staged"], 2048, asked["furniture"])
     check_place(room.scene, (eye[0], eye[1], eye[2]))
     effort = EFFORTS[asked["quality"]]
     found = seen_from(room.scene, room.picture.rgb, room.eye_m, geometry, (eye[0], eye[1], eye[2]), effort=effort)
@@ -69,6 +72,8 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
 def _check(asked: dict[str, Any]) -> None:
     if asked["empty"] and asked["staged"] is not None:
         raise click.UsageError("--empty and --staged exclude each other")
+    if asked["furniture"] is not None and asked["staged"] is None:
+        raise click.UsageError("--furniture goes with --staged")
     if asked["panorama"] and (asked["look"] is not None or asked["fov"] is not None):
         raise click.UsageError("--look and --fov do nothing beside --panorama")
 

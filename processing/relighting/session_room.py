@@ -54,8 +54,8 @@ class SessionRoom:
         return times[len(times) // 2] if times else self.manifest.created_utc
 
 
-def read_session_room(session: Path, staged: int | None, rows: int) -> SessionRoom:
-    """Return a session's room with its picture at ``rows`` rows.
+def read_session_room(session: Path, staged: int | None, rows: int, furniture: Path | None = None) -> SessionRoom:
+    """Return a session's room with its picture at ``rows`` rows; ``furniture``: the folder that it was staged from.
 
     Raises `RelightError` where the stages that are needed have not run, and what reading their files raises.
     """
@@ -73,7 +73,7 @@ def read_session_room(session: Path, staged: int | None, rows: int) -> SessionRo
     facts = _json(stages / "materials" / "materials.json")
     height_m = read_room(stages / "room" / "room.json").camera_height_m
     if staged is not None:
-        scene = _furnished(scene, stages, staged)
+        scene = _furnished(scene, stages, staged, furniture)
     picture = _picture(_picture_path(stages, staged), rows)
     return SessionRoom(
         manifest, scene, picture, (0.0, 0.0, height_m), staged, facts.get("outdoors", MEASURED) == MEASURED
@@ -99,7 +99,7 @@ def _picture_path(stages: Path, staged: int | None) -> Path:
     return next((path for path in candidates if path.is_file()), candidates[-1])
 
 
-def _furnished(scene: Scene, stages: Path, staged: int) -> Scene:
+def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) -> Scene:
     told = stages / "render" / "staged.json"
     every = _json(told).get("alternatives", []) if told.is_file() else []
     if not 1 <= staged <= len(every):
@@ -109,17 +109,17 @@ def _furnished(scene: Scene, stages: Path, staged: int) -> Scene:
             likely=f"{len(every)} are rendered",
             advice="give --staged 1 and up, or --empty",
         )
-    result = _json(stages / "render" / "result.json").get("ingredients", {})
-    own = result.get("files", {}).get("furniture")
-    if own:
+    files = _json(stages / "render" / "result.json").get("ingredients", {}).get("files", {})
+    if bool(files.get("furniture")) != (furniture is not None):
         raise RelightError(
-            "furniture of your own catalogue cannot be found again",
+            "the furniture is from a folder of your own" if furniture is None else "the furniture is the built-in one",
             where=f"alternative {staged}",
-            advice="relight with --empty",
+            advice="give --furniture FOLDER as for daylit process" if furniture is None else "leave --furniture out",
         )
     arrangements = Arrangements.model_validate_json(json.dumps(_json(stages / "arrange" / "arrangement.json")))
     one = arrangements.arrangements[staged - 1]
-    return scene.furnished(furniture_parts(one.items, Catalogue.builtin(every[staged - 1]["style"])))
+    own = None if furniture is None else Catalogue.at(furniture)
+    return scene.furnished(furniture_parts(one.items, Catalogue.builtin(every[staged - 1]["style"]), own))
 
 
 def _picture(path: Path, rows: int) -> LuminanceImage:
