@@ -1,0 +1,166 @@
+"""`daylit export`: what it writes, as others read it: Mitsuba's EXR reader, falsecolor, Pillow, trimesh."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+import daylit
+from processing.errors import ParameterError
+from processing.exchange.export import export, pictures_of
+from processing.exr_files import write_exr
+from processing.images import LuminanceImage
+from processing.radiance_files import write_radiance_hdr
+from processing.rendering.scene_file import write_scene
+from processing.sphere import Equirectangular, Fisheye, LensMapping
+from tests.processing.rendering.rooms import box_room, scene_of, uniform_sky
+from tests.station.sessions import complete_session
+
+
+def picture(level: float, rows: int = 48) -> LuminanceImage:
+    ramp = np.linspace(0.5, 1.5, 2 * rows, dtype=np.float32) * np.float32(level)
+    rgb = np.repeat(np.repeat(ramp[None, :, None], rows, 0), 3, 2)
+    shape = rgb.shape[:2]
+    return LuminanceImage(
+        rgb, np.full(shape, 0.05, np.float32), np.zeros(shape, np.uint8), Equirectangular(2 * rows, rows), 0.02
+    )
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    path = complete_session(tmp_path / "sessions")
+    for stage, name, level in (
+        ("calibrate", "indoor", 100.0),
+        ("remove", "empty", 120.0),
+        ("render", "staged-1", 110.0),
+        ("render", "staged-2", 90.0),
+    ):
+        (path / "stages" / stage).mkdir(parents=True, exist_ok=True)
+        write_exr(path / "stages" / stage / f"{name}.exr", picture(level))
+    (path / "stages" / "materials").mkdir()
+    write_scene(path / "stages" / "materials" / "scene.npz", scene_of(box_room(), uniform_sky()))
+    return path
+
+
+def test_pictures_in_every_format(session: Path, tmp_path: Path) -> None:
+    done = export(session, tmp_path / "out", ("jpeg", "hdr", "exr", "gltf"))
+    names = {path.name.removeprefix(session.name + "_") for path in done.files}
+    pictures = ("room", "empty", "staged-1", "staged-2")
+    assert names == {f"{p}.{kind}" for p in pictures for kind in ("jpg", "hdr", "exr")} | {"room.glb"}
+    assert done.left_out == {}
+    assert all(path.stat().st_size > 0 for path in done.files)
+    room, staged = ((tmp_path / "out" / f"{session.name}_{p}.jpg").read_bytes() for p in ("room", "staged-1"))
+    assert b"compositeSynthetic" in staged
+    assert b"compositeSynthetic" not in room
+    assert b"GPano" in room
+
+
+def test_one_exposure_for_a_room_and_a_label_that_can_be_left_out(session: Path, tmp_path: Path) -> None:
+    export(session, tmp_path / "out", ("jpeg",), label=False)
+    export(session, tmp_path / "labelled", ("jpeg",))
+
+    def codes(folder: str, name: str) -> np.ndarray:
+        with Image.open(tmp_path / folder / f"{session.name}_{name}.jpg") as opened:
+            return np.asarray(opened, int)
+
+    assert codes("out", "empty").mean() > codes("out", "room").mean() > codes("out", "staged-2").mean()
+    assert np.abs(codes("out", "staged-1") - codes("labelled", "staged-1")).max() > 60
+    assert np.abs(codes("out", "room") - codes("labelled", "room")).max() == 0
+
+
+def test_what_radiance_cannot_show_is_left_out_with_the_reason(session: Path, tmp_path: Path) -> None:
+    shape = (40, 60)
+    sky = LuminanceImage(
+        np.full((*shape, 3), 900, np.float32),
+        np.full(shape, 0.1, np.float32),
+        np.zeros(shape, np.uint8),
+        Fisheye(60, 40, LensMapping.EQUIDISTANT, 30, centre_px=(28.0, 20.0)),
+        0.02,
+    )
+    write_exr(session / "stages" / "calibrate" / "outdoor.exr", sky)
+    done = export(session, tmp_path / "out", ("hdr", "jpeg"))
+    assert set(done.left_out) == {"sky.hdr"}
+    assert (tmp_path / "out" / f"{session.name}_sky.jpg").exists()
+
+
+def test_relative_pictures_say_so(session: Path, tmp_path: Path) -> None:
+    write_exr(session / "stages" / "calibrate" / "indoor.exr", replace(picture(1.0), absolute=False))
+    export(session, tmp_path / "out", ("jpeg",))
+    assert b'daylit:Units="relative"' in (tmp_path / "out" / f"{session.name}_room.jpg").read_bytes()
+
+
+def test_an_upright_panorama_comes_first_and_models_are_named(session: Path, tmp_path: Path) -> None:
+    (session / "stages" / "room").mkdir()
+    write_exr(session / "stages" / "room" / "panorama.exr", picture(50.0))
+    (session / "stages" / "render" / "staged-1.glb").write_bytes(b"glTF")
+    assert pictures_of(session)["room"].name == "panorama.exr"
+    done = export(session, tmp_path / "out", ("gltf",))
+    assert [path.name.rpartition("_")[2] for path in done.files] == ["room.glb", "staged-1.glb"]
+    assert set(trimesh.load(done.files[0]).geometry) >= {"floor", "ceiling", "wall-0"}
+    (session / "stages" / "materials" / "scene.npz").unlink()
+    assert "materials" in export(session, tmp_path / "out", ("gltf",)).left_out["room.gltf"]
+
+
+def test_what_cannot_be_is_refused(session: Path, tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="no such kind"):
+        export(session, tmp_path / "out", ("usd",))
+    with pytest.raises(ParameterError, match="no results"):
+        export(complete_session(tmp_path / "other"), tmp_path / "out", ("jpeg",))
+
+
+def test_as_a_user_meets_it(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import processing.light_figures.glare_views as module
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(module.write_glare_views.__kwdefaults__, "size_px", 32)
+    assert daylit.main(["export", str(session), "--what", "jpeg,glare", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert len(found["files"]) == 4 + 8
+    assert all(name.startswith(f"{session.name}-export/") for name in found["files"])
+    assert "evalglare" in found["left_out"]
+    assert daylit.main(["export", str(session), "--what", "gif"]) == 2
+
+
+def test_mitsuba_reads_our_exr(tmp_path: Path) -> None:
+    mitsuba = pytest.importorskip("mitsuba")
+    mitsuba.set_variant("scalar_rgb")
+    image = picture(1234.5)
+    image.rgb[3, 4] = (1.6e9, 0.25, 0.0)
+    write_exr(tmp_path / "a.exr", image)
+    bitmap = mitsuba.Bitmap(str(tmp_path / "a.exr"))
+    names = [field.name for field in bitmap.struct_()]
+    values = np.array(bitmap)
+    read = values[..., [names.index(name) for name in ("R", "G", "B")]]
+    np.testing.assert_array_equal(read, image.rgb)
+    assert np.array_equal(values[..., names.index("validity")], image.validity)
+    assert bitmap.metadata()["whiteLuminance"] == 1.0
+
+
+def test_the_tools_that_falsecolor_is_made_of_take_our_hdr(tmp_path: Path) -> None:
+    """falsecolor itself is a script that pyradiance may lack: it asks pextrem for the range, pcomb for colours."""
+    pyradiance = pytest.importorskip("pyradiance", reason="an oracle of the bench extra")
+    tools = Path(pyradiance.__file__).parent / "bin"
+    path = tmp_path / "a.hdr"
+    write_radiance_hdr(path, picture(800.0, rows=64))
+
+    def told(*words: str) -> bytes:
+        return subprocess.run([str(tools / words[0]), *words[1:]], capture_output=True, check=True, timeout=60).stdout
+
+    lowest, highest = ([float(v) for v in line.split()[2:]] for line in told("pextrem", "-o", str(path)).splitlines())
+    assert lowest[1] * 179 == pytest.approx(400, rel=0.02)
+    assert highest[1] * 179 == pytest.approx(1200, rel=0.02)
+    (tmp_path / "half.hdr").write_bytes(told("pcomb", "-s", "0.5", str(path)))
+    _, high = (line.split()[2:] for line in told("pextrem", "-o", str(tmp_path / "half.hdr")).splitlines())
+    assert float(high[1]) * 179 == pytest.approx(600, rel=0.02)
+    if (tools / "falsecolor").exists():
+        assert pyradiance.falsecolor(str(path), scale="1200").startswith(b"#?RADIANCE")
