@@ -18,6 +18,7 @@ import math
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -27,6 +28,8 @@ import numpy.typing as npt
 from benchmarks._remove_composites import composites, near_shadow
 from benchmarks._remove_edges import edge_sharpness, joined_truth
 from benchmarks._remove_floors import SORTS, blob, flat_floor
+from benchmarks._remove_plot import Case as PlotCase
+from benchmarks._remove_plot import remove_plot
 from benchmarks._remove_real import DATA, encoded, image_of, linear
 from benchmarks._remove_rivals import Bytes, Flags, Rival, rivals, timed
 from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
@@ -44,6 +47,7 @@ Case = tuple[str, Bytes, Flags, Flags]
 """Name, picture (sRGB, OpenCV's order), what is valid, the hole."""
 TEXTURES = ("completion_20150911134723-104840a8", "completion_20150911134910-5dcfbc24")
 FULL = (6720, 3360)
+PLOTTED = 2
 UNITS = {"npp_ssim": "SSIM in the hole", "npp_gradient": "gradient energy / truth", "seconds_full": "CPU s"}
 
 
@@ -72,6 +76,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     room, room_rivals = _rooms(quick, seed, others)
     metrics |= room | _composed_real(quick, others, notes)
     metrics["seconds_full"] = _full(quick, seed, notes)
+    if not quick:
+        both = {name: others[name] for name in ("opencv_telea", "opencv_ns")}
+        remove_plot(plot_cases(seed), both, Path("removal-time.png"))
     found = {
         name: {
             "npp_psnr_db": round(float(np.mean([s[0] for s in scores])), 2),
@@ -286,6 +293,14 @@ def _errors(
     emptied = luminance_cd_m2(truth.empty_rgb)
     off = (np.abs(luminance_cd_m2(found) / share - emptied) / np.maximum(emptied, 1e-6))[judged]
     return 100 * float(np.median(off)), 100 * float(np.percentile(off, 95))
+
+
+def plot_cases(seed: int) -> Iterator[PlotCase]:
+    """Yield the emptied rooms on which run time is drawn against error."""
+    for number, use in kept_list("test", 16, seed)[:PLOTTED]:
+        room, truth = truth_of(number, use)
+        target = _target(truth)
+        yield truth.empty_rgb, room_model_of(room), target, target & (truth.ade != WINDOWPANE)
 
 
 def _full(quick: bool, seed: int, notes: list[str]) -> float:
