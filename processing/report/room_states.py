@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from processing.exchange.label import TEXT
 from processing.images import LuminanceImage, luminance_cd_m2
@@ -20,8 +21,9 @@ from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 
 MOST_STAGED = 7
-LARGEST_MODELS = 8_000_000
-"""Bytes of models within the page, besides the first."""
+HALF_FIELD = math.radians(FIELD_DEG / 2)
+LARGEST_MODELS = 9_000_000
+"""Bytes of models within the page."""
 
 
 def room_states(context: StageContext) -> tuple[State, ...]:
@@ -47,8 +49,9 @@ def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
     plain = isinstance(asked, ReportParameters) and asked.no_staged_label
     staged = [state.image for state in states if state.staged]
     places = furniture_places(context.optional_artifact("arrange", "arrangement") or {}) if staged else []
-    yaw = towards_furniture(places) if places else towards(states[0].image, states[-1].image)
-    return Look.of(states[0].image, yaw_rad=yaw, label="" if plain else TEXT)
+    yaw = towards(states[0].image, states[-1].image)
+    first, second = towards_furniture(places) if places else (yaw, yaw + math.pi)
+    return Look.of(states[0].image, yaw_rad=first, other_yaw_rad=second, label="" if plain else TEXT)
 
 
 def furniture_places(arrangements: Mapping[str, Any]) -> list[tuple[float, float, float]]:
@@ -61,14 +64,20 @@ def furniture_places(arrangements: Mapping[str, Any]) -> list[tuple[float, float
     ]
 
 
-def towards_furniture(places: Sequence[tuple[float, float, float]]) -> float:
-    """Return the longitude of the view that shows most furniture, large pieces first, and not only what is near."""
+def towards_furniture(places: Sequence[tuple[float, float, float]]) -> tuple[float, float]:
+    """Return the longitudes of two views that show most furniture, large pieces first, and not only what is near."""
     x, y, size = np.array(places, dtype=np.float64).T
     worth = size * np.clip((np.hypot(x, y) - 0.8) / 1.2, 0.0, 1.0)
     longitudes = np.radians(np.arange(-180, 180, 2.0))
-    apart = np.abs(np.angle(np.exp(1j * (longitudes[:, None] - np.arctan2(x, y)[None]))))
-    score = np.maximum(0.0, 1 - (apart / math.radians(FIELD_DEG / 2)) ** 4) @ worth
-    return float(longitudes[np.argmax(score)])
+    score = np.maximum(0.0, 1 - (_apart(longitudes[:, None], np.arctan2(x, y)[None]) / HALF_FIELD) ** 4) @ worth
+    first = longitudes[np.argmax(score)]
+    elsewhere = np.where(_apart(longitudes, first) > 1.7 * HALF_FIELD, score, -1.0)
+    second = longitudes[np.argmax(elsewhere)] if elsewhere.max() > 0 else first + math.pi
+    return float(first), float(second)
+
+
+def _apart(one: npt.ArrayLike, other: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    return np.asarray(np.abs(np.angle(np.exp(1j * (np.asarray(one) - np.asarray(other))))))
 
 
 def towards(before: LuminanceImage, after: LuminanceImage) -> float:
@@ -83,7 +92,7 @@ def towards(before: LuminanceImage, after: LuminanceImage) -> float:
         return 0.0
     longitudes = ((np.arange(by_column.size) + 0.5) / by_column.size - 0.5) * 2 * math.pi
     # As much as fits into a view of 90 degrees, rather than the mean of what stands all around.
-    apart = np.abs(np.angle(np.exp(1j * (longitudes[:, None] - longitudes[None]))))
+    apart = _apart(longitudes[:, None], longitudes[None])
     return float(longitudes[np.argmax((np.maximum(math.pi / 4 - apart, 0)) @ by_column)])
 
 
@@ -116,11 +125,15 @@ def model_section(context: StageContext) -> Section | None:
     if not paths:
         return None
     models: list[Model] = []
+    room_left = LARGEST_MODELS
     for number, path in enumerate(paths, 1):
-        if models and sum(len(one.glb) for one in models) + path.stat().st_size > LARGEST_MODELS:
+        room_left -= path.stat().st_size
+        if room_left < 0:
             break
         models.append(Model(f"Staged {number}", path.read_bytes(), f"model of the staged room, alternative {number}"))
     note = _left_out(paths[len(models) :])
+    if not models:
+        return Section("In three dimensions", note)
     text = "Drag to turn, scroll or pinch to come closer. Walls are seen from within only, so that one looks inside."
     return Section("In three dimensions", text, widgets=(Models(tuple(models), note),))
 
@@ -128,7 +141,8 @@ def model_section(context: StageContext) -> Section | None:
 def _left_out(paths: list[Path]) -> str:
     if not paths:
         return ""
-    return f"Further models are beside this page, to keep it small: {', '.join(path.name for path in paths)}."
+    names = ", ".join(path.name for path in paths)
+    return f"Too large for this page, and to be opened with any glTF viewer: {names} in stages/render."
 
 
 def _whole(image: Any) -> bool:

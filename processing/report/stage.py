@@ -93,7 +93,7 @@ def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
 def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
     room = facts["indoor"]
     if not room.get("absolute", True):
-        return (Quantity("Clipped", 100 * room["clipped_share"], "% of all directions", note=room["source"]),)
+        return (Quantity("Clipped", round(100 * room["clipped_share"], 2), "% of all directions", note=room["source"]),)
     light = room["illuminance_lx"]["up"]
     found = [
         Quantity("k1", room["k1"], "", room["k1"] * room["k1_relative_uncertainty"], "indoor scale, eq. 1"),
@@ -139,7 +139,10 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     if sky is not None:
         found.append(outdoor_section(sky, facts["outdoor"]))
     figures = context.optional_artifact("figures", "light_figures")
-    found.append(light_section(facts) if figures is None else light_figures_section(figures))
+    if figures is not None:
+        found.append(light_figures_section(figures))
+    elif facts["indoor"].get("absolute", True):
+        found.append(light_section(facts))
     found += _room(context)
     found += _detect(context)
     found += _remove(context)

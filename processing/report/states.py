@@ -26,7 +26,7 @@ from processing.views import Panorama, cut_view
 
 MAP_WIDTH_PX = 1024
 """Of what the probe reads."""
-VIEWER_WIDTHS_PX = ((4, 4096), (8, 3072), (99, 2048))
+VIEWER_WIDTHS_PX = ((2, 4096), (5, 3072), (99, 2048))
 """Most states, and the width of their pictures then: the page stays one that can be sent."""
 PANORAMA_WIDTH_PX = 1800
 VIEW_PX = (1500, 1000)
@@ -54,12 +54,12 @@ class State:
 
 
 def comparison(states: Sequence[State], look: Look) -> Comparison:
-    """Return the states under a slider: towards ``look.yaw_rad``, away from it, and all around."""
+    """Return the states under a slider: towards ``look.yaw_rad``, ``look.other_yaw_rad``, and all around."""
     wholes = [Panorama(np.ascontiguousarray(state.image.rgb)) for state in states]
-    ahead, behind = _direction(look.yaw_rad), _direction(look.yaw_rad + math.pi)
+    first, second = _direction(look.yaw_rad), _direction(look.other_yaw_rad)
     scenes = [
         _scene(name, states, look, [_view(whole, view, look) for whole in wholes])
-        for name, view in (("View 1", ahead), ("View 2", behind))
+        for name, view in (("View 1", first), ("View 2", second))
     ]
     small = [_panorama(state.image.rgb, PANORAMA_WIDTH_PX) for state in states]
     around = [shown(rgb, look) for rgb in small]
@@ -183,4 +183,4 @@ def _jpeg(rgb8: Bytes, state: State, look: Look, *, panorama: bool) -> bytes:
     shown = labelled(rgb8, look.label, panorama=panorama) if state.staged and look.label else rgb8
     tags = PanoramaTags.whole(rgb8.shape[1], rgb8.shape[0]) if panorama else None
     relative = not state.image.absolute
-    return jpeg_bytes(shown, panorama=tags, staged=state.staged, relative=relative, title=state.name, quality=86)
+    return jpeg_bytes(shown, panorama=tags, staged=state.staged, relative=relative, title=state.name, quality=82)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,14 +29,18 @@ class Look:
     """Where views look first."""
     label: str = TEXT
     """On staged pictures; empty: none."""
+    other_yaw_rad: float = math.pi
+    """Where the second view looks."""
 
     @classmethod
-    def of(cls, image: LuminanceImage, *, yaw_rad: float = 0.0, label: str = TEXT) -> Look:
+    def of(
+        cls, image: LuminanceImage, *, yaw_rad: float = 0.0, other_yaw_rad: float = math.pi, label: str = TEXT
+    ) -> Look:
         """Return the look of a picture and of all that is made from it."""
         exposure = BRIGHTER * auto_exposure(image.rgb)
         step = max(1, image.rgb.shape[1] // 1024)
         sample = luminance_cd_m2(image.rgb[::step, ::step]) * np.float32(exposure)
-        return cls(exposure, max(1.0, float(np.quantile(sample, _WHITE_SHARE))), yaw_rad, label)
+        return cls(exposure, max(1.0, float(np.quantile(sample, _WHITE_SHARE))), yaw_rad, label, other_yaw_rad)
 
 
 def shown(rgb: Floats, look: Look) -> Bytes:

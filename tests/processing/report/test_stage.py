@@ -96,7 +96,8 @@ def test_further_models_are_named_when_the_page_would_be_too_large(
 ) -> None:
     given = context(tmp_path, results())
     (tmp_path / "stages" / "render" / "staged-2.glb").write_bytes(b"x" * 10_000)
-    monkeypatch.setattr(room_states, "LARGEST_MODELS", 9_000)
+    first = (tmp_path / "stages" / "render" / "staged-1.glb").stat().st_size
+    monkeypatch.setattr(room_states, "LARGEST_MODELS", first + 9_999)
     section = room_states.model_section(given)
     assert section is not None
     models = section.widgets[0]
@@ -104,14 +105,20 @@ def test_further_models_are_named_when_the_page_would_be_too_large(
     assert [model.name for model in models.models] == ["Staged 1"]
     assert "staged-2.glb" in models.note
     assert base64.b64decode(models.models[0].text).startswith(b"glTF")
+    monkeypatch.setattr(room_states, "LARGEST_MODELS", 100)
+    section = room_states.model_section(given)
+    assert section is not None
+    assert not section.widgets
+    assert "staged-1.glb, staged-2.glb" in section.text
 
 
 def test_views_look_where_most_furniture_is_seen() -> None:
     bed, chair, lamp = (2.0, 2.0, 1.7), (2.5, 1.0, 0.5), (-2.0, -2.0, 0.3)
-    yaw = np.degrees(room_states.towards_furniture([bed, chair, lamp]))
-    assert 20 < yaw < 80
+    first, second = np.degrees(room_states.towards_furniture([bed, chair, lamp]))
+    assert 20 < first < 80
+    assert -180 <= second < -90, "the second view is another one"
     at_hand = (0.0, -0.5, 2.0)
-    assert room_states.towards_furniture([bed, at_hand]) > 0, "what hides the room is not looked at"
+    assert room_states.towards_furniture([bed, at_hand])[0] > 0, "what hides the room is not looked at"
 
 
 def test_without_an_arrangement_views_look_at_what_changed() -> None:
