@@ -12,13 +12,15 @@ from processing.removal.near_periodic_correlation import Doubles, SelfCorrelatio
 
 Places = npt.NDArray[np.intp]
 
-LATTICE_NCC = 0.45
+LATTICE_NCC = 0.52
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
-laminate 0.05 to 0.14 (measured)."""
+laminate 0.05 to 0.14 (measured), a real carpet with patches of sun 0.45."""
+PEAK_NCC = 0.13
+"""At a node from which its place counts when the lattice is refined."""
 CANDIDATES = 48
 LONGEST = 0.45
 """Of a step against the texture's size: a pattern must be seen to repeat."""
-ORIENTED_NCC = 0.45
+ORIENTED_NCC = 0.52
 """The same, of which way the grain runs: herringbone has 0.71 to 0.75, planks, laminate and carpet none (measured)."""
 NODE_REACH = 5
 
@@ -119,7 +121,7 @@ def _refined(correlation: SelfCorrelation, a: Doubles, b: Doubles) -> tuple[Doub
         combos = np.stack([g.ravel() for g in np.meshgrid(grid, grid)], axis=-1)
         combos = combos[(combos[:, 1] > 0) | ((combos[:, 1] == 0) & (combos[:, 0] > 0))]
         found = [peak_near(correlation, combo @ basis) for combo in combos]
-        ok = np.array([f is not None and f[1] > 0.3 * LATTICE_NCC for f in found])
+        ok = np.array([f is not None and f[1] > PEAK_NCC for f in found])
         if ok.sum() < 2 or np.linalg.matrix_rank(combos[ok]) < 2:
             continue
         places = np.array([f[0] for f, use in zip(found, ok, strict=True) if use and f is not None])
