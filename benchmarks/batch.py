@@ -34,8 +34,8 @@ from processing.stages.contract import Quality
 UNTIL = os.environ.get("DAYLIT_BATCH_UNTIL", "calibrate")
 ARGUMENTS = ("--quality", "draft", "--until", UNTIL)
 CONDITIONS = Path(__file__).resolve().parents[2] / "shared" / "data" / "paper" / "cali_hdr_summary.csv"
-COUNT = {True: 6, False: 137}
-TIMED = {True: 3, False: 8}
+COUNT = {True: 4, False: 137}
+TIMED = {True: 2, False: 8}
 ALONE = {True: 1, False: 3}
 CHILD = "processing.batch.child"
 
