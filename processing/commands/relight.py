@@ -59,10 +59,11 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     """
     _check(asked)
     from processing.relighting.relit_session import FOLDER, Relighting
-    from processing.relighting.session_room import read_session_room
+    from processing.relighting.session_room import check_sky, read_session_room
     from processing.rendering.relight_basis import BASIS_EFFORTS
 
     room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
+    check_sky(room)
     folder = asked["output"] or session / FOLDER
     name = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
     moments = _moments(room, asked)
@@ -147,16 +148,11 @@ def _caption(local: datetime, facts: dict[str, Any]) -> str:
 
 
 def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
-    from dataclasses import replace
-
     from processing.relighting.weather import captured_weather, usual_weather
 
-    if kind != "captured":
-        return usual_weather("clear" if kind == "clear" else "overcast")
-    if room.outdoors_measured:
+    if kind == "captured":
         return captured_weather(room.scene.outdoors, room.time_utc, place)
-    note = "no picture of the sky was captured: a clear sky is taken"
-    return replace(usual_weather("clear"), notes=(note,))
+    return usual_weather("clear" if kind == "clear" else "overcast")
 
 
 def _site(text: str | None) -> tuple[float, float] | None:

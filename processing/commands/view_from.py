@@ -104,50 +104,52 @@ def _geometry(asked: dict[str, Any]) -> Any:
 def _write(
     folder: Path, stem: str, room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float]
 ) -> dict[str, Any]:
-    from dataclasses import replace
-
-    import numpy as np
-
-    from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
-    from processing.exchange.label import labelled
+    """Write picture, JPEG and mask; return the facts."""
     from processing.exr_files import write_exr
-    from processing.images import Validity
     from processing.picture_masks import write_mask
-    from processing.picture_preview import preview_rgb8
-    from processing.relighting.session_room import MODELLED
-    from processing.sphere import Equirectangular
 
     solid = ~found.glass
-    facts = {
+    write_exr(folder / f"{stem}.exr", _picture(room, found, geometry, eye))
+    write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
+    _jpeg(folder / f"{stem}.jpg", room, found, geometry)
+    return {
         "eye_m": eye,
         "staged": room.staged,
         "seen_share": round(float(found.seen[solid].mean()), 4) if solid.any() else 1.0,
         "error": round(found.error, 4),
         "unit": room.picture.unit,
     }
-    doubt = np.where(found.seen, np.float32(0.1), np.float32(2 * MODELLED))
-    image = replace(
+
+
+def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float]) -> Any:
+    from dataclasses import replace
+
+    import numpy as np
+
+    from processing.images import Validity
+    from processing.relighting.session_room import MODELLED
+
+    return replace(
         room.picture,
         rgb=found.rgb,
-        uncertainty=doubt,
+        uncertainty=np.where(found.seen, np.float32(0.1), np.float32(2 * MODELLED)),
         validity=np.full(found.seen.shape, int(Validity.VALID), np.uint8),
         geometry=geometry,
         ghost=None,
         attributes={**room.picture.attributes, "seen_from_m": eye},
     )
-    write_exr(folder / f"{stem}.exr", image)
-    write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
+
+
+def _jpeg(path: Path, room: SessionRoom, found: Elsewhere, geometry: Any) -> None:
+    from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
+    from processing.exchange.label import labelled
+    from processing.picture_preview import preview_rgb8
+    from processing.sphere import Equirectangular
+
     rgb8 = preview_rgb8(found.rgb)
-    round_ = isinstance(geometry, Equirectangular)
     tags = None
-    if round_:
+    if isinstance(geometry, Equirectangular):
         tags = PanoramaTags.whole(geometry.width_px, geometry.height_px, heading_rad=room.manifest.heading_rad)
     staged = room.staged is not None
-    write_jpeg(
-        folder / f"{stem}.jpg",
-        labelled(rgb8, panorama=round_) if staged else rgb8,
-        panorama=tags,
-        staged=staged,
-        relative=not room.picture.absolute,
-    )
-    return facts
+    marked = labelled(rgb8, panorama=tags is not None) if staged else rgb8
+    write_jpeg(path, marked, panorama=tags, staged=staged, relative=not room.picture.absolute)

@@ -143,6 +143,16 @@ def _shrunk(values: np.ndarray, rows: int) -> np.ndarray:
     return np.asarray(cv2.resize(values, (2 * rows, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
+def check_sky(room: SessionRoom) -> None:
+    """Raise `RelightError` where the light outdoors was not measured: the windows are then pictures that glow."""
+    if not room.outdoors_measured:
+        raise RelightError(
+            "no picture of the sky was captured, so that nobody knows what another sky would send through the windows",
+            where=room.manifest.name,
+            advice="capture the outdoor picture too; daylit view-from works without",
+        )
+
+
 def place_of(room: SessionRoom, site: tuple[float, float] | None) -> Place:
     """Return where the room is; ``site``: latitude and longitude (degrees) instead of the session's."""
     here = room.manifest.site
@@ -164,7 +174,7 @@ def heading_of(room: SessionRoom, heading_rad: float | None, place: Place) -> tu
     if room.manifest.heading_rad is not None:
         return room.manifest.heading_rad, "session"
     sun = room.scene.outdoors.sun
-    if sun is None or not room.outdoors_measured:
+    if sun is None:
         raise DaylightError(
             "nobody knows whither the panorama faces",
             where=room.manifest.name,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -156,6 +157,15 @@ def test_what_is_not_there_is_named(session, tmp_path) -> None:
         ("--eye", "0,0,1", "--look", "0,95"),
     ):
         assert CliRunner().invoke(view_from, [str(session), *bad]).exit_code == 2
+
+
+def test_without_a_picture_of_the_sky_nobody_knows_another(session, tmp_path) -> None:
+    copy = Path(shutil.copytree(session, tmp_path / "copy"))
+    (copy / "stages" / "materials" / "materials.json").write_text(
+        '{"outdoors": "windows as seen from inside"}', "utf-8"
+    )
+    with pytest.raises(RelightError, match="no picture of the sky"):
+        run(relight, copy, "--at", "2023-05-19T19:00Z", "--rows", 64)
 
 
 def test_sheets_and_exposures() -> None:
