@@ -10,9 +10,10 @@ import numpy as np
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.edges import smooth_edges
 from processing.rendering.highlights import matte_share
-from processing.rendering.irradiance import Effort, Irradiance
+from processing.rendering.irradiance import Effort, Irradiance, gathered
+from processing.rendering.lightmap import LightMap
 from processing.rendering.mirrors import Mirrors, few_highlights
-from processing.rendering.render import ROWS_AT_ONCE_PX, directly, sun_of
+from processing.rendering.render import ROWS_AT_ONCE_PX, sun_of
 from processing.rendering.scene import Floats, Vector
 from processing.rendering.sight import FIRST_PART, Sight, albedo_of, emission_of, sight_along
 from processing.rendering.stage import Stage
@@ -25,6 +26,7 @@ MOST_GAIN = 4.0
 """By which new furniture may brighten a place of the room."""
 MISFIT = 0.5
 """Of log luminance between photograph and model, beyond which the model's sun is not believed."""
+LARGE_ROWS = 1024
 MOST_MIRRORED = 0.5
 """Of a floor's pixel that is taken to be mirrored light."""
 
@@ -38,6 +40,7 @@ class Change:
     small: Sight
     before: Irradiance
     after: Irradiance
+    lights: tuple[LightMap, LightMap]
     mirrors: Mirrors | None
     effort: Effort
     seed: int
@@ -116,10 +119,12 @@ def _light(change: Change, large: Sight, rows: slice, high: int) -> _Lit:
     alone = np.flatnonzero(missed & large.solid)
     seed = change.seed + rows.start
     if len(alone):
-        places = large.point[alone], large.normal[alone], change.effort, seed
-        old[alone] = directly(change.bare, *places)
-        new[alone] = directly(change.full, *places)
-    suns = (sun_of(stage, large, change.effort.sun_samples, seed) for stage in (change.bare, change.full))
+        places = large.point[alone], large.normal[alone], 2 * change.effort.pixel_samples, seed
+        old[alone] = gathered(change.bare, change.lights[0], *places)
+        new[alone] = gathered(change.full, change.lights[1], *places)
+    # Of a large picture several pixels share the width of a half shadow.
+    samples = change.effort.sun_samples // (4 if high > LARGE_ROWS else 1)
+    suns = (sun_of(stage, large, max(samples, 8), seed) for stage in (change.bare, change.full))
     return _Lit(old, new, *suns)
 
 

@@ -94,7 +94,7 @@ def differential(
     first = next(iter(lights))
     pair = (bare.lights[first], lights[first])
     mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
-    change = Change(bare.stage, full, small, before, after, mirrors, effort, seed, eye_m)
+    change = Change(bare.stage, full, small, before, after, pair, mirrors, effort, seed, eye_m)
     rgb, furniture, kept, ratio = in_bands(change, photograph, sunless)
     return Staged(rgb, furniture, kept, ratio, after.error)
 

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -26,6 +27,8 @@ from processing.stages.materials_parameters import MaterialsParameters
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
 EFFORT = Effort(pixel_samples=32)
+SUN_RIM_RAD, FURNITURE_RIM_RAD = math.radians(1.5), math.radians(0.8)
+"""By which sunlight stands again beyond its mask, and keeps away from what stood there."""
 MOST_LAMPS = 100
 """That are told by themselves; the light of all is in the scene."""
 
@@ -110,8 +113,10 @@ def emptied(context: StageContext) -> EmptyRoom:
     mask = context.optional_artifact("detect", "sunlight")
     if mask is None or np.shape(mask) != filled.shape:
         return EmptyRoom(image, filled, filled)
-    hidden = [context.optional_artifact("detect", name) for name in ("furniture", "tripod", "shadow")]
-    back = np.asarray(mask, bool) & ~np.any([np.asarray(h, bool) for h in hidden if h is not None], axis=0)
+    masks = [context.optional_artifact("detect", name) for name in ("furniture", "tripod", "shadow")]
+    hidden = np.any([np.asarray(one, bool) for one in masks if one is not None] or [~filled & filled], axis=0)
+    # What was filled reaches over the masks' edges: half shadow beside the sun, rims of furniture.
+    back = _grown(np.asarray(mask, bool), SUN_RIM_RAD) & ~_grown(hidden, FURNITURE_RIM_RAD)
     image = replace(
         image,
         rgb=np.where(back[..., None], before.rgb, image.rgb),
@@ -119,6 +124,16 @@ def emptied(context: StageContext) -> EmptyRoom:
         uncertainty=np.where(back, before.uncertainty, image.uncertainty),
     )
     return EmptyRoom(image, filled & ~back, filled & ~back)
+
+
+def _grown(mask: npt.NDArray[np.bool_], by_rad: float) -> npt.NDArray[np.bool_]:
+    """Return a mask of a panorama grown on all sides; columns wrap."""
+    radius = round(by_rad / math.pi * mask.shape[0])
+    if radius == 0:
+        return mask
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    wide = np.pad(mask.astype(np.uint8), ((0, 0), (radius, radius)), mode="wrap")
+    return np.asarray(cv2.dilate(wide, disc)[:, radius:-radius] > 0)
 
 
 def room_model(context: StageContext) -> RoomModel:
