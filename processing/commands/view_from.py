@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,6 +75,8 @@ def _check(asked: dict[str, Any]) -> None:
         raise click.UsageError("--empty and --staged exclude each other")
     if asked["furniture"] is not None and asked["staged"] is None:
         raise click.UsageError("--furniture goes with --staged")
+    if asked["name"] is not None and not re.fullmatch(r"[\w][\w .-]{0,99}", asked["name"]):
+        raise click.UsageError("--name is a file's name without its ending: letters, digits, blanks, dots, dashes")
     if asked["panorama"] and (asked["look"] is not None or asked["fov"] is not None):
         raise click.UsageError("--look and --fov do nothing beside --panorama")
 
