@@ -26,7 +26,7 @@ def image_of(rgb: np.ndarray, yaw_rad: float = 0.0) -> RelativeImage:
 
 
 def box_room(rows: int = ROWS) -> np.ndarray:
-    """Return a plainly painted box room with a bright window and a dark block on its floor, linear light."""
+    """Return a plainly painted box room with a window (sky, land, bars) and a dark block on its floor, linear light."""
     longitude = ((np.arange(2 * rows) + 0.5) / (2 * rows) - 0.5) * (2 * np.pi)
     latitude = (0.5 - (np.arange(rows) + 0.5) / rows) * np.pi
     x, y = np.sin(longitude), np.cos(longitude)
@@ -37,7 +37,10 @@ def box_room(rows: int = ROWS) -> np.ndarray:
     picture = np.where(row > high, 0.8, np.where(row < low, 0.25, 0.6 * side))[..., None] * np.ones(3)
     picture[(row < low)] *= (1.1, 0.9, 0.7)
     window = (np.abs(longitude)[None] < 0.25) & (row > -0.1) & (row < 0.25)
-    picture[window] = 6.0
+    picture[window] = (5.0, 6.0, 7.0)
+    picture[window & (row < 0.05)] = (1.5, 1.9, 1.2)
+    bars = (np.abs(np.abs(longitude) - 0.125)[None] > 0.105) | (row < -0.075) | (row > 0.225)
+    picture[window & bars] = 0.7
     block = (np.abs(longitude - 1.9)[None] < 0.3) & (row > -0.75) & (row < -0.3)
     picture[block] = (0.05, 0.06, 0.1)
     return picture
