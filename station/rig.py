@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -128,14 +130,16 @@ def open_named_rig(
     size: str = "full",
     rate: float = 1.0,
     on_progress: Callable[[str, int, int], None] | None = None,
+    in_its_place: bool = False,
     **changes: object,
 ) -> Rig:
     """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
 
     Without a file, simulated instruments are those of the paper. ``size`` is a key of `SIZE_STEPS` (simulated only);
     ``rate``: how much faster than life simulated time runs;
-    ``on_progress`` hears what is being rendered, steps done and steps in all; ``changes`` replace tables of the rig
-    file (``outdoor=None``).
+    ``on_progress`` hears what is being rendered, steps done and steps in all; ``in_its_place``: the rig stands where a
+    generated room does, at its time, and knows its heading, so that the sun is where it should be; ``changes`` replace
+    tables of the rig file (``outdoor=None``).
 
     Raises
     ------
@@ -151,12 +155,29 @@ def open_named_rig(
     from mocks.bench import BenchOptions, make_bench
     from mocks.clock import ScaledClock
 
-    file = simulated_rig_file(file, size)
+    place, start_utc = _place_of(simulate) if in_its_place else ({}, None)
+    file = simulated_rig_file(file.model_copy(update=place), size)
     cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
-    clock = SystemClock() if rate == 1.0 else ScaledClock(rate, SystemClock().utc_now())
+    as_lived = rate == 1.0 and start_utc is None
+    clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
     options = BenchOptions(clock=clock, on_progress=on_progress)
     bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
     return open_simulated_rig(file, bench)
+
+
+def _place_of(simulate: str) -> tuple[dict[str, object], datetime | None]:
+    """Return tables of the rig file as they are in a generated room, and its moment; nothing for other worlds."""
+    from mocks.rooms.world import RoomWorld
+    from mocks.world import open_world
+    from station.session import Site
+
+    world = open_world(simulate)
+    if not isinstance(world, RoomWorld):
+        return {}, None
+    moment, plan = world.room.moment, world.room.plan
+    place = Site(latitude_deg=moment.latitude_deg, longitude_deg=moment.longitude_deg)
+    heading_deg = round(math.degrees(moment.heading_rad), 4)
+    return {"site": place, "heading_deg": heading_deg, "camera_height_m": plan.camera_height_m}, moment.utc
 
 
 def simulated_renderer() -> str:

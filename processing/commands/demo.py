@@ -24,14 +24,14 @@ SPHERE_WORLD = "uniform:2000"
 
 QUICK_SIZE, QUICK_RATE, QUICK_QUALITY = "quarter", 8.0, "draft"
 """What --quick is: smaller pictures, shutters faster than life, draft quality."""
-GENERATED = "bedroom-7"
+GENERATED = "living-63"
 PHOTOGRAPHS = (".jpg", ".jpeg", ".png")
 
 
 @click.command()
 @click.option(
     "--world",
-    help=f"What the simulated instruments look at: {GENERATED} (the default), living-3, room:7, chart, uniform:100.",
+    help=f"What the simulated instruments look at: {GENERATED} (the default), bedroom-7, room:7, chart, uniform:100.",
 )
 @click.option(
     "--room",
@@ -139,7 +139,7 @@ def _captured(
     from station.verify import verify_session
 
     with Rendering() as rendering:
-        rig = open_named_rig(None, world, size=size, rate=rate, on_progress=rendering, **changes)
+        rig = open_named_rig(None, world, size=size, rate=rate, on_progress=rendering, in_its_place=True, **changes)
     try:
         job = Capture.new(rig, CaptureRequest(room=room, into=into))
         on_terminal = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if sys.stdout.isatty() else PlainView()

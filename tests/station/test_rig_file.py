@@ -11,7 +11,7 @@ from station.bracket import PAPER_STOPS_S
 from station.errors import RigError
 from station.rig import SIZE_STEPS, find_rig_file, planned_times_s, simulated_rig_file
 from station.rig_file import EXAMPLE, PAPER_RIG, load_rig
-from station.session import Side
+from station.session import Side, Site
 
 
 def write(folder: Path, text: str) -> Path:
@@ -89,3 +89,16 @@ def test_stops_are_planned_one_after_another_from_the_first_reading_on() -> None
     assert times_s["canon_5d2"] == times_s["theta_z1"]
     without_meter = planned_times_s(PAPER_RIG.model_copy(update={"meter": None}))
     assert min(without_meter["theta_z1"]) == 1.0
+
+
+def test_a_simulated_rig_stands_where_its_generated_room_does() -> None:
+    from mocks.rooms.room import make_room
+    from station.rig import _place_of
+
+    room = make_room(7, "bedroom")
+    tables, begins_utc = _place_of("bedroom-7")
+    assert begins_utc == room.moment.utc
+    assert tables["camera_height_m"] == room.plan.camera_height_m
+    assert tables["heading_deg"] == pytest.approx(math.degrees(room.moment.heading_rad), abs=1e-4)
+    assert tables["site"] == Site(latitude_deg=room.moment.latitude_deg, longitude_deg=room.moment.longitude_deg)
+    assert _place_of("room") == ({}, None)
