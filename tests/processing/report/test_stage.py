@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from processing.report import room_states
+from processing.report import room_states, states
 from processing.report.relight_section import relight_section
 from processing.report.stage import report_data, run
 from processing.report.tone import Look
@@ -19,6 +19,12 @@ from processing.report.widgets import Cards, Comparison, Models, Viewer
 from tests.processing.report.made_up import context, darker, picture, results, without
 
 STAGED_XMP = b"compositeSynthetic"
+
+
+@pytest.fixture(autouse=True)
+def _small_views(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Views of the usual shape, and a fifth of the size: nobody looks at these."""
+    monkeypatch.setattr(states, "VIEW_PX", (300, 200))
 
 
 def widgets(data: object) -> dict[str, object]:
