@@ -22,7 +22,7 @@ from processing.stages.contract import StageContext
 
 MOST_STAGED = 7
 HALF_FIELD = math.radians(FIELD_DEG / 2)
-LARGEST_MODELS = 9_000_000
+LARGEST_MODELS = 6_000_000
 """Bytes of models within the page."""
 
 
