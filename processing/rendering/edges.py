@@ -90,9 +90,9 @@ def _likest(label, normal, far, y, x, labels, normals, fars):  # type: ignore[no
                 continue
             score = -0.01 * (abs(r - y) + abs(dc))
             for k in range(3):
-                score += normal[k] * normals[r, c, k]
+                score += 4.0 * normal[k] * normals[r, c, k]  # which way it faces counts more than how far it is
             if far < 1e6 and fars[r, c] < 1e6:
-                score -= 10.0 * abs(far - fars[r, c]) / far
+                score -= min(10.0 * abs(far - fars[r, c]) / far, 2.0)
             if score > best:
                 best, at_y, at_x = score, r, c
     return at_y, at_x
