@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks._remove_composites import near_shadow
-from benchmarks._remove_edges import edge_sharpness, joined_truth
+from benchmarks._remove_edges import edge_sharpness, joined_truth, smooth_error
 
 SHAPE = (40, 60)
 
@@ -45,6 +45,14 @@ def test_a_perfect_filling_joins_what_is_seen() -> None:
     np.testing.assert_array_equal(found[~target], furnished[~target])
     np.testing.assert_allclose(found[target & (planes == 2)], 40.0, rtol=1e-3)
     np.testing.assert_allclose(found[target & (planes == 0)], 5.0, rtol=1e-3)
+
+
+def test_smooth_errors_know_no_grain() -> None:
+    light, _, target = room()
+    grain = np.random.default_rng(0).uniform(0.5, 1.5, (*SHAPE, 1)).astype(np.float32)
+    assert smooth_error(light, light, target) == 0
+    assert smooth_error(light * grain, light, target) < 8
+    assert smooth_error(light * np.float32(1.2), light, target) == pytest.approx(20, rel=1e-3)
 
 
 def test_the_target_holds_the_dark_beside_things() -> None:
