@@ -44,6 +44,18 @@ def thread_settings(threads: int) -> dict[str, str]:
     return {name: str(threads) for name in (*names, "OPENCV_FOR_THREADS_NUM")}
 
 
+_SETTINGS: dict[str, Any] = {
+    "distributed.scheduler.allowed-failures": DEATHS,
+    # Sessions are minutes of work in other processes: nothing is gained by moving or weighing them.
+    "distributed.scheduler.work-stealing": False,
+    "distributed.admin.tick.limit": "1h",
+    "distributed.worker.daemon": True,
+    # A worker that died is begun anew by its nanny; on a busy computer that takes longer than the usual 15 s, after
+    # which the cluster would drop the nanny and never have a worker again.
+    "distributed.deploy.lost-worker-timeout": "1h",
+}
+
+
 @contextmanager
 def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]:
     """Give a Dask client of the cluster at ``address``, or of one made for the purpose on this computer.
@@ -51,47 +63,50 @@ def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]
     ``scratch``: where local workers keep their own small files. Raises `ClusterError` where there is no cluster.
     """
     import dask
+
+    _quiet()
+    with dask.config.set(_SETTINGS):
+        if address is not None:
+            with _elsewhere(address) as client:
+                yield client
+        else:
+            with _here(workers, scratch) as cluster, _client(cluster) as client:
+                yield client
+
+
+def _client(cluster: Any) -> Any:
     import distributed
 
     dask_client: Any = distributed.Client
+    return dask_client(cluster, timeout=CONNECT_S)
+
+
+def _elsewhere(address: str) -> Any:
+    try:
+        return _client(address)
+    except (OSError, TimeoutError, ValueError, ImportError) as error:
+        raise ClusterError(
+            f"no Dask scheduler answers ({str(error).splitlines()[0] if str(error) else 'time is up'})",
+            where=address,
+            advice="start `dask scheduler`, and give the address that it shows",
+        ) from None
+
+
+def _here(workers: int, scratch: Path) -> Any:
+    import distributed
+
     local_cluster: Any = distributed.LocalCluster
-    _quiet()
-    settings: dict[str, Any] = {
-        "distributed.scheduler.allowed-failures": DEATHS,
-        # Sessions are minutes of work in other processes: nothing is gained by moving or weighing them.
-        "distributed.scheduler.work-stealing": False,
-        "distributed.admin.tick.limit": "1h",
-        "distributed.worker.daemon": True,
-        # A worker that died is begun anew by its nanny; on a busy computer that takes longer than the usual 15 s, after
-        # which the cluster would drop the nanny and never have a worker again.
-        "distributed.deploy.lost-worker-timeout": "1h",
-    }
-    with dask.config.set(settings):
-        if address is not None:
-            try:
-                client = dask_client(address, timeout=CONNECT_S)
-            except (OSError, TimeoutError, ValueError, ImportError) as error:
-                raise ClusterError(
-                    f"no Dask scheduler answers ({str(error).splitlines()[0] if str(error) else 'time is up'})",
-                    where=address,
-                    advice="start `dask scheduler`, and give the address that it shows",
-                ) from None
-            with client:
-                yield client
-            return
-        cluster = local_cluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host=LOOPBACK,
-            dashboard_address=f"{LOOPBACK}:0",
-            worker_dashboard_address=f"{LOOPBACK}:0",
-            memory_limit=0,
-            local_directory=str(scratch),
-            silence_logs=logging.CRITICAL,
-        )
-        with cluster, dask_client(cluster, timeout=CONNECT_S) as client:
-            yield client
+    return local_cluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host=LOOPBACK,
+        dashboard_address=f"{LOOPBACK}:0",
+        worker_dashboard_address=f"{LOOPBACK}:0",
+        memory_limit=0,
+        local_directory=str(scratch),
+        silence_logs=logging.CRITICAL,
+    )
 
 
 def _quiet() -> None:
