@@ -231,7 +231,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="remove",
-        version=2,
+        version=3,
         title="empty the room",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect"),
