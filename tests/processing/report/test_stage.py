@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 from pathlib import Path
@@ -169,6 +170,11 @@ def test_other_times_of_day_stand_side_by_side(tmp_path: Path) -> None:
     titles = [card.title for card in cards.cards]
     assert titles == ["another sky, emptied", "2023-06-21 09:00, staged 1", "2023-06-21 15:00, staged 1"]
     assert [STAGED_XMP in card.data for card in cards.cards] == [False, True, True]
+    aside = relight_section(tmp_path, Look(1.0, 2.0, np.pi / 3))
+    assert aside is not None
+    shown = [np.asarray(Image.open(io.BytesIO(s.widgets[0].cards[1].data))) for s in (section, aside)]  # type: ignore[union-attr]
+    assert shown[0][..., 1].std() < 3, "the panorama's own label is in view, or would be"
+    assert shown[1][..., 1].std() > 5, "where it is not, the view gets one"
     assert cards.cards[1].quantities[0].text == "41\u2009230"
     assert relight_section(tmp_path / "nothing", Look(1.0, 2.0)) is None
     titles = [section.title for section in report_data(context(tmp_path, results(alternatives=1))).sections]
