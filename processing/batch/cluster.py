@@ -62,9 +62,12 @@ def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]
 
     ``scratch``: where local workers keep their own small files. Raises `ClusterError` where there is no cluster.
     """
+    # First of all: it brings its own settings, which would go with ours if ours were there before.
+    import distributed
+
+    _quiet(distributed.__name__)
     import dask
 
-    _quiet()
     with dask.config.set(_SETTINGS):
         if address is not None:
             with _elsewhere(address) as client:
@@ -109,7 +112,7 @@ def _here(workers: int, scratch: Path) -> Any:
     )
 
 
-def _quiet() -> None:
+def _quiet(library: str) -> None:
     """Keep Dask's own log lines off the terminal: what becomes of sessions is told by us."""
-    for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.worker", "tornado"):
+    for name in (library, *(f"{library}.{part}" for part in ("nanny", "scheduler", "worker")), "tornado"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
