@@ -57,7 +57,7 @@ def metrics_of(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     found: dict[str, float] = {"rooms": len(rows), "refused": sum("refused" in row for row in rows)}
     for key in keys:
         values = [row[key] for row in rows if key in row]
-        name = key if key.endswith("_err_pct") else f"{key}_median"
+        name = key if key.endswith(("_err_pct", "_err")) else f"{key}_median"
         found[name] = round(float(np.median(values)), 4)
         if len(values) < len(rows):
             found[f"{key}_rooms"] = len(values)
