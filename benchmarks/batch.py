@@ -117,7 +117,7 @@ def _throughput(sessions: list[Path], place: Path) -> dict[str, float]:
     for workers in (1, 2):
         folder = place / f"timed-{workers}"
         for path in sessions:
-            shutil.copytree(path, folder / path.name)
+            shutil.copytree(path, folder / path.name, ignore=shutil.ignore_patterns("stages"))
         report = run_batch(BatchRequest(folder, ARGUMENTS, workers))
         found[f"per_hour_{workers}"] = round(3600 * len(sessions) / report.seconds, 1)
         found[f"busy_{workers}"] = round(sum(one.seconds for one in report.outcomes) / report.seconds / workers, 3)
