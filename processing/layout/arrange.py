@@ -18,6 +18,7 @@ from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
 from processing.layout.poses import Stand, anchor, in_room, stands
 from processing.layout.reach import reachable_doors
+from processing.layout.reached_sides import with_reached_sides
 from processing.layout.refusals import host_lost, not_placed, outline_rows, refuse_too_small
 from processing.layout.rules import Rules, RuleSet, built_in_rules
 from processing.layout.scores import make_floor, soft_scores, weighted
@@ -232,7 +233,7 @@ def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
     meets = [n for n, judge in task.judges.items() if n == task.rules.name or judge.passes(known, fits=True)]
     return Arrangement(
         rank=rank,
-        items=tuple(placed_item(s) for s in candidate.placed),
+        items=tuple(placed_item(s) for s in with_reached_sides(candidate.placed, task.judge, task.rules)),
         score=candidate.score,
         scores=candidate.scores,
         rule_set=task.rules.name,

@@ -90,7 +90,7 @@ def loss_of(item: Item) -> float:
 def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:
     """Return the sets of use zones of which one must be free, the most generous first, in the item's frame."""
     spec = item.spec
-    rects = {zone.side: _zone_rect(item, zone, rules) for zone in spec.zones}
+    rects = {zone.side: zone_rect(item, zone, rules) for zone in spec.zones}
     found = {side: rect for side, rect in rects.items() if rect is not None}
     if not spec.sides_rule:
         return [tuple(found.values())]
@@ -104,7 +104,8 @@ def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:
     ]
 
 
-def _zone_rect(item: Item, zone: UseZone, rules: RuleSet) -> Rect | None:
+def zone_rect(item: Item, zone: UseZone, rules: RuleSet) -> Rect | None:
+    """Return a use zone in the item's frame, None where the rules ask for none."""
     deep = rules.length(zone.rule) - zone.less_m
     if deep < LEAST_ZONE_M:
         return None
