@@ -23,6 +23,8 @@ from processing.rendering.transport import from_bright, links_of
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25
 """Of a pixel's rays for bounces: to each pane, to bright patches."""
 CLEAN_PX = 5
+FIREFLY_TIMES = 8.0
+"""Over its neighbours and over the other half, from which a pixel shines by chance."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,7 @@ def irradiance_of(
         seeds = [(seed * 1000 + halves.rounds) * 2 + half for half in range(2)]
         halves.add([_half(stage, sight, solid, effort, one, lights) for one in seeds])
         noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
+        noisy = [without_fireflies(one, other) for one, other in (noisy, noisy[::-1])]
         error = _difference(noisy[0], noisy[1], sight, blurred=effort.clean)
         spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
         if effort.max_error is None or error <= effort.max_error or spent or halves.rounds >= effort.most_rounds:
@@ -136,6 +139,22 @@ def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:
     picture = np.zeros((len(sight.label), 3), np.float32)
     picture[solid] = values
     return picture.reshape(*sight.shape, 3)
+
+
+def without_fireflies(one: Floats, other: Floats) -> Floats:
+    """Return irradiance (H, W, 3) without pixels that shine by chance: far above those around and in ``other``.
+
+    Only what both pictures of the same places do not share is dimmed, to `FIREFLY_TIMES` their neighbours' median: what
+    is bright of its own shines in both.
+    """
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    mine, theirs = one @ weights, other @ weights
+    limit = FIREFLY_TIMES * np.maximum(cv2.medianBlur(mine, 5), cv2.medianBlur(theirs, 5))
+    over = (mine > limit) & (mine > FIREFLY_TIMES * theirs) & (limit > 0)
+    if not over.any():
+        return one
+    gain = np.where(over, np.maximum(limit, theirs) / np.maximum(mine, 1e-30), 1).astype(np.float32)
+    return np.asarray(one * gain[..., None], np.float32)
 
 
 def cleaned(picture: Floats, sight: Sight, *, wraps: bool) -> Floats:

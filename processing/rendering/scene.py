@@ -174,6 +174,16 @@ class Sun:
     """RGB, on a plane that faces it, outdoors."""
     radius_rad: float = SUN_RADIUS_RAD
 
+    def __post_init__(self) -> None:
+        _check_emission("sun", np.asarray(self.normal_illuminance_lx))
+        length = float(np.linalg.norm(self.direction))
+        if not (abs(length - 1) < 1e-3 and 0 < self.radius_rad < 0.1):
+            raise SceneError(
+                f"a sun towards {self.direction}, {self.radius_rad:g} rad wide",
+                where="outdoors",
+                advice="give a unit direction and a radius below 0.1 rad",
+            )
+
 
 @dataclass(frozen=True)
 class Outdoors:
