@@ -19,6 +19,7 @@ from processing.report.staging import staging_sections
 from processing.room.model import RoomModel
 from processing.stages.arrange_parameters import NO_SUCH
 from processing.stages.contract import StageContext, StageOutput
+from processing.stages.upright import upright_panorama
 from station.session import SessionManifest, Side
 
 BEFORE = ("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render")
@@ -165,10 +166,8 @@ def _room(context: StageContext) -> list[Section]:
     room = told_room(context)
     if room is None:
         return []
-    upright = context.optional_artifact("room", "panorama")
-    image = context.artifact("calibrate", "indoor") if upright is None else upright
     told = context.summary("room")
-    return [room_section(image, room, told["metrics"], told["left_out"])]
+    return [room_section(upright_panorama(context), room, told["metrics"], told["left_out"])]
 
 
 def _detect(context: StageContext) -> list[Section]:
@@ -176,20 +175,16 @@ def _detect(context: StageContext) -> list[Section]:
     if target is None:
         return []
     masks = {name: context.optional_artifact("detect", name) for name in TINTS} | {"target": target}
-    upright = context.optional_artifact("room", "panorama")
-    image = context.artifact("calibrate", "indoor") if upright is None else upright
     there = {name: mask for name, mask in masks.items() if mask is not None}
-    return [detect_section(image, there, context.summary("detect")["metrics"])]
+    return [detect_section(upright_panorama(context), there, context.summary("detect")["metrics"])]
 
 
 def _remove(context: StageContext) -> list[Section]:
     after = context.optional_artifact("remove", "empty")
     if after is None:
         return []
-    upright = context.optional_artifact("room", "panorama")
-    before = context.artifact("calibrate", "indoor") if upright is None else upright
     filled = context.artifact("remove", "filled")
-    return [remove_section(before, after, filled, context.summary("remove")["metrics"])]
+    return [remove_section(upright_panorama(context), after, filled, context.summary("remove")["metrics"])]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

@@ -17,10 +17,10 @@ from processing.layout.items import Item
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_room import from_room_model
 from processing.layout.rules import built_in_rules
-from processing.room.model import RoomModel
 from processing.stages.arrange_choice import Choice, fitting_choice, named_choice, with_door
 from processing.stages.arrange_parameters import MOST_STAGED, NO_SUCH, ArrangeParameters
 from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.upright import known_room
 
 
 def nothing_to_arrange(context: StageContext) -> str | None:
@@ -46,7 +46,7 @@ def run(context: StageContext) -> StageOutput:
     """Arrange what is asked."""
     asked = context.parameters
     assert isinstance(asked, ArrangeParameters)
-    room = RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
+    room = known_room(context)
     room, assumed = with_door(room)
     # The camera's place stays free: furniture around it would hide the room from the picture.
     plan = from_room_model(room, name=context.session.name or "room", keep_camera_free=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,6 +22,7 @@ from processing.rendering.shell import REVEAL_M
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.materials_parameters import MaterialsParameters
+from processing.stages.upright import known_room, upright_panorama
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
@@ -50,7 +50,7 @@ def run(context: StageContext) -> StageOutput:
     assert isinstance(asked, MaterialsParameters)
     empty = emptied(context)
     image = empty.image
-    room = room_model(context)
+    room = known_room(context)
     context.progress(0.0, "the light outdoors")
     outdoors, source, warnings = _outdoors(context, image, room)
     context.progress(0.1, "albedo")
@@ -81,13 +81,6 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def panorama(context: StageContext) -> LuminanceImage:
-    """Return the upright panorama as it was taken."""
-    image = context.optional_artifact("room", "panorama") or context.artifact("calibrate", "indoor")
-    assert isinstance(image, LuminanceImage)
-    return image
-
-
 @dataclass(frozen=True)
 class EmptyRoom:
     """The panorama without furniture, its own sunlight in its place."""
@@ -106,10 +99,10 @@ def emptied(context: StageContext) -> EmptyRoom:
     """
     image = context.optional_artifact("remove", "empty")
     if image is None:
-        return EmptyRoom(panorama(context), None, None)
+        return EmptyRoom(upright_panorama(context), None, None)
     assert isinstance(image, LuminanceImage)
     filled = np.asarray(context.artifact("remove", "filled"), bool)
-    before = panorama(context)
+    before = upright_panorama(context)
     mask = context.optional_artifact("detect", "sunlight")
     if mask is None or np.shape(mask) != filled.shape:
         return EmptyRoom(image, filled, filled)
@@ -134,11 +127,6 @@ def _grown(mask: npt.NDArray[np.bool_], by_rad: float) -> npt.NDArray[np.bool_]:
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     wide = np.pad(mask.astype(np.uint8), ((0, 0), (radius, radius)), mode="wrap")
     return np.asarray(cv2.dilate(wide, disc)[:, radius:-radius] > 0)
-
-
-def room_model(context: StageContext) -> RoomModel:
-    """Return the room."""
-    return RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
 
 
 def _outdoors(context: StageContext, image: LuminanceImage, room: RoomModel) -> tuple[Outdoors | None, str, list[str]]:

@@ -24,8 +24,9 @@ from processing.sphere import Equirectangular
 from processing.stages.arrange_parameters import MOST_STAGED, NO_SUCH
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
-from processing.stages.materials import EmptyRoom, emptied, room_model
+from processing.stages.materials import EmptyRoom, emptied
 from processing.stages.render_parameters import RenderParameters
+from processing.stages.upright import known_room
 
 QUALITY = {
     "draft": EFFORTS["draft"],
@@ -95,7 +96,7 @@ def _work(context: StageContext) -> _Work:
     empty = emptied(context)
     effort = replace(QUALITY[context.quality.value], max_error=context.max_error)
     bare = Bare.of(read_scene(context.artifact("materials", "scene")), effort)
-    eye: Vector = (0.0, 0.0, room_model(context).camera_height_m)
+    eye: Vector = (0.0, 0.0, known_room(context).camera_height_m)
     base = empty.image.rgb
     if base.shape[1] != 2 * base.shape[0]:
         raise ParameterError("furniture is put into whole panoramas only", where="render")
