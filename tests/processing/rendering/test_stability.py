@@ -70,7 +70,7 @@ def test_a_hall_of_100_m_gets_darker_away_from_its_window() -> None:
     coarse = replace(SMALL, texel_m=0.6)
     stage = Stage.of(hall, coarse.texel_m)
     rgb = picture_of(stage, (-45.0, 0.0, 1.6))
-    # 90 m from the window is a millionth of its light: a ray that finds the lit end by chance must not shine.
+    # 90 m from the window it is nearly dark: a ray that finds the lit end by chance must not shine.
     far = (45.0, 0.0, 1.6)
     assert not fireflies(stage, far, times=60).any()
     assert np.median(rgb) > 100 * np.median(picture_of(stage, far))
