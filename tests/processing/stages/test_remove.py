@@ -77,7 +77,7 @@ def test_what_it_makes(tmp_path: Path) -> None:
     with np.load(tmp_path / "surfaces.npz") as kept:
         assert {"provenance", "confidence", "floor_rgb", "floor_hole", "floor_px_per_m"} <= set(kept.files)
     section = remove_section(picture(), empty, np.asarray(filled), made.metrics)
-    assert len(section.pictures) == 3
+    assert [one.title for one in section.pictures] == ["What was filled"]
 
 
 def test_a_mask_of_another_size_is_told(tmp_path: Path) -> None:
