@@ -44,7 +44,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     rows = list(rows_of(rooms, seed, keep=not quick))
     if not quick:
         add_answers(rooms, rows, seed)
-    large = [row for row in rows if row["area_m2"] >= MIN_AREA_M2]
+    large = [row for (plan, _, _), row in zip(rooms, rows, strict=True) if plan.area_m2 >= MIN_AREA_M2]
     if not quick:
         time_plot(large, Path("arrange-time.png"))
     return {"metrics": _metrics(rows, large), "rivals": _rivals(rows, large), "units": UNITS, "notes": _notes(large)}
