@@ -187,7 +187,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=2,
+        version=3,
         title="find what is to be removed",
         function="processing.stages.detect:run",
         data=NETWORK,

@@ -24,14 +24,14 @@ SPHERE_WORLD = "uniform:2000"
 
 QUICK_SIZE, QUICK_RATE, QUICK_QUALITY = "quarter", 8.0, "draft"
 """What --quick is: smaller pictures, shutters faster than life, draft quality."""
-GENERATED = "living-63"
+GENERATED = "bedroom-7"
 PHOTOGRAPHS = (".jpg", ".jpeg", ".png")
 
 
 @click.command()
 @click.option(
     "--world",
-    help=f"What the simulated instruments look at: {GENERATED} (the default), bedroom-7, room:7, chart, uniform:100.",
+    help=f"What the simulated instruments look at: {GENERATED} (the default), living-63, room:7, chart, uniform:100.",
 )
 @click.option(
     "--room",

@@ -36,8 +36,8 @@ BIAS = -1.1
 """Half a unit above the fit: what is missed stays in the picture, what is taken too much is only filled in."""
 LEAST_BY_COLOUR = -0.3
 """A place of the surface's own colour is less likely furniture, but a light bed on a light floor may stay one."""
-ISLAND_SR = 0.03
-"""What furniture goes all round is taken with it up to this size (10 degrees square): it would be left hanging."""
+ISLAND_SR = 0.08
+"""What furniture goes all round is taken with it up to this size (16 degrees square): it would be left hanging."""
 FLOOR_DOUBT, CEILING_DOUBT, OPENING_DOUBT = 0.6, 1.6, 2.0
 """Natural logarithm of odds taken off before floor, ceiling, windows and doors."""
 

@@ -15,7 +15,7 @@ from processing.errors import ParameterError
 from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.picture_preview import preview_rgb8
 from processing.removal.edges import at_full_size
-from processing.removal.furniture import FurnitureFound, find_furniture
+from processing.removal.furniture import FurnitureFound, find_furniture, islands_in
 from processing.removal.round_masks import grown, resized, row_solid_angles, share_of_sphere
 from processing.removal.shadows import ShadowFound, find_shadows
 from processing.removal.sunlight import SunFound, find_sunlight
@@ -105,6 +105,7 @@ class _Found:
     tripod: TripodFound
     sunlight: SunFound
     shadow: ShadowFound
+    openings: Flags
     notes: tuple[str, ...]
 
 
@@ -134,7 +135,8 @@ def _find(
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
-    return _Found(furniture, tripod, sunlight, shadow, _notes(furniture, tripod, sunlight, shadow))
+    notes = _notes(furniture, tripod, sunlight, shadow)
+    return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, notes)
 
 
 def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow: ShadowFound) -> tuple[str, ...]:
@@ -175,10 +177,20 @@ def _united(
     )
     sunlight &= ~furniture & ~tripod
     shadow &= ~furniture & ~tripod
-    target = grown(furniture | tripod | sunlight | shadow, margin_rad)
+    target = with_islands(grown(furniture | tripod | sunlight | shadow, margin_rad), found.openings)
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
+
+
+def with_islands(target: Flags, openings: Flags) -> Flags:
+    """Return a target (H, W) with the small parts that it goes all round, but for windows and doors (h, w)."""
+    small = resized(target.astype(np.float32), (openings.shape[0], openings.shape[1])) > 0.5
+    islands = islands_in(small, openings)
+    if not islands.any():
+        return target
+    # One pixel more, as the edge of the smaller mask is that coarse.
+    return target | (resized(grown(islands, math.pi / len(islands)).astype(np.float32), target.shape[:2]) > 0.5)
 
 
 def _evidence_at(evidence: SceneEvidence, shape: tuple[int, int]) -> Floats:

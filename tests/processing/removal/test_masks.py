@@ -13,7 +13,7 @@ from processing.images import RelativeImage
 from processing.picture_preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, islands_in
-from processing.removal.masks import find_masks
+from processing.removal.masks import find_masks, with_islands
 from processing.removal.round_masks import grown, share_of_sphere
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.classes import SceneClass
@@ -136,6 +136,20 @@ def test_what_furniture_encloses_goes_with_it_unless_large_or_a_window() -> None
     assert islands_in(mask, np.zeros_like(mask)).sum() == 3 * 3
     assert not islands_in(np.ones_like(mask), mask).any()
     assert not islands_in(np.zeros_like(mask), mask).any()
+
+
+def test_the_target_leaves_no_small_islands() -> None:
+    target = np.zeros((128, 256), bool)
+    target[50:90, 60:120] = True
+    target[64:70, 80:86] = False
+    none = np.zeros((64, 128), bool)
+    whole = with_islands(target, none)
+    assert whole[50:90, 60:120].all()
+    assert whole.sum() == 40 * 60
+    window = none.copy()
+    window[32:35, 40:43] = True
+    assert np.array_equal(with_islands(target, window), target)
+    assert not with_islands(np.zeros_like(target), none).any()
 
 
 def test_edges_are_found_in_the_picture() -> None:
