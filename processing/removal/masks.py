@@ -177,7 +177,9 @@ def _united(
     )
     sunlight &= ~furniture & ~tripod
     shadow &= ~furniture & ~tripod
-    target = with_islands(grown(furniture | tripod | sunlight | shadow, margin_rad), found.openings)
+    # What lies within a patch of sunlight may be kept with it (--keep-sunlight): it is no island.
+    things = with_islands(grown(furniture | tripod | shadow, margin_rad), found.openings)
+    target = things | grown(sunlight, margin_rad)
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
