@@ -21,6 +21,7 @@ SESSION_BYTES = 5 << 30
 DEATHS = 1
 """Workers that may die over one session; with the next it counts as lost."""
 CONNECT_S = 30
+CLOSE_S = 30
 
 
 def usual_workers() -> int:
@@ -73,8 +74,24 @@ def connected(address: str | None, workers: int, scratch: Path) -> Iterator[Any]
             with _elsewhere(address) as client:
                 yield client
         else:
-            with _here(workers, scratch) as cluster, _client(cluster) as client:
+            with put_away(_here(workers, scratch)) as cluster, _client(cluster) as client:
                 yield client
+
+
+@contextmanager
+def put_away(cluster: Any) -> Iterator[Any]:
+    """Give the cluster, and close it; nothing that goes wrong in closing it undoes the sessions that are done.
+
+    A nanny that is beginning a dead worker anew cannot be closed at that moment (it fails an assertion of Dask's);
+    workers are daemons, and go with this process in any case.
+    """
+    try:
+        yield cluster
+    finally:
+        try:
+            cluster.close(timeout=CLOSE_S)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the work is done and told
+            logging.getLogger(__name__).info("the cluster did not close as it should: %r", error)
 
 
 def _client(cluster: Any) -> Any:

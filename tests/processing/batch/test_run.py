@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import daylit
-from processing.batch.cluster import connected, thread_settings, threads_each, usual_workers
+from processing.batch.cluster import connected, put_away, thread_settings, threads_each, usual_workers
 from processing.batch.rows import orientation, session_row
 from processing.batch.run import BatchReport, find_sessions
 from processing.batch.table import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, write_table
@@ -156,3 +156,19 @@ def test_arguments_reach_each_session_as_they_were_given(tmp_path: Path, monkeyp
     assert given[given.index("--k1") + 1] == "2.5"
     assert {"--force", "--until", "--max-error", "--quality"} <= set(given)
     assert (tmp_path / "batch.csv").exists()
+
+
+@pytest.mark.parametrize("fault", [AssertionError("can only join a started process"), TimeoutError()])
+def test_a_cluster_that_does_not_close_undoes_nothing(fault: Exception) -> None:
+    closed: list[float] = []
+
+    class Cluster:
+        def close(self, timeout: float) -> None:
+            closed.append(timeout)
+            raise fault
+
+    with put_away(Cluster()):
+        pass
+    assert closed
+    with pytest.raises(KeyError), put_away(Cluster()):
+        raise KeyError
