@@ -7,8 +7,9 @@ is told: no room, no masks. ``luminance_*``: the calibrated panorama, valid pixe
 against the truly emptied room under the same light (what furniture takes from the whole room's light counts as error).
 ``albedo_*``: of surfaces as the camera sees them. ``staged_*``: the first arrangement, against the same furniture truly
 placed in the simulated room, where that changes the picture by 2 % or more. Errors are relative, by solid angle; the
-figures are medians over rooms. Rows are kept, so that a long run can be resumed (DAYLIT_BENCH_CPU_S ends it after so
-much CPU time; DAYLIT_BENCH_ROWS names rows that are kept though the code has changed).
+figures are medians over rooms (``q25_*``, ``q75_*``: quartiles; ``worst_*``: the worst room's). Rows are kept, so that a
+long run can be resumed (DAYLIT_BENCH_CPU_S ends it after so much CPU time; DAYLIT_BENCH_ROWS names rows that are kept
+though the code has changed).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks._end_to_end_plot import table_lines, write_plot
+from benchmarks._end_to_end_plot import spread_lines, table_lines, worst_of, write_plot
 from benchmarks._end_to_end_run import measured
 from benchmarks._photometry import calibrated_rig
 from benchmarks._truth_rooms import truth_list
@@ -46,6 +47,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     profile = rig_profile(seed)
     rows = rows_of(profile, seed, quick=quick)
     notes = [f"pictures at 1/{QUICK_DIVISOR if quick else FULL_DIVISOR} of full size", *table_lines(rows)]
+    notes += spread_lines(rows, figures_of(rows))
     if not quick:
         write_plot(rows)
     return {"metrics": metrics_of(rows), "units": {"iou3d_median": "1 is right"}, "notes": notes}
@@ -53,12 +55,12 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
 
 def metrics_of(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     """Return medians over the rooms of whatever they have, and what the pipeline takes."""
-    keys = sorted({key for row in rows for key in row} - set(NOT_MEDIANS))
     found: dict[str, float] = {"rooms": len(rows), "refused": sum("refused" in row for row in rows)}
-    for key in keys:
+    for key in figures_of(rows):
         values = [row[key] for row in rows if key in row]
         name = key if key.endswith(("_err_pct", "_err")) else f"{key}_median"
-        found[name] = round(float(np.median(values)), 4)
+        low, middle, high = (round(float(v), 4) for v in np.quantile(values, (0.25, 0.5, 0.75)))
+        found |= {name: middle, f"q25_{key}": low, f"q75_{key}": high, f"worst_{key}": worst_of(rows, key)[key]}
         if len(values) < len(rows):
             found[f"{key}_rooms"] = len(values)
     done = [row for row in rows if "cpu_s" in row]
@@ -69,6 +71,11 @@ def metrics_of(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
         spent = [row["stage_cpu_s"][stage] for row in done if stage in row["stage_cpu_s"]]
         found[f"{stage}_cpu_s"] = round(float(np.median(spent)), 2)
     return found
+
+
+def figures_of(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the names of the figures that any of the rows has."""
+    return sorted({key for row in rows for key in row} - set(NOT_MEDIANS))
 
 
 def rig_profile(seed: int) -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import end_to_end
-from benchmarks._end_to_end_plot import table_lines
+from benchmarks._end_to_end_plot import spread_lines, table_lines, worst_of, write_plot
 from benchmarks._end_to_end_room import staged_room
 from benchmarks._end_to_end_run import _quantiles
 from mocks.rooms.room import make_room
@@ -41,7 +41,24 @@ def test_medians_are_over_what_rooms_have() -> None:
     assert found["iou3d_rooms"] == 2
     assert found["luminance_median_err_pct"] == 1.5
     assert (found["seconds"], found["peak_mb"], found["merge_cpu_s"]) == (6.0, 7, 2.0)
+    assert (found["q25_iou3d"], found["q75_iou3d"], found["worst_iou3d"]) == (0.6, 0.8, 0.5)
+    assert found["worst_luminance_median_err_pct"] == 2.0
     assert table_lines(rows)[2] == "c: CAL-002: nothing"
+    told = "iou3d: median 0.7, quartiles 0.6 and 0.8, worst 0.5 (b), 2 rooms"
+    assert spread_lines(rows, ["iou3d"]) == [told]
+
+
+def test_of_a_bias_the_farthest_from_nothing_is_the_worst() -> None:
+    rows: list[dict[str, object]] = [{"room": "a", "staged_bias_pct": 3.0}, {"room": "b", "staged_bias_pct": -9.0}]
+    assert worst_of(rows, "staged_bias_pct")["room"] == "b"
+
+
+def test_the_plot_takes_one_room_and_none(tmp_path: Path) -> None:
+    path = tmp_path / "plot.png"
+    write_plot([{"room": "c", "refused": "CAL-002: nothing"}], path)
+    assert not path.exists()
+    write_plot([{"room": "a", "iou3d": 0.9, "cpu_s": 3.0, "stage_cpu_s": {"merge": 1.0}}], path)
+    assert path.read_bytes().startswith(b"\x89PNG")
 
 
 def test_errors_count_by_solid_angle() -> None:
