@@ -7,8 +7,8 @@ is told: no room, no masks. ``luminance_*``: the calibrated panorama, valid pixe
 against the truly emptied room under the same light (what furniture takes from the whole room's light counts as error).
 ``albedo_*``: of surfaces as the camera sees them. ``staged_*``: the first arrangement, against the same furniture truly
 placed in the simulated room, where that changes the picture by 2 % or more. Errors are relative, by solid angle; the
-figures are medians over rooms (``q25_*``, ``q75_*``: quartiles; ``worst_*``: the worst room's). Rows are kept, so that a
-long run can be resumed (DAYLIT_BENCH_CPU_S ends it after so much CPU time; DAYLIT_BENCH_ROWS names rows that are kept
+figures are medians over rooms (``q25_*``, ``q75_*``: quartiles; ``worst_*``: the worst room's). Rows are kept, so that
+a long run can be resumed (DAYLIT_BENCH_CPU_S ends it after so much CPU time; DAYLIT_BENCH_ROWS names rows that are kept
 though the code has changed).
 """
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,8 +29,10 @@ def placed(folder: Path) -> tuple[PlacedItem, ...]:
 
 
 def test_medians_are_over_what_rooms_have() -> None:
-    spent = [{"cpu_s": s, "peak_mb": mb, "stage_cpu_s": {"merge": m}} for s, mb, m in ((3.0, 5, 1), (9.0, 7, 3))]
-    rows = [
+    spent: list[dict[str, Any]] = [
+        {"cpu_s": s, "peak_mb": mb, "stage_cpu_s": {"merge": m}} for s, mb, m in ((3.0, 5, 1), (9.0, 7, 3))
+    ]
+    rows: list[dict[str, Any]] = [
         {"room": "a", "iou3d": 0.9, "luminance_median_err_pct": 2.0, **spent[0]},
         {"room": "b", "iou3d": 0.5, "luminance_median_err_pct": 1.0, **spent[1]},
         {"room": "c", "refused": "CAL-002: nothing"},
