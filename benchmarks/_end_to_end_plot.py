@@ -65,7 +65,7 @@ def write_plot(rows: Sequence[dict[str, Any]], path: Path = PLOT) -> None:
     if not shown:
         return
     figure = Figure(figsize=(9, 4.2), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=(3, 2))
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=(3, 2))[:, 0]
     for axes, (key, name) in zip(above.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
         _strip(axes, name, [row[key] for row in rows if key in row])
     above.suptitle(f"End to end, {len(rows)} simulated test rooms: a dot a room, median and quartiles", fontsize=10)
