@@ -84,7 +84,7 @@ def _strip(axes: Any, name: str, values: Sequence[float]) -> None:
     axes.set_title(f"{name}\n{middle:.3g}", fontsize=9)
     axes.set_xticks([])
     axes.set_xlim(-0.3, 1.3)
-    axes.set_ylim(0, 1 if "IoU" in name else max(ordered[-1] * 1.1, 1e-9))
+    axes.set_ylim(0, 1.03 if "IoU" in name else max(ordered[-1] * 1.1, 1e-9))
     axes.tick_params(labelsize=8)
 
 
