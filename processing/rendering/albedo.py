@@ -21,12 +21,12 @@ from processing.rendering.gloss import MOST_SHARE, gloss_factor, mirrored
 from processing.rendering.irradiance import Effort
 from processing.rendering.kernels import towards_panes
 from processing.rendering.lamps import Lamp, find_lamps
-from processing.rendering.render import sun_of
 from processing.rendering.room_light import MeasuredLight, irradiance_by_picture, measured_light
 from processing.rendering.scene import Doubles, Floats, Outdoors, Scene, Vector, plain
 from processing.rendering.shell import REVEAL_M, shell_of
 from processing.rendering.sight import Sight, albedo_of, sight_of
 from processing.rendering.stage import Stage
+from processing.rendering.sun_picture import sun_of
 from processing.rendering.upsample import upsampled
 from processing.rendering.windows import measured_windows, windows_from_inside
 from processing.resampling import resample

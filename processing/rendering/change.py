@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.edges import smooth_edges
@@ -13,10 +15,11 @@ from processing.rendering.highlights import matte_share
 from processing.rendering.irradiance import Effort, Irradiance, gathered
 from processing.rendering.lightmap import LightMap
 from processing.rendering.mirrors import Mirrors, few_highlights
-from processing.rendering.render import ROWS_AT_ONCE_PX, sun_of
+from processing.rendering.render import ROWS_AT_ONCE_PX
 from processing.rendering.scene import Floats, Vector
 from processing.rendering.sight import FIRST_PART, Sight, albedo_of, emission_of, sight_along
 from processing.rendering.stage import Stage
+from processing.rendering.sun_picture import sun_of
 from processing.rendering.upsample import upsampled
 from processing.sphere import Equirectangular, directions
 
@@ -45,6 +48,11 @@ class Change:
     effort: Effort
     seed: int
     eye_m: Vector
+
+    @cached_property
+    def both(self) -> Floats:
+        """(h, w, 6): irradiance before and after, brought to a large picture in one go."""
+        return np.concatenate([self.before.picture, self.after.picture], axis=2)
 
 
 @dataclass(frozen=True)
@@ -101,9 +109,11 @@ def _band(
     furniture = large.label >= FIRST_PART
     gain = _gain(lit, photo, albedo, emission, large, sunless)
     shown = photo * gain
-    shown += _floor_mirror(change, large, rows, high, photo, gain)
     own = albedo * matte_share(change.full, large) * (lit.new + lit.new_sun) / np.float32(np.pi) + emission
-    own += _mirrored(change, large, rows, high, lit.new_sun)
+    mirrored = _mirrored(change, large, rows, high, lit.new_sun)
+    if mirrored is not None:
+        shown += _floor_mirror(mirrored, large.solid & ~furniture, photo, gain)
+        own += mirrored.furniture
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
     little = np.abs(shown - photo) < LEAST_CHANGE * np.maximum(photo, 1e-12)
     kept = ~furniture & (little.all(axis=1) | ~large.solid)
@@ -113,9 +123,8 @@ def _band(
 
 def _light(change: Change, large: Sight, rows: slice, high: int) -> _Lit:
     """Return the light of a band's pixels; what no small pixel tells of is gathered by rays of its own."""
-    where = {"wraps": True, "first_row": rows.start, "rows": high}
-    old, _ = upsampled(change.before.picture, change.small, large, **where)
-    new, missed = upsampled(change.after.picture, change.small, large, **where)
+    found, missed = upsampled(change.both, change.small, large, wraps=True, first_row=rows.start, rows=high)
+    old, new = np.ascontiguousarray(found[:, :3]), np.ascontiguousarray(found[:, 3:])
     alone = np.flatnonzero(missed & large.solid)
     seed = change.seed + rows.start
     if len(alone):
@@ -124,8 +133,12 @@ def _light(change: Change, large: Sight, rows: slice, high: int) -> _Lit:
         new[alone] = gathered(change.full, change.lights[1], *places)
     # Of a large picture several pixels share the width of a half shadow.
     samples = change.effort.sun_samples // (4 if high > LARGE_ROWS else 1)
-    suns = (sun_of(stage, large, max(samples, 8), seed) for stage in (change.bare, change.full))
-    return _Lit(old, new, *suns)
+    samples = max(samples, 8)
+    furniture = large.label >= FIRST_PART
+    old_sun = sun_of(change.bare, large, samples, seed, ~furniture)
+    # Furniture brings no new sun to the room: only where it fell before it can fall now.
+    new_sun = sun_of(change.full, large, samples, seed, furniture | (old_sun > 0).any(axis=1))
+    return _Lit(old, new, old_sun, new_sun)
 
 
 def _gain(
@@ -149,34 +162,41 @@ def _gain(
     return np.clip(ratio, 0, most).astype(np.float32)
 
 
-def _floor_mirror(change: Change, large: Sight, rows: slice, high: int, photo: Floats, gain: Floats) -> Floats:
+@dataclass(frozen=True)
+class _Mirrored:
+    """What a band's pixels (n, 3) mirror: the floor before and after, and furniture; 0 where nothing is mirrored."""
+
+    old: Floats
+    new: Floats
+    furniture: Floats
+
+
+def _mirrored(change: Change, large: Sight, rows: slice, high: int, sun: Floats) -> _Mirrored | None:
+    """Return mirrored light; None where nothing mirrors. What no small pixel tells of has rays of its own."""
+    mirrors = change.mirrors
+    if mirrors is None:
+        return None
+    furniture = large.label >= FIRST_PART
+    among = furniture | np.isin(large.label, mirrors.floors)
+    found, missed = upsampled(
+        mirrors.all_three, mirrors.sight, large, wraps=True, first_row=rows.start, rows=high, among=among
+    )
+    old, new, own = found[:, :3], found[:, 3:6], found[:, 6:]
+    own[~furniture] = 0
+    chosen = np.flatnonzero(missed & furniture)
+    if len(chosen):
+        own[chosen] = few_highlights(mirrors, large, chosen, sun, change.seed + rows.start)
+    return _Mirrored(old, new, own)
+
+
+def _floor_mirror(mirrored: _Mirrored, room: npt.NDArray[np.bool_], photo: Floats, gain: Floats) -> Floats:
     """Return what is to be added (n, 3) to a glossy floor: what it mirrors now, less what it mirrored before.
 
     Mirrored light is not shaded where it falls, so what was mirrored before is not changed by ``gain``.
     """
-    mirrors = change.mirrors
-    if mirrors is None or not mirrors.has_floor:
-        return np.zeros_like(photo)
-    where = {"wraps": True, "first_row": rows.start, "rows": high}
-    old, lost = upsampled(mirrors.floor_before, mirrors.sight, large, **where)
-    new, _ = upsampled(mirrors.floor_after, mirrors.sight, large, **where)
+    old, new = mirrored.old, mirrored.new
     # No more is taken to be mirrored than the photograph can hold: there the model is wrong, not the photograph.
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
     believed = np.minimum(MOST_MIRRORED * (photo @ weights) / np.maximum(old @ weights, 1e-9), 1)[:, None]
     found = np.maximum(believed * (new - old * gain), -MOST_MIRRORED * photo * gain)
-    there = (large.label >= 0) & (large.label < FIRST_PART) & ~lost
-    return np.where(there[:, None], found, 0).astype(np.float32)
-
-
-def _mirrored(change: Change, large: Sight, rows: slice, high: int, sun: Floats) -> Floats:
-    """Return what furniture mirrors (n, 3), 0 for the room's own pixels."""
-    mirrors = change.mirrors
-    if mirrors is None:
-        return np.zeros_like(sun)
-    out, missed = upsampled(mirrors.furniture, mirrors.sight, large, wraps=True, first_row=rows.start, rows=high)
-    furniture = large.label >= FIRST_PART
-    out[~furniture] = 0
-    chosen = np.flatnonzero(missed & furniture)
-    if len(chosen):
-        out[chosen] = few_highlights(mirrors, large, chosen, sun, change.seed + rows.start)
-    return out
+    return np.where(room[:, None], found, 0).astype(np.float32)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
 from processing.rendering.chance import Key, random
-from processing.rendering.kernels import FIRST, SECOND, STEP_OFF_M, add_outdoors, pane_rays, towards_panes
+from processing.rendering.kernels import STEP_OFF_M, add_outdoors, pane_rays, towards_panes
 from processing.rendering.patches import PANE
-from processing.rendering.scene import Doubles, Floats, Pane, Sun
+from processing.rendering.scene import Doubles, Floats, Ints, Pane, Sun
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
+from processing.rendering.sun_kernels import disc_rays, disc_tints
 from processing.rendering.tracer import Hits
 
 RIM_RAYS, RIM_AREA = 12, 0.98
@@ -88,19 +91,80 @@ def sunlight(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
 
 
 def _adaptive(stage: Stage, sun: Sun, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
-    """Return the sun's irradiance by rays to its rim, and by ``samples`` all over it where those differ."""
-    shift = random((*key, 0), len(points), 2)
-    rim = np.empty((RIM_RAYS, len(points), 3))
-    for k in range(RIM_RAYS):
-        spread = np.column_stack([np.full(len(points), RIM_AREA), (shift[:, 1] + k) / RIM_RAYS])
-        rim[k] = _disc_light(stage, sun, points, normals, spread)
-    out: Doubles = rim.mean(axis=0)
-    unsure = np.flatnonzero((rim.max(axis=0) > 1.01 * rim.min(axis=0)).any(axis=1))
-    out[unsure] = 0
-    for k in range(samples if len(unsure) else 0):
-        spread = (shift[unsure] + (k + 0.5) * np.array([FIRST, SECOND])) % 1.0
-        out[unsure] += _disc_light(stage, sun, points[unsure], normals[unsure], spread) / samples
-    return out
+    """Return the sun's irradiance of places (n, 3) by rays to its rim, and all over it where those differ."""
+    cosine = np.maximum(normals @ np.asarray(sun.direction), 0)
+    tint, _ = sun_tint(stage, sun, points, normals, samples, random((*key, 0), len(points), 2))
+    return np.asarray(tint * cosine[:, None] * np.asarray(sun.normal_illuminance_lx))
+
+
+def sun_tint(
+    stage: Stage, sun: Sun, points: Floats, normals: Floats, samples: int, shifts: Doubles
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return what of the sun's disc (n, 3) reaches places (n, 3) through glass, and which (n,) lie in half shadow.
+
+    Rays to its rim tell; where they differ, ``samples`` all over it. ``shifts`` (n, 2) are random numbers.
+    """
+    glass = _Glass.of(stage)
+    frame = disc_frame(sun)
+    tint, unsure = _tints(stage, glass, frame, points, normals, shifts, RIM_RAYS, RIM_AREA)
+    again = np.flatnonzero(unsure)
+    if len(again):
+        tint[again], _ = _tints(stage, glass, frame, points[again], normals[again], shifts[again], samples, 0.0)
+    return tint, unsure
+
+
+@dataclass(frozen=True)
+class _Glass:
+    """A stage's panes as compiled loops take them (`sun_kernels.disc_tints`)."""
+
+    panes: Doubles
+    sizes: Ints
+    tints: Doubles
+    clear: Floats
+
+    @classmethod
+    def of(cls, stage: Stage) -> _Glass:
+        every = stage.scene.panes
+        panes = [(p.corner_m, p.across_m / (p.across_m @ p.across_m), p.up_m / (p.up_m @ p.up_m)) for p in every]
+        first = np.cumsum([0] + [p.clear.size for p in every[:-1]])
+        sizes = [(*p.clear.shape, start) for p, start in zip(every, first, strict=True)]
+        tints = [p.transmittance for p in every]
+        clear = np.concatenate([p.clear.ravel() for p in every]).astype(np.float32)
+        return cls(np.array(panes, np.float64), np.array(sizes, np.int32), np.array(tints, np.float64), clear)
+
+
+def _tints(
+    stage: Stage,
+    glass: _Glass,
+    frame: Doubles,
+    points: Floats,
+    normals: Floats,
+    shifts: Doubles,
+    samples: int,
+    rim_area: float,
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return the mean of what glass lets through of each place's rays (n, 3), and where (n,) those differ."""
+    out, apart = np.empty((len(points), 3), np.float32), np.empty(len(points), np.bool_)
+    p = stage.patches
+    at_once = max(1, RAYS_AT_ONCE // samples)
+    for start in range(0, len(points), at_once):
+        part = slice(start, start + at_once)
+        origins, rays = np.empty((2, len(points[part]), samples, 3), np.float32)
+        disc_rays(points[part], normals[part], shifts[part], frame, rim_area, samples, origins, rays)
+        hits = stage.tracer.cast(origins.reshape(-1, 3), rays.reshape(-1, 3))
+        disc_tints(
+            *(p.owner, p.item, hits.triangle, hits.distance_m, origins, rays),
+            *(glass.panes, glass.sizes, glass.tints, glass.clear, out[part], apart[part]),
+        )
+    return out, apart
+
+
+def disc_frame(sun: Sun) -> Doubles:
+    """Return the way to the sun's middle and two sides across it, as long as its radius at a distance of 1: (3, 3)."""
+    axis = np.asarray(sun.direction, np.float64)
+    side = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))
+    side /= np.linalg.norm(side)
+    return np.asarray(np.array([axis, *(np.tan(sun.radius_rad) * np.array([side, np.cross(axis, side)]))]))
 
 
 def _disc_light(stage: Stage, sun: Sun, points: Floats, normals: Floats, chance: Doubles) -> Doubles:
@@ -121,10 +185,7 @@ def _disc_light(stage: Stage, sun: Sun, points: Floats, normals: Floats, chance:
 
 def disc_directions(sun: Sun, chance: Doubles) -> Floats:
     """Return directions (n, 3) spread evenly over the sun's disc by random numbers (n, 2)."""
-    axis = np.asarray(sun.direction, np.float64)
-    side = np.cross(axis, (0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0))
-    side /= np.linalg.norm(side)
-    radius = np.tan(sun.radius_rad) * np.sqrt(chance[:, :1])
+    axis, side, other = disc_frame(sun)
     angle = 2 * np.pi * chance[:, 1:]
-    rays = axis + radius * (np.cos(angle) * side + np.sin(angle) * np.cross(axis, side))
+    rays = axis + np.sqrt(chance[:, :1]) * (np.cos(angle) * side + np.sin(angle) * other)
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float32)

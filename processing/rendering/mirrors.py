@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -17,10 +18,11 @@ from processing.rendering.highlights import (
     mirrored_light,
 )
 from processing.rendering.lightmap import LightMap
-from processing.rendering.render import small_geometry, sun_of
+from processing.rendering.render import small_geometry
 from processing.rendering.scene import Doubles, Floats, Vector
 from processing.rendering.sight import FIRST_PART, Sight, sight_of
 from processing.rendering.stage import Stage
+from processing.rendering.sun_picture import sun_of
 from processing.sphere import Equirectangular
 
 MOST_ROWS = 512
@@ -43,10 +45,13 @@ class Mirrors:
     """(h, w, 3): what the floor mirrors without furniture, 0 where it is matte."""
     floor_after: Floats
 
-    @property
-    def has_floor(self) -> bool:
-        """Tell whether any floor mirrors."""
-        return bool(self.floor_before.any() or self.floor_after.any())
+    floors: tuple[int, ...]
+    """Numbers of the surfaces that mirror."""
+
+    @cached_property
+    def all_three(self) -> Floats:
+        """(h, w, 9): the floor's before and after and furniture's, brought to a large picture in one go."""
+        return np.concatenate([self.floor_before, self.floor_after, self.furniture], axis=2)
 
 
 def mirrors_of(
@@ -81,7 +86,9 @@ def mirrors_of(
     one = np.ones((bare.patches.count, 3))
     before = Surroundings(bare, lights[0], shown, empty, one, eye_m)
     after = Surroundings(full, lights[1], shown, empty, _gain(full, lights), eye_m)
-    found = furniture_highlights(after, sight, sun_of(full, sight, 16, seed), FURNITURE_RAYS, (seed, 90))
+    found = furniture_highlights(
+        after, sight, sun_of(full, sight, 16, seed, sight.label >= FIRST_PART), FURNITURE_RAYS, (seed, 90)
+    )
     old, new = np.zeros_like(found), np.zeros_like(found)
     for floor in floors:
         mine = np.flatnonzero(sight.label == floor)
@@ -94,7 +101,7 @@ def mirrors_of(
     picture = found.reshape(*sight.shape, 3)
     if clean:
         picture = _cleaned(picture, sight)
-    return Mirrors(sight, after, picture, old, new)
+    return Mirrors(sight, after, picture, old, new, tuple(floors))
 
 
 def few_highlights(mirrors: Mirrors, sight: Sight, chosen: np.ndarray, sun: Floats, seed: int) -> Floats:

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from processing.rendering.daylight import sunlight
 from processing.rendering.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
 from processing.rendering.lightmap import light_map
 from processing.rendering.scene import Doubles, Floats, Scene, Vector
 from processing.rendering.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
 from processing.rendering.stage import Stage
+from processing.rendering.sun_picture import sun_of
 from processing.rendering.upsample import upsampled
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions
 
@@ -107,11 +107,3 @@ def _radiance(stage: Stage, sight: Sight, light: Floats, effort: Effort, seed: i
     whole = light + sun_of(stage, sight, effort.sun_samples, seed)
     seen = albedo_of(stage, sight) * whole * np.float32(1 / np.pi) + emission_of(stage, sight)
     return np.asarray(seen + seen_outdoors(stage, sight), dtype=np.float32)
-
-
-def sun_of(stage: Stage, sight: Sight, samples: int, seed: int) -> Floats:
-    """Return the sun's direct irradiance (n, 3) of what pixels see."""
-    out = np.zeros((len(sight.label), 3), np.float32)
-    solid = np.flatnonzero(sight.solid)
-    out[solid] = sunlight(stage, sight.point[solid][:, None, :], sight.normal[solid], samples, (seed, 30))
-    return out

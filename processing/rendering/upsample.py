@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from processing.rendering.kernels import compiled
 from processing.rendering.scene import Floats
@@ -15,18 +16,26 @@ REACH_PX = 3
 
 
 def upsampled(
-    values: Floats, small: Sight, large: Sight, *, wraps: bool, first_row: int = 0, rows: int | None = None
-) -> tuple[Floats, np.ndarray]:
-    """Return values (n, 3) for the large picture's pixels, and which (n,) found no small pixel of their own surface.
+    values: Floats,
+    small: Sight,
+    large: Sight,
+    *,
+    wraps: bool,
+    first_row: int = 0,
+    rows: int | None = None,
+    among: npt.NDArray[np.bool_] | None = None,
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return values (n, k) for the large picture's pixels, and which (n,) found no small pixel of their own surface.
 
-    ``values`` is (h, w, 3) for the small picture; both must have the same geometry but for their size. ``large`` may be
-    a band of whole rows: from ``first_row`` on, of ``rows`` in all.
+    ``values`` is (h, w, k) for the small picture; both must have the same geometry but for their size. ``large`` may be
+    a band of whole rows: from ``first_row`` on, of ``rows`` in all. Pixels that are not ``among`` (n,) stay 0.
     """
-    out, missed = np.zeros((len(large.label), 3), np.float32), np.zeros(len(large.label), bool)
+    wanted = large.solid if among is None else large.solid & among
+    out, missed = np.zeros((len(large.label), values.shape[2]), np.float32), np.zeros(len(large.label), bool)
     _spread(
         *(np.ascontiguousarray(values), small.label.reshape(small.shape), small.normal.reshape(*small.shape, 3)),
         *(small.point.reshape(*small.shape, 3), large.label, large.normal, large.point),
-        *(np.array([first_row, rows or large.shape[0], large.shape[1]]), wraps, out, missed),
+        *(np.array([first_row, rows or large.shape[0], large.shape[1]]), wraps, wanted, out, missed),
     )
     return out, missed
 
@@ -51,7 +60,7 @@ def likeness_of(label, other, normal, others_normal, point, others_point) -> flo
 
 @compiled
 def _sum(low, high, y, x, wraps, values, labels, normals, points, label, normal, point, total):  # type: ignore[no-untyped-def]
-    """Fill ``total`` (4,) with the weight and weighted values of the alike among small pixels around (y, x).
+    """Fill ``total`` (1 + k,) with the weight and weighted values of the alike among small pixels around (y, x).
 
     From ``low`` to ``high`` about the pixel before: the four around by their share, a wider reach by nearness.
     """
@@ -70,16 +79,16 @@ def _sum(low, high, y, x, wraps, values, labels, normals, points, label, normal,
             else:
                 share /= (0.01 + (y - r) ** 2 + (x - c) ** 2) ** 2
             total[0] += share
-            for channel in range(3):
+            for channel in range(total.shape[0] - 1):
                 total[1 + channel] += share * values[r, k, channel]
 
 
 @compiled
-def _spread(values, labels, normals, points, label, normal, point, shape, wraps, out, missed):  # type: ignore[no-untyped-def]
+def _spread(values, labels, normals, points, label, normal, point, shape, wraps, wanted, out, missed):  # type: ignore[no-untyped-def]
     rows, columns = labels.shape
-    total = np.zeros(4)
+    total = np.zeros(1 + values.shape[2])
     for i in range(label.shape[0]):
-        if label[i] < 0:
+        if not wanted[i]:
             continue
         y = (shape[0] + i // shape[2] + 0.5) * rows / shape[1] - 0.5
         x = (i % shape[2] + 0.5) * columns / shape[2] - 0.5
@@ -89,5 +98,5 @@ def _spread(values, labels, normals, points, label, normal, point, shape, wraps,
             _sum(low, high, y, x, wraps, values, labels, normals, points, label[i], normal[i], point[i], total)
         missed[i] = total[0] == 0
         if total[0] > 0:
-            for channel in range(3):
+            for channel in range(values.shape[2]):
                 out[i, channel] = total[1 + channel] / total[0]
