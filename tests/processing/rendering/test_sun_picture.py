@@ -67,7 +67,8 @@ def test_only_what_is_asked_for_is_lit() -> None:
     sight = sight_of(stage, VIEW, EYE)
     furniture = sight.label >= FIRST_PART
     found = sun_of(stage, sight, 16, 0, furniture)
-    assert found[furniture].any() and not found[~furniture].any()
+    assert found[furniture].any()
+    assert not found[~furniture].any()
     assert np.array_equal(found, np.where(furniture[:, None], sun_of(stage, sight, 16, 0), 0))
 
 
