@@ -258,7 +258,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="materials",
-        version=1,
+        version=2,
         title="tell what surfaces reflect",
         function="processing.stages.materials:run",
         needs=("calibrate", "room", "detect", "remove"),

@@ -1,5 +1,7 @@
 """Which way the outdoor picture faces, told from what the windows show of it, where nobody recorded a heading.
 
+Where they show too little, direct sunlight in the room tells it: the sun must stand where that comes from.
+
 Through the glass the panorama sees a part of what the outdoor picture sees. Turned the right way, dark trees and bright
 sky fall together; turned otherwise they do not. It is believed only where one way fits clearly better than all others.
 """
@@ -29,6 +31,9 @@ LEAST_LIKENESS, LEAST_LEAD = 0.35, 0.12
 BESIDE_RAD = math.radians(30.0)
 """Around the best way, within which others are no rivals."""
 
+SAME_SUN_RAD = math.radians(7.0)
+"""By which the heights of the sun outdoors and of the sunlight in the room may differ; that in the room is searched."""
+
 
 def outdoors_facing(
     outdoors: Outdoors, panorama: LuminanceImage, room: RoomModel
@@ -46,6 +51,23 @@ def outdoors_facing(
     sight = sight_of(stage, Equirectangular(*size), (0.0, 0.0, room.camera_height_m))
     told = told_turn(outdoors, sight, small, valid)
     return (outdoors, None) if told is None else (turned(outdoors, told[0]), told)
+
+
+def facing_sunlight(outdoors: Outdoors, seen: tuple[float, float] | None) -> tuple[Outdoors, float | None]:
+    """Return the light outdoors turned so that its sun stands where the room says, and the turn (rad).
+
+    ``seen``: azimuth (from +y towards +x) and elevation (rad) of the sun as sunlight in the room tells it; None: it
+    tells nothing. Where that cannot be this sun, the light is returned without sun, and None: a sun before the wrong
+    window is worse than none. Light without sun is returned as it is.
+    """
+    sun = outdoors.sun
+    if sun is None:
+        return outdoors, None
+    x, y, z = sun.direction
+    if seen is None or abs(seen[1] - math.asin(min(max(z, -1.0), 1.0))) > SAME_SUN_RAD:
+        return replace(outdoors, sun=None), None
+    turn = math.remainder(seen[0] - math.atan2(x, y), 2 * math.pi)
+    return turned(outdoors, turn), turn
 
 
 def told_turn(outdoors: Outdoors, sight: Sight, panorama: Floats, valid: np.ndarray) -> tuple[float, float] | None:

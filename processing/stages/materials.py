@@ -13,7 +13,7 @@ import numpy.typing as npt
 from processing.errors import SceneError
 from processing.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.rendering.albedo import RoomAlbedo, albedo_of_room
-from processing.rendering.facing import outdoors_facing
+from processing.rendering.facing import facing_sunlight, outdoors_facing
 from processing.rendering.irradiance import Effort
 from processing.rendering.outdoor import outdoors_of
 from processing.rendering.scene import Outdoors, Surface
@@ -29,6 +29,7 @@ ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 EFFORT = Effort(pixel_samples=32)
 SUN_RIM_RAD, FURNITURE_RIM_RAD = math.radians(1.5), math.radians(0.8)
 """By which sunlight stands again beyond its mask, and keeps away from what stood there."""
+HEADING_ADVICE = "(heading_deg in the rig file, --heading of daylit import)"
 MOST_LAMPS = 100
 """That are told by themselves; the light of all is in the scene."""
 
@@ -143,16 +144,41 @@ def _outdoors(context: StageContext, image: LuminanceImage, room: RoomModel) -> 
         return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
     if context.session.heading_rad is not None:
         return found, "outdoor picture", []
+    facing, told = _without_heading(found, image, room, _sun_seen(context))
+    return facing, "outdoor picture", [f"the panorama's heading is not recorded: {told} {HEADING_ADVICE}"]
+
+
+def _sun_seen(context: StageContext) -> tuple[float, float] | None:
+    """Return azimuth and elevation (rad) of the sun as its light in the room tells it; None where it does not."""
+    told = context.summary("detect")["metrics"]
+    if "sun_azimuth_deg" not in told:
+        return None
+    return math.radians(told["sun_azimuth_deg"]), math.radians(told["sun_elevation_deg"])
+
+
+def _without_heading(
+    found: Outdoors, image: LuminanceImage, room: RoomModel, seen: tuple[float, float] | None
+) -> tuple[Outdoors, str]:
+    """Return the light outdoors as it is likely to stand before the windows, and how that was told."""
     facing, turn = outdoors_facing(found, image, room)
-    advice = "(heading_deg in the rig file, --heading of daylit import)"
-    if turn is None:
-        text = f"the panorama's heading is not recorded: sky and sun may stand before the wrong windows {advice}"
-    else:
-        text = (
-            "the panorama's heading is not recorded: the outdoor picture is turned by "
-            f"{math.degrees(turn[0]):.0f} degrees, as the windows show it (likeness {turn[1]:.2f}) {advice}"
+    if turn is not None:
+        return facing, (
+            f"the outdoor picture is turned by {math.degrees(turn[0]):.0f} degrees, as the windows show it "
+            f"(likeness {turn[1]:.2f})"
         )
-    return facing, "outdoor picture", [text]
+    facing, by = facing_sunlight(found, seen)
+    if by is not None:
+        return facing, (
+            f"the outdoor picture is turned by {math.degrees(by):.0f} degrees, so that its sun stands where the "
+            "sunlight in the room comes from"
+        )
+    if found.sun is None:
+        return facing, "the sky may stand before the wrong windows"
+    height = math.degrees(math.asin(min(max(found.sun.direction[2], -1.0), 1.0)))
+    why = "no sunlight in the room tells where it stands"
+    if seen is not None:
+        why = f"it is {height:.0f} degrees high, the sunlight in the room comes from {math.degrees(seen[1]):.0f}"
+    return facing, f"the sun outdoors is left out ({why}), and the sky may stand before the wrong windows"
 
 
 def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:

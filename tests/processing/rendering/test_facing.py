@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from processing.images import LuminanceImage
-from processing.rendering.facing import outdoors_facing, turned
+from processing.rendering.facing import facing_sunlight, outdoors_facing, turned
 from processing.rendering.irradiance import Effort
 from processing.rendering.outdoor import sky_outdoors
 from processing.rendering.render import render
@@ -74,3 +74,24 @@ def test_a_sky_that_tells_nothing_stays() -> None:
 def test_a_turn_is_as_the_compass_turns() -> None:
     found = turned(clouds(), math.radians(90))
     assert np.allclose(found.sun.direction, (0.0, -0.6, 0.8), atol=1e-6)  # type: ignore[union-attr]
+
+
+def test_sunlight_in_the_room_turns_the_sun_outdoors() -> None:
+    height = math.asin(0.8)
+    found, turn = facing_sunlight(clouds(), (math.radians(-20), height + math.radians(3)))
+    assert turn == pytest.approx(math.radians(-110))  # the sun stands at +x, 90 degrees from +y
+    assert found.sun is not None
+    assert math.atan2(*found.sun.direction[:2]) == pytest.approx(math.radians(-20), abs=math.radians(1))
+    assert found.sun.direction[2] == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize("seen", [None, (0.0, 0.2)])
+def test_a_sun_that_is_not_that_of_the_room_is_left_out(seen: tuple[float, float] | None) -> None:
+    found, turn = facing_sunlight(clouds(), seen)
+    assert (found.sun, turn) == (None, None)
+    assert np.array_equal(found.rgb, clouds().rgb)
+
+
+def test_a_sky_without_sun_stays_as_it_is() -> None:
+    plain = uniform_sky(3000.0)
+    assert facing_sunlight(plain, (0.0, 0.7)) == (plain, None)
