@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError
@@ -13,6 +13,7 @@ from processing.layout.choose import Candidate, Chosen, choose
 from processing.layout.field import make_field
 from processing.layout.grouping import host_role
 from processing.layout.items import Item
+from processing.layout.last_places import with_last_places
 from processing.layout.pins import in_frame, pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
@@ -181,7 +182,29 @@ def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
         chosen = choose(candidates, n, main, lambda c: task.judge.passes(pieces(c.placed)), 6 * n + 24, chosen)
         if len(chosen) == n:
             break
-    return chosen
+    if not any(one.candidate.left_out for one in chosen):
+        return chosen
+    fuller = [replace(one, candidate=_fuller(one.candidate, task)) for one in chosen]
+    return sorted(fuller, key=lambda one: (len(one.candidate.left_out), -one.candidate.score))
+
+
+def _fuller(candidate: Candidate, task: _Task) -> Candidate:
+    """Return a candidate with what it leaves out placed, where the judge passes a place after all."""
+    left = [item for item in task.items if item.id in candidate.left_out]
+    if not left:
+        return candidate
+    inner = [in_frame(s, task.frame) for s in candidate.placed]
+
+    def in_the_room(more: Sequence[Stand]) -> tuple[Stand, ...]:
+        return (*candidate.placed, *(in_room(s, task.frame) for s in more[len(inner) :]))
+
+    full = with_last_places(inner, left, task.bare, lambda them: task.judge.passes(pieces(in_the_room(them))))
+    if len(full) == len(inner):
+        return candidate
+    stood = {s.item.id for s in full}
+    scores = soft_scores(make_floor(task.search.field.plan), full)
+    out = tuple(name for name in candidate.left_out if name not in stood)
+    return Candidate(in_the_room(full), out, weighted(scores, task.book.weights), scores)
 
 
 def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[float, list[Candidate]]]:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from processing.layout.poses import Stand
+from processing.layout.units import BIG_M2
 
 MOVED_M = 1.0
 TURNED_RAD = 0.6
-BIG_M2 = 0.25
 SAME_MAIN_COSTS = 0.05
 """So much better must one be that leaves the main piece where it was."""
 

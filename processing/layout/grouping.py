@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from processing.layout.items import Item
 from processing.layout.rules import RuleSet
 from processing.layout.units import (
+    BIG_M2,
     Member,
     Unit,
     Variant,
@@ -55,6 +57,15 @@ class Packing:
     units: tuple[Unit, ...]
     apart: int
     """How many items stand away from the group they belong to."""
+
+    @cached_property
+    def large(self) -> dict[int, str]:
+        """The large units' numbers, with the names of their main pieces; rugs are none."""
+        return {
+            number: unit.items[0].id
+            for number, unit in enumerate(self.units)
+            if unit.footprint_m2 >= BIG_M2 and unit.role != "rug"
+        }
 
 
 def packings(items: Sequence[Item], rules: RuleSet) -> Iterator[Packing]:

@@ -20,7 +20,7 @@ from processing.layout.reach import PATH_SLACK_M
 from processing.layout.rebuild import RoomArrays, rebuild
 from processing.layout.soft import ROLE
 from processing.layout.states import Beam, Choice, Found, Ints, UnitArrays, Walk, quarter, rows_of
-from processing.layout.unit_table import found_of, unit_table
+from processing.layout.unit_table import all_found, unit_table
 from processing.layout.units import Unit
 from processing.layout.walk_bits import packed
 from processing.layout.walk_grid import TOUCH_M, stamp, wall_clearance2
@@ -121,7 +121,8 @@ class Search:
             room, table, seed, effort.rounds, effort.most_out, effort.patience, effort.noise,
             np.array(effort.fractions), max(1, effort.enough), slots, places, gains,
         )  # fmt: skip
-        return [found_of(packing, table, origin, slots[k], places[k], gains[k]) for k in range(max(1, whole))]
+        kept = slice(max(1, whole))
+        return all_found(packing, table, origin, slots[kept], places[kept], gains[kept])
 
     def _filled(
         self, state: Beam, packing: Packing, order: Sequence[int], effort: Effort, rng: np.random.Generator

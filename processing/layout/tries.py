@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from processing.layout.choose import BIG_M2
 from processing.layout.grouping import LAST_SPLIT, Packing, alone, host_role, packings
 from processing.layout.items import Item
 from processing.layout.rules import RuleSet
@@ -56,12 +55,12 @@ class Final:
 
     def kind(self) -> tuple[object, ...]:
         """Return what tells arrangements apart at a glance: the wall and the metre of each large unit."""
-        units = self.packing.units
+        large = self.packing.large
         return tuple(
             sorted(
-                (units[c.unit].items[0].id, c.line[5], int(c.s_m), round(c.line[0]), round(c.line[1]))
+                (large[c.unit], c.line[5], int(c.s_m), round(c.line[0]), round(c.line[1]))
                 for c in self.found.choices
-                if units[c.unit].footprint_m2 >= BIG_M2 and units[c.unit].role != "rug"
+                if c.unit in large
             )
         )
 

@@ -43,17 +43,24 @@ def unit_table(units: Sequence[UnitArrays], packing: Packing) -> tuple[UnitTable
     return table, (first_v, first_l)
 
 
-def found_of(
+def all_found(
     packing: Packing, table: UnitTable, origin: Origin, slots: np.ndarray, places: np.ndarray, gains: np.ndarray
-) -> Found:
-    """Return a row of `rebuild` as a state."""
-    choices, dropped, score = [], [], 0.0
-    for u, slot in enumerate(slots.tolist()):
-        if slot < 0:
-            dropped.append(u)
-            score -= DROPPED * packing.units[u].loss
-            continue
-        variant, line = int(table.slots[slot, 0]), tuple(table.lines[table.slots[slot, 1]].tolist())
-        choices.append(Choice(u, variant - int(origin[0][u]), line, float(places[u])))
-        score += float(gains[u])
-    return Found(tuple(choices), tuple(dropped), score)
+) -> list[Found]:
+    """Return rows (n, units) of `rebuild` as states."""
+    lines = [tuple(line) for line in table.lines.tolist()]
+    rows = table.slots[:, :2].tolist()
+    first = origin[0].tolist()
+    losses = [DROPPED * unit.loss for unit in packing.units]
+    states = []
+    for row_slots, row_places, row_gains in zip(slots.tolist(), places.tolist(), gains.tolist(), strict=True):
+        choices, dropped, score = [], [], 0.0
+        for u, slot in enumerate(row_slots):
+            if slot < 0:
+                dropped.append(u)
+                score -= losses[u]
+                continue
+            variant, line = rows[slot]
+            choices.append(Choice(u, variant - first[u], lines[line], row_places[u]))
+            score += row_gains[u]
+        states.append(Found(tuple(choices), tuple(dropped), score))
+    return states

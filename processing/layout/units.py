@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import TypeAlias
 
@@ -17,6 +18,8 @@ from processing.layout.rules import RuleSet
 Rect: TypeAlias = tuple[float, float, float, float]
 """x0, x1, y0, y1 in metres."""
 LEAST_ZONE_M = 1e-6
+BIG_M2 = 0.25
+"""Footprint of what tells arrangements apart."""
 MAIN = ("bed", "single bed", "king bed", "sofa", "dining table", "desk")
 """What rooms are for: left out last."""
 
@@ -71,7 +74,7 @@ class Unit:
     """Role of what it stands by: a nightstand alone by the bed."""
     keeps_within_m: float = 0.0
 
-    @property
+    @cached_property
     def footprint_m2(self) -> float:
         """Return what its items cover together."""
         return sum(item.spec.footprint_m2 for item in self.items if not item.spec.is_rug)

@@ -119,7 +119,7 @@ class Judge:
             yield from _under_ceiling(self._plan, pieces)
         yield from _apart(pieces, shapes, self.rules.together)
         yield from self._openings(pieces, shapes)
-        zones, clashes = _zones(self.room, pieces, shapes, [_asked(piece, self.rules) for piece in pieces])
+        zones, clashes = _zones(self.room, pieces, shapes, _asked(pieces, self.rules))
         yield from clashes
         yield from self._paths(pieces, shapes, zones)
 
@@ -261,8 +261,26 @@ def _swings(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Polygon]:
     return areas
 
 
-def _asked(piece: Piece, rules: RuleSet) -> tuple[list[Polygon], list[Polygon], int]:
-    """Return the use zones that a piece always needs, its side zones, and how many of those it needs."""
+def _asked(pieces: Sequence[Piece], rules: RuleSet) -> list[tuple[list[Polygon], list[Polygon], int]]:
+    """Return for each piece the use zones that it always needs, its side zones, and how many of those it needs."""
+    rows = [_zone_extents(piece, rules) for piece in pieces]
+    zones = iter(
+        _boxes(
+            [piece for piece, extents in zip(pieces, rows, strict=True) for _ in extents],
+            [extent for extents in rows for _, extent in extents],
+        )
+    )
+    asked = []
+    for piece, extents in zip(pieces, rows, strict=True):
+        shapes = [(optional, next(zones)) for optional, _ in extents]
+        sides = [shape for optional, shape in shapes if optional]
+        need = int(getattr(rules, piece.spec.sides_rule)) if piece.spec.sides_rule else 0
+        asked.append(([shape for optional, shape in shapes if not optional], sides, min(need, len(sides))))
+    return asked
+
+
+def _zone_extents(piece: Piece, rules: RuleSet) -> list[tuple[bool, tuple[float, float, float, float]]]:
+    """Return whether each use zone is a side's, of which not all are needed, and its extent in the piece's frame."""
     w, d, _ = (v / 2 for v in piece.spec.size_m)
     rows = []
     for zone in piece.spec.zones:
@@ -272,11 +290,7 @@ def _asked(piece: Piece, rules: RuleSet) -> tuple[list[Polygon], list[Polygon], 
         extent = {"front": (-w, w, d, d + deep), "back": (-w, w, -d - deep, -d)}
         extent |= {"left": (-w - deep, -w, -d, d), "right": (w, w + deep, -d, d)}
         rows.append((bool(piece.spec.sides_rule) and zone.side in ("left", "right"), extent[zone.side]))
-    shapes = _boxes([piece] * len(rows), [extent for _, extent in rows])
-    always = [shape for shape, (optional, _) in zip(shapes, rows, strict=True) if not optional]
-    sides = [shape for shape, (optional, _) in zip(shapes, rows, strict=True) if optional]
-    need = int(getattr(rules, piece.spec.sides_rule)) if piece.spec.sides_rule else 0
-    return always, sides, min(need, len(sides))
+    return rows
 
 
 def _zones(
