@@ -110,12 +110,13 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
     from processing.relighting.session_room import heading_of, other_sky, place_of
     from processing.relighting.weather import daylight_at
+    from processing.rendering.relight_land import with_captured_land
 
     if asked["sky"] is not None:
-        outdoors = other_sky(asked["sky"])
+        outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
         stem = re.sub(r"[^\w-]+", "-", asked["sky"].stem)
         return {
-            "notes": ["the sky's +y is taken as the room's"],
+            "notes": ["the sky's +y is taken as the room's; ground, trees and houses are the captured ones"],
             "lights": [(f"sky-{stem}", stem, outdoors, sky_facts(outdoors))],
         }
     place = place_of(room, _site(asked["site"]))
@@ -152,7 +153,9 @@ def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
 
     if kind == "captured":
         return captured_weather(room.scene.outdoors, room.time_utc, place)
-    return usual_weather("clear" if kind == "clear" else "overcast")
+    panes = room.scene.panes
+    glass = panes[0].transmittance if panes else (1.0, 1.0, 1.0)
+    return usual_weather("clear" if kind == "clear" else "overcast", glass)
 
 
 def _site(text: str | None) -> tuple[float, float] | None:

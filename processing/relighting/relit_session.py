@@ -25,7 +25,7 @@ from processing.rendering.relight_basis import (
     scene_digest,
     write_basis,
 )
-from processing.rendering.relight_photo import relit_photograph, veil_gains
+from processing.rendering.relight_photo import photograph_under
 from processing.rendering.scene import Outdoors
 from processing.rendering.stage import Stage
 
@@ -55,13 +55,8 @@ class Relighting:
 
     def under(self, outdoors: Outdoors, said: dict[str, Any]) -> RelitRoom:
         """Return the room under another light outdoors; ``said`` goes into its facts and the picture's attributes."""
-        scene, image = self.room.scene, self.room.picture
-        old, new = scene.outdoors, outdoors
-        now = sum(level_illuminance(new)) @ _WEIGHTS
-        before = sum(level_illuminance(old)) @ _WEIGHTS
-        after = self.view.relit(new, veils=veil_gains(scene, old, new))
-        ratio = float(now) / max(float(before), 1e-9)
-        found = relit_photograph(image.rgb, self.view, self.before, after, level_ratio=ratio)
+        image = self.room.picture
+        found, after = photograph_under(image.rgb, self.view, self.before, outdoors)
         doubt = np.where(found.detail > 0.5, MODELLED, 2 * MODELLED).astype(np.float32)
         picture = replace(
             image,

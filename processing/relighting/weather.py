@@ -18,6 +18,7 @@ from processing.calibration.clear_sky import Beam, Place, SunPlace, clear_beam, 
 from processing.errors import DaylightError
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.perez import clearness, coefficients, relative_luminance
+from processing.rendering.relight_land import with_captured_land
 from processing.rendering.scene import Doubles, Outdoors, Sun, Vector
 from processing.sphere import Equirectangular, directions, solid_angles
 
@@ -97,11 +98,16 @@ def captured_weather(outdoors: Outdoors, time_utc: datetime, place: Place) -> We
     return Weather("captured", *held, colour, clear.air_mass if sun else 1.5, _unit(sky_rgb), tuple(notes))
 
 
-def usual_weather(kind: Sky, sky_colour: Vector = USUAL_SKY) -> Weather:
-    """Return a clear or an overcast weather."""
-    beam = 1.0 if kind == "clear" else 0.0
-    colour = _unit(np.asarray(sky_colour)) if kind == "clear" else (1.0, 1.0, 1.0)
-    return Weather(kind, beam, 1.0, _unit(np.asarray(USUAL_SUN)), 1.5, colour)
+def usual_weather(kind: Sky, glass: Vector = (1.0, 1.0, 1.0)) -> Weather:
+    """Return a clear or an overcast weather.
+
+    ``glass``: the windows' transmittance as it was measured. Its colour is mostly what two cameras differ by, and
+    goes with the captured sky; a sky of known colour is given the other way round, so that it looks so indoors.
+    """
+    clear = kind == "clear"
+    back = 1 / np.maximum(np.asarray(glass), 1e-3)
+    sun, sky = (np.asarray(USUAL_SUN), np.asarray(USUAL_SKY)) if clear else (np.ones(3), np.ones(3))
+    return Weather(kind, 1.0 if clear else 0.0, 1.0, _unit(sun * back), 1.5, _unit(sky * back))
 
 
 def sun_direction(sun: SunPlace, heading_rad: float) -> Vector:
@@ -113,7 +119,7 @@ def sun_direction(sun: SunPlace, heading_rad: float) -> Vector:
 def daylight_at(
     time_utc: datetime, place: Place, heading_rad: float, weather: Weather, captured: Outdoors, *, rows: int = 128
 ) -> Daylight:
-    """Return the light outdoors at a time; the ground is the captured one under the new light.
+    """Return the light outdoors at a time; ground, trees and houses are the captured ones under the new light.
 
     Raises
     ------
@@ -143,7 +149,7 @@ def daylight_at(
     sky = (level * diffuse_lx / max(whole, 1e-12))[..., None] * np.asarray(weather.sky_colour)
     disc = Sun(direction, _sunlight(normal_lx, weather, clear)) if normal_lx > 0 else None
     found = Outdoors(sky.astype(np.float32), disc)
-    return Daylight(_with_ground(found, captured), sun, diffuse_lx, normal_lx, epsilon)
+    return Daylight(with_captured_land(found, captured), sun, diffuse_lx, normal_lx, epsilon)
 
 
 def _sunlight(normal_lx: float, weather: Weather, clear: Beam) -> Vector:
@@ -151,19 +157,6 @@ def _sunlight(normal_lx: float, weather: Weather, clear: Beam) -> Vector:
     more = np.exp(-np.asarray(RAYLEIGH) * (clear.air_mass - weather.sun_air_mass))
     red, green, blue = (normal_lx * v for v in _unit(np.asarray(weather.sun_colour) * more))
     return (red, green, blue)
-
-
-def _with_ground(found: Outdoors, captured: Outdoors) -> Outdoors:
-    """Return the light outdoors with the captured ground, as much brighter as more light falls on it."""
-    now, before = (sum(level_illuminance(o)) @ _WEIGHTS for o in (found, captured))
-    rows = found.rgb.shape[0]
-    half = captured.rgb.shape[0] // 2
-    ground = captured.rgb[half:].mean(axis=(0, 1), dtype=np.float64) * float(now) / max(float(before), 1e-9)
-    if before <= 0:
-        ground = 0.2 / math.pi * float(now) * np.ones(3)
-    rgb = found.rgb.copy()
-    rgb[rows // 2 :] = ground.astype(np.float32)
-    return Outdoors(rgb, found.sun)
 
 
 def _unit(rgb: Doubles) -> Vector:

@@ -16,6 +16,7 @@ from processing.errors import RelightError
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.chance import random
 from processing.rendering.relight_basis import RADIUS_PX, BasisEffort, LightBasis, SkyRays, scene_digest, sky_values
+from processing.rendering.relight_glass import panes_for_sun
 from processing.rendering.relight_kernels import add_bounced, add_shots, add_sky, aim, smooth
 from processing.rendering.relight_steps import Steps
 from processing.rendering.relight_sun import may_see_sun, sun_on_picture, sun_on_places
@@ -81,10 +82,11 @@ class RelightView:
             )
         stage = replace(self.stage, scene=replace(self.stage.scene, outdoors=outdoors, panes=panes))
         stage.__dict__["albedo"] = self.stage.albedo
-        small, error = self._irradiance(stage, seed)
+        sunny = replace(stage, scene=replace(stage.scene, panes=panes_for_sun(panes, self.basis.eye_m[2])))
+        small, error = self._irradiance(stage, sunny, seed)
         full = self.full
         sky = small.reshape(-1, 3) if self._steps is None else self._steps.apply(small)
-        sun = sun_on_picture(stage, full.point, full.normal, full.shape, EDGE_SAMPLES, seed)
+        sun = sun_on_picture(sunny, full.point, full.normal, full.shape, EDGE_SAMPLES, seed)
         whole = sky + sun
         rgb = self.albedo * whole * np.float32(1 / np.pi) + self.emission
         glass = np.flatnonzero(full.pane >= 0)
@@ -93,10 +95,10 @@ class RelightView:
         shape = (*full.shape, 3)
         return Relit(rgb.reshape(shape), whole.reshape(shape), sun.reshape(shape), error)
 
-    def _irradiance(self, stage: Stage, seed: int) -> tuple[Floats, float]:
+    def _irradiance(self, stage: Stage, sunny: Stage, seed: int) -> tuple[Floats, float]:
         basis = self.basis
         values = sky_values(stage.scene.outdoors, stage.scene.panes)
-        radiosity, bright = self._patches(stage, values, seed)
+        radiosity, bright = self._patches(stage, sunny, values, seed)
         count = len(basis.pixel)
         light, apart = basis.fixed.copy(), np.zeros(count, np.float32)
         _add(basis.pixel_sky, self._colours, values, light, apart)
@@ -112,12 +114,12 @@ class RelightView:
         smooth(picture, basis.near, RADIUS_PX, out)
         return np.ascontiguousarray(out[..., :3]), _relative(out, self.small)
 
-    def _patches(self, stage: Stage, values: Floats, seed: int) -> tuple[Floats, BrightPatches | None]:
+    def _patches(self, stage: Stage, sunny: Stage, values: Floats, seed: int) -> tuple[Floats, BrightPatches | None]:
         """Return the radiosity of patches (n, 3) but for the sun's own, and what the sun gives off there."""
         basis, normals = self.basis, stage.patches.normal
         first, apart = np.zeros((len(normals), 3), np.float32), np.zeros(len(normals), np.float32)
         _add(basis.patch_sky, self._colours, values, first, apart)
-        bright = BrightPatches.of(stage, stage.albedo * self._sun_on_patches(stage))
+        bright = BrightPatches.of(stage, stage.albedo * self._sun_on_patches(sunny))
         if bright is not None:
             middles = np.ascontiguousarray(self._places[:, 0])
             _bounced(basis.patch_links, np.zeros_like(first), bright, PATCH_SHOTS, first, apart)

@@ -10,20 +10,27 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.relight import RelightView, Relit
+from processing.rendering.relight_glass import panes_for_sun
+from processing.rendering.relight_land import bare_sky, land_of, level_lx, on_plane
 from processing.rendering.scene import Doubles, Floats, Outdoors, Pane, Scene
-from processing.rendering.sight import GLASS
-from processing.sphere import Equirectangular, directions, solid_angles
+from processing.rendering.sight import GLASS, looked_up
+
+Places = npt.NDArray[np.int64]
 
 FULL, NONE = 0.35, 0.9
 """Of log luminance between photograph and scene: up to which its detail is kept, and from which none of it is."""
 MOST_GAIN = 50.0
 """By which what is seen through a window may become brighter."""
-FAR_OBJECT = 0.5
-"""Of the sky's luminance, below which a pixel of a window shows a tree or a house, not the sky."""
+DARK, LIGHT = 0.45, 0.7
+"""Of the sky's luminance: up to which a pixel of a window shows a tree or a house, and from which it shows the sky."""
+LAND_BLUR = 0.004
+"""Of a picture's height: how far its land may lie beside where the camera sees it."""
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
 
 
@@ -38,11 +45,11 @@ class RelitPhotograph:
 
 
 def relit_photograph(
-    photograph: Floats, view: RelightView, before: Relit, after: Relit, *, level_ratio: float
+    photograph: Floats, view: RelightView, before: Relit, after: Relit, lights: tuple[Outdoors, Outdoors]
 ) -> RelitPhotograph:
     """Return the photograph (H, 2 H, 3) with the light of ``after`` instead of ``before``.
 
-    ``level_ratio``: light on level ground outdoors, after over before; trees and houses seen through windows take it.
+    ``lights``: those of ``before`` and of ``after``.
     """
     label = view.full.label.reshape(photograph.shape[:2])
     shade = before.rgb - _direct(view, before)
@@ -59,9 +66,21 @@ def relit_photograph(
     rgb = after.rgb * np.where(detail[..., None] > 0, texture, 1)
     glass = label == GLASS
     if glass.any():
-        rgb[glass] = _window(photograph[glass], before.rgb[glass], after.rgb[glass], level_ratio)
+        rgb[glass] = _window(photograph[glass], view, np.flatnonzero(glass), lights)
         detail[glass] = 1
     return RelitPhotograph(np.asarray(rgb, dtype=np.float32), detail)
+
+
+def photograph_under(
+    photograph: Floats, view: RelightView, before: Relit, outdoors: Outdoors
+) -> tuple[RelitPhotograph, Relit]:
+    """Return the photograph under another light outdoors, and the scene under it.
+
+    ``before``: the scene under the light that the photograph was taken in, which the view's scene holds.
+    """
+    scene = view.stage.scene
+    after = view.relit(outdoors, veils=veil_gains(scene, scene.outdoors, outdoors))
+    return relit_photograph(photograph, view, before, after, (scene.outdoors, outdoors)), after
 
 
 def _direct(view: RelightView, relit: Relit) -> Floats:
@@ -72,11 +91,38 @@ def _apart(shown: np.ndarray, model: np.ndarray) -> Floats:
     return np.asarray(np.log(np.maximum(shown, 1e-6) / np.maximum(model, 1e-6)), dtype=np.float32)
 
 
-def _window(photograph: Floats, before: Floats, after: Floats, level_ratio: float) -> Floats:
-    """Return what is seen through a window: sky as the sky there changes, things before it as the light on them."""
-    sky = (photograph @ _WEIGHTS) > FAR_OBJECT * (before @ _WEIGHTS)
-    gain = np.where(sky[:, None], after / np.maximum(before, 1e-6), level_ratio)
+def _window(
+    photograph: Floats, view: RelightView, chosen: Places, lights: tuple[Outdoors, Outdoors]
+) -> Floats:
+    """Return what is seen through windows by some pixels: the sky as it changes there, things as the light on them.
+
+    What covers the glass follows the light on the pane, trees, houses and the ground the light on level ground.
+    """
+    sight, scene = view.full, view.stage.scene
+    rays, shown = sight.rays[chosen], photograph @ _WEIGHTS
+    level_ratio = level_lx(lights[1]) / max(level_lx(lights[0]), 1e-9)
+    land = land_of(lights[0])
+    skies = [looked_up(bare_sky(light.rgb, land_of(light)), rays) for light in lights]
+    glass = np.asarray([p.transmittance for p in scene.panes], np.float32)[sight.pane[chosen]]
+    bright = shown / np.maximum((skies[0] * glass) @ _WEIGHTS, 1e-6)
+    soft = cv2.GaussianBlur(land.astype(np.float32), (0, 0), LAND_BLUR * land.shape[0])
+    hidden = looked_up(np.repeat(soft[..., None], 3, axis=2), rays)[:, 0]
+    share = np.clip((bright - DARK) / (LIGHT - DARK), 0, 1) * np.clip(2 - 2 * hidden, 0, 1) * (rays[:, 2] > 0)
+    change = np.log(np.maximum(skies[1], 1e-6) / np.maximum(skies[0], 1e-6))
+    far = share[:, None] * change + (1 - share[:, None]) * math.log(max(level_ratio, 1e-6))
+    near = np.log(np.maximum(veil_gains(scene, *lights), 1e-6))[sight.pane[chosen]]
+    gain = np.exp(np.where(_covered(view, chosen)[:, None], near[:, None], far))
     return np.asarray(photograph * np.clip(gain, 0, MOST_GAIN), dtype=np.float32)
+
+
+def _covered(view: RelightView, chosen: Places) -> np.ndarray:
+    """Return which pixels see what covers a pane: bars, curtains, blinds."""
+    out, sight = np.zeros(len(chosen), bool), view.full
+    for number, pane in enumerate(panes_for_sun(view.stage.scene.panes, view.basis.eye_m[2])):
+        mine = np.flatnonzero(sight.pane[chosen] == number)
+        row, column = pane.cells(sight.point[chosen[mine]])
+        out[mine] = pane.clear[row, column] < 0.5
+    return out
 
 
 def veil_gains(scene: Scene, before: Outdoors, after: Outdoors) -> Floats:
@@ -91,11 +137,4 @@ def _upon(pane: Pane, middle: Doubles, outdoors: Outdoors) -> float:
     normal = normal / np.linalg.norm(normal)
     if (pane.corner_m - middle) @ normal < 0:
         normal = -normal
-    rows = outdoors.rgb.shape[0]
-    geometry = Equirectangular(2 * rows, rows)
-    share = np.maximum(directions(geometry)[0] @ normal, 0) * solid_angles(geometry)
-    light = np.tensordot(share, outdoors.rgb.astype(np.float64), axes=2)
-    if outdoors.sun is not None:
-        facing = max(float(np.asarray(outdoors.sun.direction) @ normal), 0.0)
-        light = light + facing * np.asarray(outdoors.sun.normal_illuminance_lx)
-    return float(light @ np.asarray(LUMINANCE_WEIGHTS))
+    return on_plane(normal, outdoors)
