@@ -29,6 +29,8 @@ from station.session import FrameRecord, Side, shutter_label
 
 SPOT_RAD = math.radians(1 / 3)
 WIDTH_PX = 1200
+ANYWHERE_DEG = 180.0
+"""Uncertainty of a north that nobody knows."""
 _PLANES = {
     "up": "level, facing up",
     "ahead": "upright, facing ahead",
@@ -65,11 +67,17 @@ def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
         ("Vignetting", facts["falloff"]),
         ("ND filter's colour", facts["nd_colour"]),
         ("Veiling glare", _veil(veil)),
-        ("North", f"{north['source']}, within {north['uncertainty_deg']:.2f}°"),
+        ("North", _north(north)),
         ("Sun", f"{facts['sun']['found']}; repair: {facts['sun']['repair']}"),
     )
     tables = (Table("From the camera's picture to the sky", ("step", "what was done"), rows),)
     return Section("Sky", "", (), tuple(_pictures(image, "Sky")), tables)
+
+
+def _north(north: Mapping[str, Any]) -> str:
+    if north["uncertainty_deg"] >= ANYWHERE_DEG:
+        return "not known: the picture's top is taken for it"
+    return f"by the {north['source']}, within {north['uncertainty_deg']:.2f}°"
 
 
 def light_section(facts: Mapping[str, Any]) -> Section:

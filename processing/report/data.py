@@ -85,7 +85,6 @@ class StageLine:
     state: StageState
     reason: str = ""
     """Why it was skipped or failed, or what it left out."""
-    seconds: float | None = None
 
 
 @dataclass(frozen=True)

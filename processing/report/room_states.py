@@ -22,8 +22,8 @@ from processing.stages.contract import StageContext
 
 MOST_STAGED = 7
 HALF_FIELD = math.radians(FIELD_DEG / 2)
-LARGEST_MODELS = 6_000_000
-"""Bytes of models within the page."""
+LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 6_000_000
+"""Bytes of the first model within the page; and of all, if there are to be more."""
 
 
 def room_states(context: StageContext) -> tuple[State, ...]:
@@ -125,10 +125,10 @@ def model_section(context: StageContext) -> Section | None:
     if not paths:
         return None
     models: list[Model] = []
-    room_left = LARGEST_MODELS
+    total = 0
     for number, path in enumerate(paths, 1):
-        room_left -= path.stat().st_size
-        if room_left < 0:
+        total += path.stat().st_size
+        if total > (LARGEST_MODELS if models else LARGEST_MODEL):
             break
         models.append(Model(f"Staged {number}", path.read_bytes(), f"model of the staged room, alternative {number}"))
     note = _left_out(paths[len(models) :])

@@ -48,7 +48,7 @@ DATA = ReportData(
     title="coda-320",
     facts=(("Session", "2023-05-19T1554Z_coda-320"),),
     summary=(Quantity("k1", 0.033981, "", 0.00042, "at 12°"), Quantity("Outdoor illuminance", 45_210.0, "lx", 820.0)),
-    stages=(StageLine("merge", "ran", "stop 9 left out", 8.21), StageLine("remove", "skipped", "nothing to remove")),
+    stages=(StageLine("merge", "ran", "stop 9 left out"), StageLine("remove", "skipped", "nothing to remove")),
     warnings=(WarningLine("12 % below the meter", "outdoor", "X-1"),),
     sections=(
         Section(
@@ -89,7 +89,6 @@ def test_all_is_there() -> None:
         "45\u2009210 ± 820",
         "stop 9 left out",
         "nothing to remove",
-        "8.2",
         "12 % below the meter",
         "Nine frames.",
         "82.1",

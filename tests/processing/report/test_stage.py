@@ -115,6 +115,10 @@ def test_further_models_are_named_when_the_page_would_be_too_large(
     monkeypatch.setattr(room_states, "LARGEST_MODELS", 100)
     section = room_states.model_section(given)
     assert section is not None
+    assert section.widgets == (models,)  # one there always is, but for a monster
+    monkeypatch.setattr(room_states, "LARGEST_MODEL", 100)
+    section = room_states.model_section(given)
+    assert section is not None
     assert not section.widgets
     assert "staged-1.glb, staged-2.glb" in section.text
 
