@@ -65,7 +65,7 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
         note = "the rest is taken from its neighbours"
         quantities.append(Quantity("Surfaces told from light", round(100 * metrics["told_share"], 1), "%", note=note))
     if "floor_gloss" in materials:
-        quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 a mirror"))
+        quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 full varnish"))
     surfaces = materials.get("surfaces", [])
     large = tuple(_surface_row(one) for one in surfaces if not str(one["name"]).startswith("reveal"))
     small = tuple(_surface_row(one) for one in surfaces if str(one["name"]).startswith("reveal"))
