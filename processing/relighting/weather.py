@@ -23,7 +23,7 @@ from processing.rendering.scene import Doubles, Outdoors, Sun, Vector
 from processing.sphere import Equirectangular, directions, solid_angles
 
 Sky = Literal["captured", "clear", "overcast"]
-MOST_BEAM, LEAST_DIFFUSE, MOST_DIFFUSE = 1.3, 0.2, 6.0
+MOST_BEAM, LEAST_DIFFUSE, MOST_DIFFUSE = 1.3, 0.03, 6.0
 """Of a clear sky's: between which the captured picture is believed."""
 OVERCAST_GLOBAL = 0.25
 """Of the clear sky's light on level ground, that an overcast sky gives (Kasten, Czeplak 1980: 1 - 0.75)."""
@@ -40,7 +40,9 @@ class Weather:
 
     kind: Sky
     beam: float
+    """Of a clear sky's sun."""
     diffuse: float
+    """The sky's light on level ground, of what `_clear_share` says that there is."""
     sun_colour: Vector
     """Of luminance 1, at `sun_air_mass`."""
     sun_air_mass: float
@@ -85,9 +87,12 @@ def captured_weather(outdoors: Outdoors, time_utc: datetime, place: Place) -> We
     elevation = math.asin(sun.direction[2]) if sun else sun_place(time_utc, place).elevation_rad
     clear = clear_beam(time_utc, place, elevation_rad=max(elevation, math.radians(3.0)))
     shown_lx = float(np.asarray(sun.normal_illuminance_lx) @ _WEIGHTS) if sun else 0.0
-    beam, diffuse = shown_lx / max(clear.normal_lx, 1.0), float(sky_rgb @ _WEIGHTS) / max(clear.diffuse_lx, 1.0)
+    beam = shown_lx / max(clear.normal_lx, 1.0)
+    height = max(elevation, math.radians(3.0))
+    diffuse = float(sky_rgb @ _WEIGHTS) / max(_clear_share(clear, min(beam, 1.0), height), 1.0)
     held = min(beam, MOST_BEAM), min(max(diffuse, LEAST_DIFFUSE), MOST_DIFFUSE)
-    notes = [f"captured: {beam:.2f} of a clear sky's beam, {diffuse:.2f} of its diffuse light"]
+    of = "a clear sky's light and beam together" if beam < 0.5 else "its diffuse light"
+    notes = [f"captured: {beam:.2f} of a clear sky's beam; the sky gives {diffuse:.2f} of {of}"]
     if held != (beam, diffuse):
         notes.append(f"held to {held[0]:.2f} and {held[1]:.2f}: more or less is not believed")
     if sun:
@@ -107,7 +112,9 @@ def usual_weather(kind: Sky, glass: Vector = (1.0, 1.0, 1.0)) -> Weather:
     clear = kind == "clear"
     back = 1 / np.maximum(np.asarray(glass), 1e-3)
     sun, sky = (np.asarray(USUAL_SUN), np.asarray(USUAL_SKY)) if clear else (np.ones(3), np.ones(3))
-    return Weather(kind, 1.0 if clear else 0.0, 1.0, _unit(sun * back), 1.5, _unit(sky * back))
+    return Weather(
+        kind, 1.0 if clear else 0.0, 1.0 if clear else OVERCAST_GLOBAL, _unit(sun * back), 1.5, _unit(sky * back)
+    )
 
 
 def sun_direction(sun: SunPlace, heading_rad: float) -> Vector:
@@ -134,9 +141,9 @@ def daylight_at(
             advice="give a time by day; twilight and night are not modelled",
         )
     clear = clear_beam(time_utc, place)
-    share = weather.diffuse
-    if weather.kind == "overcast":
-        share = OVERCAST_GLOBAL * (1 + clear.normal_lx * math.sin(sun.elevation_rad) / max(clear.diffuse_lx, 1e-9))
+    share = (
+        weather.diffuse * _clear_share(clear, min(weather.beam, 1.0), sun.elevation_rad) / max(clear.diffuse_lx, 1e-9)
+    )
     normal_lx, diffuse_lx = weather.beam * clear.normal_lx, share * clear.diffuse_lx
     direction = sun_direction(sun, heading_rad)
     zenith = math.pi / 2 - sun.elevation_rad
@@ -150,6 +157,15 @@ def daylight_at(
     disc = Sun(direction, _sunlight(normal_lx, weather, clear)) if normal_lx > 0 else None
     found = Outdoors(sky.astype(np.float32), disc)
     return Daylight(with_captured_land(found, captured), sun, diffuse_lx, normal_lx, epsilon)
+
+
+def _clear_share(clear: Beam, beam: float, elevation_rad: float) -> float:
+    """Return the light (lx) on level ground that a sky's is measured by: the clear sky's, and what clouds scatter.
+
+    The less of the sun's ``beam`` arrives, the more of it comes as the light of clouds: an overcast sky gives a share
+    of sun and sky together (Kasten and Czeplak 1980).
+    """
+    return clear.diffuse_lx + (1 - beam) * clear.normal_lx * max(math.sin(elevation_rad), 0.0)
 
 
 def _sunlight(normal_lx: float, weather: Weather, clear: Beam) -> Vector:

@@ -12,18 +12,26 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import RelightError
+from processing.errors import NoBalanceError, RelightError
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.chance import random
 from processing.rendering.relight_basis import RADIUS_PX, BasisEffort, LightBasis, SkyRays, scene_digest, sky_values
 from processing.rendering.relight_glass import panes_for_sun
-from processing.rendering.relight_kernels import add_bounced, add_shots, add_sky, aim, smooth
+from processing.rendering.relight_kernels import (
+    add_bounced,
+    add_shots,
+    add_sky,
+    aim,
+    relative_apart,
+    settle_onwards,
+    smooth,
+)
 from processing.rendering.relight_steps import Steps
 from processing.rendering.relight_sun import may_see_sun, sun_on_picture, sun_on_places
 from processing.rendering.scene import Doubles, Floats, Outdoors
 from processing.rendering.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_of
 from processing.rendering.stage import Stage
-from processing.rendering.transport import BrightPatches, Links, patch_points, settle
+from processing.rendering.transport import MOST_BOUNCES, BrightPatches, Links, patch_points
 from processing.sphere import Equirectangular
 
 GOALS = 4096
@@ -31,6 +39,8 @@ GOALS = 4096
 PATCH_SHOTS, PIXEL_SHOTS = 4, 2
 EDGE_SAMPLES = 32
 """Rays to the sun from pixels in half shadow."""
+SETTLED = 1e-4
+"""Of all light: how much may still be to come when bounces end."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +121,10 @@ class RelightView:
         flat[basis.pixel, :3], flat[basis.pixel, 3] = light, apart
         picture = flat.reshape(*self.small.shape, 4)
         out = np.zeros_like(picture)
-        smooth(picture, basis.near, RADIUS_PX, out)
-        return np.ascontiguousarray(out[..., :3]), _relative(out, self.small)
+        around = np.concatenate([picture[:, -RADIUS_PX:], picture, picture[:, :RADIUS_PX]], axis=1)
+        smooth(around, basis.near, RADIUS_PX, out)
+        error = relative_apart(out.reshape(-1, 4), basis.pixel, np.asarray(LUMINANCE_WEIGHTS))
+        return np.ascontiguousarray(out[..., :3]), float(np.sqrt(error))
 
     def _patches(self, stage: Stage, sunny: Stage, values: Floats, seed: int) -> tuple[Floats, BrightPatches | None]:
         """Return the radiosity of patches (n, 3) but for the sun's own, and what the sun gives off there."""
@@ -126,7 +138,13 @@ class RelightView:
             shift = random((seed, 87), len(normals), 1)[:, 0]
             goals = _Goals.of(stage, bright, (seed, 88))
             goals.shoot(stage, middles, normals, shift, (PATCH_SHOTS, basis.patch_links.patch), first, apart)
-        settled = settle(stage, basis.patch_links, first.astype(np.float64), stage.albedo)
+        settled = first.astype(np.float64)
+        if not settle_onwards(basis.patch_links.patch, stage.albedo, first, settled, MOST_BOUNCES, SETTLED):
+            raise NoBalanceError(
+                "light is given off but not absorbed",
+                where="relighting",
+                advice="give some surface an albedo below 1, or an opening",
+            )
         return (stage.albedo * settled).astype(np.float32), bright
 
     def _sun_on_patches(self, stage: Stage) -> Doubles:
@@ -134,10 +152,13 @@ class RelightView:
         sun = stage.scene.outdoors.sun
         if sun is None:
             return out
-        near = np.zeros(len(normals), bool)
+        towards = normals @ np.asarray(sun.direction, np.float32) > 0
+        asked = np.flatnonzero(towards & (stage.patches.area_m2 > 0))
+        near = np.zeros(len(asked), bool)
         for k in range(self._places.shape[1]):
-            near |= may_see_sun(stage, sun, self._places[:, k], normals)
-        chosen = np.flatnonzero(near & (stage.patches.area_m2 > 0))
+            todo = np.flatnonzero(~near)
+            near[todo] = may_see_sun(stage, sun, self._places[asked[todo], k], normals[asked[todo]])
+        chosen = asked[near]
         if not len(chosen):
             return out
         places = np.ascontiguousarray(self._places[chosen]).reshape(-1, 3)
@@ -162,11 +183,11 @@ def _add(rays: SkyRays, colours: Floats, values: Floats, out: Floats, apart: Flo
 def _bounced(
     links: Links, radiosity: Floats, bright: BrightPatches | None, shots: int, out: Floats, apart: Floats
 ) -> None:
-    if bright is None:
-        glow, chance = np.zeros((1, 3), np.float32), np.zeros(len(radiosity), np.float32)
-    else:
-        glow, chance = bright.radiosity.astype(np.float32), bright.chance.astype(np.float32)
-    add_bounced(links.patch, links.density, radiosity, glow, chance, shots, out, apart)
+    table, glow = np.zeros((len(radiosity), 4), np.float32), np.zeros((1, 3), np.float32)
+    table[:, :3] = radiosity
+    if bright is not None:
+        table[:, 3], glow = bright.chance, bright.radiosity.astype(np.float32)
+    add_bounced(links.patch, links.density, table, glow, shots, out, apart)
 
 
 @dataclass(frozen=True)
@@ -201,26 +222,13 @@ class _Goals:
     ) -> None:
         """Add what shots from points (n, 3) at these places bring; ``counts``: shots, and the links they go with."""
         shots, samples = counts[0], counts[1].shape[1]
-        origins, rays = np.empty((2, len(points), shots, 3), np.float32)
-        chosen = np.empty((len(points), shots), np.int32)
-        aim(points, normals, shift, self.places, self.normals, shots, origins, rays, chosen)
-        useful = np.flatnonzero(chosen.ravel() >= 0)
-        way = rays.reshape(-1, 3)[useful]
-        far = np.sqrt(np.einsum("ij,ij->i", way, way))
-        hits = stage.tracer.cast(origins.reshape(-1, 3)[useful], way / np.maximum(far, 1e-9)[:, None])
-        seen = np.zeros(chosen.size, bool)
-        seen[useful] = hits.distance_m > far * np.float32(0.999) - np.float32(1e-4)
-        seen = seen.reshape(chosen.shape)
-        add_shots(normals, self.normals, self.light, self.chance, chosen, rays, seen, shots, samples, out, apart)
-
-
-def _relative(picture: Floats, sight: Sight) -> float:
-    solid = sight.solid.reshape(sight.shape)
-    if not solid.any():
-        return 0.0
-    level = picture[..., :3][solid] @ np.asarray(LUMINANCE_WEIGHTS, np.float32)
-    apart = picture[..., 3][solid] / np.maximum(level, 1e-9)
-    return float(np.sqrt(np.mean(apart.astype(np.float64) ** 2)))
+        most = len(points) * shots
+        origins, rays = np.empty((2, most, 3), np.float32)
+        chosen, point = np.empty((2, most), np.int32)
+        used = aim(points, normals, shift, self.places, self.normals, shots, origins, rays, chosen, point)
+        rays, chosen, point = rays[:used], chosen[:used], point[:used]
+        seen = stage.tracer.free(origins[:used], rays)
+        add_shots(normals, self.normals, self.light, self.chance, chosen, point, rays, seen, shots, samples, out, apart)
 
 
 __all__ = ["BasisEffort", "RelightView", "Relit"]

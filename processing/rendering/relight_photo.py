@@ -91,9 +91,7 @@ def _apart(shown: np.ndarray, model: np.ndarray) -> Floats:
     return np.asarray(np.log(np.maximum(shown, 1e-6) / np.maximum(model, 1e-6)), dtype=np.float32)
 
 
-def _window(
-    photograph: Floats, view: RelightView, chosen: Places, lights: tuple[Outdoors, Outdoors]
-) -> Floats:
+def _window(photograph: Floats, view: RelightView, chosen: Places, lights: tuple[Outdoors, Outdoors]) -> Floats:
     """Return what is seen through windows by some pixels: the sky as it changes there, things as the light on them.
 
     What covers the glass follows the light on the pane, trees, houses and the ground the light on level ground.

@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from processing.errors import EngineError
 from processing.rendering.engine import usable_variant, with_variant
@@ -19,6 +20,8 @@ from processing.rendering.scene import Floats, Ints
 
 ASKED = "DAYLIT_RENDERER"
 EMBREE, LLVM, CUDA = "embree", "llvm", "cuda"
+NEARLY = 0.999
+"""Of the way to a place, that must be free for it to be seen."""
 VARIANTS = {LLVM: "llvm_ad_rgb", CUDA: "cuda_ad_rgb"}
 
 
@@ -41,6 +44,10 @@ class Tracer(Protocol):
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
         """Return the first hits of rays (n, 3); directions are unit vectors."""
+        ...
+
+    def free(self, origins: Floats, ways: Floats) -> npt.NDArray[np.bool_]:
+        """Return where nothing stands in the way (n,) from origins to origins + `NEARLY` ways."""
         ...
 
 
@@ -82,6 +89,18 @@ class EmbreeTracer:
         distance = np.where(found["primID"] >= 0, found["tfar"], np.float32(np.inf))
         return Hits(found["primID"], distance, found["u"], found["v"])
 
+    def free(self, origins: Floats, ways: Floats) -> npt.NDArray[np.bool_]:
+        """Return where nothing stands in the way (n,)."""
+        if not len(ways):
+            return np.empty(0, bool)
+        found = self._scene.run(
+            np.ascontiguousarray(origins, np.float32),
+            np.ascontiguousarray(ways, np.float32),
+            dists=np.full(len(ways), NEARLY, np.float32),
+            query="OCCLUDED",
+        )
+        return np.asarray(found < 0)
+
 
 class MitsubaTracer:
     """Mitsuba's ray tracer in a vectorised variant."""
@@ -114,3 +133,12 @@ class MitsubaTracer:
         met = np.isfinite(distance)
         triangle = np.where(met, found.prim_index.numpy().astype(np.int64), -1).astype(np.int32)
         return Hits(triangle, distance, places[0], places[1])
+
+    def free(self, origins: Floats, ways: Floats) -> npt.NDArray[np.bool_]:
+        """Return where nothing stands in the way (n,)."""
+        mi = self._mi
+        if not len(ways):
+            return np.empty(0, bool)
+        ray = mi.Ray3f(mi.Point3f(np.asarray(origins).T), mi.Vector3f(np.asarray(ways).T))
+        ray.maxt = mi.Float(NEARLY)
+        return np.asarray(~self._scene.ray_test(ray).numpy())

@@ -19,11 +19,13 @@ from processing.rendering.relight_basis import (
     sky_values,
     write_basis,
 )
+from processing.rendering.relight_kernels import settle_onwards
 from processing.rendering.relight_photo import relit_photograph, veil_gains
 from processing.rendering.render import render
 from processing.rendering.scene import Outdoors, Sun, plain
 from processing.rendering.sight import GLASS
 from processing.rendering.stage import Stage
+from processing.rendering.transport import settle
 from processing.sphere import Equirectangular
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -175,3 +177,24 @@ def test_what_covers_windows_follows_the_light_on_them(view) -> None:
     )
     assert south[0] > 10
     assert north[0] == pytest.approx(1.0)
+
+
+def test_light_settles_as_bounce_by_bounce(view) -> None:
+    links, albedo = view.basis.patch_links, view.stage.albedo
+    first = np.random.default_rng(3).uniform(0, 100, (len(albedo), 3)).astype(np.float32)
+    found = first.astype(np.float64)
+    assert settle_onwards(links.patch, albedo, first, found, 200, 1e-6)
+    assert found == pytest.approx(settle(view.stage, links, first.astype(np.float64), albedo), rel=1e-3)
+    assert not settle_onwards(links.patch, np.ones_like(albedo), first, first.astype(np.float64), 1, 1e-6)
+
+
+def test_a_way_is_free_where_a_ray_goes_as_far(view) -> None:
+    stage, rng = view.stage, np.random.default_rng(4)
+    from_, to = (rng.uniform((-2.4, -1.9, 0.1), (2.4, 1.9, 2.6), (400, 3)).astype(np.float32) for _ in range(2))
+    way = to - from_
+    far = np.linalg.norm(way, axis=1)
+    wanted = stage.tracer.cast(from_, way / far[:, None]).distance_m > far
+    found = stage.tracer.free(from_, way)
+    assert (found == wanted).mean() > 0.99
+    assert 0.5 < found.mean() < 1
+    assert not len(stage.tracer.free(way[:0], way[:0]))
