@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,6 +35,21 @@ if __name__ == "__main__":
     print(json.dumps(report.to_dict()))
 """
 
+ELSEWHERE = """
+import json, sys
+from pathlib import Path
+from distributed import LocalCluster
+from processing.batch.run import BatchRequest, run_batch
+from tests.processing.batch.doings import as_named
+if __name__ == "__main__":
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
+        dashboard_address=None, worker_dashboard_address=None,
+    ) as there:
+        report = run_batch(BatchRequest(Path(sys.argv[1]), cluster=there.scheduler_address), do=as_named)
+    print(json.dumps(report.to_dict()))
+"""
+
 
 def empty_sessions(folder: Path, names: tuple[str, ...]) -> None:
     for name in names:
@@ -41,14 +57,12 @@ def empty_sessions(folder: Path, names: tuple[str, ...]) -> None:
         (folder / name / "session.json").write_text("{}")
 
 
-@pytest.mark.timeout(600)
-def test_killed_workers_lose_no_session_and_make_none_wrong(tmp_path: Path) -> None:
-    """In a process of its own: a cluster's threads and sockets are none of the other tests' business."""
-    empty_sessions(tmp_path / "sessions", NAMES)
-    script = tmp_path / "batch_here.py"
-    script.write_text(RUN)
+def answer_of(text: str, folder: Path) -> dict[str, Any]:
+    """What a script that is given the folder's sessions prints last."""
+    script = folder / "batch_here.py"
+    script.write_text(text)
     done = subprocess.run(
-        [sys.executable, str(script), str(tmp_path / "sessions")],
+        [sys.executable, str(script), str(folder / "sessions")],
         capture_output=True,
         text=True,
         timeout=550,
@@ -57,7 +71,15 @@ def test_killed_workers_lose_no_session_and_make_none_wrong(tmp_path: Path) -> N
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    report = json.loads(done.stdout.splitlines()[-1])
+    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return answer
+
+
+@pytest.mark.timeout(600)
+def test_killed_workers_lose_no_session_and_make_none_wrong(tmp_path: Path) -> None:
+    """In a process of its own: a cluster's threads and sockets are none of the other tests' business."""
+    empty_sessions(tmp_path / "sessions", NAMES)
+    report = answer_of(RUN, tmp_path)
     states = {one["session"]: (one["state"], one["code"]) for one in report["outcomes"]}
     assert list(states) == sorted(NAMES)
     assert states.pop("cursed") == ("failed", "BAT-004")
@@ -65,6 +87,14 @@ def test_killed_workers_lose_no_session_and_make_none_wrong(tmp_path: Path) -> N
     assert set(states.values()) == {("done", "")}, "the mortal one was given to another worker"
     assert (report["sessions"], report["done"], report["failed"]) == (5, 3, 2)
     assert (tmp_path / "sessions" / "mortal" / "tried-1").exists()
+
+
+@pytest.mark.timeout(600)
+def test_a_cluster_that_is_there_already_is_used(tmp_path: Path) -> None:
+    empty_sessions(tmp_path / "sessions", ("a", "b"))
+    report = answer_of(ELSEWHERE, tmp_path)
+    assert [(one["session"], one["state"]) for one in report["outcomes"]] == [("a", "done"), ("b", "done")]
+    assert report["workers"] == 1
 
 
 def test_sessions_are_found_in_folders_of_folders(tmp_path: Path) -> None:
