@@ -7,7 +7,9 @@ ready basis, lowered by the square of their rms errors' ratio where ours is larg
 twelve lights over one fresh render (wanted: at most 3). ``sun_err_deg``: direction of the sun in room axes against
 pvlib's own figures, largest. ``viewpoint_median_err_pct``: a simulated room's emptied
 panorama shown from 0.6 m lower, against the simulated room from there, what the camera saw but for windows;
-``viewpoint_seen_pct`` how much of it that is.
+``viewpoint_seen_pct`` how much of it that is. ``photo_*``: an emptied room's photograph at another time of the day
+against the simulated room then (`_relight_photo`), its light from a picture of that sky (``picture``) or the model's
+(``model``); ``unchanged``: the photograph as it is. Figures are medians over rooms; rows are kept (`_relight_rows`).
 """
 
 from __future__ import annotations
@@ -21,8 +23,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks._paired import Cost, cost_of
+from benchmarks._relight_photo import photographs
+from benchmarks._relight_rows import Rows
 from benchmarks._render_scenes import _box
-from benchmarks._truth_rooms import QUALITY, kept_list, room_model_of, truth_of
+from benchmarks._truth_rooms import QUALITY, room_model_of, truth_list, truth_of
 from benchmarks.albedo import outdoors_of_room, picture
 from benchmarks.seeds import seeds
 from mocks.light import Site
@@ -59,34 +63,56 @@ DARK = sky_outdoors(lambda rays: np.zeros(rays.shape), rows=16)
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
-    rows = 128 if quick else 256
-    found = [against_renders(number, rows, quick=quick) for number in seeds("test", 1 if quick else 8, seed)]
-    errors = np.concatenate([one["errors"] for one in found])
-    ours, theirs = (float(np.sqrt(np.mean([one[key] ** 2 for one in found]))) for key in ("rms", "fresh_rms"))
-    relit_s, fresh_s, ready_s = (
-        float(np.median([one[key] for one in found])) for key in ("relit_s", "fresh_s", "ready_s")
+    height = 128 if quick else 256
+    rows = Rows(seed, keep=not quick)
+    numbers = seeds("test", 1 if quick else 8, seed)
+    found = rows.of("render", [f"{n}" for n in numbers], lambda i: against_renders(numbers[i], height, quick=quick))
+    listed = truth_list("test", 1 if quick else 8, seed)
+    names = [f"{use}-{number}" for number, use in listed]
+    views = rows.of("view", names, lambda i: viewpoint(*listed[i]))
+    photos = rows.of("photo", names, lambda i: photographs(*listed[i]))
+    sun = rows.of(
+        "sun", [f"{100 if quick else 10_000}"], lambda _: {"deg": sun_error_deg(100 if quick else 10_000, seed)}
     )
+    fresh = {key: _middle(found, f"fresh_{key}") for key in ("s", "rms")}
     metrics = {
-        "speedup": round(fresh_s / relit_s * min(1.0, (theirs / ours) ** 2), 1),
-        "median_err_pct": round(100 * float(np.median(errors)), 3),
-        "p95_err_pct": round(100 * float(np.quantile(errors, 0.95)), 3),
-        "rms_err_pct": round(100 * ours, 3),
-        "bias_pct": round(100 * float(np.mean([one["bias"] for one in found])), 3),
-        "told_err_pct": round(100 * float(np.mean([one["told"] for one in found])), 3),
-        "cpu_s": round(relit_s, 3),
-        "ready_cpu_s": round(ready_s, 3),
-        "basis_mb": round(float(np.median([one["basis_mb"] for one in found])), 1),
-        "day_ratio": round((ready_s + 12 * relit_s) / fresh_s, 2),
-        "sun_err_deg": round(sun_error_deg(100 if quick else 10_000, seed), 5),
+        "speedup": round(_middle(found, "speedup"), 1),
+        **{f"{key}_err_pct": round(_middle(found, key), 3) for key in ("median", "p95", "rms")},
+        "bias_pct": round(_middle(found, "bias"), 3),
+        "told_err_pct": round(_middle(found, "told"), 3),
+        "cpu_s": round(_middle(found, "relit_s"), 3),
+        "ready_cpu_s": round(_middle(found, "ready_s"), 3),
+        "basis_mb": round(_middle(found, "basis_mb"), 1),
+        "day_ratio": round(_middle(found, "day_ratio"), 2),
+        "sun_err_deg": round(sun[0]["deg"], 5),
+        "viewpoint_median_err_pct": round(_middle(views, "err_pct"), 2),
+        "viewpoint_seen_pct": round(_middle(views, "seen_pct"), 2),
     }
-    views = [viewpoint(*one) for one in kept_list("test", 16, seed)[: 1 if quick else 8]]
-    metrics |= {
-        "viewpoint_median_err_pct": round(100 * float(np.median([v[0] for v in views])), 2),
-        "viewpoint_seen_pct": round(100 * float(np.median([v[1] for v in views])), 2),
-        "rooms": len(found),
+    for key in ("unchanged_err_pct", "picture_err_pct", "picture_p95_pct", "picture_bias_pct"):
+        metrics[f"photo_{key}"] = round(_middle(photos, key), 2)
+    for key in ("model_err_pct", "model_p95_pct", "model_bias_pct", "told_pct"):
+        metrics[f"photo_{key}"] = round(_middle(photos, key), 2)
+    patches = [row for row in photos if row["sun_iou"] is not None]
+    if patches:
+        metrics["photo_sun_iou"] = round(_middle(patches, "sun_iou"), 3)
+    metrics |= {"rooms": len(found), "views": len(views), "photos": len(photos), "rows_left": rows.left}
+    rival = {"cpu_s": round(fresh["s"], 3), "rms_err_pct": round(fresh["rms"], 3)}
+    notes = [_line(row) for row in (*found, *views, *photos)]
+    return {
+        "metrics": metrics,
+        "rivals": {"fresh_render": rival},
+        "units": {"sun_err_deg": "degrees"},
+        "notes": notes,
     }
-    rival = {"cpu_s": round(fresh_s, 3), "rms_err_pct": round(100 * theirs, 3)}
-    return {"metrics": metrics, "rivals": {"fresh_render": rival}, "units": {"sun_err_deg": "degrees"}}
+
+
+def _middle(rows: list[dict[str, Any]], key: str) -> float:
+    return float(np.median([row[key] for row in rows]))
+
+
+def _line(row: dict[str, Any]) -> str:
+    shown = [f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items() if k != "key"]
+    return f"{row['key']}: {', '.join(shown)}"
 
 
 def scene_of_seed(number: int) -> tuple[Scene, Vector]:
@@ -97,7 +123,8 @@ def scene_of_seed(number: int) -> tuple[Scene, Vector]:
     walls = rng.uniform(0.4, 0.75, 3)
 
     def albedo(name: str) -> Any:
-        return plain(tuple(float(v) for v in colours.get(name, walls)))
+        red, green, blue = (float(v) for v in colours.get(name, walls))
+        return plain((red, green, blue))
 
     surfaces, panes = shell_of(
         room, reveal_m=0.2, albedo=albedo, transmittance=dict.fromkeys(range(64), (0.7, 0.72, 0.7))
@@ -150,14 +177,19 @@ def against_renders(number: int, rows: int, *, quick: bool) -> dict[str, Any]:
         told.append(pictures[0].error)
         bias.append(ours.sum() / truth.sum() - 1)
     every, fresh = np.concatenate(errors), np.concatenate(fresh_errors)
+    rms, fresh_rms = _rms(every), _rms(fresh)
+    relit_s, fresh_s = (float(np.median([c.cpu_s for c in costs[key]])) for key in ("relit", "fresh"))
     return {
-        "errors": np.abs(every),
-        "rms": _rms(every),
-        "fresh_rms": _rms(fresh),
-        "told": float(np.mean(told)),
-        "bias": float(np.mean(bias)),
-        "relit_s": float(np.median([c.cpu_s for c in costs["relit"]])),
-        "fresh_s": float(np.median([c.cpu_s for c in costs["fresh"]])),
+        "speedup": fresh_s / relit_s * min(1.0, (fresh_rms / rms) ** 2),
+        "day_ratio": (ready_cost.cpu_s + 12 * relit_s) / fresh_s,
+        "median": 100 * float(np.median(np.abs(every))),
+        "p95": 100 * float(np.quantile(np.abs(every), 0.95)),
+        "rms": 100 * rms,
+        "fresh_rms": 100 * fresh_rms,
+        "told": 100 * float(np.mean(told)),
+        "bias": 100 * float(np.mean(bias)),
+        "relit_s": relit_s,
+        "fresh_s": fresh_s,
         "ready_s": ready_cost.cpu_s,
         "basis_mb": made[0].basis.bytes / 2**20,
     }
@@ -203,8 +235,8 @@ def sun_error_deg(count: int, seed: int) -> float:
     return worst
 
 
-def viewpoint(number: int, use: Any) -> tuple[float, float]:
-    """Return the median relative error of what the camera saw, shown from lower down, and its share."""
+def viewpoint(number: int, use: Any) -> dict[str, float]:
+    """Return the median relative error of what the camera saw, shown from lower down, and its share, in per cent."""
     room, truth = truth_of(number, use)
     found = albedo_of_room(
         picture(truth.empty_rgb), room_model_of(room), outdoors_of_room(room), reveal_m=0.24, rows=256
@@ -221,4 +253,4 @@ def viewpoint(number: int, use: Any) -> tuple[float, float]:
     )
     usable = ours.seen & (actual > 0)
     error = float(np.median(np.abs((ours.rgb @ WEIGHTS)[usable] / actual[usable] - 1)))
-    return error, float(ours.seen[~ours.glass].mean())
+    return {"err_pct": 100 * error, "seen_pct": 100 * float(ours.seen[~ours.glass].mean())}

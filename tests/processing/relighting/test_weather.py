@@ -152,3 +152,23 @@ def test_times() -> None:
     assert parse_time("2023-06-21T16:00Z", -4.0) == datetime(2023, 6, 21, 16, tzinfo=UTC)
     with pytest.raises(DaylightError, match="no time"):
         parse_time("at noon", 0.0)
+
+
+def test_light_of_clouds_goes_with_sun_and_sky_together() -> None:
+    later = NOON + timedelta(hours=5)
+    captured = daylight_at(NOON, PITTSBURGH, 0.0, usual_weather("overcast"), DARK).outdoors
+    weather = captured_weather(captured, NOON, PITTSBURGH)
+    assert weather.beam == 0
+    assert weather.diffuse == pytest.approx(0.25, rel=0.01)
+    found = daylight_at(later, PITTSBURGH, 0.0, weather, captured)
+    clear = clear_beam(later, PITTSBURGH)
+    whole = clear.diffuse_lx + clear.normal_lx * math.sin(found.place.elevation_rad)
+    assert found.global_lx == pytest.approx(0.25 * whole, rel=0.01)
+
+
+def test_a_clear_sky_has_its_own_colour_behind_glass_that_stands_for_two_cameras() -> None:
+    glass = (0.5, 0.6, 0.8)
+    plain, turned = (daylight_at(NOON, PITTSBURGH, 0.0, usual_weather("clear", g), DARK) for g in ((1, 1, 1), glass))
+    indoors = turned.outdoors.rgb[:60] * np.asarray(glass)
+    ratio = indoors / plain.outdoors.rgb[:60]
+    assert ratio == pytest.approx(np.broadcast_to(ratio.mean(), ratio.shape), rel=1e-3)
