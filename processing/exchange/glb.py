@@ -5,6 +5,7 @@ Positions and normals are given in our frame (z up) and written in glTF's (y up)
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import struct
@@ -16,7 +17,7 @@ import numpy.typing as npt
 
 Json: TypeAlias = dict[str, Any]
 
-_FLOAT, _UINT = 5126, 5125
+_FLOAT, _UINT, _USHORT = 5126, 5125, 5123
 _ARRAY, _INDEX = 34962, 34963
 _CLAMP, _LINEAR, _MIPMAP = 33071, 9729, 9987
 _PNG_BELOW_PX = 33
@@ -33,11 +34,15 @@ class Glb:
             "scene": 0,
             "scenes": [{"nodes": []}],
         }
+        self._known: dict[tuple[bytes, bool], int] = {}
 
     def add_picture(self, rgb8: npt.NDArray[np.uint8], *, repeat: bool) -> int:
-        """Add a texture of an sRGB picture (h, w, 3); its first row is the top, v = 0 in glTF."""
+        """Add a texture of an sRGB picture (h, w, 3), once; its first row is the top, v = 0 in glTF."""
         from PIL import Image
 
+        key = hashlib.sha256(str(rgb8.shape).encode() + np.ascontiguousarray(rgb8).tobytes()).digest(), repeat
+        if key in self._known:
+            return self._known[key]
         out = io.BytesIO()
         lossless = max(rgb8.shape[:2]) < _PNG_BELOW_PX
         image = Image.fromarray(np.ascontiguousarray(rgb8))
@@ -51,14 +56,15 @@ class Glb:
         sampler: Json = {"magFilter": _LINEAR, "minFilter": _MIPMAP}
         if not repeat:
             sampler |= {"wrapS": _CLAMP, "wrapT": _CLAMP}
-        return self._append("textures", {"source": source, "sampler": self._once("samplers", sampler)})
+        self._known[key] = self._append("textures", {"source": source, "sampler": self._once("samplers", sampler)})
+        return self._known[key]
 
     def add_material(self, material: Json) -> int:
         """Add a material as glTF has it, with the extensions that it uses declared."""
         used = set(self._json.get("extensionsUsed", ())) | set(material.get("extensions", ()))
         if used:
             self._json["extensionsUsed"] = sorted(used)
-        return self._append("materials", material)
+        return self._once("materials", material)
 
     def add_mesh(
         self,
@@ -69,15 +75,20 @@ class Glb:
         faces: npt.NDArray[np.integer],
         material: int,
     ) -> None:
-        """Add a node with a mesh: corners and normals (n, 3) in our frame, uv (n, 2), faces (m, 3)."""
-        places = y_up(corners_m)
+        """Add a node with a mesh: corners and normals (n, 3) in our frame, uv (n, 2), faces (m, 3).
+
+        Corners that are alike in all become one.
+        """
+        columns = [y_up(corners_m), y_up(normals), *([] if uv is None else [np.asarray(uv, np.float32)])]
+        places, same = _welded(np.concatenate(columns, axis=1))
         attributes = {
-            "POSITION": self._accessor(places, "VEC3", bounds=True),
-            "NORMAL": self._accessor(y_up(normals), "VEC3"),
+            "POSITION": self._accessor(places[:, :3], "VEC3", bounds=True),
+            "NORMAL": self._accessor(places[:, 3:6], "VEC3"),
         }
         if uv is not None:
-            attributes["TEXCOORD_0"] = self._accessor(np.asarray(uv, np.float32), "VEC2")
-        indices = self._accessor(np.asarray(faces, np.uint32).ravel(), "SCALAR", index=True)
+            attributes["TEXCOORD_0"] = self._accessor(places[:, 6:], "VEC2")
+        small = np.uint16 if len(places) < 65_536 else np.uint32
+        indices = self._accessor(same[np.asarray(faces).ravel()].astype(small), "SCALAR", index=True)
         part = {"attributes": attributes, "indices": indices, "material": material}
         mesh = self._append("meshes", {"name": name, "primitives": [part]})
         node = self._append("nodes", {"name": name, "mesh": mesh})
@@ -118,13 +129,23 @@ class Glb:
         view = self._view(np.ascontiguousarray(values).tobytes(), _INDEX if index else _ARRAY)
         entry: Json = {
             "bufferView": view,
-            "componentType": _UINT if index else _FLOAT,
+            "componentType": {2: _USHORT, 4: _UINT}[values.itemsize] if index else _FLOAT,
             "count": len(values),
             "type": kind,
         }
         if bounds:
             entry |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         return self._append("accessors", entry)
+
+
+def _welded(corners: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.intp]]:
+    """Return the different rows of (n, k) in the order in which they come, and which of them each row is."""
+    rows = np.ascontiguousarray(corners).view(np.dtype((np.void, corners.dtype.itemsize * corners.shape[1]))).ravel()
+    _, first, same = np.unique(rows, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return corners[first[order]], place[same.ravel()]
 
 
 def y_up(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:

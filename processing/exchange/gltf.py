@@ -19,6 +19,7 @@ from processing.images import Bytes
 from processing.layout.furniture.model import srgb_of_linear
 from processing.picture_writing import write_bytes
 from processing.rendering.scene import Doubles, Floats, Pane, Part, Scene, Surface
+from processing.rendering.sight import LEAST_AGREEMENT
 from processing.rendering.triangles import pane_triangles, surface_triangles
 
 GLASS_ALPHA = 0.15
@@ -108,7 +109,7 @@ def _add_part(glb: Glb, part: Part, most_px: int) -> None:
         look["baseColorFactor"] = [*colour, 1.0]
     material: Json = {"name": m.name, "pbrMetallicRoughness": look, "doubleSided": True}
     material |= _emission(glb, np.asarray(m.emission_cd_m2, np.float32).reshape(1, 1, 3), most_px)
-    corners, normals = _flat(part)
+    corners, normals = _corners(part)
     uv = None
     if part.uv is not None:
         uv = part.uv[part.faces.ravel()].astype(np.float64)
@@ -117,13 +118,21 @@ def _add_part(glb: Glb, part: Part, most_px: int) -> None:
     glb.add_mesh(part.name, corners, normals, uv, faces, glb.add_material(material))
 
 
-def _flat(part: Part) -> tuple[Doubles, Doubles]:
-    """Return corners (3 m, 3) and each triangle's own normal: parts carry none that are smooth."""
+def _corners(part: Part) -> tuple[Doubles, Doubles]:
+    """Return corners (3 m, 3) and their normals: the part's own where it is round, else each triangle's."""
     triangles = part.vertices_m[part.faces]
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     unit = np.where(length > 0, normal / np.where(length > 0, length, 1), [0.0, 0.0, 1.0])
-    return triangles.reshape(-1, 3), np.repeat(unit, 3, axis=0)
+    flat = np.repeat(unit, 3, axis=0)
+    if part.normals is None:
+        return triangles.reshape(-1, 3), flat
+    own = part.normals[part.faces.ravel()].astype(np.float64)
+    own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-12)
+    agree = np.einsum("ij,ij->i", own, flat)
+    # A mesh may be wrong about its normals; as in our own pictures, its faces then tell.
+    turned = own * np.where(agree < 0, -1.0, 1.0)[:, None]
+    return triangles.reshape(-1, 3), np.where((np.abs(agree) > LEAST_AGREEMENT)[:, None], turned, flat)
 
 
 def _add_pane(glb: Glb, pane: Pane) -> None:

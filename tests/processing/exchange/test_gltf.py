@@ -92,7 +92,8 @@ def test_structure_is_glTF(tmp_path: Path) -> None:
     blob = read.binary_blob()
     for accessor in read.accessors:
         view = read.bufferViews[accessor.bufferView]
-        size = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type] * 4 * accessor.count
+        each = {5123: 2, 5125: 4, 5126: 4}[accessor.componentType]
+        size = {"SCALAR": 1, "VEC2": 2, "VEC3": 3}[accessor.type] * each * accessor.count
         assert view.byteLength == size
         assert view.byteOffset % 4 == 0
         assert view.byteOffset + size <= len(blob)
@@ -142,3 +143,49 @@ def test_pictures_in_the_file_are_pictures() -> None:
     at = data.index(b"\xff\xd8\xff")
     with Image.open(io.BytesIO(data[at:])) as opened:
         assert opened.size == (64, 48)
+
+
+def ball(rings: int = 12) -> Part:
+    """A round part: shared vertices, and the normals of a sphere."""
+    mesh = trimesh.creation.uv_sphere(radius=0.5, count=(rings, 2 * rings))
+    material = box((0, 0, 0), (1, 1, 1)).material
+    places = np.asarray(mesh.vertices, np.float64)
+    return Part(
+        "ball",
+        places + np.array([0.0, 0.0, 1.0]),
+        np.asarray(mesh.faces, np.int32),
+        material,
+        None,
+        (2 * places).astype("f4"),
+    )
+
+
+def test_round_parts_keep_their_normals_and_share_their_corners() -> None:
+    part = ball()
+    found = loaded(scene_glb(Scene((), (), uniform_sky(), (part,)))).geometry["ball"]
+    outwards = found.vertices - (0, 1, 0)
+    np.testing.assert_allclose(found.vertex_normals, outwards / 0.5, atol=1e-3)
+    assert len(found.vertices) <= len(part.vertices_m)
+    assert len(found.faces) == len(part.faces)
+
+
+def test_wrong_normals_are_not_written() -> None:
+    part = ball()
+    across = np.cross(part.normals, (0.3, 0.2, 0.9)).astype(np.float32)
+    found = loaded(scene_glb(Scene((), (), uniform_sky(), (replace(part, normals=across),)))).geometry["ball"]
+    sides = found.vertex_normals[found.faces[:, 0]]
+    assert ((sides * found.face_normals).sum(axis=1) > 0.9).all()
+
+
+def test_a_box_has_four_corners_a_side_and_one_texture_is_written_once(tmp_path: Path) -> None:
+    gltf = pytest.importorskip("pygltflib", reason="the second reader of glTF is not installed")
+    texture = np.random.default_rng(2).uniform(0, 1, (40, 40, 3)).astype(np.float32)
+    one = box((0, 0, 1), (1, 1, 1), name="one")
+    uv = np.zeros((8, 2), np.float32)
+    parts = tuple(replace(one, name=name, uv=uv, material=replace(one.material, texture=texture)) for name in "ab")
+    path = tmp_path / "two.glb"
+    write_scene_glb(path, Scene((), (), uniform_sky(), parts))
+    read = gltf.GLTF2().load(str(path))
+    assert len(read.images) == len(read.textures) == len(read.materials) == 1
+    assert [read.accessors[mesh.primitives[0].attributes.POSITION].count for mesh in read.meshes] == [24, 24]
+    assert path.stat().st_size < 12_000
