@@ -133,7 +133,10 @@ class PtpIpServer:
         try:
             kind, body = stream.receive()
             if kind == Packet.INIT_COMMAND_REQUEST:
-                self._client = number = next(self._numbers)
+                number = next(self._numbers)
+                # Under the lock: a client that just leaves must not take the new one's place away.
+                with self._responder.lock:
+                    self._client = number
                 name = (self._responder.identity.model + "\0").encode("utf-16-le")
                 stream.send(Packet.INIT_COMMAND_ACK, u32s([number]) + GUID + name + u32s([VERSION]))
                 self._serve_commands(stream, number)

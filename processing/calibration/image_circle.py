@@ -128,7 +128,7 @@ def _coarse_circle(pictures: list[Floats]) -> tuple[float, float, float]:
     weights = np.concatenate([weight for _, _, weight in found])
     if len(np.unique(rays)) < _LEAST_SHARE * _RAYS:
         raise _nothing()
-    x, y, radius = _agreed(rays, points, weights)
+    x, y, radius = _agreed(rays, points, weights, size)
     return x * width / size[0], y * height / size[1], radius * width / size[0]
 
 
@@ -154,15 +154,19 @@ def _falls(picture: Floats) -> tuple[npt.NDArray[np.intp], Reals, Reals]:
     return ray[kept], points, height_of[kept]
 
 
-def _agreed(rays: npt.NDArray[np.intp], points: Reals, weights: Reals) -> tuple[float, float, float]:
+def _agreed(
+    rays: npt.NDArray[np.intp], points: Reals, weights: Reals, size: tuple[int, int]
+) -> tuple[float, float, float]:
     """Return the circle through three candidates that most rays agree with."""
     rng = np.random.default_rng(1)
+    middle, diagonal = (size[0] / 2, size[1] / 2), math.hypot(*size)
     chance = weights / weights.sum()
     best, best_score = (0.0, 0.0, 0.0), 0.0
     for _ in range(_TRIALS):
         three = rng.choice(len(points), 3, replace=False, p=chance)
         circle = _through(points[three])
-        if circle is None:
+        # As the tolerance grows with the radius, a circle as large as a field would agree with everything.
+        if circle is None or circle[2] > diagonal or math.dist(circle[:2], middle) > circle[2]:
             continue
         off = np.abs(np.hypot(points[:, 0] - circle[0], points[:, 1] - circle[1]) - circle[2])
         near = off < max(1.0, _TOLERANCE * circle[2])
