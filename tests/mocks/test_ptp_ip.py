@@ -19,12 +19,12 @@ class Client:
     """Two connections to a server, packets by hand."""
 
     def __init__(self, port: int) -> None:
-        self.command = socket.create_connection((LOOPBACK, port), timeout=5)
+        self.command = socket.create_connection((LOOPBACK, port), timeout=60)
         self.send(self.command, 1, bytes(16) + "me\0".encode("utf-16-le") + struct.pack("<I", 0x10000))
         kind, body = self.receive(self.command)
         assert kind == 2
         assert body[20:-4].decode("utf-16-le") == "Echo\0"
-        self.event = socket.create_connection((LOOPBACK, port), timeout=5)
+        self.event = socket.create_connection((LOOPBACK, port), timeout=60)
         self.send(self.event, 3, body[:4])
         assert self.receive(self.event) == (4, b"")
 
@@ -191,7 +191,7 @@ def test_events_go_to_the_client_of_today(camera: Echo) -> None:
 
 def test_an_event_connection_of_nobody_is_refused(camera: Echo) -> None:
     with PtpIpServer(camera) as server:
-        connection = socket.create_connection((LOOPBACK, server.port), timeout=5)
+        connection = socket.create_connection((LOOPBACK, server.port), timeout=60)
         Client.send(connection, 3, struct.pack("<I", 99))
         assert Client.receive(connection)[0] == 5
         connection.close()

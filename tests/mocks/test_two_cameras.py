@@ -26,7 +26,7 @@ class MeetingClock(VirtualClock):
 
     def sleep(self, duration_s: float) -> None:
         if duration_s > LONG_S:
-            self.meeting.wait(timeout=30)
+            self.meeting.wait(timeout=120)
         super().sleep(duration_s)
 
 

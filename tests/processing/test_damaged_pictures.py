@@ -46,7 +46,7 @@ def test_corpus() -> None:
         capture_output=True,
         text=True,
         errors="replace",
-        timeout=110,
+        timeout=300,
         check=False,
     )
     lines = [json.loads(line) for line in done.stdout.splitlines() if line.startswith('["')]

@@ -226,7 +226,7 @@ def test_no_worker_outlives_its_station(tmp_path):
     ) as station:
         worker = psutil.Process(int(station.stdout.readline()))
         station.kill()
-        worker.wait(timeout=20)
+        worker.wait(timeout=120)
 
 
 def test_raw_companions(checker, tmp_path):

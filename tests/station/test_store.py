@@ -251,11 +251,11 @@ def test_a_killed_holder_leaves_no_lock(tmp_path: Path) -> None:
     ready = spawn.Event()
     holder = spawn.Process(target=_hold, args=(path, ready))
     holder.start()
-    assert ready.wait(30)
+    assert ready.wait(120)
     with pytest.raises(SessionLockedError, match=f"process {holder.pid} on"):
         SessionStore.open(path, writable=True)
     holder.kill()
-    holder.join(30)
+    holder.join(120)
     holder.close()
     with SessionStore.open(path, writable=True) as store:
         assert store.manifest.status is SessionStatus.COMPLETE
