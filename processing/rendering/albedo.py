@@ -110,13 +110,13 @@ def albedo_of_room(
     eye = (0.0, 0.0, room.camera_height_m)
     sight = sight_of(stage, Equirectangular(2 * rows, rows), eye)
     small = sight_of(stage, Equirectangular(2 * min(effort.rows, rows), min(effort.rows, rows)), eye)
-    light = measured_light(stage, rgb, sight, eye, (seed, 60))
-    base, error = irradiance_by_picture(stage, light, small, effort, seed)
-    sky, _ = upsampled(base, small, sight, wraps=True)
-    sun = sun_of(stage, sight, effort.sun_samples, seed)
+    gathered = _gathered(stage, rgb, (sight, small), eye, effort, seed)
+    flat, highlight, gloss = _without_gloss(stage, gathered, sight, rgb, valid.ravel(), effort, seed)
+    if gloss:
+        # What the floor mirrors towards the camera is not what it gives to the room.
+        gathered = _gathered(stage, flat.reshape(rgb.shape).astype(np.float32), (sight, small), eye, effort, seed)
+    sky, sun, error = gathered.sky, sun_of(stage, sight, effort.sun_samples, seed), gathered.error
     full = _open_sun(stage, sight)
-    flat = rgb.reshape(-1, 3).astype(np.float64)
-    flat, highlight, gloss = _without_gloss(stage, light, sight, flat, sky + sun, valid.ravel())
     value, whole, told = _values(
         flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
     )
@@ -216,22 +216,45 @@ def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doub
     return corner - a - b, across + 2 * a, up + 2 * b
 
 
+@dataclass(frozen=True)
+class _Gathered:
+    """The light in the room as a picture of it tells."""
+
+    light: MeasuredLight
+    sky: Floats
+    """(n, 3): irradiance of its pixels without the sun's own."""
+    error: Floats
+    """(h, w): relative, at the small size."""
+
+
+def _gathered(
+    stage: Stage, rgb: Floats, sights: tuple[Sight, Sight], eye: Vector, effort: Effort, seed: int
+) -> _Gathered:
+    """Return the light that a picture (H, W, 3) tells of; ``sights`` are what it sees, and what a small one sees."""
+    sight, small = sights
+    light = measured_light(stage, rgb, sight, eye, (seed, 60))
+    base, error = irradiance_by_picture(stage, light, small, effort, seed)
+    sky, _ = upsampled(base, small, sight, wraps=True)
+    return _Gathered(light, sky, error)
+
+
 def _without_gloss(
-    stage: Stage, light: MeasuredLight, sight: Sight, rgb: Doubles, irradiance: Floats, valid: np.ndarray
+    stage: Stage, gathered: _Gathered, sight: Sight, picture: Floats, valid: np.ndarray, effort: Effort, seed: int
 ) -> tuple[Doubles, np.ndarray, float]:
     """Return radiance (n, 3) without what the floor mirrors, pixels (n,) that mirror too much, and how glossy it is."""
+    rgb = picture.reshape(-1, 3).astype(np.float64)
     highlight = np.zeros(len(rgb), bool)
+    irradiance = gathered.sky + sun_of(stage, sight, effort.sun_samples, seed)
     floor = np.flatnonzero((sight.label == FLOOR) & (irradiance > 0).all(axis=1))
     if not len(floor):
         return rgb, highlight, 0.0
-    mirror, window = mirrored(stage, light, sight, floor)
+    mirror, window = mirrored(stage, gathered.light, sight, floor)
     part = math.pi / irradiance[floor].astype(np.float64)
     sunny = near_sun(stage, sight)[floor]
     gloss = gloss_factor(part * rgb[floor], part * mirror, valid[floor] & ~window & ~sunny)
-    out = rgb.copy()
-    out[floor] = np.maximum(rgb[floor] - gloss * mirror, 0)
-    highlight[floor] = (gloss * mirror > MOST_SHARE * rgb[floor]).any(axis=1)
-    return out, highlight, gloss
+    rgb[floor] = np.maximum(rgb[floor] - gloss * mirror, 0)
+    highlight[floor] = (gloss * mirror > MOST_SHARE * picture.reshape(-1, 3)[floor]).any(axis=1)
+    return rgb, highlight, gloss
 
 
 def _values(
