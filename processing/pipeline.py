@@ -33,7 +33,7 @@ class Artifact:
     check: str = ""
     """Of what users may give: "module:function" that takes the value and raises a typed error."""
     fits: str = ""
-    """The same of the value and the stage's context: whether it fits what earlier stages made."""
+    """The same of the value and the stage's context: whether it fits what earlier stages made; may return warnings."""
 
 
 @dataclass(frozen=True)
@@ -281,7 +281,13 @@ STAGES: tuple[Stage, ...] = (
         needs=("room",),
         reads=("name",),
         makes=(
-            Artifact("arrangement", "json", optional=True, check="processing.stages.arrange:check_arrangement"),
+            Artifact(
+                "arrangement",
+                "json",
+                optional=True,
+                check="processing.stages.arrange:check_arrangement",
+                fits="processing.stages.arrange_judged:judged",
+            ),
             Artifact("contact-sheet", "file", optional=True, file_name="contact-sheet.png"),
             *(Artifact(f"plan-{k}", "file", optional=True, file_name=f"plan-{k}.svg") for k in range(1, 8)),
         ),

@@ -42,7 +42,11 @@ class StageInputs:
         """Return all that the stage's result depends on."""
         answers = self.answers(stage)
         if answers:
-            return {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
+            given: Ingredients = {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
+            if any(artifact.fits for artifact in stage.makes if artifact.name in answers):
+                # What it was held against counts too.
+                given["stages"] = {name: results[name].content for name in stage.needs}
+            return given
         part = visible_part(self.manifest, stage.reads)
         found: Ingredients = {
             "stage": stage.name,

@@ -15,7 +15,7 @@ from processing.running.digest_memory import DigestMemory
 from processing.running.fingerprint import Ingredients, digest
 from processing.running.result_store import Building
 from processing.running.results import RunRecord, StageResult
-from processing.stages.contract import StageContext, StageOutput
+from processing.stages.contract import StageContext, StageOutput, StageWarning
 from station import durable
 
 GIVEN = "given by the user"
@@ -75,7 +75,8 @@ def answer_result(
 ) -> Made:
     """Put what the user gave in the place of what the stage would have made, checked as strictly."""
     made = [artifact for artifact in stage.makes if artifact.name in answers]
-    values = {artifact.name: _answer(artifact, answers[artifact.name], context) for artifact in made}
+    warnings: list[StageWarning] = []
+    values = {artifact.name: _answer(artifact, answers[artifact.name], context, warnings) for artifact in made}
     in_memory = _write(made, values, building, context.folder)
     result = _result(
         stage,
@@ -84,11 +85,12 @@ def answer_result(
         artifacts={artifact.name: file_name(artifact) for artifact in made},
         files=building.sync_files(sorted(map(file_name, made)), memory),
         left_out={a.name: GIVEN + ": " + ", ".join(answers) for a in stage.makes if a.name not in answers},
+        warnings=tuple(warnings),
     )
     return Made(result, in_memory)
 
 
-def _answer(artifact: Artifact, path: Path, context: StageContext) -> object:
+def _answer(artifact: Artifact, path: Path, context: StageContext, warnings: list[StageWarning]) -> object:
     if artifact.kind == "file":
         value: object = context.folder / file_name(artifact)
         shutil.copyfile(path, context.folder / file_name(artifact))
@@ -97,7 +99,7 @@ def _answer(artifact: Artifact, path: Path, context: StageContext) -> object:
     if artifact.check:
         resolve(artifact.check)(value)
     if artifact.fits:
-        resolve(artifact.fits)(value, context)
+        warnings += resolve(artifact.fits)(value, context) or ()
     return value
 
 
