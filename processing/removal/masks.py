@@ -177,12 +177,18 @@ def _united(
     )
     sunlight &= ~furniture & ~tripod
     shadow &= ~furniture & ~tripod
-    # What lies within a patch of sunlight may be kept with it (--keep-sunlight): it is no island.
-    things = with_islands(grown(furniture | tripod | shadow, margin_rad), found.openings)
-    target = things | grown(sunlight, margin_rad)
+    target = target_of(furniture | tripod | shadow, sunlight, found.openings, margin_rad)
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
+
+
+def target_of(things: Flags, sunlight: Flags, openings: Flags, margin_rad: float) -> Flags:
+    """Return what is to be removed (H, W): things, with what they enclose, and sunlight, each with a margin.
+
+    What lies within a patch of sunlight is no island: it may be kept with the patch (--keep-sunlight).
+    """
+    return with_islands(grown(things, margin_rad), openings) | grown(sunlight, margin_rad)
 
 
 def with_islands(target: Flags, openings: Flags) -> Flags:

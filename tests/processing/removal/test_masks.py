@@ -13,7 +13,7 @@ from processing.images import RelativeImage
 from processing.picture_preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, islands_in
-from processing.removal.masks import find_masks, with_islands
+from processing.removal.masks import find_masks, target_of, with_islands
 from processing.removal.round_masks import grown, share_of_sphere
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.classes import SceneClass
@@ -150,6 +150,19 @@ def test_the_target_leaves_no_small_islands() -> None:
     window[32:35, 40:43] = True
     assert np.array_equal(with_islands(target, window), target)
     assert not with_islands(np.zeros_like(target), none).any()
+
+
+def test_what_sunlight_encloses_is_no_island() -> None:
+    ring, none = np.zeros((128, 256), bool), np.zeros((128, 256), bool)
+    ring[50:90, 60:120] = True
+    ring[64:70, 80:86] = False
+    openings = np.zeros((64, 128), bool)
+    assert np.array_equal(target_of(none, ring, openings, 0.0), ring)
+    assert target_of(ring, none, openings, 0.0)[50:90, 60:120].all()
+    # Half of the ring is a thing's: then it is not closed by things, and stays open.
+    half = ring.copy()
+    half[:, 83:] = False
+    assert np.array_equal(target_of(half, ring & ~half, openings, 0.0), ring)
 
 
 def test_edges_are_found_in_the_picture() -> None:
