@@ -18,7 +18,7 @@ from processing.images import LuminanceImage, RelativeImage
 from processing.room.columns import Columns, columns_of
 from processing.room.confidence import Diagnostics, confidence_of, diagnose, doubts, wall_confidences
 from processing.room.hypotheses import Hypothesis, hypotheses
-from processing.room.joint import ClassTable, overhead_share
+from processing.room.joint import ClassTable, class_entropy, overhead_share
 from processing.room.model import RoomModel, geometry_problems
 from processing.room.outline import Outline
 from processing.room.picture_doubts import check_picture
@@ -113,7 +113,8 @@ def estimate_room(
     room = _model(refined.polygon, refined.outline, camera_height_m)
     assert room is not None
     loss = _loss(evidence, refined)
-    found = diagnose(columns, (ranked, chosen), refined, overhead=overhead, blank=facts.blank, loss=loss)
+    seen = {"overhead": overhead, "blank": facts.blank, "entropy": class_entropy(evidence)}
+    found = diagnose(columns, (ranked, chosen), refined, loss=loss, **seen)
     sure = confidence_of(found)
     return RoomEstimate(
         room=room.model_copy(update={"confidence": round(sure, 3), "note": _note(chosen, refined)}),

@@ -66,3 +66,11 @@ def overhead_share(evidence: SceneEvidence) -> float:
     share = evidence.share(*ON_CEILING)[above].mean(axis=1)
     weight = np.cos(latitude[above])
     return float((share * weight).sum() / weight.sum())
+
+
+def class_entropy(evidence: SceneEvidence) -> float:
+    """Return the mean entropy (natural) of the classes over the sphere: how unsure the network is of what it sees."""
+    share = evidence.probabilities.astype(np.float64)
+    rows = -(share * np.log(np.maximum(share, 1e-6))).sum(axis=0).mean(axis=1)
+    weight = np.cos((0.5 - (np.arange(len(rows)) + 0.5) / len(rows)) * math.pi)
+    return float((rows * weight).sum() / weight.sum())

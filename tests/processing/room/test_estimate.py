@@ -171,7 +171,7 @@ def test_rivals_are_rooms_that_cost_no_more_than_the_chosen_one() -> None:
     first = hypotheses(columns, 0.0)[0]
     small = replace(first, fit=replace(first.fit, polygon=first.fit.polygon * 0.7), price=first.price + 100)
     kept = Refined(small.fit.polygon, small.fit.outline)
-    facts = {"overhead": 1.0, "blank": 0.0, "loss": 0.0}
+    facts = {"overhead": 1.0, "blank": 0.0, "loss": 0.0, "entropy": 0.1}
     dearer = diagnose(columns, ([first, small], small), kept, **facts)
     assert dearer.rival == pytest.approx(1 - 0.49, abs=0.01)
     cheaper = diagnose(columns, ([first, small], first), Refined(first.fit.polygon, first.fit.outline), **facts)
