@@ -40,7 +40,7 @@ from processing.rendering.albedo import albedo_of_room
 from processing.rendering.irradiance import Effort
 from processing.rendering.outdoor import sky_outdoors
 from processing.rendering.relight import RelightView
-from processing.rendering.relight_basis import BasisEffort, basis_of
+from processing.rendering.relight_basis import BASIS_EFFORTS, basis_of
 from processing.rendering.render import render
 from processing.rendering.scene import Outdoors, Scene, Vector, plain
 from processing.rendering.shell import shell_of
@@ -146,7 +146,7 @@ def lights_of_seed(number: int, *, quick: bool) -> list[Outdoors]:
 def against_renders(number: int, rows: int, *, quick: bool) -> dict[str, Any]:
     """Return errors and costs of one room's lights."""
     scene, eye = scene_of_seed(number)
-    geometry, effort = Equirectangular(2 * rows, rows), BasisEffort(rows=rows)
+    geometry, effort = Equirectangular(2 * rows, rows), replace(BASIS_EFFORTS["standard"], rows=rows)
     fresh_effort = replace(FRESH, rows=rows)
     long = replace(FRESH, rows=rows, pixel_samples=192, patch_samples=256, sun_samples=256, clean=False)
     lights = lights_of_seed(number, quick=quick)

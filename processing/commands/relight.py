@@ -116,6 +116,7 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
         outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
         stem = re.sub(r"[^\w-]+", "-", asked["sky"].stem)
         return {
+            "modelled": False,
             "notes": ["the sky's +y is taken as the room's; ground, trees and houses are the captured ones"],
             "lights": [(f"sky-{stem}", stem, outdoors, sky_facts(outdoors))],
         }
@@ -139,7 +140,7 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
         local = time_utc + timedelta(hours=hours)
         facts = {"local_time": f"{local:%Y-%m-%d %H:%M}", "weather": weather.kind, **daylight_facts(found, time_utc)}
         lights.append((f"{local:%Y-%m-%dT%H%M}", _caption(local, facts), found.outdoors, facts))
-    return {"notes": notes, "lights": lights}
+    return {"modelled": True, "notes": notes, "lights": lights}
 
 
 def _caption(local: datetime, facts: dict[str, Any]) -> str:
@@ -182,7 +183,7 @@ def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) ->
     from processing.picture_preview import auto_exposure
 
     stem, _, outdoors, said = moments["lights"][0]
-    relit = ready.under(outdoors, said)
+    relit = ready.under(outdoors, said, modelled_sky=moments["modelled"])
     write_exr(folder / f"{name}-{stem}.exr", relit.picture)
     _jpeg(folder / f"{name}-{stem}.jpg", relit, ready, auto_exposure(relit.picture.rgb))
     found = _summary(ready, moments, [relit.facts])

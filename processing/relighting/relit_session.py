@@ -14,11 +14,11 @@ from processing.calibration.clear_sky import Place, sun_place
 from processing.errors import DaylightError, RelightError
 from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.picture_writing import write_whole
-from processing.relighting.session_room import MODELLED, SessionRoom
+from processing.relighting.session_room import MODELLED, SKY_MODEL, SessionRoom
 from processing.relighting.weather import Daylight, level_illuminance
+from processing.rendering.irradiance import Effort
 from processing.rendering.relight import RelightView, Relit
 from processing.rendering.relight_basis import (
-    BasisEffort,
     LightBasis,
     basis_of,
     read_basis,
@@ -45,7 +45,7 @@ class RelitRoom:
 class Relighting:
     """A session's room ready for any light outdoors."""
 
-    def __init__(self, room: SessionRoom, folder: Path, effort: BasisEffort) -> None:
+    def __init__(self, room: SessionRoom, folder: Path, effort: Effort) -> None:
         """``folder``: where the basis is kept."""
         self.room = room
         stage = Stage.of(room.scene, effort.texel_m)
@@ -53,11 +53,15 @@ class Relighting:
         self.view = RelightView(stage, basis, room.picture.rgb.shape[0])
         self.before = self.view.relit(room.scene.outdoors)
 
-    def under(self, outdoors: Outdoors, said: dict[str, Any]) -> RelitRoom:
-        """Return the room under another light outdoors; ``said`` goes into its facts and the picture's attributes."""
+    def under(self, outdoors: Outdoors, said: dict[str, Any], *, modelled_sky: bool = True) -> RelitRoom:
+        """Return the room under another light outdoors; ``said`` goes into its facts and the picture's attributes.
+
+        ``modelled_sky``: its light is a model's guess, not measured; the uncertainty says so.
+        """
         image = self.room.picture
         found, after = photograph_under(image.rgb, self.view, self.before, outdoors)
-        doubt = np.where(found.detail > 0.5, MODELLED, 2 * MODELLED).astype(np.float32)
+        sky = SKY_MODEL if modelled_sky else 0.0
+        doubt = np.hypot(np.where(found.detail > 0.5, MODELLED, 2 * MODELLED), math.hypot(sky, after.error))
         picture = replace(
             image,
             rgb=found.rgb,
@@ -66,14 +70,15 @@ class Relighting:
             ghost=None,
             attributes={**image.attributes, "relit": said},
         )
-        return RelitRoom(picture, said | self._facts(after, found.rgb, found.detail))
+        return RelitRoom(picture, said | self._facts(after, picture, found.detail))
 
-    def _facts(self, after: Relit, rgb: np.ndarray, detail: np.ndarray) -> dict[str, Any]:
+    def _facts(self, after: Relit, picture: LuminanceImage, detail: np.ndarray) -> dict[str, Any]:
         solid = self.view.full.solid.reshape(detail.shape)
-        level = rgb @ _WEIGHTS
+        level = picture.rgb @ _WEIGHTS
         sunny = (after.sun @ _WEIGHTS > 0) & solid
         return {
-            "error": round(after.error, 4),
+            "uncertainty": round(float(np.median(picture.uncertainty[solid])), 3) if solid.any() else 0.0,
+            "error_of_rays": round(after.error, 4),
             "median_luminance": round(float(np.median(level[solid])), 3) if solid.any() else 0.0,
             "sunny_share": round(float(sunny[solid].mean()), 5) if solid.any() else 0.0,
             "detail_kept_share": round(float(detail[solid].mean()), 4) if solid.any() else 0.0,
@@ -81,7 +86,7 @@ class Relighting:
         }
 
 
-def _basis(stage: Stage, room: SessionRoom, folder: Path, effort: BasisEffort) -> tuple[LightBasis, bool]:
+def _basis(stage: Stage, room: SessionRoom, folder: Path, effort: Effort) -> tuple[LightBasis, bool]:
     """Return the stored basis of this scene and effort, or a new one, stored; and whether it was there."""
     digest = scene_digest(stage)
     path = folder / f"basis-{digest[:16]}-{effort.rows}.npz"

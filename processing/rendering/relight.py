@@ -15,7 +15,7 @@ import numpy.typing as npt
 from processing.errors import NoBalanceError, RelightError
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.chance import random
-from processing.rendering.relight_basis import RADIUS_PX, BasisEffort, LightBasis, SkyRays, scene_digest, sky_values
+from processing.rendering.relight_basis import RADIUS_PX, LightBasis, SkyRays, scene_digest, sky_values
 from processing.rendering.relight_glass import panes_for_sun
 from processing.rendering.relight_kernels import (
     add_bounced,
@@ -37,8 +37,8 @@ from processing.sphere import Equirectangular
 GOALS = 4096
 """Places on the sun's patch that shots are aimed at."""
 PATCH_SHOTS, PIXEL_SHOTS = 4, 2
-EDGE_SAMPLES = 32
-"""Rays to the sun from pixels in half shadow."""
+SUN_PLACES = 16
+"""Places on each patch that are asked whether the sun reaches them."""
 SETTLED = 1e-4
 """Of all light: how much may still be to come when bounces end."""
 
@@ -71,7 +71,7 @@ class RelightView:
         self.full = self.small if rows == small else sight_of(stage, self.geometry, basis.eye_m)
         self.albedo = albedo_of(stage, self.full)
         self.emission = emission_of(stage, self.full)
-        self._places = patch_points(stage, basis.effort.sun_places, (0, 85))
+        self._places = patch_points(stage, SUN_PLACES, (0, 85))
         self._steps = None if self.full is self.small else Steps.of(self.small, self.full)
         self._colours = np.array([*(p.transmittance for p in stage.scene.panes), (1.0, 1.0, 1.0)], np.float32)
         pixel = basis.pixel
@@ -96,7 +96,7 @@ class RelightView:
         small, error = self._irradiance(stage, sunny, seed)
         full = self.full
         sky = small.reshape(-1, 3) if self._steps is None else self._steps.apply(small)
-        sun = sun_on_picture(sunny, full.point, full.normal, full.shape, EDGE_SAMPLES, seed)
+        sun = sun_on_picture(sunny, full.point, full.normal, full.shape, self.basis.effort.sun_samples, seed)
         whole = sky + sun
         rgb = self.albedo * whole * np.float32(1 / np.pi) + self.emission
         glass = np.flatnonzero(full.pane >= 0)
@@ -231,4 +231,4 @@ class _Goals:
         add_shots(normals, self.normals, self.light, self.chance, chosen, point, rays, seen, shots, samples, out, apart)
 
 
-__all__ = ["BasisEffort", "RelightView", "Relit"]
+__all__ = ["RelightView", "Relit"]

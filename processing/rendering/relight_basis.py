@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError, RelightError
 from processing.rendering.chance import Key, random
-from processing.rendering.irradiance import cleaned, gathered
+from processing.rendering.irradiance import Effort, cleaned, gathered
 from processing.rendering.kernels import pane_rays
 from processing.rendering.lightmap import relit as light_of
 from processing.rendering.patches import PANE
@@ -34,41 +34,21 @@ SKY_ROWS = 128
 """The sky's cells are 1.4 degrees wide; rays meet them at random, so that this blurs and does not bias."""
 SKY_CELLS = 2 * SKY_ROWS * SKY_ROWS
 MOST_BYTES = 1 << 30
+EFFORT_FIELDS = ("texel_m", "rows", "pixel_samples", "patch_samples", "sun_samples", "clean")
+"""That count for a basis, as they stand in its file."""
 RADIUS_PX = 3
 NEARNESS = 0.2
 """Of the harmonic mean distance of what a place sees: over this much of it, irradiance hardly changes (Ward 1988)."""
-VERSION = 1
-
-
-@dataclass(frozen=True)
-class BasisEffort:
-    """How much a basis holds."""
-
-    texel_m: float = 0.1
-    rows: int = 256
-    """Height of the small picture."""
-    pixel_samples: int = 32
-    """Rays from each of its pixels into the room."""
-    sky_samples: int = 16
-    """Rays from each of its pixels to the panes, shared among them (4 each at least)."""
-    patch_samples: int = 64
-    """Rays from each patch into the room; a quarter of it to the panes."""
-    sun_places: int = 16
-    """Places on each patch that are asked whether the sun reaches them."""
-    clean: bool = True
-    """Whether noise is taken out of the light of lamps."""
-
-    def __post_init__(self) -> None:
-        counts = (self.rows, self.pixel_samples, self.sky_samples, self.patch_samples, self.sun_places)
-        if min(counts) < 2 or max(counts) > 4096:
-            raise ParameterError("a basis of nothing, or of far too much", advice="give rows and samples of 2 to 4096")
+VERSION = 2
 
 
 BASIS_EFFORTS = {
-    "draft": BasisEffort(texel_m=0.15, rows=128, pixel_samples=16, sky_samples=8, patch_samples=32, sun_places=8),
-    "standard": BasisEffort(),
-    "reference": BasisEffort(rows=384, pixel_samples=64, sky_samples=32, patch_samples=128),
+    "draft": Effort(texel_m=0.15, rows=128, pixel_samples=16, patch_samples=32, sun_samples=16),
+    "standard": Effort(pixel_samples=32, sun_samples=32),
+    "reference": Effort(rows=384, pixel_samples=64, patch_samples=128, sun_samples=64),
 }
+"""How much a basis holds: ``rows`` of its small picture, rays from each pixel and each patch (half, and a quarter, as
+many go to the panes); ``sun_samples`` are of every light shown. A basis is one round: it knows no error to stop at."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +69,7 @@ class SkyRays:
 class LightBasis:
     """The stored rays of one scene seen from one place."""
 
-    effort: BasisEffort
+    effort: Effort
     eye_m: Vector
     pixel: npt.NDArray[np.int64]
     """(n,): which pixels of the small panorama see something solid."""
@@ -114,22 +94,22 @@ class LightBasis:
         return sum(a.nbytes for a in arrays)
 
 
-def basis_of(
-    stage: Stage, eye_m: Vector, *, effort: BasisEffort = BASIS_EFFORTS["standard"], seed: int = 0
-) -> LightBasis:
+def basis_of(stage: Stage, eye_m: Vector, *, effort: Effort = BASIS_EFFORTS["standard"], seed: int = 0) -> LightBasis:
     """Return the stored rays of a scene seen from ``eye_m``; the scene's own light outdoors does not matter.
 
     Raises
     ------
     RelightError
         It would take more than `MOST_BYTES`.
+    ParameterError
+        Fewer than two samples (their difference tells the error), or an error or a time to stop at.
     """
     _affordable(stage, effort)
     sight = sight_of(stage, Equirectangular(2 * effort.rows, effort.rows), eye_m)
     pixel = np.flatnonzero(sight.solid)
     points, normals = sight.point[pixel][:, None, :], sight.normal[pixel]
     links = links_of(stage, points, normals, effort.pixel_samples, (seed, 80))
-    each = max(4, round(effort.sky_samples / max(len(stage.scene.panes), 1)))
+    each = max(4, round(effort.pixel_samples / 2 / max(len(stage.scene.panes), 1)))
     sky = sky_rays(stage, points, normals, each, (seed, 81))
     few = max(4, effort.patch_samples // 4)
     places = patch_points(stage, effort.patch_samples, (seed, 82))
@@ -149,10 +129,14 @@ def basis_of(
     )
 
 
-def _affordable(stage: Stage, effort: BasisEffort) -> None:
+def _affordable(stage: Stage, effort: Effort) -> None:
+    if min(effort.rows, effort.pixel_samples, effort.patch_samples) < 2:
+        raise ParameterError("a basis of nothing", advice="give rows and samples of 2 or more")
+    if effort.max_error is not None or effort.budget_s is not None:
+        raise ParameterError("a basis is made in one round", advice="leave max_error and budget_s out")
     panes = max(len(stage.scene.panes), 1)
     pixels = 2 * effort.rows**2
-    a_pixel = 8 * effort.pixel_samples + 8 * max(4 * panes, effort.sky_samples) + (2 * RADIUS_PX + 1) ** 2 + 40
+    a_pixel = 8 * effort.pixel_samples + 8 * max(4 * panes, effort.pixel_samples // 2) + (2 * RADIUS_PX + 1) ** 2 + 40
     a_patch = 8 * effort.patch_samples + 2 * effort.patch_samples * panes
     size = pixels * a_pixel + stage.patches.count * a_patch
     if size > MOST_BYTES:
@@ -252,9 +236,7 @@ def _nearness(sight: Sight, pixel: npt.NDArray[np.int64], links: Links) -> npt.N
     return weights
 
 
-def _lamps(
-    stage: Stage, sight: Sight, pixel: npt.NDArray[np.int64], links: Links, effort: BasisEffort, seed: int
-) -> Floats:
+def _lamps(stage: Stage, sight: Sight, pixel: npt.NDArray[np.int64], links: Links, effort: Effort, seed: int) -> Floats:
     if not stage.exitance.any():
         return np.zeros((len(pixel), 3), np.float32)
     veiled = tuple(replace(p, veil_cd_m2=np.zeros_like(p.veil_cd_m2)) for p in stage.scene.panes)
@@ -301,11 +283,8 @@ def write_basis(path: Path, basis: LightBasis) -> None:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
-def _numbers(effort: BasisEffort) -> list[float]:
-    return [
-        *(effort.texel_m, effort.rows, effort.pixel_samples),
-        *(effort.sky_samples, effort.patch_samples, effort.sun_places, effort.clean),
-    ]
+def _numbers(effort: Effort) -> list[float]:
+    return [getattr(effort, name) for name in EFFORT_FIELDS]
 
 
 def read_basis(path: Path) -> LightBasis:
@@ -316,13 +295,13 @@ def read_basis(path: Path) -> LightBasis:
         if int(found["version"]) != VERSION:
             raise ValueError("written by another version")
         texel_m, *counts = (float(v) for v in found["effort"])
+        rows, pixels, patches, sun, clean = (int(v) for v in counts)
+        effort = Effort(texel_m, patches, rows, pixels, sun, bool(clean))
         skies = [
             SkyRays(*(found[f"{name}_{part}"] for part in ("first", "cell", "tint", "weight")))
             for name in ("pixel_sky", "patch_sky")
         ]
         links = [Links(found[f"{n}_patch"], found[f"{n}_density"]) for n in ("pixel_links", "patch_links")]
-        rows, pixels, sky, patches, places, clean = (int(v) for v in counts)
-        effort = BasisEffort(texel_m, rows, pixels, sky, patches, places, bool(clean))
         x, y, z = (float(v) for v in found["eye_m"])
         return LightBasis(
             *(effort, (x, y, z), found["pixel"], found["near"], skies[0], links[0], skies[1], links[1]),
@@ -334,4 +313,4 @@ def read_basis(path: Path) -> LightBasis:
         ) from error
 
 
-__all__ = ["BASIS_EFFORTS", "BasisEffort", "LightBasis", "SkyRays", "basis_of", "read_basis", "write_basis"]
+__all__ = ["BASIS_EFFORTS", "LightBasis", "SkyRays", "basis_of", "read_basis", "write_basis"]

@@ -12,7 +12,6 @@ from processing.rendering.irradiance import Effort
 from processing.rendering.relight import RelightView
 from processing.rendering.relight_basis import (
     SKY_CELLS,
-    BasisEffort,
     basis_of,
     read_basis,
     sky_cell,
@@ -30,7 +29,7 @@ from processing.sphere import Equirectangular
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 40
-SMALL = BasisEffort(texel_m=0.25, rows=ROWS, pixel_samples=64, sky_samples=32, patch_samples=64, sun_places=16)
+SMALL = Effort(texel_m=0.25, rows=ROWS, pixel_samples=64, patch_samples=64, sun_samples=32)
 LONG = Effort(texel_m=0.25, patch_samples=128, rows=ROWS, pixel_samples=96, sun_samples=32, clean=False)
 TABLE = box((1.2, 0.8, 0.4), (0.8, 0.8, 0.8))
 DARK = Outdoors(np.zeros((16, 32, 3), np.float32))
@@ -124,7 +123,9 @@ def test_basis_on_disk(view, tmp_path) -> None:
     with pytest.raises(RelightError, match="another scene"):
         RelightView(other, view.basis, ROWS)
     with pytest.raises(ParameterError):
-        BasisEffort(rows=1)
+        basis_of(other, EYE, effort=Effort(rows=1))
+    with pytest.raises(ParameterError, match="one round"):
+        basis_of(other, EYE, effort=replace(SMALL, max_error=0.1))
 
 
 def test_a_room_without_windows_and_too_large_a_basis() -> None:
@@ -134,7 +135,7 @@ def test_a_room_without_windows_and_too_large_a_basis() -> None:
         not RelightView(stage, basis_of(stage, EYE, effort=few), 16).relit(uniform_sky(5e3, sun_at(0, -1, 1))).rgb.any()
     )
     with pytest.raises(RelightError, match="GiB"):
-        basis_of(stage, EYE, effort=BasisEffort(rows=2048))
+        basis_of(stage, EYE, effort=Effort(rows=2048))
 
 
 def test_cells_of_the_sky(view) -> None:
