@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError, RemovalError
 from processing.images import LuminanceImage, RelativeImage, Validity
+from processing.removal.mixed_pixels import soften_edges
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
 from processing.removal.regions import TEXELS, texture_density
@@ -22,7 +23,7 @@ from processing.removal.skirting import Skirting, find_skirting
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map
-from processing.surfaces.plane import FIRST_WALL, Plane
+from processing.surfaces.plane import FIRST_WALL, FLOOR, Plane
 from processing.surfaces.planes import planes_of
 from processing.surfaces.textures import unwrap, wrap
 
@@ -57,6 +58,7 @@ def empty_room(
     room: RoomModel,
     *,
     sunlight: Flags | None = None,
+    foreign: Flags | None = None,
     quality: str = "standard",
     filler: PlaneFiller | None = None,
 ) -> Emptied:
@@ -70,6 +72,9 @@ def empty_room(
         (H, W): what is to be removed, with its shadow.
     sunlight
         (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target`` says so.
+    foreign
+        (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it is, and
+        floors are not filled from it.
     quality
         draft, standard or reference: how fine textures may be.
 
@@ -82,7 +87,7 @@ def empty_room(
     RemovalError
         A target that covers all that is seen.
     """
-    geometry = _checked(image, target, sunlight, quality)
+    geometry = _checked(image, target, sunlight, foreign, quality)
     provenance = np.zeros(target.shape, np.uint8)
     confidence = np.ones(target.shape, np.float32)
     if not target.any():
@@ -97,6 +102,7 @@ def empty_room(
         )
     shown = plane_map(room, geometry)
     unfit = _unfit(target, sunlight)
+    foreign = np.zeros_like(target) if foreign is None else foreign
     planes = planes_of(room)
     walls = ((shown >= FIRST_WALL) & target).any()
     skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
@@ -105,22 +111,29 @@ def empty_room(
         where = target & (shown == plane.index)
         if not where.any():
             continue
-        done = _plane(rgb, geometry, room, plane, target | blind, unfit, shown, quality, skirting)
+        done = _plane(
+            rgb, geometry, room, plane, target | blind, unfit | (foreign & (shown == FLOOR)), shown, quality, skirting
+        )
         done = done if filler is None else filler(done)
         _draw(done, room, geometry, where, (out, provenance, confidence))
         filled.append(done)
         notes.append(f"{plane.name}: {where.sum()} px, {done.how}")
         if (done.confidence[done.hole] < 0.06).all():
             notes.append(f"{plane.name}: hidden altogether, its colour is a guess")
+    soften_edges(out, target, room, geometry)
     return Emptied(_image(image, out, provenance, confidence), provenance, confidence, tuple(filled), tuple(notes))
 
 
 def _checked(
-    image: LuminanceImage | RelativeImage, target: Flags, sunlight: Flags | None, quality: str
+    image: LuminanceImage | RelativeImage,
+    target: Flags,
+    sunlight: Flags | None,
+    foreign: Flags | None,
+    quality: str,
 ) -> Equirectangular:
     if not isinstance(image.geometry, Equirectangular):
         raise ParameterError("a picture that is no whole panorama", advice="give an equirectangular one")
-    for name, mask in (("target", target), ("sunlight", sunlight)):
+    for name, mask in (("target", target), ("sunlight", sunlight), ("foreign", foreign)):
         if mask is not None and (mask.shape != image.rgb.shape[:2] or mask.dtype != np.bool_):
             raise ParameterError(
                 f"a {name} mask of shape {mask.shape} and type {mask.dtype}",

@@ -50,7 +50,8 @@ def blend(
     offered = total > 1e-3
     mean /= np.maximum(total, 1e-6)[..., None]
     sharp = np.where((sharp_total > 1e-3)[..., None], sharp / np.maximum(sharp_total, 1e-6)[..., None], mean)
-    change = sharp - mean
+    # Where nothing is offered there is no change either: its blur would reach over.
+    change = np.where(offered[..., None], sharp - mean, 0).astype(np.float32)
     detail = change - blurred(change, manner.detail_px)
     return np.asarray(mean + np.float32(manner.lively) * detail, np.float32), offered
 

@@ -24,12 +24,19 @@ LEAST_SPREAD = 0.01
 GRAIN_PX = 3.0
 FEW = 0.1
 """Of the columns near the hole: rows with fewer known ones hardly have a profile."""
-SEEN_ROW = 0.05
-"""Of the columns near the hole, below which a row is as it usually is on other walls."""
+TRUSTED = 0.6
+"""Trust in a row's profile from which it is its own; below, it is more and more as usual on other walls."""
 UNEVEN = 0.04
 """Tone by which a row of skirting may vary along the wall."""
 SLOW_ROWS = 0.08
 """Of the height: slower changes are light."""
+CALM = 5.0
+"""Times the median energy of grain, from which there is more than grain."""
+RIM_PX = 4
+SHADOW_COLOUR, SHADOW_ROUGH, DARKEST = 0.12, 0.06, 0.8
+"""Tones: how far a shadow's colour may be off, how rough it may be, how dark it is taken for."""
+FADING = 0.05
+"""Of the texture's size, on which shadows run out."""
 NEAR = 0.25
 """Of the texture's width: how far from the hole rows are still looked at for their profile."""
 
@@ -50,11 +57,20 @@ class PlainFill:
 
 
 def fill_plain(
-    values: Floats, known: Flags, hole: Flags, *, level_rows: bool, usual_rows: Floats | None = None
+    values: Floats,
+    known: Flags,
+    hole: Flags,
+    *,
+    level_rows: bool,
+    usual_rows: Floats | None = None,
+    beside: Flags | None = None,
+    most_rough: float = np.inf,
 ) -> PlainFill:
     """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile.
 
-    ``usual_rows`` (h, 3): tone that rows have on other walls (skirting), where this one's are not seen.
+    ``usual_rows`` (h, 3): tone that rows have on other walls (skirting), where this one's are not seen. ``beside``
+    (h, w): what is seen though not to be learnt from; soft shadows there run out in the hole. A surface rougher than
+    ``most_rough`` (what is seen through a window) gets no grain.
     """
     known = known & ~hole
     scale = ToneScale.of(values, known)
@@ -69,10 +85,16 @@ def fill_plain(
     clean = known & ~_outliers(rest, known)
     low = _low(rest, clean)
     grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
-    filled = level + slow + profile + low + _copied_grain(grain, clean, hole)
+    roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
+    smooth = np.asarray(slow + profile + low, np.float32)
+    if beside is not None:
+        step = np.asarray(scale.tone(values) - level - smooth, np.float32)
+        smooth += fading_shadows(step, beside & ~hole, hole)
+    filled = level + smooth
+    if roughness <= most_rough:
+        filled = filled + _copied_grain(grain, _calm(grain, clean), hole)
     out = values.copy()
     out[hole] = scale.light(filled[hole].astype(np.float32))
-    roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
     return PlainFill(out, _confidence(clean, hole), profile, clean, roughness)
 
 
@@ -97,9 +119,12 @@ def _profile(rest: Floats, known: Flags, hole: Flags, usual: Floats | None) -> F
         trust[row] = len(values) / (len(values) + FEW * seen.shape[1]) / (1 + (off / UNEVEN) ** 2)
     weight = gaussian_filter1d(trust, SLOW_ROWS * len(rest))[:, None]
     slow = gaussian_filter1d(middle * trust[:, None], SLOW_ROWS * len(rest), axis=0) / np.maximum(weight, 1e-6)
-    found = (middle - slow) * trust[:, None]
+    # Beside rows that nobody sees, nobody knows what is slow: no step where the seen ones end.
+    inner = np.clip(2 * weight / max(float(weight.max()), 1e-6) - 1, 0, 1)
+    found = (middle - slow) * trust[:, None] * inner
     if usual is not None:
-        found += usual * (seen.sum(axis=1) < SEEN_ROW * seen.shape[1])[:, None]
+        # The less a row of this wall is to be trusted, the more it is as on others.
+        found += usual * np.clip(1 - trust / TRUSTED, 0, 1)[:, None]
     return np.asarray(found[:, None], np.float32)
 
 
@@ -123,6 +148,40 @@ def _low(rest: Floats, clean: Flags) -> Floats:
     low = blurred(np.where(clean[..., None], rest, 0).astype(np.float32), GRAIN_PX)
     mean = np.asarray(low / np.maximum(share, 1e-4)[..., None], np.float32)
     return spread(mean, clean & (share > 0.3))
+
+
+def _calm(grain: Floats, clean: Flags) -> Flags:
+    """Return the clean pixels around which nothing but grain is seen: no edges, cables, sockets."""
+    if not clean.any():
+        return clean
+    share = blurred(clean.astype(np.float32), GRAIN_PX)
+    energy = blurred((np.where(clean, grey(grain), 0) ** 2).astype(np.float32), GRAIN_PX) / np.maximum(share, 1e-3)
+    lively = clean & (energy > CALM * float(np.median(energy[clean])) + 1e-8)
+    out = clean & ~cv2.dilate(lively.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    return out if out.sum() > 0.05 * clean.sum() else clean
+
+
+def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
+    """Return (h, w, 3) the soft shadows that end at a hole's rim, run out into it; 0 elsewhere.
+
+    ``step`` (h, w, 3): tone of what is seen less that of the filling. Only what is darker, of the same colour and
+    without edges of its own is a shadow; the rest of a thing is not.
+    """
+    near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
+    ring = near & beside
+    if not ring.any():
+        return np.zeros_like(step)
+    share = blurred(beside.astype(np.float32), RIM_PX / 2)
+    mean = blurred(np.where(beside[..., None], step, 0).astype(np.float32), RIM_PX / 2)
+    mean = np.asarray(mean / np.maximum(share, 1e-3)[..., None], np.float32)
+    shade = grey(mean)
+    colour = np.abs(mean - shade[..., None]).max(axis=-1)
+    rough = np.abs(grey(step.astype(np.float32)) - shade)
+    soft = ring & (shade < 0) & (colour < SHADOW_COLOUR) & (rough < SHADOW_ROUGH)
+    dark = np.where(soft, np.maximum(shade, -DARKEST), 0).astype(np.float32)
+    away = cv2.distanceTransform((~ring).astype(np.uint8), cv2.DIST_L2, 3)
+    fading = np.exp(-away / (FADING * max(hole.shape)))
+    return np.where(hole, spread(dark, ring) * fading, 0).astype(np.float32)[..., None].repeat(3, axis=-1)
 
 
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:

@@ -12,6 +12,7 @@ from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plain import fill_plain
 from processing.removal.regions import opening_regions, too_bright
 from processing.removal.skirting import Skirting
+from processing.removal.sources import plane_sources
 from processing.room.model import RoomModel
 from processing.surfaces.plane import FIRST_WALL, FLOOR
 from processing.surfaces.textures import Texture
@@ -73,7 +74,7 @@ def fill_plane(
             continue
         rest &= ~region
         if inside.any():
-            filled = fill_plain(values, known & region, inside, level_rows=True)
+            filled = fill_plain(values, known & region, inside, level_rows=True, most_rough=PATTERN)
             values, confidence[inside] = filled.values, 0.7 * filled.confidence[inside]
     inside = hole & rest
     continued, how = np.ones_like(hole), "openings only"
@@ -82,7 +83,10 @@ def fill_plane(
         values[inside] = _colour(values, sources & rest, elsewhere)
         confidence[inside], continued[inside], how = 0.05, False, "nothing of it is seen: one colour"
     elif inside.any():
-        values, sure, goes_on, how = _surface(texture, values, sources & rest, inside, skirting)
+        own = sources & rest
+        # Pictures, sockets and the like on walls are left out where these are filled.
+        own = plane_sources(values, own, texture.px_per_m) if texture.plane.index == FLOOR else own
+        values, sure, goes_on, how = _surface(texture, values, own, inside, skirting)
         confidence[inside], continued[inside] = sure[inside], goes_on
     return FilledPlane(texture, values, hole, confidence, continued, how)
 
@@ -100,7 +104,7 @@ def _surface(
     else:
         wall = texture.plane.index >= FIRST_WALL
         usual = skirting.rows(len(hole), texture.px_per_m) if wall and skirting is not None else None
-        plain = fill_plain(values, sources, hole, level_rows=wall, usual_rows=usual)
+        plain = fill_plain(values, sources, hole, level_rows=wall, usual_rows=usual, beside=sources)
         said = f"plain (roughness {plain.roughness:.3f})"
         if plain.roughness < PATTERN:
             return plain.values, plain.confidence, True, said

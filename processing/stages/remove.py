@@ -12,13 +12,17 @@ import numpy.typing as npt
 from processing.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
-from processing.removal.round_masks import grown
+from processing.removal.round_masks import grown, resized
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence_file import read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.remove_parameters import RemoveParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama
 
 Flags = npt.NDArray[np.bool_]
 
+FOREIGN = 0.4
+"""Probability of furniture or fixtures from which a floor is not filled from a place."""
 LITTLE = 0.3
 """Mean confidence of the filled pixels under which it is told."""
 
@@ -53,6 +57,7 @@ def run(context: StageContext) -> StageOutput:
         target,
         known_room(context),
         sunlight=sunlight,
+        foreign=_foreign(context, target.shape),
         quality=context.quality.value,
         filler=filler,
     )
@@ -64,6 +69,15 @@ def run(context: StageContext) -> StageOutput:
 def _optional_mask(context: StageContext, name: str) -> Flags | None:
     mask = context.optional_artifact("detect", name)
     return None if mask is None else np.asarray(mask, bool)
+
+
+def _foreign(context: StageContext, shape: tuple[int, ...]) -> Flags | None:
+    """Return what the network takes for furniture or fixtures (rugs), in the target or not; None: it said nothing."""
+    kept = context.optional_artifact("room", "evidence")
+    if kept is None:
+        return None
+    things = read_evidence(kept).probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0)
+    return np.asarray(resized(things, (shape[0], shape[1])) > FOREIGN)
 
 
 def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> tuple[Flags, Flags]:

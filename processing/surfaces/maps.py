@@ -72,6 +72,14 @@ def plane_map(room: RoomModel, geometry: Equirectangular) -> Integers:
     return _planes(columns_of(room, geometry), latitudes(geometry))
 
 
+def boundary_rows(room: RoomModel, geometry: Equirectangular) -> tuple[Doubles, Doubles]:
+    """Return where each column's wall meets ceiling and floor, (W,) each, in rows from the picture's upper edge."""
+    check_stands(room)
+    columns = columns_of(room, geometry)
+    ceiling, floor = ((0.5 - edge / math.pi) * geometry.height_px for edge in (columns.ceiling_rad, columns.floor_rad))
+    return ceiling, floor
+
+
 def surface_maps(room: RoomModel, geometry: Equirectangular) -> SurfaceMaps:
     """Return what an upright panorama with the camera at (0, 0, camera height) sees of a room; exact.
 
