@@ -33,6 +33,8 @@ _USUAL_GROWTH = 0.5
 """Power of the size with which costs grow, where one size only is known: between not at all and in proportion."""
 _TRUSTED_FRACTION = 0.05
 """Of a stage's work, before which its own word alone tells no time."""
+_PACE_WEIGHT_S = 2.0
+"""Of stages as expected, that a run begins with: a stage of a tenth of a second says little of the rest."""
 
 
 def state_folder() -> Path:
@@ -71,6 +73,23 @@ class PastSeconds:
                 write_file(folder, FILE_NAME, json.dumps(self._runs, sort_keys=True).encode())
             finally:
                 folder.close()
+
+
+class Pace:
+    """How this run goes beside what the past made expect: the past may have been a busier computer's."""
+
+    def __init__(self) -> None:
+        self._spent_s = self._foreseen_s = _PACE_WEIGHT_S
+
+    def add(self, seconds: float, expected_s: float | None) -> None:
+        """Note a stage that is done; one of which nothing was expected tells nothing."""
+        if expected_s is not None:
+            self._spent_s += seconds
+            self._foreseen_s += expected_s
+
+    def of(self, expected_s: float | None) -> float | None:
+        """Return what is to be expected in this run."""
+        return None if expected_s is None else expected_s * self._spent_s / self._foreseen_s
 
 
 def expected_from(runs: list[Run], megapixels: float) -> float:

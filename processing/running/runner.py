@@ -13,7 +13,7 @@ from processing.running.artifacts import Shelf, file_name, load
 from processing.running.cost import Cost, Meter
 from processing.running.decision import Decision, decide
 from processing.running.digest_memory import DigestMemory
-from processing.running.progress import PastSeconds, left_s, state_folder
+from processing.running.progress import Pace, PastSeconds, left_s, state_folder
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import ResultStore, stages_folder
 from processing.running.results import StageResult
@@ -105,6 +105,7 @@ class PipelineRun:
         self._unknown: set[str] = set()
         self._shelf = Shelf(self._read)
         self._past = PastSeconds(state_folder())
+        self._pace = Pace()
         self._megapixels = sum((f.width_px or 0) * (f.height_px or 0) for f in manifest.frames) / 1e6
 
     def steps(self) -> Iterator[StageReport]:
@@ -151,6 +152,7 @@ class PipelineRun:
         elif result.given:
             action, reason = Action.GIVEN, f"given by you: {', '.join(result.given)}"
         else:
+            self._pace.add(cost.seconds, self._past.expected_s(self._key(stage), self._megapixels))
             self._past.add(self._key(stage), cost.seconds, self._megapixels)
             self._past.save()
         return StageReport(stage.name, action, reason, decision.changes, cost, result.summary())
@@ -216,15 +218,15 @@ class PipelineRun:
 
     def _expected(self, later: tuple[Stage, ...]) -> list[float | None]:
         """Return what later stages may take; those that have never run are not known."""
-        return [self._past.expected_s(self._key(stage), self._megapixels) for stage in later]
+        return [self._pace.of(self._past.expected_s(self._key(stage), self._megapixels)) for stage in later]
 
     def _started(self, stage: Stage, later: tuple[Stage, ...], decision: Decision) -> RunEvent:
-        expected = self._past.expected_s(self._key(stage), self._megapixels)
+        (expected,) = self._expected((stage,))
         left = left_s(self._expected(later), expected, 0.0, 0.0)
         return RunEvent(RunEventKind.STARTED, stage.name, f"{stage.title} ({decision.reason})", 0.0, left)
 
     def _progress(self, stage: Stage, later: tuple[Stage, ...], meter: Meter) -> Any:
-        expected = self._past.expected_s(self._key(stage), self._megapixels)
+        (expected,) = self._expected((stage,))
 
         def progress(fraction: float, text: str) -> None:
             done = min(max(fraction, 0.0), 1.0)

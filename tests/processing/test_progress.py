@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from processing.running.progress import FILE_NAME, KEPT_RUNS, PastSeconds, expected_from, left_s
+from processing.running.progress import FILE_NAME, KEPT_RUNS, Pace, PastSeconds, expected_from, left_s
 
 
 def test_runs_of_the_same_size_count_by_their_median() -> None:
@@ -54,3 +54,15 @@ def test_runs_are_kept_and_what_is_no_run_is_forgotten(tmp_path: Path) -> None:
         assert PastSeconds(tmp_path / "state").expected_s("room 2", 10.0) is None
     (tmp_path / "state" / FILE_NAME).write_text(json.dumps({"room 2": [[4, 10]]}))
     assert PastSeconds(tmp_path / "state").expected_s("room 2", 10.0) == pytest.approx(4)
+
+
+def test_a_run_on_a_freer_computer_expects_less_of_what_is_left() -> None:
+    pace = Pace()
+    assert pace.of(60.0) == 60.0
+    assert pace.of(None) is None
+    pace.add(5.0, None)
+    assert pace.of(60.0) == 60.0
+    pace.add(10.0, 40.0)
+    assert pace.of(60.0) == pytest.approx(60 * 12 / 42)
+    pace.add(200.0, 20.0)
+    assert pace.of(1.0) > 3
