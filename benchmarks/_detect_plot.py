@@ -22,12 +22,11 @@ RINGS = {
 }
 
 
-def trade_plot(notes: list[str], path: Path = Path("detect_time.png")) -> None:
-    """Draw 1 - IoU of furniture on the real rooms against CPU seconds."""
+def trade_plot(path: Path = Path("detect_time.png")) -> list[str]:
+    """Draw 1 - IoU of furniture on the real rooms against CPU seconds; return what was not drawn."""
     names = (LOOKED_AT, SCORED_ONLY)
     if not (DATA / "panoramas" / "furnished").is_dir():
-        notes.append("no plot: the hand-drawn masks are not there")
-        return
+        return ["no plot: the hand-drawn masks are not there"]
     pictures = {name: photograph(DATA / "panoramas" / "furnished" / f"{name}.png") for name in names}
     points = []
     for label, rings in RINGS.items():
@@ -51,6 +50,7 @@ def trade_plot(notes: list[str], path: Path = Path("detect_time.png")) -> None:
             total += score_by_hand(found_masks.furniture, name).iou
         points.append(Point("daylit", seconds / len(names), 1 - total / len(names), quality))
     time_against_error(points, path, title="Furniture of two real rooms", error_label="1 - IoU by solid angle")
+    return []
 
 
 def _each(start_s: float, names: tuple[str, ...]) -> float:

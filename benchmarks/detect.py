@@ -5,7 +5,7 @@ what hangs on walls are fixtures, shelves on walls are left out); sunlight is sc
 0.2 % of the sphere on floor and walls (``sunlight_iou_sim``), and the false share elsewhere is given. Masks without
 "true_room" are found with the estimated room. Of the two real rooms with hand-drawn masks, bedroom_hn was looked at
 while this was made; hotel_visualizer was only scored. ``target`` recall counts the mask that is removed, margin and
-shadows included.
+shadows included. ``full_`` keys: one room at 6720 x 3360. A full run keeps its rows (`benchmarks._room_rows`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,10 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Iterable
+from dataclasses import asdict
 from typing import Any
 
+import cv2
 import numpy as np
 
 from benchmarks import _detect_rivals as rivals
@@ -33,6 +35,8 @@ from benchmarks._detect_truth import (
     simulated_masks,
     sun_enters,
 )
+from benchmarks._memory import MemoryWatch
+from benchmarks._room_rows import DETECT_CODE, Rows
 from benchmarks._truth_rooms import kept_list, room_model_of, truth_list, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
@@ -45,25 +49,52 @@ from processing.room.openings import find_openings
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
-QUICK_ROOMS, FULL_ROOMS, LISTED = 1, 16, 48
+QUICK_ROOMS, FULL_ROOMS, LISTED = 1, 24, 48
+REAL = (LOOKED_AT, SCORED_ONLY)
 SUNNY_SHARE = 0.002
+FULL_SIZE = (6720, 3360)
+SCORES = ("ours", "true_room", "target", "tripod", "equipment", "sun", "sun_true_room", "raw", "colours", "voc")
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics, rivals and notes."""
     notes: list[str] = []
+    kept = Rows("detect", seed, DETECT_CODE, keep=not quick)
     rooms = chosen_rooms(QUICK_ROOMS if quick else FULL_ROOMS, seed)
-    found = [one for one in (_simulated(number, use, notes) for number, use in rooms) if one]
-    found += _one_sunny(found, seed, notes)
-    real = {name: _real(name) for name in (LOOKED_AT, SCORED_ONLY)} if _has_real(notes) else {}
+    each = [_kept(kept, f"{number}", lambda one=(number, use): _simulated(*one)) for number, use in rooms]
+    found = [one for one in each if "seconds" in one]
+    found += _one_sunny(found, seed)
+    real = {name: _kept(kept, name, lambda name=name: _real(name)) for name in REAL} if _has_real(notes) else {}
     metrics = _simulated_metrics(found) | _real_metrics(real, notes)
     metrics["seconds"] = round(max(one["seconds"] for one in (*found, *real.values())), 2)
     if not quick:
-        trade_plot(notes)
+        metrics |= kept.of("full size", lambda: _full(*rooms[0]))
+        notes += kept.of("plot", trade_plot)
+    notes += [note for one in (*each, *real.values()) for note in one.get("notes", [])]
+    if not metrics["sunny_rooms"]:
+        notes.append("no room of the list is sunny: sunlight was not measured")
     notes.append(
         f"{len(found)} simulated rooms of test seeds, {len(real)} real ones; seconds: CPU, the slowest picture"
     )
     return {"metrics": metrics, "rivals": _rivals(found, real, notes), "notes": notes}
+
+
+def _kept(kept: Rows, key: str, make: Any) -> dict[str, Any]:
+    """Return a picture's figures with its scores as such."""
+    row = dict(kept.of(key, lambda: {k: asdict(v) if isinstance(v, Score) else v for k, v in make().items()}))
+    return row | {key: Score(**row[key]) for key in SCORES if row.get(key)}
+
+
+def _full(number: int, use: Use) -> dict[str, float]:
+    """Return CPU seconds and peak memory of the masks of one full-size panorama, from its evidence and room on."""
+    room, truth = truth_of(number, use)
+    image = picture_of(cv2.resize(truth.luminance_rgb, FULL_SIZE, interpolation=cv2.INTER_LINEAR))
+    evidence, true = scene_evidence(image), room_model_of(room)
+    with MemoryWatch() as memory:
+        start_s = time.process_time()
+        _masks(image, evidence, true, room)
+        seconds = time.process_time() - start_s
+    return {"full_seconds": round(seconds, 2), "full_peak_mb": round(memory.own_peak_mb, 1)}
 
 
 def chosen_rooms(count: int, seed: int) -> list[tuple[int, Use]]:
@@ -73,7 +104,7 @@ def chosen_rooms(count: int, seed: int) -> list[tuple[int, Use]]:
     return first + [one for one in later if sun_enters(make_room(*one))][: (count + 1) // 2]
 
 
-def _one_sunny(found: list[dict[str, Any]], seed: int, notes: list[str]) -> list[dict[str, Any]]:
+def _one_sunny(found: list[dict[str, Any]], seed: int) -> list[dict[str, Any]]:
     """Return one more room, with the sun on its floor or walls, where none of those drawn has it; made if need be."""
     if any(one["sunlit"] >= SUNNY_SHARE for one in found):
         return []
@@ -84,10 +115,7 @@ def _one_sunny(found: list[dict[str, Any]], seed: int, notes: list[str]) -> list
             continue
         room, truth = truth_of(number, use)
         if share(simulated_masks(room, truth).sunlight) >= SUNNY_SHARE:
-            another = _simulated(number, use, notes)
-            if another:
-                return [another]
-    notes.append("no room of the list is sunny: sunlight was not measured")
+            return [_simulated(number, use)]
     return []
 
 
@@ -97,11 +125,11 @@ def estimated(image: RelativeImage, evidence: SceneEvidence) -> RoomModel:
     return room.model_copy(update={"openings": find_openings(image, evidence, room)})
 
 
-def _simulated(number: int, use: Use, notes: list[str]) -> dict[str, Any] | None:
+def _simulated(number: int, use: Use) -> dict[str, Any]:
     room, truth = truth_of(number, use)
     if not np.isfinite(truth.luminance_rgb).all():
-        notes.append(f"{room.name}: its truth holds values that are not finite; left out")
-        return None
+        return {"notes": [f"{room.name}: its truth holds values that are not finite; left out"]}
+    notes: list[str] = []
     image, true = picture_of(truth.luminance_rgb), room_model_of(room)
     masks = simulated_masks(room, truth)
     start_s = time.process_time()
@@ -117,7 +145,7 @@ def _simulated(number: int, use: Use, notes: list[str]) -> dict[str, Any] | None
     seconds = time.process_time() - end_s + middle_s - start_s
     known = _masks(image, evidence, true, room)
     sunlit = share(masks.sunlight)
-    result: dict[str, Any] = {"name": room.name, "seconds": seconds, "sunlit": sunlit}
+    result: dict[str, Any] = {"name": room.name, "seconds": seconds, "sunlit": sunlit, "notes": notes}
     result["ours"] = score(found.furniture, masks.furniture, masks.ignore)
     result["true_room"] = score(known.furniture, masks.furniture, masks.ignore)
     result["target"] = score(found.target, masks.furniture | masks.equipment, masks.ignore)
