@@ -33,24 +33,27 @@ class Rows:
         self._limit_s = float(os.environ.get("DAYLIT_BENCH_CPU_S", "inf"))
         self._start_s = time.process_time()
 
-    def of(self, kind: str, keys: Sequence[str], work: Callable[[int], dict[str, Any]]) -> list[dict[str, Any]]:
-        """Return what ``work`` makes of each place in ``keys``, or has made; fewer once the time is over."""
-        found: list[dict[str, Any]] = []
-        for number, name in enumerate(keys):
+    def of(self, tasks: Sequence[tuple[str, str, Callable[[], dict[str, Any]]]]) -> dict[str, list[dict[str, Any]]]:
+        """Return rows by kind: what each task (kind, name, work) makes or has made; fewer once time is up."""
+        found: dict[str, list[dict[str, Any]]] = {kind: [] for kind, _, _ in tasks}
+        for kind, name, work in tasks:
             key = f"{kind}-{name}"
             if key not in self.known:
-                if found and time.process_time() - self._start_s > self._limit_s:
+                if found[kind] and time.process_time() - self._start_s > self._limit_s:
                     self.left += 1
                     continue
-                self.known[key] = {"key": key, **work(number)}
-                if self.keep:
-                    self.path.parent.mkdir(parents=True, exist_ok=True)
-                    with self.path.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(self.known[key]) + "\n")
-            found.append(self.known[key])
+                self.known[key] = {"key": key, **work()}
+                self._write(self.known[key])
+            found[kind].append(self.known[key])
         if self.left:
             print(f"{self.left} rows are left; run again to go on", file=sys.stderr)
         return found
+
+    def _write(self, row: dict[str, Any]) -> None:
+        if self.keep:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
 
 
 def _digest() -> str:

@@ -15,6 +15,7 @@ against the simulated room then (`_relight_photo`), its light from a picture of 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -63,17 +64,9 @@ DARK = sky_outdoors(lambda rays: np.zeros(rays.shape), rows=16)
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
-    height = 128 if quick else 256
     rows = Rows(seed, keep=not quick)
-    numbers = seeds("test", 1 if quick else 8, seed)
-    found = rows.of("render", [f"{n}" for n in numbers], lambda i: against_renders(numbers[i], height, quick=quick))
-    listed = truth_list("test", 1 if quick else 8, seed)
-    names = [f"{use}-{number}" for number, use in listed]
-    views = rows.of("view", names, lambda i: viewpoint(*listed[i]))
-    photos = rows.of("photo", names, lambda i: photographs(*listed[i]))
-    sun = rows.of(
-        "sun", [f"{100 if quick else 10_000}"], lambda _: {"deg": sun_error_deg(100 if quick else 10_000, seed)}
-    )
+    kept = rows.of(tasks(seed, quick=quick))
+    found, views, photos, sun = (kept[kind] for kind in ("render", "view", "photo", "sun"))
     fresh = {key: _middle(found, f"fresh_{key}") for key in ("s", "rms")}
     metrics = {
         "speedup": round(_middle(found, "speedup"), 1),
@@ -104,6 +97,21 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "units": {"sun_err_deg": "degrees"},
         "notes": notes,
     }
+
+
+def tasks(seed: int, *, quick: bool) -> list[tuple[str, str, Callable[[], dict[str, Any]]]]:
+    """Return all work as (kind, name, work), room by room: an unfinished run has some of everything."""
+    height, count, times = (128, 1, 100) if quick else (256, 8, 10_000)
+    found: list[tuple[str, str, Callable[[], dict[str, Any]]]] = [
+        ("sun", f"{times}", lambda: {"deg": sun_error_deg(times, seed)})
+    ]
+    for plain_room, (number, use) in zip(seeds("test", count, seed), truth_list("test", count, seed), strict=True):
+        found += [
+            ("render", f"{plain_room}", partial(against_renders, plain_room, height, quick=quick)),
+            ("photo", f"{use}-{number}", partial(photographs, number, use)),
+            ("view", f"{use}-{number}", partial(viewpoint, number, use)),
+        ]
+    return found
 
 
 def _middle(rows: list[dict[str, Any]], key: str) -> float:
@@ -137,9 +145,10 @@ def scene_of_seed(number: int) -> tuple[Scene, Vector]:
 
 
 def lights_of_seed(number: int, *, quick: bool) -> list[Outdoors]:
-    """Return other lights: clear skies of several times, and an overcast one."""
+    """Return other lights: a clear sky, of another season in each room, and an overcast one."""
     heading = float(np.random.default_rng([number, 6]).uniform(0, 2 * math.pi))
-    kinds = [("clear", t) for t in TIMES[1 : 2 if quick else None]] + [("overcast", TIMES[0])]
+    time_utc = TIMES[1 if quick else number % len(TIMES)]
+    kinds = [("clear", time_utc), ("overcast", TIMES[0])]
     return [daylight_at(t, HERE, heading, usual_weather(kind), DARK).outdoors for kind, t in kinds]  # type: ignore[arg-type]
 
 
@@ -148,7 +157,7 @@ def against_renders(number: int, rows: int, *, quick: bool) -> dict[str, Any]:
     scene, eye = scene_of_seed(number)
     geometry, effort = Equirectangular(2 * rows, rows), replace(BASIS_EFFORTS["standard"], rows=rows)
     fresh_effort = replace(FRESH, rows=rows)
-    long = replace(FRESH, rows=rows, pixel_samples=192, patch_samples=256, sun_samples=256, clean=False)
+    long = replace(FRESH, rows=rows, pixel_samples=96, patch_samples=256, sun_samples=256, clean=False)
     lights = lights_of_seed(number, quick=quick)
     made: list[RelightView] = []
 
