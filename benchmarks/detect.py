@@ -5,7 +5,8 @@ what hangs on walls are fixtures, shelves on walls are left out); sunlight is sc
 0.2 % of the sphere on floor and walls (``sunlight_iou_sim``), and the false share elsewhere is given. Masks without
 "true_room" are found with the estimated room. Of the two real rooms with hand-drawn masks, bedroom_hn was looked at
 while this was made; hotel_visualizer was only scored. ``target`` recall counts the mask that is removed, margin and
-shadows included. ``full_`` keys: one room at 6720 x 3360. A full run keeps its rows (`benchmarks._room_rows`).
+shadows included. ``full_`` keys: one room at 6720 x 3360;
+``penn_`` and ``coda_``: the paper's rooms (`benchmarks._detect_paper`). A full run keeps its rows (`benchmarks._room_rows`).
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import cv2
 import numpy as np
 
 from benchmarks import _detect_rivals as rivals
+from benchmarks._detect_paper import paper_figures
 from benchmarks._detect_plot import trade_plot
 from benchmarks._detect_truth import (
     DATA,
@@ -69,6 +71,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     metrics["seconds"] = round(max(one["seconds"] for one in (*found, *real.values())), 2)
     if not quick:
         metrics |= kept.of("full size", lambda: _full(*rooms[0]))
+        metrics |= kept.of("paper", paper_figures)
         notes += kept.of("plot", trade_plot)
     notes += [note for one in (*each, *real.values()) for note in one.get("notes", [])]
     if not metrics["sunny_rooms"]:
