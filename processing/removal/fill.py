@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError, RemovalError
 from processing.images import LuminanceImage, RelativeImage, Validity
+from processing.removal.kept_sunlight import sunlit
 from processing.removal.mixed_pixels import soften_edges
 from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
@@ -33,6 +34,8 @@ PlaneFiller = Callable[[FilledPlane], FilledPlane]
 MIXED_SHARE = 0.1
 MIXED_PX = 1
 """Panorama pixels beside the target that hold some of what is removed: seen, but not to be copied."""
+UNSURE_SUN = 0.4
+"""Of the confidence that sunlight continued into a hole costs."""
 FILLED_UNCERTAINTY = 0.05
 """Relative standard uncertainty of the surest filled pixel."""
 
@@ -71,7 +74,8 @@ def empty_room(
     target
         (H, W): what is to be removed, with its shadow.
     sunlight
-        (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target`` says so.
+        (H, W): direct sunlight with its rim, from which nothing is copied; it is filled only where ``target`` says so,
+        and goes on in holes that it runs into elsewhere.
     foreign
         (H, W): what else is probably no part of its plane (rugs, pictures, rests of furniture): it stays as it is, and
         floors are not filled from it.
@@ -103,6 +107,7 @@ def empty_room(
     shown = plane_map(room, geometry)
     unfit = _unfit(target, sunlight)
     foreign = np.zeros_like(target) if foreign is None else foreign
+    kept = np.zeros_like(target) if sunlight is None else sunlight & ~target
     planes = planes_of(room)
     walls = ((shown >= FIRST_WALL) & target).any()
     skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
@@ -111,9 +116,8 @@ def empty_room(
         where = target & (shown == plane.index)
         if not where.any():
             continue
-        done = _plane(
-            rgb, geometry, room, plane, target | blind, unfit | (foreign & (shown == FLOOR)), shown, quality, skirting
-        )
+        left_out = unfit | foreign if plane.index == FLOOR else unfit
+        done = _plane(rgb, geometry, room, plane, target | blind, left_out, kept, shown, quality, skirting)
         done = done if filler is None else filler(done)
         _draw(done, room, geometry, where, (out, provenance, confidence))
         filled.append(done)
@@ -167,12 +171,13 @@ def _plane(
     plane: Plane,
     masked: Flags,
     unfit: Flags,
+    kept: Flags,
     shown: npt.NDArray[np.int16],
     quality: str,
     skirting: Skirting | None,
 ) -> FilledPlane:
     px_per_m = texture_density(plane, room, geometry, quality)
-    layers = np.concatenate([rgb, unfit[..., None].astype(np.float32)], axis=-1)
+    layers = np.concatenate([rgb, np.stack([unfit, kept], axis=-1).astype(np.float32)], axis=-1)
     whole = unwrap(layers, geometry, room, plane, px_per_m, mask=masked)
     texture = replace(whole, values=np.ascontiguousarray(whole.values[..., :3]))
     mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
@@ -183,7 +188,9 @@ def _plane(
     # A few thousand pixels tell a median.
     among = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // 10_000)]
     elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32)
-    return fill_plane(texture, hole, mixed, room, elsewhere, skirting)
+    done = fill_plane(texture, hole, mixed, room, elsewhere, skirting)
+    values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
+    return replace(done, values=values, confidence=done.confidence * (1 - UNSURE_SUN * lit)) if lit.any() else done
 
 
 def _draw(

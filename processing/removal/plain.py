@@ -33,8 +33,8 @@ SLOW_ROWS = 0.08
 CALM = 5.0
 """Times the median energy of grain, from which there is more than grain."""
 RIM_PX = 4
-SHADOW_COLOUR, SHADOW_ROUGH, DARKEST = 0.12, 0.06, 0.8
-"""Tones: how far a shadow's colour may be off, how rough it may be, how dark it is taken for."""
+SHADOW_COLOUR, SHADOW_ROUGH, DARKEST = 0.4, 0.06, 0.8
+"""How far a shadow's colour may be off, of its depth; how rough it may be and how dark it is taken for, in tones."""
 FADING = 0.05
 """Of the texture's size, on which shadows run out."""
 NEAR = 0.25
@@ -177,7 +177,7 @@ def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
     shade = grey(mean)
     colour = np.abs(mean - shade[..., None]).max(axis=-1)
     rough = np.abs(grey(step.astype(np.float32)) - shade)
-    soft = ring & (shade < 0) & (colour < SHADOW_COLOUR) & (rough < SHADOW_ROUGH)
+    soft = ring & (shade < 0) & (colour < SHADOW_COLOUR * np.abs(shade) + 0.02) & (rough < SHADOW_ROUGH)
     dark = np.where(soft, np.maximum(shade, -DARKEST), 0).astype(np.float32)
     away = cv2.distanceTransform((~ring).astype(np.uint8), cv2.DIST_L2, 3)
     fading = np.exp(-away / (FADING * max(hole.shape)))

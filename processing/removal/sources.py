@@ -62,7 +62,8 @@ def plane_sources(values: Floats, sources: Flags, px_per_m: float) -> Flags:
     if odd.sum() > MOST_OUT * seen.sum():
         odd[:] = False
     wide = cv2.dilate(odd.astype(np.uint8), np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8)).astype(bool)
-    wide |= _islands(seen & ~wide)
+    islands = _islands(seen & ~wide).astype(np.uint8)
+    wide |= cv2.dilate(islands, np.ones((3, 3), np.uint8)).astype(bool)
     if not wide.any():
         return sources
     out = cv2.resize(wide.astype(np.uint8), sources.shape[::-1], interpolation=cv2.INTER_NEAREST).astype(bool)

@@ -1,0 +1,84 @@
+"""Sunlight that stays goes on in holes; pixels on edges of the room are mixed; soft shadows run out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from processing.removal.kept_sunlight import sunlit
+from processing.removal.mixed_pixels import soften_edges
+from processing.removal.plain import fading_shadows
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import boundary_rows, plane_map
+
+SHAPE = (60, 80)
+
+
+def scene() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a floor with a patch of sun five times as bright, a hole half in it, and the patch."""
+    sun = np.zeros(SHAPE, bool)
+    sun[:, 40:] = True
+    floor = np.full((*SHAPE, 3), 10.0, np.float32)
+    floor[sun] = 50.0
+    hole = np.zeros(SHAPE, bool)
+    hole[20:40, 25:55] = True
+    return floor, hole, sun
+
+
+def test_a_hole_half_in_the_sun_is_half_lit() -> None:
+    truth, hole, sun = scene()
+    filled = truth.copy()
+    filled[hole] = 10.0
+    found, lit = sunlit(filled, ~hole, hole, sun & ~hole)
+    assert np.array_equal(found[~hole], filled[~hole])
+    assert not lit[~hole].any()
+    assert abs(np.median(found[hole & sun]) - 50) < 5
+    assert abs(np.median(found[hole & ~sun]) - 10) < 1
+    off = np.abs(found - truth)[hole].max(axis=-1) > 10
+    assert off.mean() < 0.15, "the edge goes straight on"
+
+
+def test_without_sun_nothing_is_lit() -> None:
+    truth, hole, sun = scene()
+    found, lit = sunlit(truth, ~hole, hole, np.zeros_like(sun))
+    assert found is truth
+    assert not lit.any()
+    dull = np.full_like(truth, 10.0)
+    assert not sunlit(dull, ~hole, hole, sun & ~hole)[1].any(), "no brighter than the shade"
+
+
+def test_edges_of_the_floor_are_mixed_by_their_share() -> None:
+    room = RoomModel(
+        source="given",
+        floor=((-2.0, -3.0), (2.0, -3.0), (2.0, 3.0), (-2.0, 3.0)),
+        camera_height_m=1.6,
+        ceiling_height_m=2.7,
+    )
+    geometry = Equirectangular(128, 64)
+    planes = plane_map(room, geometry)
+    picture = np.where(planes[..., None] == 0, 10.0, 50.0).astype(np.float32).repeat(3, axis=-1)
+    target = np.zeros(planes.shape, bool)
+    target[:, :64] = True
+    mixed = picture.copy()
+    soften_edges(mixed, target, room, geometry)
+    assert np.array_equal(mixed[:, 64:], picture[:, 64:])
+    edge = boundary_rows(room, geometry)[1]
+    for column in range(64):
+        row = int(edge[column])
+        share = row + 1 - edge[column]
+        assert abs(mixed[row, column, 0] - (10 * share + 50 * (1 - share))) < 0.01
+    assert 0 < (mixed != picture).any(axis=-1)[:, :64].sum() <= 64
+
+
+def test_soft_shadows_run_out_and_things_do_not() -> None:
+    step = np.zeros((40, 60, 3), np.float32)
+    step[:, :20] = -0.5
+    hole = np.zeros((40, 60), bool)
+    hole[10:30, 20:50] = True
+    found = fading_shadows(step, ~hole, hole)
+    assert not found[~hole].any()
+    assert found[20, 20, 0] < -0.3
+    assert abs(found[20, 40, 0]) < 0.05
+    red = step * np.array([0.2, 1.0, 1.0], np.float32)
+    assert np.abs(fading_shadows(red, ~hole, hole)).max() < 0.03
+    assert not fading_shadows(-step, ~hole, hole).any(), "a bright thing does not glow"
