@@ -187,7 +187,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=3,
+        version=4,
         title="find what is to be removed",
         function="processing.stages.detect:run",
         data=NETWORK,

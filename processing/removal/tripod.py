@@ -1,8 +1,8 @@
 """The photographer's things: the tripod is found at the nadir, not assumed; the meter board where evidence shows it.
 
-Three signs: the network's evidence, colours that the floor around does not have, and a disc without any detail (what
-cameras and stitchers put over the nadir). Whatever they mark must hang together with the nadir, or the evidence must
-be strong.
+Four signs: the network's evidence, colours that the floor around does not have, what is thin and far darker than what
+is beside it (legs), and a disc without any detail (what cameras and stitchers put over the nadir). Whatever they mark
+must hang together with the nadir, or the evidence must be strong.
 """
 
 from __future__ import annotations
@@ -32,6 +32,10 @@ RING_RAD = (math.radians(26), math.radians(49))
 """Where the floor's colours are learned."""
 OUTLIER = 12.0
 """Squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor."""
+LEG_PX = 15
+"""Of a nadir picture, 4.7 degrees: what is narrower may be a leg."""
+DARKER = (2.5, 5.0)
+"""How many times darker than beside it a leg may be, and surely is: gaps of a floor's boards are less, or fainter."""
 LEAST_DISC_RAD = math.radians(4)
 FLAT = 0.25
 """Of the detail in the ring: a disc with less has been painted over."""
@@ -69,10 +73,10 @@ def _at_nadir(probabilities: Floats, rgb8: Bytes, floor: Flags, disc_rad: float)
     furniture = np.asarray(nadir_picture(probabilities[SceneClass.FURNITURE]), np.float32)
     ring = (radius > RING_RAD[0]) & (radius < RING_RAD[1]) & (furniture < 0.3) & (evidence < 0.3)
     ring &= np.asarray(nadir_picture(floor.astype(np.uint8), nearest=True), bool)
-    strange = np.zeros_like(evidence)
+    reach = np.clip((NONE_RAD - radius) / (NONE_RAD - FULL_RAD), 0, 1)
+    strange = thin_and_dark(picture) * reach
     if ring.sum() >= LEAST_RING_PX:
-        reach = np.clip((NONE_RAD - radius) / (NONE_RAD - FULL_RAD), 0, 1)
-        strange = strangeness(picture, ring) * reach
+        strange = np.maximum(strange, strangeness(picture, ring) * reach)
     prior = 1 - (1 - evidence) * (1 - strange * (furniture < 0.5))
     prior = np.where(radius < disc_rad, 1.0, prior)
     prior = np.where(radius >= REACH_RAD, 0.0, prior).astype(np.float32)
@@ -90,6 +94,16 @@ def strangeness(rgb8: Bytes, known: Flags) -> Floats:
     """Return (h, w) in 0..1: how unlike the colours of the known pixels each pixel is; a half at `OUTLIER`."""
     away = colour_distance(rgb8, known)
     return (1 / (1 + np.exp(-np.clip((away - OUTLIER) / 3, -30, 30)))).astype(np.float32)
+
+
+def thin_and_dark(rgb8: Bytes) -> Floats:
+    """Return (h, w) in 0..1: how surely each pixel is narrower than `LEG_PX` and darker than what is beside it."""
+    encoded = cv2.cvtColor(rgb8, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    light = np.log((encoded / 255) ** 2.2 + 1e-3)
+    brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
+    darker = cv2.morphologyEx(light, cv2.MORPH_BLACKHAT, brush)
+    low, high = np.log(DARKER)
+    return np.clip((darker - low) / (high - low), 0, 1).astype(np.float32)
 
 
 def painted_disc(rgb8: Bytes) -> float:
