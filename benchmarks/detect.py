@@ -5,8 +5,8 @@ what hangs on walls are fixtures, shelves on walls are left out); sunlight is sc
 0.2 % of the sphere on floor and walls (``sunlight_iou_sim``), and the false share elsewhere is given. Masks without
 "true_room" are found with the estimated room. Of the two real rooms with hand-drawn masks, bedroom_hn was looked at
 while this was made; hotel_visualizer was only scored. ``target`` recall counts the mask that is removed, margin and
-shadows included. ``full_`` keys: one room at 6720 x 3360;
-``penn_`` and ``coda_``: the paper's rooms (`benchmarks._detect_paper`). A full run keeps its rows (`benchmarks._room_rows`).
+shadows included. ``full_`` keys: one room at 6720 x 3360; ``penn_`` and ``coda_``: the paper's rooms
+(`benchmarks._detect_paper`). A full run keeps its rows (`benchmarks._room_rows`).
 """
 
 from __future__ import annotations
