@@ -82,6 +82,12 @@ def triangles_of(scene: Scene) -> list[tuple[np.ndarray, tuple[float, float, flo
     return found  # type: ignore[return-value]
 
 
+def emissions_of(scene: Scene) -> list[tuple[float, ...]]:
+    """Return the radiance (cd/m2) that each surface and part gives off by itself, in the order of `triangles_of`."""
+    found = [tuple(float(v) for v in s.emission_cd_m2.reshape(-1, 3).mean(axis=0)) for s in scene.surfaces]
+    return [*found, *(tuple(p.material.emission_cd_m2) for p in scene.parts)]
+
+
 class PlainPath:
     """The scene in Mitsuba, with its stock path tracer and an environment map that holds the sun."""
 
@@ -90,17 +96,21 @@ class PlainPath:
         mi = self.mi
         self.variant = mi.variant()
         parts: dict[str, Any] = {"type": "scene", "integrator": {"type": "path", "max_depth": -1, "rr_depth": 12}}
-        for number, (triangles, colour) in enumerate(triangles_of(scene)):
-            parts[f"part{number}"] = self._mesh(triangles, colour)
+        for number, ((triangles, colour), glow) in enumerate(
+            zip(triangles_of(scene), emissions_of(scene), strict=True)
+        ):
+            parts[f"part{number}"] = self._mesh(triangles, colour, glow)
         rotate = mi.ScalarTransform4f([[-1, 0, 0, 0], [0, 0, 1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
         parts["sky"] = {"type": "envmap", "bitmap": mi.Bitmap(_with_sun(scene.outdoors)), "to_world": rotate}
         self.scene = mi.load_dict(parts)
 
-    def _mesh(self, triangles: np.ndarray, colour: tuple[float, ...]) -> Any:
+    def _mesh(self, triangles: np.ndarray, colour: tuple[float, ...], glow: tuple[float, ...]) -> Any:
         mi = self.mi
         props = mi.Properties()
         inner = {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(colour)}}
         props["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": inner})
+        if any(glow):
+            props["emitter"] = mi.load_dict({"type": "area", "radiance": {"type": "rgb", "value": list(glow)}})
         mesh = mi.Mesh("part", 3 * len(triangles), len(triangles), props=props)
         values = mi.traverse(mesh)
         values["vertex_positions"] = triangles.astype(np.float32).ravel()
@@ -129,6 +139,17 @@ class PlainPath:
             "film": film,
         }
         return np.array(mi.render(self.scene, sensor=mi.load_dict(camera), spp=spp, seed=seed))
+
+    def pixels(self, eye_m: tuple[float, ...], rays: np.ndarray, spp: int, seed: int) -> np.ndarray:
+        """Return what the stock integrator finds along rays (n, 3) from a point, (n, 3)."""
+        mi = self.mi
+        many = np.repeat(rays.astype(np.float32), spp, axis=0)
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(seed, len(many))
+        start = mi.Point3f(*(mi.Float(np.full(len(many), v, np.float32)) for v in eye_m))
+        ray = mi.RayDifferential3f(start, mi.Vector3f(np.ascontiguousarray(many.T)))
+        found, _, _ = self.scene.integrator().sample(self.scene, sampler, ray)
+        return np.array(found).T.reshape(len(rays), spp, 3).mean(axis=1, dtype=np.float64)
 
 
 def _with_sun(outdoors: Outdoors) -> np.ndarray:

@@ -17,7 +17,7 @@ def available() -> bool:
     return find_spec("pyoidn") is not None
 
 
-def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: bool) -> Floats:
+def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: bool, quality: str = "high") -> Floats:
     """Return irradiance (H, W, 3) without its noise and with its mean kept; as it is where the denoiser is missing.
 
     Parameters
@@ -28,6 +28,8 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
         (H, W), 0..1: 0 where nothing is rendered, larger for nearer surfaces; parts corners of equal normals.
     wraps
         The picture is a panorama whose left and right edges meet.
+    quality
+        high, balanced (0.4 of its time) or fast (0.2).
     """
     if not available() or min(irradiance.shape[:2]) < 16:
         return irradiance
@@ -43,7 +45,12 @@ def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: boo
     # The denoiser expects values about 1.
     scale = np.float32(max(float(irradiance.mean()), 1e-20))
     clean = pyoidn.denoise(
-        padded(irradiance / scale), albedo=padded(guide), normal=padded(normal), hdr=True, clean_aux=True
+        padded(irradiance / scale),
+        albedo=padded(guide),
+        normal=padded(normal),
+        hdr=True,
+        clean_aux=True,
+        quality=quality,
     )
     clean = np.maximum(np.asarray(clean)[:, side : side + irradiance.shape[1]], 0) * scale
     there = nearness > 0

@@ -28,8 +28,8 @@ def edge_pixels(sight: Sight) -> np.ndarray:
     for axis in (0, 1):
         other = np.roll(label, 1, axis)
         furniture = (label >= FIRST_PART) | (other >= FIRST_PART)
-        bent = (normal * np.roll(normal, 1, axis)).sum(axis=-1) < TURNED
-        step = np.abs(((point - np.roll(point, 1, axis)) * normal).sum(axis=-1)) > STEP_M
+        bent = np.einsum("ijk,ijk->ij", normal, np.roll(normal, 1, axis)) < TURNED
+        step = np.abs(np.einsum("ijk,ijk->ij", point - np.roll(point, 1, axis), normal)) > STEP_M
         apart = furniture & ((label != other) | bent | step)
         if axis == 0:
             apart[0] = False

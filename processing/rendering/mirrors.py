@@ -139,4 +139,4 @@ def _cleaned(picture: Floats, sight: Sight) -> Floats:
     distance = np.where(there, np.where(np.isfinite(sight.distance_m), sight.distance_m, 0).reshape(sight.shape), 0)
     near = np.where(there, 1 / (1 + distance), 0).astype(np.float32)
     normal = sight.normal.reshape(*sight.shape, 3) * there[..., None]
-    return denoised(picture, normal.astype(np.float32), near, wraps=True) * there[..., None]
+    return denoised(picture, normal.astype(np.float32), near, wraps=True, quality="fast") * there[..., None]

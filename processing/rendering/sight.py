@@ -112,18 +112,35 @@ def emission_of(stage: Stage, sight: Sight) -> Floats:
 def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
     out = np.zeros((len(sight.label), 3), np.float32)
     for number in np.unique(sight.label[sight.label >= 0]):
+        one = _one_colour(stage, int(number), name)
+        if one is not None:
+            if one.any():
+                out[sight.label == number] = one
+            continue
         chosen = np.flatnonzero(sight.label == number)
         if number >= FIRST_PART:
             part = stage.scene.parts[number - FIRST_PART]
             face = stage.patches.face[sight.triangle[chosen]]
             places = sight.point[chosen].astype(np.float64)
-            out[chosen] = part_albedo(part, face, places) if name == "albedo" else part.material.emission_cd_m2
+            out[chosen] = part_albedo(part, face, places)
         else:
             surface = stage.scene.surfaces[number]
             offset = sight.point[chosen].astype(np.float64) - surface.origin_m
             u, v = offset @ surface.u_axis / surface.width_m, offset @ surface.v_axis / surface.height_m
             out[chosen] = surface_values(getattr(surface, name), u, v)
     return out
+
+
+def _one_colour(stage: Stage, number: int, name: str) -> Floats | None:
+    """Return the one colour (3,) of a surface or part, or None where it has a texture."""
+    if number < FIRST_PART:
+        texture = getattr(stage.scene.surfaces[number], name)
+        return np.asarray(texture[0, 0], np.float32) if texture.shape[:2] == (1, 1) else None
+    part = stage.scene.parts[number - FIRST_PART]
+    if name != "albedo":
+        return np.asarray(part.material.emission_cd_m2, np.float32)
+    textured = part.material.texture is not None and part.uv is not None
+    return None if textured else np.asarray(part.material.colour, np.float32)
 
 
 def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
