@@ -31,7 +31,7 @@ PERIODIC, APERIODIC = ("brick",), ("gravel", "grass")
 """CC0 pictures that scikit-image brings: never looked at for tuning."""
 PHOTO_PX = 360
 SHARES = (0.15, 0.40)
-FLOORS = 3
+FLOORS = 2
 
 
 def textures(quick: bool) -> Iterator[Case]:

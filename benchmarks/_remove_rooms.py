@@ -19,7 +19,7 @@ from benchmarks._remove_real import encoded, image_of
 from benchmarks._remove_rivals import SLOW, Rival, timed
 from benchmarks._remove_rows import Rows
 from benchmarks._remove_scores import scored
-from benchmarks._truth_rooms import ROWS, kept_list, room_model_of, truth_of
+from benchmarks._truth_rooms import ROWS, is_kept, kept_list, room_model_of, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.truth import WINDOWPANE, TruthPictures
 from processing.images import luminance_cd_m2
@@ -30,7 +30,7 @@ Floats = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
 
 LISTED = 16
-QUICK_ROOMS, FULL_ROOMS, SLOW_ROOMS = 2, 8, 2
+QUICK_ROOMS, FULL_ROOMS, SLOW_ROOMS = 2, 8, 1
 LARGE_ROWS, LARGE_ROOMS = 1024, 4
 FULL = (6720, 3360)
 PLOTTED = 2
@@ -47,10 +47,13 @@ ROOM_KEYS = (
 def rooms(
     quick: bool, seed: int, others: dict[str, Rival], rows: Rows, large: bool = False
 ) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
-    """Return the means over the rooms and those of each rival; ``large``: fewer rooms, 2048 x 1024."""
+    """Return the means over the rooms and those of each rival; ``large``: 2048 x 1024, the rooms kept at that size."""
     listed = kept_list("test", LISTED, seed)[: QUICK_ROOMS if quick else FULL_ROOMS]
-    listed = listed[:LARGE_ROOMS] if large else listed
     size = LARGE_ROWS if large else ROWS
+    if large:
+        listed = [one for one in listed if is_kept(*one, rows=size)][:LARGE_ROOMS]
+        if not listed:
+            return {}, {}
     prefix = "large" if large else "room"
     mine = [rows.row(f"room {use}-{n} {size} daylit", "ours", partial(_ours, n, use, size)) for n, use in listed]
     mean = np.nanmean(np.array(mine, np.float64), axis=0)

@@ -231,7 +231,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="remove",
-        version=3,
+        version=4,
         title="empty the room",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect"),
