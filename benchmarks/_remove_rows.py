@@ -16,7 +16,12 @@ from typing import Any
 from mocks.picture_cache import default_folder
 
 ROOT = Path(__file__).resolve().parents[1]
-OURS = ("processing/removal", "processing/surfaces")
+FILLING = (
+    *("fill", "plane_fill", "near_periodic*", "plain", "skirting", "sources", "kept_sunlight", "mixed_pixels"),
+    *("illumination", "membrane", "blurs", "tone", "regions"),
+)
+"""Of processing/removal: how masks are found does not matter here."""
+OURS = (*(f"processing/removal/{name}.py" for name in FILLING), "processing/surfaces/*.py")
 THEIRS = ("benchmarks/_remove_rivals.py",)
 SHARED = ("benchmarks/_remove_scores.py",)
 
@@ -66,7 +71,6 @@ def _spent_s() -> float:
 def _digest(paths: tuple[str, ...]) -> str:
     told = hashlib.sha256()
     for name in (*paths, *SHARED):
-        place = ROOT / name
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+        for path in sorted(ROOT.glob(name)):
             told.update(path.name.encode() + path.read_bytes())
     return os.environ.get("DAYLIT_BENCH_ROWS", told.hexdigest()[:12])
