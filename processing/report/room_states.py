@@ -22,7 +22,7 @@ from processing.stages.contract import StageContext
 
 MOST_STAGED = 7
 HALF_FIELD = math.radians(FIELD_DEG / 2)
-LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 6_000_000
+LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 8_000_000
 """Bytes of the first model within the page; and of all, if there are to be more."""
 
 
