@@ -34,7 +34,7 @@ def composed_real(
     used = {name: rival for name, rival in others.items() if name not in SLOW}
     names, mine, theirs = [], [], []
     for one in composites(1 if quick else REAL_ROOMS):
-        case = _Case(one)
+        case = Case(one)
         names.append(one.name)
         mine.append(rows.row(f"real {one.name} daylit", "ours", case.ours))
         theirs.append(
@@ -72,7 +72,7 @@ def _rounded(values: Any) -> list[float]:
     return [round(float(value), 3) for value in values]
 
 
-class _Case:
+class Case:
     """One composite; its masks are found when first asked for."""
 
     def __init__(self, one: Composite) -> None:
