@@ -103,7 +103,7 @@ def thin_and_dark(rgb8: Bytes) -> Floats:
     brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
     darker = cv2.morphologyEx(light, cv2.MORPH_BLACKHAT, brush)
     low, high = np.log(DARKER)
-    return np.clip((darker - low) / (high - low), 0, 1).astype(np.float32)
+    return np.asarray(np.clip((darker - low) / (high - low), 0, 1), np.float32)
 
 
 def painted_disc(rgb8: Bytes) -> float:
