@@ -34,7 +34,7 @@ from training.textures import Tile, make_bank
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 
-HOUSES = 60
+HOUSES = 45
 TEXTURES, FURNISHED = 4, 3
 DARK, TILTED, CROPPED = 0.1, 0.22, 0.3
 """Cumulated shares of the cameras at ease."""

@@ -32,7 +32,7 @@ from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
 from processing.room.model import RoomModel
 
 QUICK_ROOMS, FULL_ROOMS = 3, 24
-QUICK_HOUSES, PLOT_ROOMS = 2, 8
+QUICK_HOUSES, PLOT_ROOMS = 2, 4
 SURE = 0.7
 FULL_SIZE = (6720, 3360)
 RIGHT_IOU3D = 0.85
