@@ -77,21 +77,30 @@ def perpendicular_form_factor(width_m: float, depth_m: float, common_m: float) -
 
 
 def through_opening_lux(
-    point: Triple, normal: Triple, opening: tuple[Triple, Triple, Triple], light: SkyLuminance
+    point: Triple,
+    normal: Triple,
+    opening: tuple[Triple, Triple, Triple],
+    light: SkyLuminance,
+    glass: Callable[[Array], Array] = np.ones_like,
 ) -> float:
     """Return the illuminance at a point from what is seen through a rectangle: a corner, a level side, another side.
 
     ``light`` also gets negative sines: the ground. Gauss and Legendre's rule with 96 x 96 nodes on either side of the
-    horizon, where the light may jump.
+    horizon, where the light may jump. ``glass`` gives the opening's transmittance by the cosine of incidence.
     """
     corner, u, v = (np.array(side, dtype=np.float64) for side in opening)
     horizon = min(max((point[2] - corner[2]) / v[2], 0.0), 1.0) if v[2] else 0.0
-    return _seen_lux(point, normal, (corner, u, v * horizon), light) + _seen_lux(
-        point, normal, (corner + v * horizon, u, v * (1 - horizon)), light
-    )
+    halves = (corner, u, v * horizon), (corner + v * horizon, u, v * (1 - horizon))
+    return sum(_seen_lux(point, normal, half, light, glass) for half in halves)
 
 
-def _seen_lux(point: Triple, normal: Triple, opening: tuple[Array, Array, Array], light: SkyLuminance) -> float:
+def _seen_lux(
+    point: Triple,
+    normal: Triple,
+    opening: tuple[Array, Array, Array],
+    light: SkyLuminance,
+    glass: Callable[[Array], Array],
+) -> float:
     nodes, weights = np.polynomial.legendre.leggauss(96)
     t, weight = (nodes + 1) / 2, weights / 2
     corner, u, v = opening
@@ -99,8 +108,10 @@ def _seen_lux(point: Triple, normal: Triple, opening: tuple[Array, Array, Array]
     far2 = (to**2).sum(axis=-1)
     far = np.sqrt(far2)
     here = np.maximum(to @ np.array(normal), 0) / far
-    there = np.abs(to @ np.cross(u, v)) / far
-    return float((light(to[..., 2] / far) * here * there / far2 * weight[:, None] * weight[None, :]).sum())
+    across = np.cross(u, v)
+    there = np.abs(to @ across) / far
+    through = glass(there / max(float(np.linalg.norm(across)), 1e-300))
+    return float((light(to[..., 2] / far) * through * here * there / far2 * weight[:, None] * weight[None, :]).sum())
 
 
 def overcast_behind_facade_lux(distance_m: float, width_m: float, height_m: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.rendering.chance import Key, random
+from processing.rendering.glass import transmittance_table
 from processing.rendering.kernels import STEP_OFF_M, add_outdoors, pane_rays, towards_panes
 from processing.rendering.patches import PANE
 from processing.rendering.scene import Doubles, Floats, Ints, Pane, Sun
@@ -55,7 +56,7 @@ def _through(
     p = stage.patches
     add_outdoors(
         *(p.owner, p.item, number, hits.triangle, useful // samples, rays, weight.ravel()[useful]),
-        *(stage.scene.outdoors.rgb, np.asarray(pane.transmittance)),
+        *(stage.scene.outdoors.rgb, transmittance_table(pane.transmittance, pane.sheets), pane.normal),
         *(_cells(pane, ray_origins, rays, hits), pane.clear.ravel(), pane.veil_cd_m2.reshape(-1, 3), samples, out),
     )
     return out
@@ -104,7 +105,7 @@ def sun_tint(
 
     Rays to its rim tell; where they differ, ``samples`` all over it. ``shifts`` (n, 2) are random numbers.
     """
-    glass = _Glass.of(stage)
+    glass = _Glass.of(stage, sun)
     frame = disc_frame(sun)
     tint, unsure = _tints(stage, glass, frame, points, normals, shifts, RIM_RAYS, RIM_AREA)
     again = np.flatnonzero(unsure)
@@ -123,12 +124,12 @@ class _Glass:
     clear: Floats
 
     @classmethod
-    def of(cls, stage: Stage) -> _Glass:
-        every = stage.scene.panes
+    def of(cls, stage: Stage, sun: Sun) -> _Glass:
+        every, towards = stage.scene.panes, np.asarray(sun.direction, np.float64)[None]
         panes = [(p.corner_m, p.across_m / (p.across_m @ p.across_m), p.up_m / (p.up_m @ p.up_m)) for p in every]
         first = np.cumsum([0] + [p.clear.size for p in every[:-1]])
         sizes = [(*p.clear.shape, start) for p, start in zip(every, first, strict=True)]
-        tints = [p.transmittance for p in every]
+        tints = [p.through(towards)[0] for p in every]
         clear = np.concatenate([p.clear.ravel() for p in every]).astype(np.float32)
         return cls(np.array(panes, np.float64), np.array(sizes, np.int32), np.array(tints, np.float64), clear)
 
@@ -178,7 +179,7 @@ def _disc_light(stage: Stage, sun: Sun, points: Floats, normals: Floats, chance:
     for number, pane in enumerate(stage.scene.panes):
         mine = np.flatnonzero(through & (p.item[hits.triangle] == number))
         row, column = pane.cells(start[mine] + hits.distance_m[mine, None] * rays[mine])
-        tint[mine] = pane.clear[row, column, None] * np.asarray(pane.transmittance)
+        tint[mine] = pane.clear[row, column, None] * pane.through(rays[mine])
     cosine = np.maximum(np.einsum("ij,ij->i", normals, rays), 0)
     return np.asarray(tint * cosine[:, None] * np.asarray(sun.normal_illuminance_lx))
 

@@ -41,7 +41,7 @@ def mirrored(stage: Stage, light: MeasuredLight, sight: Sight, pixels: np.ndarra
     for number, pane in enumerate(stage.scene.panes):
         mine = np.flatnonzero(glass & (p.item[hits.triangle] == number))
         row, column = pane.cells(start[mine] + hits.distance_m[mine, None] * back[mine])
-        outside = looked_up(stage.scene.outdoors.rgb, back[mine]) * np.asarray(pane.transmittance)
+        outside = looked_up(stage.scene.outdoors.rgb, back[mine]) * pane.through(back[mine])
         radiance[mine] = pane.clear[row, column, None] * outside + pane.veil_cd_m2[row, column]
     fresnel = HEAD_ON + (1 - HEAD_ON) * (1 - np.clip(cosine, 0, 1)) ** 5
     return np.asarray(fresnel[:, None] * radiance), glass

@@ -65,7 +65,7 @@ class Surroundings:
         for number, pane in enumerate(stage.scene.panes):
             mine = np.flatnonzero(glass & (p.item[hit] == number))
             row, column = pane.cells(place[mine])
-            sky = looked_up(stage.scene.outdoors.rgb, rays[mine]) * np.asarray(pane.transmittance, np.float32)
+            sky = looked_up(stage.scene.outdoors.rgb, rays[mine]) * pane.through(rays[mine])
             out[mine] = pane.clear[row, column, None] * sky + pane.veil_cd_m2[row, column]
         return out, (patch >= 0) & (p.owner[hit] < 0)
 

@@ -180,12 +180,14 @@ def pane_rays(  # type: ignore[no-untyped-def]
 
 @compiled
 def add_outdoors(  # type: ignore[no-untyped-def]
-    owner, item, pane, triangle, ray, directions, weight, picture, tint, cell, clear, veil, samples, out
+    owner, item, pane, triangle, ray, directions, weight, picture, tint, normal, cell, clear, veil, samples, out
 ):
     """Add to ``out`` (n, 3) what rays (k) that reach a pane bring in; ``ray`` (k,) tells each one's point.
 
-    ``cell`` (k,) is the place on the pane where ``clear`` (cells,) and ``veil`` (cells, 3) are read.
+    ``cell`` (k,) is the place on the pane where ``clear`` (cells,) and ``veil`` (cells, 3) are read; ``tint`` (m, 3) is
+    its transmittance at cosines to its ``normal`` evenly from 0 to 1 (m = 1: alike at all).
     """
+    last = tint.shape[0] - 1
     rows, columns = picture.shape[0], picture.shape[1]
     for k in range(ray.shape[0]):
         t = triangle[k]
@@ -200,10 +202,14 @@ def add_outdoors(  # type: ignore[no-untyped-def]
         left, right = int(c0) % columns, (int(c0) + 1) % columns
         share = weight[k] / samples
         i = ray[k]
+        facing = min(abs(x * normal[0] + y * normal[1] + z * normal[2]), 1.0) * last
+        step = min(math.floor(facing), max(last - 1, 0))
+        part = facing - step
         for c in range(3):
             above = picture[low, left, c] * (1 - fc) + picture[low, right, c] * fc
             below = picture[high, left, c] * (1 - fc) + picture[high, right, c] * fc
-            outside = tint[c] * (above * (1 - fr) + below * fr)
+            through = tint[step, c] * (1 - part) + tint[min(step + 1, last), c] * part
+            outside = through * (above * (1 - fr) + below * fr)
             out[i, c] += share * (clear[cell[k]] * outside + veil[cell[k], c])
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import MaterialError, SceneError
+from processing.rendering.glass import transmittance_at
 
 Floats: TypeAlias = npt.NDArray[np.float32]
 Doubles: TypeAlias = npt.NDArray[np.float64]
@@ -141,8 +142,27 @@ class Pane:
     """(h, w): how much of the glass is clear of bars, curtains and blinds; row 0 at the top, column 0 at the corner."""
     veil_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
     """(h, w, 3), of the size of ``clear``: radiance of what covers it, towards the room."""
+    sheets: int = 0
+    """Of clear glass: ``transmittance`` is then that head on, and falls with the angle (`glass`); 0: alike at all."""
+
+    def through(self, rays: npt.NDArray[np.floating]) -> Floats:
+        """Return the transmittance (n, 3) of the clear glass along rays (n, 3), unit."""
+        if not self.sheets:
+            return np.broadcast_to(np.asarray(self.transmittance, np.float32), (len(rays), 3))
+        cosine = np.abs(rays @ self.normal)
+        return transmittance_at(cosine, self.transmittance, self.sheets).astype(np.float32)
+
+    @property
+    def normal(self) -> Doubles:
+        """Return the unit vector across the pane."""
+        found = np.cross(self.across_m, self.up_m)
+        return np.asarray(found / np.linalg.norm(found))
 
     def __post_init__(self) -> None:
+        if not 0 <= self.sheets <= 4:
+            raise MaterialError(
+                f"{self.sheets} sheets of glass", where=f"pane of opening {self.opening}", advice="0 to 4"
+            )
         share = np.asarray(self.transmittance)
         if not (np.isfinite(share).all() and (share >= 0).all() and (share <= 1).all()):
             raise MaterialError(

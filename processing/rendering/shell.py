@@ -29,11 +29,13 @@ def shell_of(
     reveal_m: float = REVEAL_M,
     albedo: Callable[[str], Floats] = lambda _: plain(0.5),
     transmittance: dict[int, Vector] | None = None,
+    sheets: int = 0,
 ) -> tuple[tuple[Surface, ...], tuple[Pane, ...]]:
     """Return the surfaces (floor, ceiling, walls in order, then reveals) and panes of a room.
 
     ``albedo`` gives each surface's texture by its name (floor, ceiling, wall-0 .., reveal-2-left ..); ``transmittance``
-    that of each window by its number among the openings (1 where it is not given).
+    that of each window by its number among the openings (1 where it is not given); ``sheets`` of clear glass let it
+    fall with the angle (`scene.Pane`).
 
     Raises
     ------
@@ -53,7 +55,7 @@ def shell_of(
         niche = _Niche(room, window, reveal_m)
         if reveal_m > 0:
             surfaces += niche.reveals(number)
-        panes.append(niche.pane(number, (transmittance or {}).get(number, (1.0, 1.0, 1.0))))
+        panes.append(replace(niche.pane(number, (transmittance or {}).get(number, (1.0, 1.0, 1.0))), sheets=sheets))
     return tuple(replace(one, albedo=albedo(one.name)) for one in surfaces), tuple(panes)
 
 

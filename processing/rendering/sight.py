@@ -148,7 +148,7 @@ def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
     out = np.zeros((len(sight.label), 3), np.float32)
     for number, pane in enumerate(stage.scene.panes):
         mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number))
-        outside = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * np.asarray(pane.transmittance, np.float32)
+        outside = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * pane.through(sight.rays[mine])
         row, column = pane.cells(sight.point[mine])
         out[mine] = pane.clear[row, column, None] * outside + pane.veil_cd_m2[row, column]
     return out
