@@ -305,7 +305,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="render",
-        version=1,
+        version=2,
         title="put furniture into the picture",
         function="processing.stages.render:run",
         needs=("calibrate", "room", "detect", "remove", "materials", "arrange"),
@@ -326,7 +326,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="report",
-        version=4,
+        version=5,
         title="write the report",
         function="processing.report.stage:run",
         needs=("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render"),
