@@ -178,7 +178,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="figures",
-        version=1,
+        version=2,
         title="tell the light",
         function="processing.stages.figures:run",
         needs=("calibrate", "room"),

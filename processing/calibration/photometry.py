@@ -81,7 +81,8 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
     # Where nothing is known the value may be wrong by all of itself; by more only where it is clipped.
     errors = parts * np.minimum(image.uncertainty, 1.0)
     valid = image.validity == Validity.VALID
-    pixels = math.sqrt(float(np.square(errors[valid]).sum()))
+    # A picture without a scale is a photograph through a supposed tone curve: its pixels are wrong together.
+    pixels = math.sqrt(float(np.square(errors[valid]).sum())) if image.absolute else float(errors[valid].sum())
     doubtful = float(errors[~valid].sum())
     scale = value * image.scale_uncertainty
     shares = {

@@ -136,7 +136,12 @@ def _pictures(image: LuminanceImage, name: str) -> list[Picture]:
     wide = isinstance(image.geometry, Equirectangular)
     found = [
         Picture(name, jpeg_bytes(small), f"{name}, toned for the screen", wide=wide),
-        Picture(f"{name}: luminance", luminance_picture(luminance), "false colours of luminance", wide=wide),
+        Picture(
+            f"{name}: luminance",
+            luminance_picture(luminance, image.unit if image.absolute else "relative"),
+            "false colours of luminance",
+            wide=wide,
+        ),
         Picture(
             f"{name}: relative standard uncertainty",
             uncertainty_map(image.uncertainty),

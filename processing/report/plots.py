@@ -130,11 +130,13 @@ def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, 
     return png_bytes(np.asarray(shown, dtype=np.uint8))
 
 
-def luminance_picture(luminance: Floats, *, width_px: int = 1200, limits: tuple[float, float] | None = None) -> bytes:
+def luminance_picture(
+    luminance: Floats, unit: str = "cd/m2", *, width_px: int = 1200, limits: tuple[float, float] | None = None
+) -> bytes:
     """Return a PNG of luminance (H, W) in false colours with its scale, at most ``width_px`` wide."""
     small = _shrunk(luminance, width_px)
     low, high = limits or display_range(small)
-    return png_bytes(with_legend(false_colour(small, low, high), legend(low, high, "cd/m2", small.shape[0])))
+    return png_bytes(with_legend(false_colour(small, low, high), legend(low, high, unit, small.shape[0])))
 
 
 def uncertainty_map(uncertainty: Floats, *, width_px: int = 1200) -> bytes:

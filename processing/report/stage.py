@@ -188,9 +188,11 @@ def _remove(context: StageContext) -> list[Section]:
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:
+    unit = context.artifact("calibrate", "indoor").unit
     lines = []
     for (stage, name), what in FILES.items():
         path = context.session_path / "stages" / stage / name
         if path.exists():
-            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, what))
+            told = what.replace("cd/m2", unit)
+            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, told))
     return tuple(lines)

@@ -96,6 +96,13 @@ def test_pixel_part_is_that_of_independent_errors() -> None:
     assert illuminance_lx(image).pixels_lx == pytest.approx(np.std(drawn), rel=0.12)
 
 
+def test_errors_of_a_picture_without_a_scale_do_not_cancel() -> None:
+    even = of_directions(Equirectangular(2 * SIZE, SIZE), lambda d: np.full(d.shape[:-1], 100.0))
+    doubtful = replace(even, uncertainty=np.full(even.rgb.shape[:2], 0.2, np.float32), absolute=False)
+    found = illuminance_lx(doubtful)
+    assert found.pixels_lx == pytest.approx(0.2 * found.value_lx)
+
+
 def test_doubtful_pixels_are_told_and_add_up() -> None:
     image = of_directions(Equirectangular(64, 32), lambda d: np.full(d.shape[:-1], 100.0))
     validity, uncertainty = image.validity.copy(), image.uncertainty.copy()

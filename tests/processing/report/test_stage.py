@@ -84,6 +84,7 @@ def test_without_a_scale_units_are_relative(tmp_path: Path) -> None:
     text = json.dumps([section.text for section in data.sections])
     assert "not between rooms" in text
     assert "DGP" not in text
+    assert not any("cd/m2" in file.what for file in data.files)
     assert b"relative" in around.states[0].jpeg
 
 
