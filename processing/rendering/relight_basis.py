@@ -190,7 +190,10 @@ def _pane_rays(
     found = []
     lit = clear > 0
     if lit.any():
-        found.append((useful[lit] // samples, sky_cell(ahead[lit]), (share * clear)[lit].astype(np.float32), number))
+        # Glass lets through less at an angle; its colour hardly changes with it: the pane's own is multiplied later.
+        dimmed = pane.through(ahead[lit]).mean(axis=1) / max(float(np.mean(pane.transmittance)), 1e-9)
+        reaches = ((share * clear)[lit] * dimmed).astype(np.float32)
+        found.append((useful[lit] // samples, sky_cell(ahead[lit]), reaches, number))
     mean = veil_means(pane)
     veil = pane.veil_cd_m2[row, column].mean(axis=1) / max(float(mean.mean()), 1e-20)
     covered = veil > 0
@@ -258,7 +261,7 @@ def scene_digest(stage: Stage) -> str:
     for array in (p.triangles, p.owner, p.item, stage.albedo, stage.exitance):
         digest.update(np.ascontiguousarray(array).tobytes())
     for pane in stage.scene.panes:
-        digest.update(np.asarray(pane.transmittance).tobytes())
+        digest.update(np.asarray([*pane.transmittance, pane.sheets]).tobytes())
         digest.update(np.ascontiguousarray(pane.clear).tobytes())
         digest.update(np.ascontiguousarray(pane.veil_cd_m2).tobytes())
     return digest.hexdigest()

@@ -101,7 +101,10 @@ def _window(photograph: Floats, view: RelightView, chosen: Places, lights: tuple
     level_ratio = level_lx(lights[1]) / max(level_lx(lights[0]), 1e-9)
     land = land_of(lights[0])
     skies = [looked_up(bare_sky(light.rgb, land_of(light)), rays) for light in lights]
-    glass = np.asarray([p.transmittance for p in scene.panes], np.float32)[sight.pane[chosen]]
+    glass = np.ones((len(chosen), 3), np.float32)
+    for number, pane in enumerate(scene.panes):
+        mine = sight.pane[chosen] == number
+        glass[mine] = pane.through(rays[mine])
     bright = shown / np.maximum((skies[0] * glass) @ _WEIGHTS, 1e-6)
     soft = cv2.GaussianBlur(land.astype(np.float32), (0, 0), LAND_BLUR * land.shape[0])
     hidden = looked_up(np.repeat(soft[..., None], 3, axis=2), rays)[:, 0]

@@ -44,7 +44,7 @@ def _through(stage: Stage, origins: Floats, rays: Floats) -> Floats:
     which = p.item[hits.triangle[through]]
     for number in np.unique(which):
         pane, mine = stage.scene.panes[number], through[which == number]
-        glass = np.asarray(pane.transmittance, np.float32)
+        glass = pane.through(rays[mine])
         if pane.clear.size == 1:
             out[mine] = pane.clear[0, 0] * glass
         else:

@@ -22,7 +22,7 @@ from processing.rendering.relight_kernels import settle_onwards
 from processing.rendering.relight_photo import relit_photograph, veil_gains
 from processing.rendering.render import render
 from processing.rendering.scene import Outdoors, Sun, plain
-from processing.rendering.sight import GLASS
+from processing.rendering.sight import GLASS, sight_of
 from processing.rendering.stage import Stage
 from processing.rendering.transport import settle
 from processing.sphere import Equirectangular
@@ -199,3 +199,16 @@ def test_a_way_is_free_where_a_ray_goes_as_far(view) -> None:
     assert (found == wanted).mean() > 0.99
     assert 0.5 < found.mean() < 1
     assert not len(stage.tracer.free(way[:0], way[:0]))
+
+
+def test_glass_that_lets_through_less_at_an_angle() -> None:
+    scene = scene_of(box_room(), DARK, 0.5, reveal_m=0.2)
+    glazed = replace(scene, panes=tuple(replace(p, transmittance=(0.8, 0.8, 0.8), sheets=2) for p in scene.panes))
+    light = uniform_sky(1500.0, sun_at(0.5, -0.5, 0.7))
+    stage = Stage.of(glazed, SMALL.texel_m)
+    found = RelightView(stage, basis_of(stage, EYE, effort=SMALL), ROWS).relit(light)
+    truth = render(glazed.under(light), Equirectangular(2 * ROWS, ROWS), EYE, effort=LONG, seed=4).rgb
+    solid = sight_of(stage, Equirectangular(2 * ROWS, ROWS), EYE).solid.reshape(ROWS, 2 * ROWS)
+    ratio = found.rgb[solid].sum(axis=1) / truth[solid].sum(axis=1)
+    assert np.median(np.abs(ratio - 1)) < 0.05
+    assert found.rgb[solid].sum() == pytest.approx(truth[solid].sum(), rel=0.03)
