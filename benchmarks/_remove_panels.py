@@ -1,4 +1,4 @@
-"""Pictures of removal to look at: before, mask, Telea, ours (and the paper authors' own result, of their room).
+"""Pictures of removal to look at: before with mask, Telea, ours, and the truth or the paper authors' own result.
 
 ``python -m benchmarks._remove_panels penn_bed FOLDER``   the paper's example room; its pictures are not ours to ship:
                                                         name a folder outside the project
@@ -27,9 +27,10 @@ from processing.removal.fill import empty_room
 
 Bytes = npt.NDArray[np.uint8]
 Flags = npt.NDArray[np.bool_]
-WIDTH_PX = 760
+WIDTH_PX, BAND_PX = 760, 22
 TOP, BOTTOM = 0.12, 0.94
 """Of the rows that are shown: poles are left out."""
+MASKED = "before, what is to go in red"
 RED = np.array([0, 0, 200], np.float64)
 
 
@@ -48,11 +49,9 @@ def panel(pictures: dict[str, Bytes]) -> Bytes:
         shown = np.ascontiguousarray(picture[rows])
         size = (WIDTH_PX, round(WIDTH_PX * shown.shape[0] / shown.shape[1]))
         small = cv2.resize(shown, size, interpolation=cv2.INTER_AREA)
-        for colour, width in (((0, 0, 0), 3), ((255, 255, 255), 1)):
-            cv2.putText(small, name, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, width, cv2.LINE_AA)
+        cv2.rectangle(small, (0, 0), (size[0], BAND_PX), (30, 30, 30), -1)
+        cv2.putText(small, name, (8, BAND_PX - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)
         made.append(small)
-    if len(made) % 2:
-        made.append(np.zeros_like(made[0]))
     return np.vstack([np.hstack(made[i : i + 2]) for i in range(0, len(made), 2)])
 
 
@@ -61,13 +60,8 @@ def penn() -> dict[str, Bytes]:
     image, room, target, theirs = penn_bed()
     before = np.ascontiguousarray(encoded(image.rgb / WHITE_CD_M2))
     ours = encoded(empty_room(image, target, room).image.rgb / WHITE_CD_M2)
-    return {
-        "before": before,
-        "the authors' mask": marked(before, target),
-        "the authors' result": theirs,
-        "ours": ours,
-        "OpenCV Telea": rivals(slow=False)["opencv_telea"](before, target),
-    }
+    telea = rivals(slow=False)["opencv_telea"](before, target)
+    return {MASKED: marked(before, target), "the authors' result": theirs, "OpenCV Telea": telea, "daylit": ours}
 
 
 def lebombo() -> dict[str, Bytes]:
@@ -90,8 +84,7 @@ def simulated() -> dict[str, Bytes]:
 
 def _four(before: Bytes, hole: Flags, ours: Any, truth: Any) -> dict[str, Bytes]:
     telea = rivals(slow=False)["opencv_telea"](before, hole)
-    pictures = {"before": before, "mask": marked(before, hole), "OpenCV Telea": telea, "ours": ours}
-    return pictures | {"truly empty": truth}
+    return {MASKED: marked(before, hole), "OpenCV Telea": telea, "daylit": ours, "truly empty": truth}
 
 
 def main(name: str, folder: Path) -> None:

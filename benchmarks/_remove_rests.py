@@ -1,8 +1,8 @@
 """Masks that miss some: filling with the rests of things standing beside the hole.
 
 ``python -m benchmarks._remove_rests [ROOMS]``: simulated rooms of validation seeds; furniture's mask is eroded, so
-that a rim of everything stays, and of rugs every other half metre is in it. What is filled on the floor is compared with
-the truly emptied room, with the check of sources (`processing.removal.sources`) and without.
+that a rim of everything stays, and of rugs every other half metre is in it. What is filled on the floor is compared
+with the truly emptied room, with the check of sources (`processing.removal.sources`) and without.
 """
 
 from __future__ import annotations
