@@ -11,13 +11,19 @@ import pytest
 
 from processing.errors import ParameterError
 from processing.images import LuminanceImage
+from processing.pipeline import STAGES
 from processing.removal.round_masks import grown
 from processing.report.remove_sections import remove_section
 from processing.room.model import RoomModel
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence_file import write_evidence
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
 from processing.stages.remove import nothing_to_remove, run
 from processing.stages.remove_parameters import RemoveParameters
+from processing.surfaces.maps import plane_map
+from processing.surfaces.plane import FLOOR
 
 ROWS = 32
 MARGIN_DEG = 6.0
@@ -37,7 +43,12 @@ def picture() -> LuminanceImage:
     )
 
 
-def context(folder: Path, parameters: RemoveParameters | None = None, **artifacts: Any) -> StageContext:
+def context(
+    folder: Path,
+    parameters: RemoveParameters | None = None,
+    files: dict[str, Path] | None = None,
+    **artifacts: Any,
+) -> StageContext:
     given = {"indoor": picture(), "room": ROOM.model_dump(mode="json")} | artifacts
 
     def fetch(_stage: str, name: str) -> Any:
@@ -51,6 +62,7 @@ def context(folder: Path, parameters: RemoveParameters | None = None, **artifact
         fetch=fetch,
         summary=lambda _stage: {"metrics": {"margin_deg": MARGIN_DEG}},
         quality=Quality.DRAFT,
+        files=files or {},
     )
 
 
@@ -83,6 +95,54 @@ def test_what_it_makes(tmp_path: Path) -> None:
 def test_a_mask_of_another_size_is_told(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="target is 8 x 4, the panorama 64 x 32"):
         run(context(tmp_path, target=np.ones((4, 8), bool)))
+
+
+def white_network(folder: Path) -> Path:
+    """Write a stand-in for LaMa that fills every hole with white."""
+    onnx = pytest.importorskip("onnx")
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    sizes = {"image": [1, 3, "h", "w"], "mask": [1, 1, "h", "w"], "output": [1, 3, "h", "w"]}
+    values = {name: helper.make_tensor_value_info(name, kind, size) for name, size in sizes.items()}
+    nodes = [helper.make_node("Max", ["image", "mask"], ["output"])]
+    graph = helper.make_graph(nodes, "white", [values["image"], values["mask"]], [values["output"]])
+    path = folder / "white.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9), path)
+    return path
+
+
+def test_a_network_of_the_user_fills_what_ours_cannot(tmp_path: Path) -> None:
+    """`--filler` reaches it: of a floor that nobody sees, the network's white, four times the median, is taken."""
+    floor = plane_map(ROOM, picture().geometry) == FLOOR  # type: ignore[arg-type]
+    empty = run(context(tmp_path, files={"filler": white_network(tmp_path)}, target=floor)).artifacts["empty"]
+    ours = run(context(tmp_path, target=floor)).artifacts["empty"]
+    assert isinstance(empty, LuminanceImage)
+    assert isinstance(ours, LuminanceImage)
+    assert np.median(empty.rgb[floor]) > 2 * np.median(ours.rgb[floor])
+    assert np.array_equal(empty.rgb[~floor], picture().rgb[~floor])
+
+
+def test_the_option_filler_is_that_of_this_stage() -> None:
+    stage = next(one for one in STAGES if one.name == "remove")
+    told = {option.flag: (option.kind, option.name) for option in stage.options}
+    assert told["--filler"] == ("file", "filler")
+    assert told["--filler-channels"] == ("parameter", "filler_channels")
+
+
+def test_rests_of_things_that_the_network_sees_are_no_part_of_the_floor(tmp_path: Path) -> None:
+    """A red thing beside the target, which detection left out: with evidence of it, none of it is copied."""
+    image = picture()
+    floor = plane_map(ROOM, image.geometry) == FLOOR  # type: ignore[arg-type]
+    thing, hole = patch(slice(20, 27), slice(20, 40)), patch(slice(20, 27), slice(4, 20)) & floor
+    image.rgb[thing] = [60.0, 6.0, 6.0]
+    probabilities = np.zeros((len(SceneClass), ROWS, 2 * ROWS), np.float32)
+    probabilities[SceneClass.FLOOR] = 1 - thing
+    probabilities[SceneClass.FURNITURE] = thing
+    write_evidence(tmp_path / "evidence.npz", SceneEvidence(probabilities, "test"))
+    evidence = tmp_path / "evidence.npz"
+    found = run(context(tmp_path, target=hole, indoor=image, evidence=evidence)).artifacts["empty"]
+    assert isinstance(found, LuminanceImage)
+    assert (found.rgb[hole][:, 1] > 25).all(), "grey, as the floor"
+    assert np.array_equal(found.rgb[thing], image.rgb[thing]), "what is no target stays"
 
 
 def patch(rows: slice, columns: slice) -> np.ndarray[Any, np.dtype[np.bool_]]:
