@@ -38,7 +38,7 @@ ROWS, PIXELS = 256, 1500
 REFERENCE_TEXEL_M, REFERENCE_PATCH, REFERENCE_RAYS = 0.07, 128, 1024
 EFFORTS = {
     rays: Effort(patch_samples=patch, pixel_samples=rays, cleaning="fast")
-    for rays, patch in ((2, 16), (4, 32), (16, 64), (48, 128))
+    for rays, patch in ((2, 16), (4, 32), (16, 64))
 }
 PATH_SPP, CYCLES_SPP = 32, 4
 BPY = "DAYLIT_BPY"
@@ -56,24 +56,31 @@ class Truth:
     """Its own relative rms error, from two halves."""
 
 
-def truth_of_room(room: RaceRoom, seed: int) -> Truth:
+def truth_of_room(
+    room: RaceRoom,
+    seed: int,
+    *,
+    pixels: int = PIXELS,
+    rays: int = REFERENCE_RAYS,
+    patch_rays: int = REFERENCE_PATCH,
+) -> Truth:
     """Return the reference of a room."""
     stage = Stage.of(room.scene, REFERENCE_TEXEL_M)
     sight = sight_of(stage, Equirectangular(2 * ROWS, ROWS), room.eye_m)
     sun = sun_of(stage, sight, 256, seed) @ WEIGHTS
     inner = np.flatnonzero(_inner(sight, sun, ~emission_of(stage, sight).any(axis=1)))
-    pixels = np.sort(np.random.default_rng(seed + 5).choice(inner, min(PIXELS, len(inner)), replace=False))
-    some = sight.some(pixels)
+    chosen = np.sort(np.random.default_rng(seed + 5).choice(inner, min(pixels, len(inner)), replace=False))
+    some = sight.some(chosen)
     albedo = albedo_of(stage, some).astype(np.float64)
     halves = []
     for half in range(2):
-        light = light_map(stage, REFERENCE_PATCH, seed + 900 + half)
-        found = gathered(stage, light, some.point, some.normal, REFERENCE_RAYS, seed + 900 + half)
-        direct = sun_of(stage, sight, 256, seed)[pixels]
+        light = light_map(stage, patch_rays, seed + 900 + half)
+        found = gathered(stage, light, some.point, some.normal, rays, seed + 900 + half)
+        direct = sun_of(stage, sight, 256, seed)[chosen]
         halves.append((albedo * (found + direct) / math.pi) @ WEIGHTS)
     mean = (halves[0] + halves[1]) / 2
     noise = float(np.sqrt(np.mean(((halves[0] - halves[1]) / (2 * mean)) ** 2)))
-    return Truth(pixels, sight.rays[pixels], mean, noise)
+    return Truth(chosen, sight.rays[chosen], mean, noise)
 
 
 def _inner(sight: Sight, sun: np.ndarray, dark: np.ndarray) -> np.ndarray:
@@ -162,7 +169,7 @@ def _as_arrays(room: RaceRoom) -> dict[str, Any]:
     }
 
 
-def race_row(rows: Rows, room: RaceRoom, seed: int) -> dict[str, Any]:
+def race_row(rows: Rows, room: RaceRoom, seed: int, *, with_radiance: bool) -> dict[str, Any]:
     """Return one room's figures of all methods, from kept rows where they are known."""
 
     def truth() -> Truth:
@@ -178,7 +185,8 @@ def race_row(rows: Rows, room: RaceRoom, seed: int) -> dict[str, Any]:
         row["cycles"] = rows.row(
             f"{room.name} cycles {CYCLES_SPP}", lambda: cycles(room, known, CYCLES_SPP), ours=False
         )
-    row["radiance"] = rows.row(f"{room.name} radiance", lambda: radiance(room, known), ours=False)
+    if with_radiance:
+        row["radiance"] = rows.row(f"{room.name} radiance", lambda: radiance(room, known), ours=False)
     return row
 
 
@@ -193,7 +201,7 @@ def _kept(truth: Truth) -> dict[str, Any]:
 
 def seconds_to(row: dict[str, Any], error: float) -> float:
     """Return our CPU seconds to a relative rms error, along the line between the two efforts around it (log, log)."""
-    points = sorted((row[f"ours_{n}"]["rel"], row[f"ours_{n}"]["cpu_s"]) for n in EFFORTS)
+    points = sorted((v["rel"], v["cpu_s"]) for k, v in row.items() if k.startswith("ours_"))
     x, y = np.log([p[0] for p in points]), np.log([p[1] for p in points])
     if error >= points[-1][0]:
         return points[-1][1]  # the least effort is better than asked for

@@ -1,14 +1,23 @@
-"""Rendering: physics by calculation and by Radiance, time against error beside plain path tracing, staged pictures.
+"""Rendering: physics by calculation and by Radiance, time against error beside others, staged pictures, growth.
 
 All through our own scene code. ``analytic_err_pct`` is the worst of the integrating cube, the white furnace, form
-factors and the overcast sky through a window (Walsh). ``radiance_diff_pct``: illuminance of a grid at table height in
-a room with a window under an even sky, against Radiance (`rtrace -I`, -ab 9; quick: 6), root mean square.
-``equal_error_speedup``: CPU time of Mitsuba's stock ``path`` with the sky as environment map, brought to our error by
-its own law (error falls with the root of time), over ours, on the same view of a room with sun; errors against a long
-run of ours (another seed, finer patches, nothing denoised). ``path_mean_diff_pct`` is how far the two methods' mean
-luminances are apart, which tells of a bias in either. ``changed_median_err_pct``: furniture staged into the picture of
-the bare room with ``differential`` against the furnished room rendered at length, where light or surface changed;
-``unchanged_identical_pct`` how many kept pixels are bit-identical.
+factors and daylight through openings (Walsh's closed form; CIE 171's roof and facade openings, unglazed and glazed).
+``radiance_diff_pct``: illuminance of a grid at table height in a room with a window under an even sky, against
+Radiance (`rtrace -I`, -ab 9; quick: 6), root mean square.
+
+**Time against error** (`_render_time`): rooms of test seeds, a third each with a small window and sun, a large window
+under clouds, and lamps at night; quick runs take one and look at fewer pixels. ``to_3_pct_cpu_s`` and ``to_1_5_..``:
+our CPU seconds for a panorama of 512 x 256 of that relative rms error, median of rooms. ``equal_error_speedup``: CPU
+time of Mitsuba's stock ``path`` with the sky as environment map, brought to 3 % by its own law (error falls with the
+root of time), over ours. Cycles (with portals and Open Image Denoise; DAYLIT_BPY names a Python that has bpy) and
+Radiance (mkillum, ambient cache): their CPU time over ours at their own error.
+
+**Staging**: ``changed_median_err_pct``: boxes staged with ``differential`` into a bare room against the furnished room
+rendered at length, where light or surface changed; ``unchanged_identical_pct``: kept pixels that are bit-identical.
+Full runs also stage furniture in simulated rooms by all four methods (`_render_methods`; rivals, with a contact
+sheet), and draw what pixels, triangles and error cost (`_render_growth`).
+
+Rows are kept (`_render_rows`): DAYLIT_BENCH_CPU_S ends a run after so much CPU time; run again to go on.
 """
 
 from __future__ import annotations
@@ -21,8 +30,16 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _analytic
-from benchmarks._paired import cost_of
-from benchmarks._render_scenes import EYE, PlainPath, boxes, clear_sky, plain_room, radiance_grid, room_model
+from benchmarks._render_daylight import daylight
+from benchmarks._render_growth import draw, growth
+from benchmarks._render_methods import METHODS, contact_sheet, methods_row
+from benchmarks._render_race import race_rooms
+from benchmarks._render_rows import Rows
+from benchmarks._render_scenes import EYE, boxes, clear_sky, plain_room, radiance_grid, room_model
+from benchmarks._render_time import ours as timed
+from benchmarks._render_time import plain_path, race_row, seconds_to, truth_of_room
+from benchmarks._truth_rooms import is_kept, truth_list
+from mocks.picture_cache import default_folder
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.composite import differential, ibl
 from processing.rendering.daylight import skylight
@@ -32,11 +49,12 @@ from processing.rendering.outdoor import sky_outdoors
 from processing.rendering.render import render
 from processing.rendering.scene import Outdoors, Scene, plain
 from processing.rendering.shell import shell_of
-from processing.rendering.sight import sight_of
 from processing.rendering.stage import Stage
 from processing.rendering.transport import links_of, patch_points
-from processing.sphere import Equirectangular, Perspective
+from processing.sphere import Equirectangular
 
+RACE_ROOMS, RADIANCE_ROOMS, METHOD_ROOMS, SHEET_ROOMS = 8, 3, 4, 4
+"""Radiance takes longest, and is looked at in a room of each kind."""
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 REFERENCE = Effort(texel_m=0.05, patch_samples=256, rows=4096, pixel_samples=1024, sun_samples=512, clean=False)
 AMBIENT = {
@@ -52,10 +70,108 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     metrics: dict[str, float] = {"analytic_err_pct": round(abs(cases[worst]), 4)}
     metrics |= {f"{name}_pct": round(error, 4) for name, error in cases.items()}
     metrics["radiance_diff_pct"] = round(against_radiance(quick=quick, seed=seed), 3)
-    timed, rival = against_path(quick=quick, seed=seed)
-    staged, other = staging(48 if quick else 128, seed)
-    notes = [f"analytic: worst is {worst}; furniture and rooms are of our own scene types, truth by a long run of ours"]
-    return {"metrics": metrics | timed | staged, "rivals": {"plain_path": rival, "ibl": other}, "notes": notes}
+    rows = Rows("render", seed, keep=not quick)
+    race = raced(rows, quick=quick, seed=seed)
+    raced_metrics, rivals = race_figures(race)
+    staged, boxes_ibl = staging(48 if quick else 128, seed)
+    rivals["ibl_boxes"] = boxes_ibl
+    notes = [f"analytic: worst is {worst}", *(_told(row) for row in race)]
+    found = growth(rows, quick=quick, seed=seed)
+    widths = list(found["width"])
+    staged["growth_width"] = found["width"][widths[-1]]["cpu_s"] / found["width"][widths[0 if quick else 1]]["cpu_s"]
+    staged["full_size_cpu_s"], staged["full_size_peak_mb"] = (
+        found["width"][widths[-1]][k] for k in ("cpu_s", "peak_mb")
+    )
+    if not quick:
+        draw(found, race)
+        told, more = staged_by_methods(rows, seed)
+        rivals |= told
+        notes += more
+    return {"metrics": metrics | raced_metrics | staged, "rivals": rivals, "notes": notes}
+
+
+def raced(rows: Rows, *, quick: bool, seed: int) -> list[dict[str, Any]]:
+    """Return the rows of all rooms of the race."""
+    if not quick:
+        return [
+            race_row(rows, room, seed, with_radiance=k < RADIANCE_ROOMS)
+            for k, room in enumerate(race_rooms(RACE_ROOMS, seed))
+        ]
+    room = race_rooms(1, seed)[0]
+    truth = truth_of_room(room, seed, pixels=200, rays=256, patch_rays=48)
+    row: dict[str, Any] = {"room": room.name, "kind": room.kind, "noise": truth.noise}
+    row |= {f"ours_{n}": timed(room, truth, n, seed + 1) for n in (2, 16)}
+    return [row | {"path": plain_path(room, truth, seed)}]
+
+
+def race_figures(race: list[dict[str, Any]]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """Return our figures and those of the others, medians over rooms."""
+
+    def median(values: list[float]) -> float:
+        return round(float(np.median(values)), 3)
+
+    to_3 = [seconds_to(row, 0.03) for row in race]
+    path = [row["path"]["cpu_s"] * (row["path"]["rel"] / 0.03) ** 2 for row in race]
+    metrics = {
+        "equal_error_speedup": median([p / t for p, t in zip(path, to_3, strict=True)]),
+        "equal_error_speedup_least": round(min(p / t for p, t in zip(path, to_3, strict=True)), 1),
+        "race_rooms": len(race),
+        "to_3_pct_cpu_s": median(to_3),
+        "to_1_5_pct_cpu_s": median([seconds_to(row, 0.015) for row in race]),
+        "rel_rmse_pct": median([100 * row["ours_16"]["rel"] for row in race]),
+        "median_err_pct": median([100 * row["ours_16"]["median"] for row in race]),
+        "cpu_s": median([row["ours_16"]["cpu_s"] for row in race]),
+        "bias_pct": median([100 * row["ours_16"]["bias"] for row in race]),
+        "worst_bias_pct": round(max((100 * row["ours_16"]["bias"] for row in race), key=abs), 3),
+        "path_bias_pct": median([100 * row["path"]["bias"] for row in race]),
+    }
+    rivals = {"plain_path": {"to_3_pct_cpu_s": median(path)}}
+    for name in ("cycles", "radiance"):
+        mine = [row for row in race if name in row]
+        if mine:
+            ratios = [row[name]["cpu_s"] / seconds_to(row, row[name]["rel"]) for row in mine]
+            rivals[name] = {
+                "cpu_s": median([row[name]["cpu_s"] for row in mine]),
+                "rel_rmse_pct": median([100 * row[name]["rel"] for row in mine]),
+                "bias_pct": median([100 * row[name]["bias"] for row in mine]),
+                "ratio_it_over_ours": median(ratios),
+                "ratio_it_over_ours_least": round(min(ratios), 2),
+            }
+    return metrics, rivals
+
+
+def _told(row: dict[str, Any]) -> str:
+    """Return one room's figures in words."""
+    figures = [
+        f"{name} {row[name]['cpu_s']:.1f} s {100 * row[name]['rel']:.1f} % ({100 * row[name]['bias']:+.2f} %)"
+        for name in row
+        if isinstance(row[name], dict)
+    ]
+    return f"{row['room']}, {row['kind']} (reference's noise {100 * row['noise']:.1f} %): {'; '.join(figures)}"
+
+
+def staged_by_methods(rows: Rows, seed: int) -> tuple[dict[str, dict[str, float]], list[str]]:
+    """Return the errors of the four methods in simulated rooms, medians over rooms, and draw their contact sheet."""
+    found, sheets = [], []
+    for number, use in truth_list("test", 4 * METHOD_ROOMS, seed):
+        if len(found) < METHOD_ROOMS and is_kept(number, use):
+            sheet = default_folder().parent / f"render-methods-{number}.npz"
+            found.append(rows.row(f"methods {number}", lambda n=number, u=use, s=sheet: methods_row(n, u, s)))  # type: ignore[misc]
+            sheets.append(sheet)
+    if not found:
+        return {}, ["no simulated room is kept: run python -m benchmarks._truth_rooms test 8 first"]
+    contact_sheet(sheets[:SHEET_ROOMS], [row["room"] for row in found[:SHEET_ROOMS]])
+    told = {
+        name: {
+            f"{key}_pct": round(100 * float(np.median([row[name][key] for row in found])), 2) for key in found[0][name]
+        }
+        for name in METHODS
+    }
+    return told, [f"{row['room']}: {', '.join(_method(row, name) for name in METHODS)}" for row in found]
+
+
+def _method(row: dict[str, Any], name: str) -> str:
+    return f"{name} {100 * row[name]['median']:.1f} %"
 
 
 def analytic(samples: int, seed: int) -> dict[str, float]:
@@ -75,6 +191,7 @@ def analytic(samples: int, seed: int) -> dict[str, float]:
     share = ((seen >= first) & (seen < first + ceiling)).mean()
     found["form_factor"] = 100 * (share / _analytic.parallel_form_factor(5, 4, 2.7) - 1)
     found["closure"] = 100 * ((links.patch >= 0).mean() - 1)
+    found |= {f"daylight_{name}": error for name, error in daylight(max(samples // 4, 32), seed).items()}
     return found | {"daylight": _walsh(samples, seed)}
 
 
@@ -118,44 +235,6 @@ def against_radiance(*, quick: bool, seed: int) -> float:
     ours = gathered(stage, light, many, up, samples, seed).reshape(len(points), 32, 3).mean(axis=(1, 2))
     theirs = radiance_grid(scene, points, level, AMBIENT[quick])
     return float(100 * np.sqrt(np.mean((ours / theirs - 1) ** 2)))
-
-
-def against_path(*, quick: bool, seed: int) -> tuple[dict[str, float], dict[str, float]]:
-    """Return our cost and error, the speed-up at equal error, and the rival's figures."""
-    view = Perspective(96, 72, 1.7) if quick else Perspective(384, 288, 1.7)
-    scene = plain_room(clear_sky()).furnished(boxes())
-    stage = Stage.of(scene, REFERENCE.texel_m)
-    effort = replace(REFERENCE, texel_m=0.1, pixel_samples=256) if quick else REFERENCE
-    truth = render(stage, view, EYE, effort=effort, seed=seed + 50).rgb @ WEIGHTS
-    solid = sight_of(stage, view, EYE).solid.reshape(truth.shape)
-    ours = Effort(pixel_samples=8, patch_samples=32)
-    render(scene, view, EYE, effort=ours, seed=seed)
-    pictures: list[np.ndarray] = []
-    cost = cost_of(lambda: pictures.append(render(scene, view, EYE, effort=ours, seed=seed + 1).rgb @ WEIGHTS))
-    path = PlainPath(scene)
-    path.picture(view, 4, seed)
-    theirs = cost_of(lambda: pictures.append(path.picture(view, 64 if quick else 256, seed + 2) @ WEIGHTS))
-    error, rival = (_errors(picture, truth, solid) for picture in pictures)
-    speedup = theirs.cpu_s * (rival["rel"] / error["rel"]) ** 2 / cost.cpu_s
-    apart = 100 * (pictures[1][solid].mean() / pictures[0][solid].mean() - 1)
-    metrics = {
-        "equal_error_speedup": round(speedup, 1),
-        "cpu_s": round(cost.cpu_s, 3),
-        "rel_rmse_pct": round(100 * error["rel"], 3),
-        "median_err_pct": round(100 * error["median"], 3),
-        "bias_pct": round(100 * error["bias"], 3),
-        "path_mean_diff_pct": round(apart, 3),
-    }
-    return metrics, {"cpu_s": round(theirs.cpu_s, 3), "rel_rmse_pct": round(100 * rival["rel"], 3)}
-
-
-def _errors(picture: np.ndarray, truth: np.ndarray, where: np.ndarray) -> dict[str, float]:
-    relative = picture[where] / truth[where] - 1
-    return {
-        "rel": float(np.sqrt(np.mean(relative**2))),
-        "median": float(np.median(np.abs(relative))),
-        "bias": float(picture[where].sum() / truth[where].sum() - 1),
-    }
 
 
 def staging(rows: int, seed: int) -> tuple[dict[str, float], dict[str, float]]:
