@@ -35,6 +35,8 @@ from processing.sphere import Equirectangular, solid_angles
 
 ROWS = 256
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
+LEAST_PATCH = 0.005
+"""Of all that is not glass, that the sun must light for its patch to be compared."""
 STEPS_H = (3, -3, 2, -2, 4, -4, 1, -1)
 
 
@@ -57,7 +59,8 @@ def photographs(number: int, use: Use) -> dict[str, Any]:
     found = albedo_of_room(picture(truth.empty_rgb), room_model_of(room), captured, reveal_m=REVEAL_M, rows=ROWS)
     effort = BASIS_EFFORTS["standard"]
     stage = Stage.of(found.scene, effort.texel_m)
-    photograph = truth.empty_rgb.reshape(ROWS, 2, 2 * ROWS, 2, 3).mean(axis=(1, 3)).astype(np.float32)
+    times = len(truth.empty_rgb) // ROWS
+    photograph = truth.empty_rgb.reshape(ROWS, times, 2 * ROWS, times, 3).mean(axis=(1, 3)).astype(np.float32)
     view = RelightView(stage, basis_of(stage, room.eye, effort=effort), ROWS)
     before = view.relit(found.scene.outdoors)
     place = Place(moment.latitude_deg, moment.longitude_deg)
@@ -101,10 +104,10 @@ def _figures(ours: np.ndarray, actual: np.ndarray, where: np.ndarray) -> tuple[f
 
 
 def _sun_iou(after: Relit, direct: np.ndarray, where: np.ndarray) -> float | None:
-    """Return how well the patch of sun lies where it truly does; None where there is hardly one."""
+    """Return how well the patch of sun lies where it truly does; None where there is hardly one: slivers say nothing."""
     truly = (direct > 0.5) & where
     area = solid_angles(Equirectangular(2 * ROWS, ROWS))
-    if area[truly].sum() < 1e-3 * area[where].sum():
+    if area[truly].sum() < LEAST_PATCH * area[where].sum():
         return None
     level = after.sun @ WEIGHTS
     if not (level > 0).any():
