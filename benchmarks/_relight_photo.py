@@ -104,7 +104,7 @@ def _figures(ours: np.ndarray, actual: np.ndarray, where: np.ndarray) -> tuple[f
 
 
 def _sun_iou(after: Relit, direct: np.ndarray, where: np.ndarray) -> float | None:
-    """Return how well the patch of sun lies where it truly does; None where there is hardly one: slivers say nothing."""
+    """Return how well the patch of sun lies where it truly does; None where the sun lights hardly anything."""
     truly = (direct > 0.5) & where
     area = solid_angles(Equirectangular(2 * ROWS, ROWS))
     if area[truly].sum() < LEAST_PATCH * area[where].sum():
