@@ -5,7 +5,7 @@ solid angle: fixtures, curtains, doors and blinds too, of which the room model k
 without lit lamps, ``lamps_*`` of those with. ``told_pct`` is the share of pixels that tell their own albedo.
 ``relight_median_err_pct``: the recovered room under another sky against the simulated room under it, luminance of all
 visible surfaces. The light outdoors comes from a picture of the upper half with the sun in it; what lies below the
-horizon is not given.
+horizon is not given. Rows are kept (`_render_rows`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks._render_rows import Rows
 from benchmarks._truth_rooms import QUALITY, kept_list, room_model_of, truth_of
 from mocks.light import Site
+from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
@@ -31,50 +33,81 @@ from processing.rendering.scene import Outdoors
 from processing.sphere import Equirectangular, directions, solid_angles
 
 ROWS, OUTDOOR_ROWS, RELIGHT_ROWS = 256, 256, 64
-QUICK_ROOMS, FULL_ROOMS = 2, 16
+QUICK_ROOMS, FULL_ROOMS, RELIT_ROOMS = 2, 16, 8
+QUANTILES = 1000
 REVEAL_M = 0.24
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
-    errors: dict[str, list[np.ndarray]] = {"all": [], "day": [], "lamps": []}
-    told, cpu_s, relights, notes = [], [], [], []
+    kept = Rows("albedo", seed, keep=not quick)
     rooms = kept_list("test", 4 * FULL_ROOMS, seed)[: QUICK_ROOMS if quick else FULL_ROOMS]
-    for number, use in rooms:
-        room, truth = truth_of(number, use)
-        outdoors = outdoors_of_room(room)
-        start_s = time.process_time()
-        found = albedo_of_room(picture(truth.empty_rgb), room_model_of(room), outdoors, reveal_m=REVEAL_M, rows=ROWS)
-        cpu_s.append(time.process_time() - start_s)
-        actual = truth.empty_albedo.reshape(ROWS, 2, 2 * ROWS, 2, 3).mean(axis=(1, 3))
-        whole = (truth.empty_albedo.max(axis=2) > 0).reshape(ROWS, 2, 2 * ROWS, 2).all(axis=(1, 3))
-        where = whole & (found.picture.max(axis=2) > 0)
-        sample = weighed(np.abs(found.picture - actual).mean(axis=2)[where], where)
-        errors["all"].append(sample)
-        errors["lamps" if room.lamps_on else "day"].append(sample)
-        told.append(found.told[where].mean())
-        notes.append(f"{room.name}: median {np.median(sample):.3f}; {'; '.join(found.notes)}")
-        if not room.lamps_on and len(relights) < (1 if quick else 8):
-            relights.append(relight_error(room, found))
-    metrics = {"rooms": len(rooms), "told_pct": round(100 * float(np.mean(told)), 2)}
-    for name, key in (("all", ""), ("day", "day_"), ("lamps", "lamps_")):
-        if errors[name]:
-            pooled = np.concatenate(errors[name])
-            metrics[f"{key}median_err"] = round(float(np.median(pooled)), 4)
-            metrics[f"{key}p95_err"] = round(float(np.quantile(pooled, 0.95)), 4)
-    metrics["cpu_s"] = round(float(np.median(cpu_s)), 2)
+    rows = [kept.row(f"albedo {number}", lambda n=number, u=use: albedo_row(n, u)) for number, use in rooms]  # type: ignore[misc]
+    unlit = [one for one, row in zip(rooms, rows, strict=True) if not row["lamps"]][: 1 if quick else RELIT_ROOMS]
+    relights = [kept.row(f"relight {number}", lambda n=number, u=use: relight_row(n, u)) for number, use in unlit]  # type: ignore[misc]
+    metrics: dict[str, float] = {
+        "rooms": len(rows),
+        "relit_rooms": len(relights),
+        "told_pct": round(100 * float(np.mean([row["told"] for row in rows])), 2),
+        "room_median_err": round(float(np.median([row["median"] for row in rows])), 4),
+        "cpu_s": round(float(np.median([row["cpu_s"] for row in rows])), 2),
+    }
+    groups = {"": rows, "day_": [r for r in rows if not r["lamps"]], "lamps_": [r for r in rows if r["lamps"]]}
+    for name, mine in groups.items():
+        if mine:
+            pooled = np.concatenate([row["quantiles"] for row in mine])
+            metrics[f"{name}median_err"] = round(float(np.median(pooled)), 4)
+            metrics[f"{name}p95_err"] = round(float(np.quantile(pooled, 0.95)), 4)
     if relights:
-        metrics["relight_median_err_pct"] = round(float(np.median(relights)), 2)
-    return {"metrics": metrics, "notes": notes}
+        metrics["relight_median_err_pct"] = round(float(np.median([row["error_pct"] for row in relights])), 2)
+    notes = [f"{row['room']}: median {row['median']:.3f}, p95 {row['p95']:.3f}; {row['notes']}" for row in rows]
+    return {
+        "metrics": metrics,
+        "notes": [*notes, *(f"{row['room']} relit: {row['error_pct']:.1f} %" for row in relights)],
+    }
+
+
+def albedo_row(number: int, use: Use) -> dict[str, Any]:
+    """Return one room's albedo errors: their quantiles by solid angle, `QUANTILES` at even steps."""
+    room, truth = truth_of(number, use)
+    found, cpu_s = told(room, truth.empty_rgb)
+    actual = truth.empty_albedo.reshape(ROWS, 2, 2 * ROWS, 2, 3).mean(axis=(1, 3))
+    whole = (truth.empty_albedo.max(axis=2) > 0).reshape(ROWS, 2, 2 * ROWS, 2).all(axis=(1, 3))
+    where = whole & (found.picture.max(axis=2) > 0)
+    sample = weighed(np.abs(found.picture - actual).mean(axis=2)[where], where)
+    return {
+        "room": room.name,
+        "lamps": room.lamps_on,
+        "median": float(np.median(sample)),
+        "p95": float(np.quantile(sample, 0.95)),
+        "quantiles": [round(float(v), 5) for v in sample],
+        "told": float(found.told[where].mean()),
+        "cpu_s": cpu_s,
+        "notes": "; ".join(found.notes),
+    }
+
+
+def relight_row(number: int, use: Use) -> dict[str, Any]:
+    """Return one room's error under another sky."""
+    room, truth = truth_of(number, use)
+    return {"room": room.name, "error_pct": relight_error(room, told(room, truth.empty_rgb)[0])}
+
+
+def told(room: Room, empty_rgb: np.ndarray) -> tuple[RoomAlbedo, float]:
+    """Return a room's albedo as its true emptied panorama tells it, and the CPU seconds that took."""
+    outdoors = outdoors_of_room(room)
+    start_s = time.process_time()
+    found = albedo_of_room(picture(empty_rgb), room_model_of(room), outdoors, reveal_m=REVEAL_M, rows=ROWS)
+    return found, time.process_time() - start_s
 
 
 def weighed(values: np.ndarray, where: np.ndarray) -> np.ndarray:
-    """Return 4,000 of the values, drawn by their pixels' solid angles at even steps: every room counts alike."""
+    """Return `QUANTILES` of the values, drawn by their pixels' solid angles at even steps: every room counts alike."""
     area = solid_angles(Equirectangular(where.shape[1], where.shape[0]))[where]
     order = np.argsort(values)
     upto = np.cumsum(area[order])
-    places = np.searchsorted(upto, (np.arange(4000) + 0.5) / 4000 * upto[-1])
+    places = np.searchsorted(upto, (np.arange(QUANTILES) + 0.5) / QUANTILES * upto[-1])
     return values[order][places]
 
 
