@@ -80,7 +80,9 @@ def report_data(context: StageContext) -> ReportData:
 def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
     """Return what a reader wants to know of the session first: label and text."""
     site = session.site
-    found = [("Session", session.session_id), ("Taken", f"{session.created_utc:%Y-%m-%d %H:%M} UTC")]
+    # Of a picture that was given, nobody says when it was taken.
+    when = "Session made" if session.bracket.mode == "panorama" else "Taken"
+    found = [("Session", session.session_id), (when, f"{session.created_utc:%Y-%m-%d %H:%M} UTC")]
     if site.name:
         found.append(("Place", site.name))
     if site.latitude_deg is not None and site.longitude_deg is not None:

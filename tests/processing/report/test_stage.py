@@ -14,7 +14,7 @@ from PIL import Image
 
 from processing.report import room_states, states
 from processing.report.relight_section import relight_section
-from processing.report.stage import report_data, run
+from processing.report.stage import report_data, run, session_facts
 from processing.report.tone import Look
 from processing.report.widgets import Cards, Comparison, Models, Viewer
 from tests.processing.report.made_up import context, darker, picture, results, without
@@ -74,6 +74,12 @@ def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path:
     assert all((STAGED_XMP in data) == name.startswith("Staged") for name, data in pictures.items())
     assert [bool(shot.tag) for shot in slider.scenes[0].shots] == [False, False, labelled, labelled]
     assert bool(around.label) == labelled
+
+
+def test_of_a_given_picture_nobody_says_when_it_was_taken(tmp_path: Path) -> None:
+    session = context(tmp_path, results()).session
+    given = session.model_copy(update={"bracket": session.bracket.model_copy(update={"mode": "panorama"})})
+    assert [session_facts(one)[1][0] for one in (session, given)] == ["Taken", "Session made"]
 
 
 def test_without_a_scale_units_are_relative(tmp_path: Path) -> None:
