@@ -19,6 +19,13 @@ from processing.commands.view_from import view_from
 from processing.errors import DaylightError, RelightError, ViewpointError
 from processing.exr_files import read_exr, write_exr
 from processing.images import LuminanceImage
+from processing.layout.arrange import arrange
+from processing.layout.catalogue import Catalogue
+from processing.layout.item_list import parse_items
+from processing.layout.item_table import KINDS
+from processing.layout.plan_room import from_room_model
+from processing.layout.scene_files import write_model
+from processing.relighting.session_room import read_session_room
 from processing.relighting.sheet import common_exposure, contact_sheet
 from processing.relighting.weather import daylight_at, usual_weather
 from processing.rendering.irradiance import Effort
@@ -26,6 +33,7 @@ from processing.rendering.render import render
 from processing.rendering.scene import Outdoors
 from processing.rendering.scene_file import write_scene
 from processing.sphere import Equirectangular
+from processing.stages.arrange_choice import with_door
 from station.session import BracketRecord, SessionManifest, Side, Site
 from tests.processing.rendering.rooms import EYE, box_room, scene_of
 
@@ -174,3 +182,36 @@ def test_sheets_and_exposures() -> None:
     sheet = contact_sheet([np.zeros((8, 16, 3), np.uint8)] * 4, ["a", "b", "c", "d"])
     assert sheet.dtype == np.uint8
     assert sheet.shape[1] == 3 * (16 + 8) + 8
+
+
+@pytest.fixture(scope="module")
+def own_furniture(session, tmp_path_factory) -> Path:
+    """A folder with one armchair, and what processing with it leaves behind."""
+    folder = tmp_path_factory.mktemp("furniture")
+    write_model(folder / "armchair.glb", Catalogue.builtin("walnut").mesh("armchair"))
+    stages = session / "stages"
+    (stages / "arrange").mkdir()
+    (stages / "render").mkdir()
+    items = parse_items("armchair", {**KINDS, **Catalogue.at(folder).kinds(0)})
+    found = arrange(from_room_model(with_door(box_room())[0], keep_camera_free=True), items, "tight", n=1, seed=0)
+    assert found.arrangements[0].items[0].model == "armchair"
+    found.write(stages / "arrange" / "arrangement.json")
+    (stages / "render" / "staged.json").write_text('{"alternatives": [{"style": "oak"}]}', "utf-8")
+    (stages / "render" / "result.json").write_text('{"ingredients": {"files": {"furniture": "0"}}}', "utf-8")
+    write_exr(stages / "render" / "staged-1.exr", read_exr(stages / "remove" / "empty.exr"))
+    return folder
+
+
+def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("processing.rendering.denoise.available", lambda: False)
+    small = ("--staged", 1, "--output", tmp_path)
+    at = ("--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
+    with pytest.raises(RelightError, match="give --furniture FOLDER"):
+        run(relight, session, *at, *small)
+    assert run(relight, session, *at, *small, "--furniture", own_furniture)["staged"] == 1
+    view = ("--eye", "0.3,0.2,1.4", "--width", 64)
+    with pytest.raises(RelightError, match="folder of your own"):
+        run(view_from, session, *view, *small)
+    assert run(view_from, session, *view, *small, "--furniture", own_furniture)["staged"] == 1
+    chair = next(s for s in read_session_room(session, 1, 32, own_furniture).scene.parts if "armchair" in s.name)
+    assert 0.3 < np.ptp(chair.vertices_m[:, 2]) < 1.5
