@@ -29,22 +29,26 @@ from processing.sphere import Equirectangular
 from processing.stages.arrange_choice import with_door
 from processing.stages.furnishing import furniture_parts
 
-WIDTHS, QUICK_WIDTHS = (512, 1024, 2048, 4096, 6720), (256, 512)
+WIDTHS, QUICK_WIDTHS = (512, 1024, 2048, 4096, 6720), (128, 256)
 TRIANGLES_WIDTH = 1024
 EFFORT = Effort(cleaning="fast")
+QUICK_EFFORT = Effort(texel_m=0.2, patch_samples=16, rows=128, pixel_samples=4, cleaning="fast")
 
 
 def growth(rows: Rows, *, quick: bool, seed: int) -> dict[str, Any]:
     """Return CPU seconds and peak memory by width, and CPU seconds by triangles."""
+    effort = QUICK_EFFORT if quick else EFFORT
+    parts = boxes() if quick else _living()
     by_width = {
-        str(w): rows.row(f"growth {w}", lambda w=w: _staged(w, _living(), seed))  # type: ignore[misc]
+        str(w): rows.row(f"growth {w}", lambda w=w: _staged(w, parts, effort, seed))  # type: ignore[misc]
         for w in (QUICK_WIDTHS if quick else WIDTHS)
     }
-    wide = QUICK_WIDTHS[-1] if quick else TRIANGLES_WIDTH
-    sets = {"boxes": boxes(), "one": _living()[:6], "all": _living()}
+    if quick:
+        return {"width": by_width, "triangles": {}}
+    sets = {"boxes": boxes(), "few": parts[:6], "all": parts}
     by_triangles = {
-        name: rows.row(f"growth {name}", lambda parts=parts: _staged(wide, parts, seed))  # type: ignore[misc]
-        for name, parts in sets.items()
+        name: rows.row(f"growth {name}", lambda some=some: _staged(TRIANGLES_WIDTH, some, effort, seed))  # type: ignore[misc]
+        for name, some in sets.items()
     }
     return {"width": by_width, "triangles": by_triangles}
 
@@ -55,13 +59,13 @@ def _living() -> tuple[Part, ...]:
     return furniture_parts(found.arrangements[0].items, Catalogue.builtin("oak"))
 
 
-def _staged(width: int, parts: tuple[Part, ...], seed: int) -> dict[str, float]:
+def _staged(width: int, parts: tuple[Part, ...], effort: Effort, seed: int) -> dict[str, float]:
     room = plain_room(clear_sky())
-    small = render(room, Equirectangular(512, 256), EYE, effort=EFFORT, seed=seed).rgb
+    small = render(room, Equirectangular(512, 256), EYE, effort=effort, seed=seed).rgb
     photograph: Floats = np.asarray(cv2.resize(small, (width, width // 2), interpolation=cv2.INTER_LINEAR), np.float32)
     differential(small[::4, ::4].copy(), room, parts[:1], EYE, effort=Effort(patch_samples=2, pixel_samples=2, rows=32))
     with MemoryWatch() as memory:
-        cost = cost_of(lambda: differential(photograph, Bare.of(room, EFFORT), parts, EYE, effort=EFFORT, seed=seed))
+        cost = cost_of(lambda: differential(photograph, Bare.of(room, effort), parts, EYE, effort=effort, seed=seed))
     return {"cpu_s": cost.cpu_s, "peak_mb": memory.peak_mb, "triangles": sum(len(p.faces) for p in parts)}
 
 
