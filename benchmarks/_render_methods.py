@@ -128,8 +128,7 @@ def contact_sheet(sheets: list[Path], names: list[str], path: Path = IMAGES / "r
             shown = kept[key] if key == "ldr" else _toned(kept[key] * level)
             shown = np.ascontiguousarray(shown[ROWS // 6 : -ROWS // 6])
             label = f"{name}: {text}" if key == "ldr" else text
-            for colour, width in ((0, 3), (255, 1)):
-                cv2.putText(shown, label, (5, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (colour,) * 3, width, cv2.LINE_AA)
+            cv2.putText(shown, label, (5, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
             column.append(shown)
         tiles.append(np.concatenate(column))
     path.parent.mkdir(parents=True, exist_ok=True)
