@@ -6,7 +6,7 @@ All is found at a working size and brought to full size, where furniture's edges
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.picture_preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound, find_furniture, islands_in
+from processing.removal.meter_board import meter_board
 from processing.removal.round_masks import grown, resized, row_solid_angles, share_of_sphere
 from processing.removal.shadows import ShadowFound, find_shadows
 from processing.removal.sunlight import SunFound, find_sunlight
@@ -65,6 +66,7 @@ def find_masks(
     *,
     sun_direction: tuple[float, float] | None = None,
     sun_possible: bool = True,
+    meter_target: tuple[float, float] | None = None,
     margin_rad: float = MARGIN_RAD,
 ) -> Masks:
     """Return the masks of an upright, equirectangular panorama.
@@ -77,6 +79,8 @@ def find_masks(
         Azimuth (from +y towards +x) and elevation in rad; None: looked for.
     sun_possible
         False: no direct sun is looked for (an overcast sky, as the outdoor picture tells).
+    meter_target
+        Where the meter looked: longitude and latitude in rad in this picture; the board there goes with its stand.
     margin_rad
         By which the target reaches over what was found, 0 to 0.2.
 
@@ -95,8 +99,18 @@ def find_masks(
         return _nothing((geometry.height_px, geometry.width_px), "the picture is black: nothing can be found in it")
     small = Equirectangular(shape[1], shape[0])
     maps = surface_maps(room, small)
-    found = _find(rgb, _evidence_at(evidence, shape), room, maps, sun_direction if sun_possible else None, sun_possible)
+    known = _Known(sun_direction if sun_possible else None, sun_possible, meter_target)
+    found = _find(rgb, _evidence_at(evidence, shape), room, maps, known)
     return _united(found, image, geometry, margin_rad)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What the session tells of this picture."""
+
+    sun: tuple[float, float] | None
+    sun_possible: bool
+    meter_target: tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -114,29 +128,41 @@ def _find(
     probabilities: Floats,
     room: RoomModel,
     maps: SurfaceMaps,
-    sun: tuple[float, float] | None,
-    sun_possible: bool,
+    known: _Known,
 ) -> _Found:
     shown = preview_rgb8(rgb)
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)
     tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
+    board, stand = _board(luminance, known.meter_target, maps.opening >= 0)
+    tripod = replace(tripod, mask=tripod.mask | board)
     furniture = find_furniture(probabilities, maps, shown)
     hidden = furniture.mask | tripod.mask
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
-    if sun_possible:
+    if known.sun_possible:
         d, _ = directions(geometry)
         points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
         weight = np.broadcast_to(row_solid_angles((rgb.shape[0], rgb.shape[1])), luminance.shape)
-        sunlight = find_sunlight(luminance, points, maps.plane, bare, weight, room, sun)
+        sunlight = find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun)
     else:
         sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     notes = _notes(furniture, tripod, sunlight, shadow)
+    if board.any():
+        notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, notes)
+
+
+def _board(luminance: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:
+    """Return board and stand, and whether there is a stand; a pane that the meter looked at is no board."""
+    none = np.zeros(luminance.shape, bool)
+    if target is None:
+        return none, False
+    board, stand = meter_board(luminance, target)
+    return (none, False) if (board & openings).sum() > 0.5 * board.sum() else (board, stand)
 
 
 def _notes(furniture: FurnitureFound, tripod: TripodFound, sun: SunFound, shadow: ShadowFound) -> tuple[str, ...]:

@@ -49,6 +49,7 @@ def run(context: StageContext) -> StageOutput:
         room,
         sun_direction=sun if possible else None,
         sun_possible=possible,
+        meter_target=_meter_target(context),
         margin_rad=math.radians(asked.margin_deg),
     )
     return _output(found, evidence, why, asked.margin_deg)
@@ -79,6 +80,15 @@ def _moment(session: SessionManifest) -> datetime | None:
 
     frames = sorted((f for f in session.frames if f.side is Side.INDOOR and f.taken_utc), key=seconds)
     return frames[0].taken_utc if frames else None
+
+
+def _meter_target(context: StageContext) -> tuple[float, float] | None:
+    """Return where the meter looked (rad); None where it is not known of the picture as it is now."""
+    facts: dict[str, Any] = context.artifact("calibrate", "calibration")
+    target = facts.get("indoor", {}).get("target") or {}
+    if "longitude_deg" not in target or context.optional_artifact("room", "panorama") is not None:
+        return None
+    return math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"])
 
 
 def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked: DetectParameters) -> tuple[bool, str]:
