@@ -150,7 +150,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="room",
-        version=2,
+        version=3,
         title="tell the room",
         function="processing.stages.room:run",
         data=NETWORK,
@@ -275,7 +275,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="arrange",
-        version=1,
+        version=2,
         title="arrange furniture",
         function="processing.stages.arrange:run",
         needs=("room",),
