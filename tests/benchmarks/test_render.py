@@ -1,0 +1,60 @@
+"""The rendering benchmark's own reckoning: time to an error, figures of the race, glass by bouncing rays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks._render_daylight import HEAD_ON, _glass
+from benchmarks._render_race import KINDS, race_rooms
+from benchmarks._render_time import seconds_to
+from benchmarks.render import race_figures
+from processing.rendering.glass import transmittance_at
+
+ROW = {
+    "room": "bedroom-1",
+    "kind": "sun",
+    "noise": 0.004,
+    "ours_2": {"cpu_s": 1.0, "rel": 0.04, "median": 0.01, "bias": 0.002},
+    "ours_16": {"cpu_s": 4.0, "rel": 0.02, "median": 0.005, "bias": -0.001},
+    "path": {"cpu_s": 10.0, "rel": 0.3, "bias": 0.0},
+    "cycles": {"cpu_s": 8.0, "rel": 0.04, "median": 0.01, "bias": 0.0},
+}
+
+
+def test_time_to_an_error_lies_on_the_line_between_two_efforts() -> None:
+    assert seconds_to(ROW, 0.04) == pytest.approx(1.0)
+    assert seconds_to(ROW, 0.02) == pytest.approx(4.0)
+    assert seconds_to(ROW, 0.04 / 2**0.5) == pytest.approx(2.0)
+    # Beyond the most effort by the root of time; never less than the least effort.
+    assert seconds_to(ROW, 0.01) == pytest.approx(16.0)
+    assert seconds_to(ROW, 0.2) == 1.0
+
+
+def test_the_race_compares_at_equal_error() -> None:
+    metrics, rivals = race_figures([ROW])
+    assert metrics["equal_error_speedup"] == pytest.approx(10 * 100 / seconds_to(ROW, 0.03), rel=1e-3)
+    assert rivals["cycles"]["ratio_it_over_ours"] == pytest.approx(8.0)
+    assert "radiance" not in rivals
+
+
+def test_glass_is_the_sum_of_the_rays_that_bounce_in_it() -> None:
+    cosine = np.linspace(0.05, 1, 30)
+    ours = transmittance_at(cosine, (HEAD_ON,) * 3, 1)[:, 0]
+    # The closed form takes what is absorbed on the straight way only.
+    assert ours == pytest.approx(_glass(cosine), abs=0.004)
+
+
+def test_rooms_of_the_race_have_one_window_each_by_kind() -> None:
+    rooms = race_rooms(3, 0)
+    assert [room.kind for room in rooms] == list(KINDS)
+    sun, overcast, lamps = rooms
+    assert len(sun.scene.panes) == len(overcast.scene.panes) == 1
+    wide = [float(np.linalg.norm(room.scene.panes[0].across_m)) for room in (sun, overcast)]
+    assert wide[0] <= 0.91 < wide[1]
+    assert sun.scene.outdoors.sun is not None
+    across, up = sun.scene.panes[0].across_m, sun.scene.panes[0].up_m
+    middle = sun.scene.panes[0].corner_m + across / 2 + up / 2
+    outside = np.cross(across, up) * np.sign(np.cross(across, up) @ middle)
+    assert outside @ np.array(sun.scene.outdoors.sun.direction) > 0
+    assert any(part.material.emission_cd_m2[0] > 0 for part in lamps.scene.parts)
