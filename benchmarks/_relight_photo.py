@@ -33,7 +33,7 @@ from processing.rendering.relight_photo import photograph_under
 from processing.rendering.stage import Stage
 from processing.sphere import Equirectangular, solid_angles
 
-ROWS = 256
+ROWS, QUICK_ROWS = 256, 128
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 LEAST_PATCH = 0.005
 """Of all that is not glass, that the sun must light for its patch to be compared."""
@@ -49,19 +49,19 @@ def other_moment(moment: Moment) -> Moment:
     return moment
 
 
-def photographs(number: int, use: Use) -> dict[str, Any]:
+def photographs(number: int, use: Use, *, quick: bool = False) -> dict[str, Any]:
     """Return the errors of one room, in per cent of luminance, by solid angle over what is not glass."""
+    rows, effort = (QUICK_ROWS, BASIS_EFFORTS["draft"]) if quick else (ROWS, BASIS_EFFORTS["standard"])
     room, truth = truth_of(number, use)
     moment = other_moment(room.moment)
     other = make_room(number, use, sky=room.sky.kind, moment=moment, lamps_on=room.lamps_on)
-    actual, direct = _truly(other)
+    actual, direct = _truly(other, rows)
     captured, then = outdoors_of_room(room), outdoors_of_room(other)
-    found = albedo_of_room(picture(truth.empty_rgb), room_model_of(room), captured, reveal_m=REVEAL_M, rows=ROWS)
-    effort = BASIS_EFFORTS["standard"]
+    found = albedo_of_room(picture(truth.empty_rgb), room_model_of(room), captured, reveal_m=REVEAL_M, rows=rows)
     stage = Stage.of(found.scene, effort.texel_m)
-    times = len(truth.empty_rgb) // ROWS
-    photograph = truth.empty_rgb.reshape(ROWS, times, 2 * ROWS, times, 3).mean(axis=(1, 3)).astype(np.float32)
-    view = RelightView(stage, basis_of(stage, room.eye, effort=effort), ROWS)
+    times = len(truth.empty_rgb) // rows
+    photograph = truth.empty_rgb.reshape(rows, times, 2 * rows, times, 3).mean(axis=(1, 3)).astype(np.float32)
+    view = RelightView(stage, basis_of(stage, room.eye, effort=effort), rows)
     before = view.relit(found.scene.outdoors)
     place = Place(moment.latitude_deg, moment.longitude_deg)
     weather = captured_weather(found.scene.outdoors, room.moment.utc, place)
@@ -80,13 +80,13 @@ def photographs(number: int, use: Use) -> dict[str, Any]:
     return row
 
 
-def _truly(room: Room) -> tuple[np.ndarray, np.ndarray]:
+def _truly(room: Room, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the luminance of the emptied room as it truly is, and the share of the sun that it sees; -1 for glass."""
     world = RoomWorld(room.emptied(), QUALITY)
-    rays = equirectangular(ROWS)
+    rays = equirectangular(rows)
     flat = rays.reshape(-1, 3)
-    rgb = world.radiance(Site.INDOOR, flat, math.pi / ROWS).reshape(*rays.shape)
-    surface = world.view.surfaces(flat, math.pi / ROWS)
+    rgb = world.radiance(Site.INDOOR, flat, math.pi / rows).reshape(*rays.shape)
+    surface = world.view.surfaces(flat, math.pi / rows)
     share = np.full(len(flat), -1.0)
     share[surface.ray] = world.view.sunlit(surface)
     return rgb @ WEIGHTS, share.reshape(rays.shape[:2])
@@ -94,7 +94,7 @@ def _truly(room: Room) -> tuple[np.ndarray, np.ndarray]:
 
 def _figures(ours: np.ndarray, actual: np.ndarray, where: np.ndarray) -> tuple[float, float, float]:
     """Return median and 95 % of the relative error, and the relative error of all light, in per cent."""
-    area = solid_angles(Equirectangular(2 * ROWS, ROWS))[where]
+    area = solid_angles(Equirectangular(2 * len(where), len(where)))[where]
     off = np.abs(ours[where] / actual[where] - 1)
     order = np.argsort(off)
     upto = np.cumsum(area[order]) / area.sum()
@@ -106,7 +106,7 @@ def _figures(ours: np.ndarray, actual: np.ndarray, where: np.ndarray) -> tuple[f
 def _sun_iou(after: Relit, direct: np.ndarray, where: np.ndarray) -> float | None:
     """Return how well the patch of sun lies where it truly does; None where the sun lights hardly anything."""
     truly = (direct > 0.5) & where
-    area = solid_angles(Equirectangular(2 * ROWS, ROWS))
+    area = solid_angles(Equirectangular(2 * len(where), len(where)))
     if area[truly].sum() < LEAST_PATCH * area[where].sum():
         return None
     level = after.sun @ WEIGHTS

@@ -108,7 +108,7 @@ def tasks(seed: int, *, quick: bool) -> list[tuple[str, str, Callable[[], dict[s
     for plain_room, (number, use) in zip(seeds("test", count, seed), truth_list("test", count, seed), strict=True):
         found += [
             ("render", f"{plain_room}", partial(against_renders, plain_room, height, quick=quick)),
-            ("photo", f"{use}-{number}", partial(photographs, number, use)),
+            ("photo", f"{use}-{number}", partial(photographs, number, use, quick=quick)),
             ("view", f"{use}-{number}", partial(viewpoint, number, use)),
         ]
     return found
