@@ -29,7 +29,7 @@ from processing.sphere import Equirectangular
 from processing.stages.arrange_choice import with_door
 from processing.stages.furnishing import furniture_parts
 
-WIDTHS, QUICK_WIDTHS = (512, 1024, 2048, 4096, 6720), (128, 256)
+WIDTHS, QUICK_WIDTHS = (512, 1024, 2048, 6720), (128, 256)
 TRIANGLES_WIDTH = 1024
 EFFORT = Effort(cleaning="fast")
 QUICK_EFFORT = Effort(texel_m=0.2, patch_samples=16, rows=128, pixel_samples=4, cleaning="fast")
@@ -45,11 +45,11 @@ def growth(rows: Rows, *, quick: bool, seed: int) -> dict[str, Any]:
     }
     if quick:
         return {"width": by_width, "triangles": {}}
-    sets = {"boxes": boxes(), "few": parts[:6], "all": parts}
+    sets = {"boxes": boxes(), "few": parts[:6]}
     by_triangles = {
         name: rows.row(f"growth {name}", lambda some=some: _staged(TRIANGLES_WIDTH, some, effort, seed))  # type: ignore[misc]
         for name, some in sets.items()
-    }
+    } | {"all": by_width[str(TRIANGLES_WIDTH)]}
     return {"width": by_width, "triangles": by_triangles}
 
 
