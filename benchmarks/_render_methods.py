@@ -116,7 +116,7 @@ def _errors(ours: np.ndarray, true: np.ndarray, where: np.ndarray) -> dict[str, 
     return {"median": median, "p95": high, "bias": float(np.median(ratio)) - 1}
 
 
-def contact_sheet(sheets: list[Path], names: list[str], path: Path = IMAGES / "render-methods.png") -> Path:
+def contact_sheet(sheets: list[Path], names: list[str], path: Path = IMAGES / "render-methods.jpg") -> Path:
     """Draw rooms side by side and methods below one another, each room at one exposure; the last row is the truth."""
     rows = (("ldr", "8 bits"), *((m, m.replace("_", " ")) for m in METHODS), ("truth", "truly furnished"))
     tiles = []
