@@ -65,7 +65,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     rooms = chosen_rooms(QUICK_ROOMS if quick else FULL_ROOMS, seed)
     each = [_kept(kept, f"{number}", lambda one=(number, use): _simulated(*one)) for number, use in rooms]
     found = [one for one in each if "seconds" in one]
-    found += _one_sunny(found, seed)
+    found += _one_sunny(kept, found, seed)
     real = {name: _kept(kept, name, lambda name=name: _real(name)) for name in REAL} if _has_real(notes) else {}
     metrics = _simulated_metrics(found) | _real_metrics(real, notes)
     metrics["seconds"] = round(max(one["seconds"] for one in (*found, *real.values())), 2)
@@ -107,19 +107,25 @@ def chosen_rooms(count: int, seed: int) -> list[tuple[int, Use]]:
     return first + [one for one in later if sun_enters(make_room(*one))][: (count + 1) // 2]
 
 
-def _one_sunny(found: list[dict[str, Any]], seed: int) -> list[dict[str, Any]]:
+def _one_sunny(kept: Rows, found: list[dict[str, Any]], seed: int) -> list[dict[str, Any]]:
     """Return one more room, with the sun on its floor or walls, where none of those drawn has it; made if need be."""
     if any(one["sunlit"] >= SUNNY_SHARE for one in found):
         return []
     seen = {one["name"] for one in found}
+    one = _kept(kept, "sunny", lambda: _sunny(seen, seed))
+    return [one] if "seconds" in one else []
+
+
+def _sunny(seen: set[str], seed: int) -> dict[str, Any]:
+    """Return the first room of the list that is sunny and not among those seen; empty where none is."""
     for number, use in truth_list("test", LISTED, seed):
         plan = make_room(number, use)
         if plan.name in seen or not sun_enters(plan):
             continue
         room, truth = truth_of(number, use)
         if share(simulated_masks(room, truth).sunlight) >= SUNNY_SHARE:
-            return [_simulated(number, use)]
-    return []
+            return _simulated(number, use)
+    return {}
 
 
 def estimated(image: RelativeImage, evidence: SceneEvidence) -> RoomModel:
