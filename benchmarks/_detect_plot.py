@@ -22,7 +22,7 @@ RINGS = {
 }
 
 
-def trade_plot(path: Path = Path("detect_time.png")) -> list[str]:
+def trade_plot(path: Path = Path("detect-time.png")) -> list[str]:
     """Draw 1 - IoU of furniture on the real rooms against CPU seconds; return what was not drawn."""
     names = (LOOKED_AT, SCORED_ONLY)
     if not (DATA / "panoramas" / "furnished").is_dir():
