@@ -91,9 +91,21 @@ def draw(found: dict[str, Any], race: Sequence[dict[str, Any]], name: str = "ren
             )
     error.set(xlabel="CPU seconds (512 x 256)", ylabel="relative rms error, %", title="error")
     error.legend(frameon=False)
+    _ticks(pixels, (0.2, 0.5, 2, 5, 20), (5, 10, 20, 50, 100))
+    _ticks(error, (1, 1.5, 2, 3, 5), (1, 2, 5, 10, 20))
     for axes in (pixels, triangles, error):
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(alpha=0.25)
     IMAGES.mkdir(parents=True, exist_ok=True)
     figure.savefig(IMAGES / name, dpi=110)
     plt.close(figure)
+
+
+def _ticks(axes: Any, across: Sequence[float], up: Sequence[float]) -> None:
+    """Label two logarithmic axes with plain numbers."""
+    from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
+
+    for axis, places in ((axes.xaxis, across), (axes.yaxis, up)):
+        axis.set_major_locator(FixedLocator(list(places)))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
