@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
 import tempfile
@@ -23,7 +24,8 @@ WINDOW = "#@mkillum d=64 s=64 l+ b=0"
 def radiance_pixels(scene: Scene, eye_m: tuple[float, ...], rays: np.ndarray) -> tuple[np.ndarray, float]:
     """Return what Radiance shows (n, 3) along rays (n, 3), and the CPU seconds of mkillum and rtrace."""
     pr: Any = importlib.import_module("pyradiance")
-    with tempfile.TemporaryDirectory() as name:
+    # mkillum leaves its distributions in the folder it is called in.
+    with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
         folder = Path(name)
         rad, windows = folder / "room.rad", _windows(scene)
         rad.write_text(_sky(scene.outdoors, folder) + _room(scene))
