@@ -23,7 +23,7 @@ AWAY_M = 0.6
 """From a cell, where its look is sought: what is smaller and alone is a thing."""
 LEAST_CELLS = 600
 """Known cells, under which nobody can tell what is usual."""
-GREY_WEIGHT, ROUGH_WEIGHT = 0.4, 0.1
+GREY_WEIGHT, ROUGH_WEIGHT = 0.25, 0.1
 """Against colour: shadows are darker, and yet the plane."""
 USUAL_SHARE = 0.04
 """Of the known cells that must look so."""
