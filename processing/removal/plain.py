@@ -21,6 +21,8 @@ from processing.removal.tone import ToneScale, grey
 OUTLIER = 4.0
 """Robust standard deviations from its row's profile beyond which a pixel is a socket, a picture, a switch."""
 LEAST_SPREAD = 0.01
+OTHER_COLOUR, MOST_OTHER, MOST_OF_ROW = 0.3, 0.35, 0.7
+"""Tone by which a colour is off and no light's doing; the shares of all that is known, and of a row, that may be so."""
 GRAIN_PX = 3.0
 FEW = 0.1
 """Of the columns near the hole: rows with fewer known ones hardly have a profile."""
@@ -76,6 +78,8 @@ def fill_plain(
     scale = ToneScale.of(values, known)
     tone = scale.tone(values)
     # All below is about this level: where nothing says otherwise, the surface has it.
+    if beside is not None:
+        known = known & ~_other_colours(tone, known)
     level = np.median(tone[known], axis=0) if known.any() else np.zeros(3)
     tone = np.where(known[..., None], tone - level, 0).astype(np.float32)
     slow = fit_illumination(tone, known, hole, None, bend=0.1)
@@ -126,6 +130,28 @@ def _profile(rest: Floats, known: Flags, hole: Flags, usual: Floats | None) -> F
         # The less a row of this wall is to be trusted, the more it is as on others.
         found += usual * np.clip(1 - trust / TRUSTED, 0, 1)[:, None]
     return np.asarray(found[:, None], np.float32)
+
+
+def _other_colours(tone: Floats, known: Flags) -> Flags:
+    """Return what has another colour than most of the surface, such as a picture on a painted wall, and its rim.
+
+    However large it is; nothing where too much would be: then the surface has several colours. Rows that have it all
+    along (skirting) are the surface's.
+    """
+    if not known.any():
+        return np.zeros_like(known)
+    share = blurred(known.astype(np.float32), GRAIN_PX)
+    mean = blurred(np.where(known[..., None], tone, 0).astype(np.float32), GRAIN_PX)
+    mean = np.asarray(mean / np.maximum(share, 1e-3)[..., None], np.float32)
+    colour = mean - grey(mean)[..., None]
+    off = np.abs(colour - np.median(colour[known], axis=0)).max(axis=-1)
+    usual = OUTLIER * 1.4826 * float(np.median(off[known]))
+    odd = known & (off > max(OTHER_COLOUR, usual))
+    odd[odd.sum(axis=1) > MOST_OF_ROW * known.sum(axis=1)] = False
+    if odd.sum() > MOST_OTHER * known.sum():
+        return np.zeros_like(known)
+    wide = 2 * round(GRAIN_PX) + 1
+    return cv2.dilate(odd.astype(np.uint8), np.ones((wide, wide), np.uint8)).astype(bool) & known
 
 
 def _outliers(rest: Floats, known: Flags) -> Flags:
