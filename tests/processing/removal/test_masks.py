@@ -13,14 +13,14 @@ from processing.images import RelativeImage
 from processing.picture_preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, islands_in
-from processing.removal.masks import find_masks, target_of, with_islands
+from processing.removal.masks import coloured_as_floor, find_masks, target_of, with_islands
 from processing.removal.round_masks import grown, share_of_sphere
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.plane import FLOOR
-from tests.processing.removal.painted_room import SUN, Painted, iou, paint
+from processing.surfaces.plane import CEILING, FLOOR
+from tests.processing.removal.painted_room import SUN, Painted, evidence_of, iou, paint
 
 
 @pytest.fixture(scope="module")
@@ -211,3 +211,32 @@ def test_a_dark_tripod_is_found_by_its_colours() -> None:
     assert iou(found.mask, painted.tripod) > 0.85
     bare = paint(rows=256, sun=False, things=False)
     assert not find_tripod(nothing, preview_rgb8(bare.image.rgb), bare.maps.plane == FLOOR).mask.any()
+
+
+def test_a_patch_of_sun_that_the_network_takes_for_furniture_is_sunlight(painted: Painted) -> None:
+    patch = painted.sunlit & (painted.maps.plane == FLOOR)
+    classes = np.where(painted.maps.plane == FLOOR, SceneClass.FLOOR, SceneClass.WALL)
+    classes[painted.maps.plane == CEILING] = SceneClass.CEILING
+    classes[painted.maps.opening >= 0] = SceneClass.WINDOW
+    classes[painted.furniture | patch] = SceneClass.FURNITURE
+    found = find_masks(painted.image, evidence_of(classes), painted.room, sun_direction=SUN)
+    assert (found.sunlight & patch).sum() > 0.8 * patch.sum()
+    assert (found.furniture & patch).sum() < 0.2 * patch.sum()
+    assert iou(found.furniture, painted.furniture) > 0.85
+    assert found.target[patch].all()
+
+
+def test_what_is_coloured_as_the_floor() -> None:
+    floor, hidden = np.ones((4, 6), bool), np.zeros((4, 6), bool)
+    hidden[:, 3:] = True
+    rgb = np.full((4, 6, 3), (0.5, 0.4, 0.3), np.float32)
+    rgb[0, 3:] = (4.0, 2.6, 1.2)
+    rgb[1, 3:] = (0.1, 0.2, 0.9)
+    rgb[2, 3:] = 0
+    told = coloured_as_floor(rgb, floor, hidden)
+    assert told[:, :3].all()
+    assert told[0, 3:].all(), "the sun is warmer than the sky"
+    assert not told[1, 3:].any(), "a blue chair"
+    assert not coloured_as_floor(rgb, ~floor, hidden).any()
+    assert not coloured_as_floor(rgb, floor, floor).any(), "of a floor that nobody sees nothing is known"
+    assert not coloured_as_floor(np.zeros_like(rgb), floor, hidden).any()
