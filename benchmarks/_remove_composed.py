@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks._kept_rows import Rows
 from benchmarks._remove_composites import Composite, composites
 from benchmarks._remove_edges import smooth_error
 from benchmarks._remove_real import encoded, image_of
 from benchmarks._remove_rivals import SLOW, Rival, timed
-from benchmarks._remove_rows import Rows
 from benchmarks._remove_scores import scored
 from processing.images import luminance_cd_m2
 from processing.removal.fill import empty_room
@@ -36,10 +36,10 @@ def composed_real(
     for one in composites(1 if quick else REAL_ROOMS):
         case = Case(one)
         names.append(one.name)
-        mine.append(rows.row(f"real {one.name} daylit", "ours", case.ours))
+        mine.append(rows.row(f"real {one.name} daylit", case.ours))
         theirs.append(
             {
-                name: rows.row(f"real {one.name} {name}", "theirs", partial(case.theirs, rival))
+                name: rows.row(f"real {one.name} {name}", partial(case.theirs, rival), "theirs")
                 for name, rival in used.items()
             }
         )

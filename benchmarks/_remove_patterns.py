@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks._kept_rows import Rows
 from benchmarks._remove_floors import SORTS, blob, flat_floor
 from benchmarks._remove_real import DATA, encoded, linear
 from benchmarks._remove_rivals import Rival, timed
-from benchmarks._remove_rows import Rows
 from benchmarks._remove_scores import Scores, scored
 from benchmarks.seeds import seeds
 from processing.removal.near_periodic import complete
@@ -79,7 +79,7 @@ def floors(sorts: tuple[str, ...], shares: tuple[float, ...], seed: int, count: 
 def ours_on(case: Case, rows: Rows) -> Scores:
     """Return our scores."""
     name, picture, valid, hole = case
-    return Scores(*rows.row(f"pattern {name} daylit", "ours", lambda: _ours(picture, valid, hole)))
+    return Scores(*rows.row(f"pattern {name} daylit", lambda: _ours(picture, valid, hole)))
 
 
 def _ours(picture: Bytes, valid: Flags, hole: Flags) -> Scores:
@@ -104,7 +104,7 @@ def theirs_on(case: Case, name: str, rival: Rival, rows: Rows) -> Scores | None:
             return type(exc).__name__
         return scored(filled, picture, hole, seconds)
 
-    found = rows.row(f"pattern {title} {name}", "theirs", make)
+    found = rows.row(f"pattern {title} {name}", make, "theirs")
     if isinstance(found, str):
         print(f"{name} on {title}: {found}")
         return None

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks._kept_rows import Rows
 from benchmarks._remove_composites import near_shadow
 from benchmarks._remove_edges import edge_sharpness, joined_truth
 from benchmarks._remove_plot import Case as PlotCase
 from benchmarks._remove_real import encoded, image_of
 from benchmarks._remove_rivals import SLOW, Rival, timed
-from benchmarks._remove_rows import Rows
 from benchmarks._remove_scores import scored
 from benchmarks._truth_rooms import ROWS, is_kept, kept_list, room_model_of, truth_of
 from mocks.rooms.model import Use
@@ -55,7 +55,7 @@ def rooms(
         if not listed:
             return {}, {}
     prefix = "large" if large else "room"
-    mine = [rows.row(f"room {use}-{n} {size} daylit", "ours", partial(_ours, n, use, size)) for n, use in listed]
+    mine = [rows.row(f"room {use}-{n} {size} daylit", partial(_ours, n, use, size)) for n, use in listed]
     mean = np.nanmean(np.array(mine, np.float64), axis=0)
     named = zip(ROOM_KEYS, mean, strict=True)
     metrics = {_name(prefix, key): round(float(value), 3) for key, value in named if np.isfinite(value)}
@@ -66,7 +66,7 @@ def rooms(
             continue
         chosen = listed[:SLOW_ROOMS] if name in SLOW else listed
         made = [
-            rows.row(f"room {use}-{n} {size} {name}", "theirs", partial(_theirs, n, use, size, rival))
+            rows.row(f"room {use}-{n} {size} {name}", partial(_theirs, n, use, size, rival), "theirs")
             for n, use in chosen
         ]
         if any(isinstance(one, str) for one in made):

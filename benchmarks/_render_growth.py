@@ -12,10 +12,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks._kept_rows import Rows
 from benchmarks._memory import MemoryWatch
 from benchmarks._paired import cost_of
 from benchmarks._plots import IMAGES
-from benchmarks._render_rows import Rows
 from benchmarks._render_scenes import EYE, boxes, clear_sky, plain_room, room_model
 from processing.layout.arrange import arrange
 from processing.layout.catalogue import Catalogue

@@ -20,10 +20,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks._kept_rows import Rows
 from benchmarks._paired import cost_of
 from benchmarks._render_race import RaceRoom
 from benchmarks._render_radiance import radiance_pixels
-from benchmarks._render_rows import Rows
 from benchmarks._render_scenes import PlainPath, emissions_of, triangles_of
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.irradiance import Effort, gathered
@@ -173,20 +173,20 @@ def race_row(rows: Rows, room: RaceRoom, seed: int, *, with_radiance: bool) -> d
     """Return one room's figures of all methods, from kept rows where they are known."""
 
     def truth() -> Truth:
-        kept = rows.row(f"{room.name} truth", lambda: _kept(truth_of_room(room, seed)), ours=False)
+        kept = rows.row(f"{room.name} truth", lambda: _kept(truth_of_room(room, seed)), kind="theirs")
         return Truth(*(np.array(kept[k]) for k in ("pixels", "rays", "luminance")), kept["noise"])
 
     known = truth()
     row: dict[str, Any] = {"room": room.name, "kind": room.kind, "noise": known.noise}
     for rays in EFFORTS:
         row[f"ours_{rays}"] = rows.row(f"{room.name} ours {rays}", lambda n=rays: ours(room, known, n, seed + 1))  # type: ignore[misc]
-    row["path"] = rows.row(f"{room.name} path {PATH_SPP}", lambda: plain_path(room, known, seed), ours=False)
+    row["path"] = rows.row(f"{room.name} path {PATH_SPP}", lambda: plain_path(room, known, seed), kind="theirs")
     if os.environ.get(BPY):
         row["cycles"] = rows.row(
-            f"{room.name} cycles {CYCLES_SPP}", lambda: cycles(room, known, CYCLES_SPP), ours=False
+            f"{room.name} cycles {CYCLES_SPP}", lambda: cycles(room, known, CYCLES_SPP), kind="theirs"
         )
     if with_radiance:
-        row["radiance"] = rows.row(f"{room.name} radiance", lambda: radiance(room, known), ours=False)
+        row["radiance"] = rows.row(f"{room.name} radiance", lambda: radiance(room, known), kind="theirs")
     return row
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks._render_rows import Rows
+from benchmarks._kept_rows import Rows
 from benchmarks._truth_rooms import QUALITY, kept_list, room_model_of, truth_of
 from mocks.light import Site
 from mocks.rooms.model import Use
@@ -32,6 +32,7 @@ from processing.rendering.render import render
 from processing.rendering.scene import Outdoors
 from processing.sphere import Equirectangular, directions, solid_angles
 
+CODE = {"ours": ("processing/rendering/*.py",)}
 ROWS, OUTDOOR_ROWS, RELIGHT_ROWS = 256, 256, 64
 QUICK_ROOMS, FULL_ROOMS, RELIT_ROOMS = 2, 16, 8
 QUANTILES = 1000
@@ -41,7 +42,7 @@ WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
-    kept = Rows("albedo", seed, keep=not quick)
+    kept = Rows("albedo", seed, CODE, keep=not quick)
     rooms = kept_list("test", 4 * FULL_ROOMS, seed)[: QUICK_ROOMS if quick else FULL_ROOMS]
     rows = [kept.row(f"albedo {number}", lambda n=number, u=use: albedo_row(n, u)) for number, use in rooms]  # type: ignore[misc]
     unlit = [one for one, row in zip(rooms, rows, strict=True) if not row["lamps"]][: 1 if quick else RELIT_ROOMS]

@@ -37,8 +37,8 @@ from benchmarks._detect_truth import (
     simulated_masks,
     sun_enters,
 )
+from benchmarks._kept_rows import Rows
 from benchmarks._memory import MemoryWatch
-from benchmarks._room_rows import DETECT_CODE, Rows
 from benchmarks._truth_rooms import kept_list, room_model_of, truth_list, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
@@ -51,6 +51,13 @@ from processing.room.openings import find_openings
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
+MASKS = ("masks", "furniture", "edges", "outliers", "tripod", "nadir", "meter_board", "sunlight", "sun_geometry")
+CODE = {
+    "ours": (
+        *("processing/room/*.py", "processing/segmentation/*", "benchmarks/_detect*.py", "benchmarks/detect.py"),
+        *(f"processing/removal/{name}.py" for name in (*MASKS, "shadows", "round_masks")),
+    ),
+}
 QUICK_ROOMS, FULL_ROOMS, LISTED = 1, 24, 48
 REAL = (LOOKED_AT, SCORED_ONLY)
 SUNNY_SHARE = 0.002
@@ -61,7 +68,7 @@ SCORES = ("ours", "true_room", "target", "tripod", "equipment", "sun", "sun_true
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics, rivals and notes."""
     notes: list[str] = []
-    kept = Rows("detect", seed, DETECT_CODE, keep=not quick)
+    kept = Rows("detect", seed, CODE, keep=not quick)
     rooms = chosen_rooms(QUICK_ROOMS if quick else FULL_ROOMS, seed)
     each = [_kept(kept, f"{number}", lambda one=(number, use): _simulated(*one)) for number, use in rooms]
     found = [one for one in each if "seconds" in one]
@@ -70,9 +77,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     metrics = _simulated_metrics(found) | _real_metrics(real, notes)
     metrics["seconds"] = round(max(one["seconds"] for one in (*found, *real.values())), 2)
     if not quick:
-        metrics |= kept.of("full size", lambda: _full(*rooms[0]))
-        metrics |= kept.of("paper", paper_figures)
-        notes += kept.of("plot", trade_plot)
+        metrics |= kept.row("full size", lambda: _full(*rooms[0]))
+        metrics |= kept.row("paper", paper_figures)
+        notes += kept.row("plot", trade_plot)
     notes += [note for one in (*each, *real.values()) for note in one.get("notes", [])]
     if not metrics["sunny_rooms"]:
         notes.append("no room of the list is sunny: sunlight was not measured")
@@ -84,7 +91,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
 
 def _kept(kept: Rows, key: str, make: Any) -> dict[str, Any]:
     """Return a picture's figures with its scores as such."""
-    row = dict(kept.of(key, lambda: {k: asdict(v) if isinstance(v, Score) else v for k, v in make().items()}))
+    row = dict(kept.row(key, lambda: {k: asdict(v) if isinstance(v, Score) else v for k, v in make().items()}))
     return row | {key: Score(**row[key]) for key in SCORES if row.get(key)}
 
 

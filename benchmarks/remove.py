@@ -24,6 +24,7 @@ from typing import Any
 
 import cv2
 
+from benchmarks._kept_rows import Rows
 from benchmarks._remove_composed import composed_real
 from benchmarks._remove_patterns import (
     APERIODIC,
@@ -40,8 +41,18 @@ from benchmarks._remove_patterns import (
 from benchmarks._remove_plot import remove_plot
 from benchmarks._remove_rivals import SLOW, rivals
 from benchmarks._remove_rooms import full_size_s, plot_cases, rooms
-from benchmarks._remove_rows import Rows
 
+FILLING = (
+    *("fill", "plane_fill", "near_periodic*", "plain", "skirting", "sources", "kept_sunlight", "mixed_pixels"),
+    *("illumination", "membrane", "blurs", "tone", "regions"),
+)
+"""Of processing/removal: how masks are found does not matter here."""
+SCORES = "benchmarks/_remove_scores.py"
+CODE = {
+    "ours": (*(f"processing/removal/{name}.py" for name in FILLING), "processing/surfaces/*.py", SCORES),
+    "theirs": ("benchmarks/_remove_rivals.py", SCORES),
+}
+"""Rows of rivals outlast changes of ours."""
 UNITS = {"seconds_full": "CPU s"}
 Figures = dict[str, float]
 
@@ -50,7 +61,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics and rivals; see the module's docstring."""
     cv2.setNumThreads(1)
     others = rivals(slow=not quick)
-    rows = Rows(seed, keep=not quick)
+    rows = Rows("remove", seed, CODE, keep=not quick)
     notes: list[str] = []
     if not any("xphoto" in name for name in others):
         notes.append("opencv-contrib (shift-map, FSR) absent: DAYLIT_RIVALS_PYTHON names no interpreter")
@@ -71,7 +82,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     if not quick:
         add(rooms(quick, seed, others, rows, large=True))
     add(composed_real(quick, others, rows, notes))
-    metrics["seconds_full"] = rows.row("full size", "ours", lambda: full_size_s(quick, seed, notes))
+    metrics["seconds_full"] = rows.row("full size", lambda: full_size_s(quick, seed, notes))
     if not quick:
         remove_plot(plot_cases(seed), fast, Path("removal-time.png"))
     return {"metrics": metrics, "rivals": found, "units": UNITS, "notes": notes}

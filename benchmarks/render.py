@@ -30,11 +30,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _analytic
+from benchmarks._kept_rows import Rows
 from benchmarks._render_daylight import daylight
 from benchmarks._render_growth import draw, growth
 from benchmarks._render_methods import METHODS, contact_sheet, methods_row
 from benchmarks._render_race import race_rooms
-from benchmarks._render_rows import Rows
 from benchmarks._render_scenes import EYE, boxes, clear_sky, plain_room, radiance_grid, room_model
 from benchmarks._render_time import ours as timed
 from benchmarks._render_time import plain_path, race_row, seconds_to, truth_of_room
@@ -53,6 +53,7 @@ from processing.rendering.stage import Stage
 from processing.rendering.transport import links_of, patch_points
 from processing.sphere import Equirectangular
 
+CODE = {"ours": ("processing/rendering/*.py",), "theirs": ()}
 RACE_ROOMS, RADIANCE_ROOMS, METHOD_ROOMS, SHEET_ROOMS = 8, 3, 4, 4
 """Radiance takes longest, and is looked at in a room of each kind."""
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
@@ -70,7 +71,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     metrics: dict[str, float] = {"analytic_err_pct": round(abs(cases[worst]), 4)}
     metrics |= {f"{name}_pct": round(error, 4) for name, error in cases.items()}
     metrics["radiance_diff_pct"] = round(against_radiance(quick=quick, seed=seed), 3)
-    rows = Rows("render", seed, keep=not quick)
+    rows = Rows("render", seed, CODE, keep=not quick)
     race = raced(rows, quick=quick, seed=seed)
     raced_metrics, rivals = race_figures(race)
     staged, boxes_ibl = staging(48 if quick else 128, seed)

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 
 from benchmarks._detect_truth import picture_of
+from benchmarks._kept_rows import Rows
 from benchmarks._memory import MemoryWatch
 from benchmarks._plots import Point, time_against_error
 from benchmarks._room_doubt import HOUSES, doubt_rows
@@ -25,12 +26,14 @@ from benchmarks._room_openings import opening_metrics
 from benchmarks._room_openings import score_room as score_openings
 from benchmarks._room_plots import reliability_plot
 from benchmarks._room_real import RealRoom, labelled_rooms, real_rooms
-from benchmarks._room_rows import ROOM_CODE, Rows
 from benchmarks._room_run import Told, rivals_of, told
 from benchmarks._room_scores import RoomScore, score_room
 from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
 from processing.room.model import RoomModel
 
+CODE = {
+    "ours": ("processing/room/*.py", "processing/segmentation/*", "benchmarks/_room*.py", "benchmarks/room.py"),
+}
 QUICK_ROOMS, FULL_ROOMS = 3, 24
 QUICK_HOUSES, PLOT_ROOMS = 2, 4
 SURE = 0.7
@@ -85,16 +88,16 @@ def _row(found: Told, true: RoomModel) -> dict[str, Any]:
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
-    kept = Rows("room", seed, ROOM_CODE, keep=not quick)
+    kept = Rows("room", seed, CODE, keep=not quick)
     rooms = kept_list("test", FULL_ROOMS, seed)[: QUICK_ROOMS if quick else None]
-    each = [kept.of(f"{number}", lambda one=(number, use): _simulated(*one)) for number, use in rooms]
+    each = [kept.row(f"{number}", lambda one=(number, use): _simulated(*one)) for number, use in rooms]
     furnished, empty = (_Gathered([row[name] for row in each]) for name in ("furnished", "empty"))
     real, notes = _real(kept, quick=quick)
     metrics = _simulated_metrics(empty, furnished) | real.pop("metrics")
-    metrics |= kept.of("level", lambda: level_metrics(quick=quick))
-    metrics |= kept.of("openings", lambda: opening_metrics(quick=quick))
-    metrics |= (full := kept.of("full size", lambda: _full_size(rooms[0])))["metrics"]
-    bad = kept.of("bad cases", _bad_cases)
+    metrics |= kept.row("level", lambda: level_metrics(quick=quick))
+    metrics |= kept.row("openings", lambda: opening_metrics(quick=quick))
+    metrics |= (full := kept.row("full size", lambda: _full_size(rooms[0])))["metrics"]
+    bad = kept.row("bad cases", _bad_cases)
     metrics |= bad["metrics"] | _doubts(kept, seed, quick=quick)
     rivals = {
         name: {
@@ -146,7 +149,7 @@ def _simulated_metrics(empty: _Gathered, furnished: _Gathered) -> dict[str, floa
 def _doubts(kept: Rows, seed: int, *, quick: bool) -> dict[str, float]:
     """Return what confidence is worth in rooms drawn to be mistaken; the plot of a full run."""
     houses = range(QUICK_HOUSES if quick else HOUSES)
-    rows = [row for k in houses for row in kept.of(f"doubt {k}", lambda k=k: doubt_rows(seed, k))]
+    rows = [row for k in houses for row in kept.row(f"doubt {k}", lambda k=k: doubt_rows(seed, k))]
     sure = np.array([row["confidence"] for row in rows])
     right = np.array([row["iou3d"] >= RIGHT_IOU3D for row in rows], dtype=np.float64)
     if not quick:
@@ -174,7 +177,7 @@ def _real(kept: Rows, *, quick: bool) -> tuple[dict[str, Any], list[str]]:
     if not rooms:
         return {"metrics": {"iou3d_zind_median": 0.0}, "rivals": {}}, ["the shared panoramas are not here"]
     chosen = rooms[:3] if quick else rooms
-    raw = _Gathered([kept.of(room.name, lambda room=room: _real_row(room)) for room in chosen])
+    raw = _Gathered([kept.row(room.name, lambda room=room: _real_row(room)) for room in chosen])
     visible = [row["visible"] for row in raw.rows]
     metrics = {
         "iou3d_zind_median": raw.median("iou3d"),
@@ -187,7 +190,7 @@ def _real(kept: Rows, *, quick: bool) -> tuple[dict[str, Any], list[str]]:
         "zind_pictures": float(len(chosen)),
     }
     for room in labelled_rooms("scored") if not quick else []:
-        row = kept.of(room.name, lambda room=room: _real_row(room))
+        row = kept.row(room.name, lambda room=room: _real_row(room))
         metrics["iou3d_layout_gt"] = row["iou3d"]
         raw.rows.append(row)
     notes = [row["note"] for row in raw.rows]
@@ -258,7 +261,7 @@ def _plots(kept: Rows, rooms: list[tuple[int, Any]], every: list[dict[str, Any]]
     for quality in ("draft", "standard", "reference"):
         for width in (512, 1024):
             runs = [
-                kept.of(f"{number} {quality} {width}", lambda a=(number, use, quality, width): _timed(*a))
+                kept.row(f"{number} {quality} {width}", lambda a=(number, use, quality, width): _timed(*a))
                 for number, use in rooms[:PLOT_ROOMS]
             ]
             seconds, error = (float(np.median([run[k] for run in runs])) for k in (0, 1))
