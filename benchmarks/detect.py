@@ -6,11 +6,12 @@ what hangs on walls are fixtures, shelves on walls are left out); sunlight is sc
 "true_room" are found with the estimated room. Of the two real rooms with hand-drawn masks, bedroom_hn was looked at
 while this was made; hotel_visualizer was only scored. ``target`` recall counts the mask that is removed, margin and
 shadows included. ``full_`` keys: one room at 6720 x 3360; ``penn_`` and ``coda_``: the paper's rooms
-(`benchmarks._detect_paper`). A full run keeps its rows (`benchmarks._room_rows`).
+(`benchmarks._detect_paper`). A full run keeps its rows (`benchmarks._kept_rows`).
 """
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Iterable
@@ -39,9 +40,10 @@ from benchmarks._detect_truth import (
 )
 from benchmarks._kept_rows import Rows
 from benchmarks._memory import MemoryWatch
-from benchmarks._truth_rooms import kept_list, room_model_of, truth_list, truth_of
+from benchmarks._truth_rooms import QUALITY, kept_list, room_model_of, truth_list, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
+from mocks.rooms.world import RoomWorld
 from processing.errors import ProcessingError
 from processing.images import RelativeImage
 from processing.removal.masks import Masks, find_masks
@@ -178,10 +180,13 @@ def _simulated(number: int, use: Use) -> dict[str, Any]:
 
 
 def _masks(image: RelativeImage, evidence: SceneEvidence, room: RoomModel, truth: Room) -> Masks:
-    """Return the masks as the pipeline finds them: it knows the sun's place and whether the sky has a sun."""
+    """Return the masks as the pipeline finds them: it knows where the meter looked, the sun's place, and of a sun."""
     sky = truth.sky
     sun = (sky.sun_azimuth_rad, sky.sun_elevation_rad)
-    return find_masks(image, evidence, room, sun_direction=sun, sun_possible=sky.disc() is not None)
+    x, y, z = RoomWorld(truth, QUALITY).board_direction
+    meter = (math.atan2(x, y), math.asin(z))
+    possible = sky.disc() is not None
+    return find_masks(image, evidence, room, sun_direction=sun, sun_possible=possible, meter_target=meter)
 
 
 def _below(mask: Any) -> Any:

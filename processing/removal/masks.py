@@ -33,7 +33,7 @@ Floats = npt.NDArray[np.float32]
 
 WORKING_ROWS = 512
 RED_IN_SUN, BLUE_IN_SUN = (-0.25, 1.0), (-2.5, 0.3)
-"""Natural logarithms of red and blue over green, against the floor in the shade: a low sun is warmer than the sky."""
+"""Natural logarithms of red and blue over green, against the surface in the shade: a low sun is warmer than the sky."""
 MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16
 BLOCKED = 0.5
@@ -142,8 +142,9 @@ def _find(
     hidden = furniture.mask | tripod.mask
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
-    # The network takes patches of sun for furniture: what has the floor's own colour may be one.
-    bare |= (maps.opening < 0) & furniture.mask & ~tripod.mask & coloured_as_floor(rgb, maps.plane == FLOOR, hidden)
+    # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
+    unsure = (maps.opening < 0) & (maps.plane != CEILING) & furniture.mask & ~tripod.mask
+    bare |= coloured_as_behind(rgb, maps.plane, unsure, hidden | (maps.opening >= 0))
     if known.sun_possible:
         d, _ = directions(geometry)
         points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
@@ -151,7 +152,7 @@ def _find(
         sunlight = find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun)
     else:
         sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
-    furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask)
+    furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board)
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
@@ -161,19 +162,24 @@ def _find(
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, notes)
 
 
-def coloured_as_floor(rgb: Floats, floor: Flags, hidden: Flags) -> Flags:
-    """Return the places (H, W) before the ``floor`` that have its colour, or that colour in the sun's warmer light.
+def coloured_as_behind(rgb: Floats, plane: npt.NDArray[np.int16], places: Flags, hidden: Flags) -> Flags:
+    """Return those of the ``places`` (H, W) that have the colour of the plane behind, or that in warm sunlight.
 
-    ``rgb`` (H, W, 3) is linear light; the floor's colour is that of what nothing has ``hidden``.
+    ``rgb`` (H, W, 3) is linear light, ``plane`` (H, W) numbers the room's planes; a plane's colour is that of what
+    nothing has ``hidden``.
     """
-    known = floor & ~hidden & (rgb > 0).all(axis=-1)
-    if not known.any():
-        return np.zeros_like(floor)
+    told = np.zeros_like(places)
     logs = np.log(np.maximum(rgb, 1e-6))
     red, blue = logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]
-    red, blue = red - np.median(red[known]), blue - np.median(blue[known])
-    warm = (red > RED_IN_SUN[0]) & (red < RED_IN_SUN[1]) & (blue > BLUE_IN_SUN[0]) & (blue < BLUE_IN_SUN[1])
-    return np.asarray(floor & warm)
+    for index in np.unique(plane[places]):
+        known = (plane == index) & ~hidden & (rgb > 0).all(axis=-1)
+        here = places & (plane == index)
+        if not known.any():
+            continue
+        redder, bluer = red[here] - np.median(red[known]), blue[here] - np.median(blue[known])
+        warm = (redder > RED_IN_SUN[0]) & (redder < RED_IN_SUN[1])
+        told[here] = warm & (bluer > BLUE_IN_SUN[0]) & (bluer < BLUE_IN_SUN[1])
+    return told
 
 
 def _board(luminance: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:

@@ -31,8 +31,8 @@ LEAST_PX = 40
 SEARCH_AZIMUTHS, SEARCH_ELEVATIONS = 72, 12
 LOWEST_RAD, HIGHEST_RAD = math.radians(8), math.radians(75)
 FINE_STEPS_RAD = (math.radians(2.0), math.radians(0.7))
-GIVEN_SLACK_RAD = math.radians(6)
-"""By which a given direction may be off: heading and clock. The search goes no farther."""
+AZIMUTH_SLACK_RAD, ELEVATION_SLACK_RAD = math.radians(6), math.radians(2)
+"""By which a given direction may be off: heading (on level ground), clock and levelling. The search goes no farther."""
 LEAST_SR = 1e-4
 
 
@@ -146,11 +146,9 @@ def best_direction(
             (float(a), float(e)) for a in azimuths for e in np.linspace(LOWEST_RAD, HIGHEST_RAD, SEARCH_ELEVATIONS)
         ]
     else:
-        steps = np.linspace(-GIVEN_SLACK_RAD, GIVEN_SLACK_RAD, 5)
-        # A step in azimuth is a smaller angle the higher the sun stands.
-        wider = 1 / max(math.cos(sun[1]), 0.1)
-        asked = [(sun[0] + float(a) * wider, max(0.01, sun[1] + float(e))) for a in steps for e in steps]
-        asked = [one for one in asked if _within_slack(one, sun)]
+        azimuths = sun[0] + np.linspace(-AZIMUTH_SLACK_RAD, AZIMUTH_SLACK_RAD, 7)
+        heights = sun[1] + np.linspace(-ELEVATION_SLACK_RAD, ELEVATION_SLACK_RAD, 3)
+        asked = [(float(a), max(0.01, float(e))) for a in azimuths for e in heights]
     best: tuple[float, float] | None = None
     score = 0.0
     for direction in asked:
@@ -173,7 +171,9 @@ def _within_slack(direction: tuple[float, float], given: tuple[float, float] | N
     """Return whether a direction is as near to the given one as that may be off; any is where none is given."""
     if given is None:
         return True
-    return float(sun_vector(*direction) @ sun_vector(*given)) >= math.cos(GIVEN_SLACK_RAD + 1e-9)
+    turned = abs((direction[0] - given[0] + math.pi) % (2 * math.pi) - math.pi)
+    risen = abs(direction[1] - max(0.01, given[1]))
+    return turned <= AZIMUTH_SLACK_RAD + 1e-9 and risen <= ELEVATION_SLACK_RAD + 1e-9
 
 
 def explained(scene: Scene, room: RoomModel, sun: Doubles) -> float:
