@@ -93,7 +93,7 @@ def _head(one: Candidate, above_m: float) -> float:
     """
     p = one.field.view.px_per_m
     tried = np.arange(max(1.5 / p, above_m - HEAD_REACH_M), above_m + HEAD_REACH_M, 0.5 / p)
-    edge = one.field.level_edge(tried, np.full(tried.shape, one.box[0]), np.full(tried.shape, one.box[2]))
+    edge = np.array([one.field.level_edge(float(v), one.box[0], one.box[2]) for v in tried])
     return float(tried[int(edge.argmax())]) if edge.size and edge.max() > 0 else above_m
 
 

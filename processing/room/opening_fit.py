@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing.room.opening_kernels import box_scores, edge, region
 from processing.room.wall_views import WallView
 from processing.segmentation.classes import SceneClass
 
@@ -117,48 +118,33 @@ class Field:
         second = np.cumsum((wide[1] - COMMON_EDGE) * clear, axis=1, dtype=np.float64)
         return np.pad(first, ((1, 0), (0, 0))), np.pad(second, ((0, 0), (1, 0)))
 
-    def region(self, u0: Doubles, v0: Doubles, u1: Doubles, v1: Doubles) -> Doubles:
-        """Return the sum of votes (m2) in boxes; ends between texels count in part."""
-        p = self.view.px_per_m
-        height, width = self.votes.shape
-        x0, x1 = (np.clip(np.asarray(u) * p, 0, width) for u in (u0, u1))
-        y0, y1 = (np.clip(np.asarray(v) * p, 0, height) for v in (v0, v1))
-        at = self._votes_at
-        return np.asarray((at(y1, x1) - at(y0, x1) - at(y1, x0) + at(y0, x0)) / p**2)
+    @cached_property
+    def _tables(self) -> tuple[Doubles, Doubles, Doubles]:
+        """Return running sums of votes, of edges along upright lines and along level ones."""
+        upright, level = self._edge_sums
+        return self._votes_sum, np.ascontiguousarray(upright.T), level
 
-    def _votes_at(self, y: Doubles, x: Doubles) -> Doubles:
-        y, x = np.broadcast_arrays(y, x)
-        table = self._votes_sum
-        row = np.minimum(y.astype(int), table.shape[0] - 2)
-        column = np.minimum(x.astype(int), table.shape[1] - 2)
-        b, a = y - row, x - column
-        upper = table[row, column] * (1 - a) + table[row, column + 1] * a
-        return np.asarray(upper * (1 - b) + (table[row + 1, column] * (1 - a) + table[row + 1, column + 1] * a) * b)
+    def region(self, box: Box) -> float:
+        """Return the sum of votes (m2) in a box; ends between texels count in part."""
+        return float(region(self._votes_sum, self.view.px_per_m, *box))
 
-    def upright_edge(self, u: Doubles, v0: Doubles, v1: Doubles) -> Doubles:
-        """Return how much edge (m) runs along upright lines; 0 at the wall's own ends."""
-        table, p = self._edge_sums[0], self.view.px_per_m
-        return _line(table.T, np.asarray(u) * p, np.asarray(v0) * p, np.asarray(v1) * p) / p
+    def level_edge(self, v_m: float, u0_m: float, u1_m: float) -> float:
+        """Return how much edge (m) runs along a level line; 0 at the wall's own ends."""
+        return float(edge(self._tables[2], self.view.px_per_m, v_m, u0_m, u1_m))
 
-    def level_edge(self, v: Doubles, u0: Doubles, u1: Doubles) -> Doubles:
-        """Return how much edge (m) runs along level lines."""
-        table, p = self._edge_sums[1], self.view.px_per_m
-        return _line(table, np.asarray(v) * p, np.asarray(u0) * p, np.asarray(u1) * p) / p
-
-
-def _line(table: Doubles, at: Doubles, start: Doubles, end: Doubles) -> Doubles:
-    """Return running sums along rows of a table, from start to end, at places (in texels) between rows' middles."""
-    at, start, end = np.broadcast_arrays(at, start, end)
-    inside = (at > 1) & (at < table.shape[0] - 1)
-    place = np.clip(at - 0.5, 0, table.shape[0] - 1.001)
-    row = place.astype(int)
-    share = place - row
-    first = np.clip(np.rint(start), 0, table.shape[1] - 1).astype(int)
-    last = np.clip(np.rint(end), 0, table.shape[1] - 1).astype(int)
-    total = (table[row, last] - table[row, first]) * (1 - share) + (
-        table[row + 1, last] - table[row + 1, first]
-    ) * share
-    return np.where(inside, total, 0.0)
+    def scores(self, recess_m: float, boxes: Doubles) -> Doubles:
+        """Return the scores (n,) of boxes (n, 4): larger is better, 0 is no opening."""
+        out = np.empty(len(boxes))
+        weights = np.array([REGION_PER_M2, OUTER_EDGE, INNER_EDGE, GLASS_EDGE])
+        view = self.view
+        eye, frames = np.array(view.eye, dtype=np.float64), np.array(FRAMES_M)
+        box_scores(*self._tables, view.px_per_m, eye, recess_m, weights, frames, self.kind.to_floor, boxes, out)
+        usual, head = self.kind.usual_width_m, self.kind.usual_head_m
+        if usual:
+            out -= 0.25 * ((boxes[:, 2] - boxes[:, 0] - usual[0]) / usual[1]) ** 2
+        if head:
+            out -= 0.25 * ((view.plane.height_m - boxes[:, 1] - head[0]) / head[1]) ** 2
+        return out
 
 
 @dataclass(frozen=True)
@@ -171,15 +157,15 @@ class Candidate:
     score: float
 
 
-def shown_box(view: WallView, recess_m: float, box: tuple[Doubles, ...]) -> tuple[Doubles, ...]:
-    """Return what is seen of openings on the wall: behind a reveal, or with the casing around."""
+def shown_box(view: WallView, recess_m: float, box: Box) -> Box:
+    """Return what is seen of an opening on the wall: behind a reveal, or with the casing around."""
     u0, v0, u1, v1 = box
     if recess_m <= 0:
-        return u0 + recess_m, v0 + recess_m, u1 - recess_m, v1 + 0 * u1
+        return u0 + recess_m, v0 + recess_m, u1 - recess_m, v1
     eye_u, eye_v, away = view.eye
     k = away / (away + recess_m)
     far = (eye_u + (u0 - eye_u) * k, eye_v + (v0 - eye_v) * k, eye_u + (u1 - eye_u) * k, eye_v + (v1 - eye_v) * k)
-    return np.maximum(u0, far[0]), np.maximum(v0, far[1]), np.minimum(u1, far[2]), np.minimum(v1, far[3])
+    return max(u0, far[0]), max(v0, far[1]), min(u1, far[2]), min(v1, far[3])
 
 
 def box_of_shown(view: WallView, recess_m: float, shown: Box) -> Box:
@@ -197,45 +183,9 @@ def box_of_shown(view: WallView, recess_m: float, shown: Box) -> Box:
     )
 
 
-def score(field: Field, recess_m: float, box: tuple[Doubles, ...]) -> Doubles:
-    """Return how well openings (arrays of sides) explain the wall; larger is better, 0 is no opening."""
-    kind, view = field.kind, field.view
-    u0, v0, u1, v1 = box
-    s0, t0, s1, t1 = shown_box(view, recess_m, box)
-    # Networks call a reveal now wall, now window.
-    total = REGION_PER_M2 * np.maximum(field.region(s0, t0, s1, t1), field.region(u0, v0, u1, v1))
-    apart = 1.5 / view.px_per_m
-    for at, inner in ((u0, s0), (u1, s1)):
-        total = total + INNER_EDGE * field.upright_edge(inner, t0, t1)
-        total = total + OUTER_EDGE * field.upright_edge(at, v0, v1) * (np.abs(at - inner) > apart)
-    for at, inner in ((v0, t0), (v1, t1)):
-        if kind.to_floor and at is v1:
-            continue
-        total = total + INNER_EDGE * field.level_edge(inner, s0, s1)
-        total = total + OUTER_EDGE * field.level_edge(at, u0, u1) * (np.abs(at - inner) > apart)
-    if not kind.to_floor:
-        total = total + GLASS_EDGE * _glass_edges(field, (s0, t0, s1, t1))
-    if kind.usual_width_m:
-        total = total - 0.25 * ((u1 - u0 - kind.usual_width_m[0]) / kind.usual_width_m[1]) ** 2
-    if kind.usual_head_m:
-        total = total - 0.25 * ((view.plane.height_m - v0 - kind.usual_head_m[0]) / kind.usual_head_m[1]) ** 2
-    return np.asarray(total)
-
-
-def _glass_edges(field: Field, shown: tuple[Doubles, ...]) -> Doubles:
-    """Return the edges around the glass, within a frame as wide on all sides as suits best."""
-    s0, t0, s1, t1 = shown
-    found = []
-    for frame in FRAMES_M:
-        u0, v0, u1, v1 = s0 + frame, t0 + frame, s1 - frame, t1 - frame
-        upright = field.upright_edge(u0, v0, v1) + field.upright_edge(u1, v0, v1)
-        found.append(upright + field.level_edge(v0, u0, u1) + field.level_edge(v1, u0, u1))
-    return np.asarray(np.max(found, axis=0))
-
-
 def score_of(field: Field, recess_m: float, box: Box) -> float:
     """Return the score of one opening."""
-    return float(score(field, recess_m, tuple(np.asarray(side) for side in box)))
+    return float(field.scores(recess_m, np.array([box], dtype=np.float64))[0])
 
 
 def recess_cost(kind: Kind, recess_m: float) -> float:
@@ -260,8 +210,9 @@ def fitted(field: Field, recess_m: float, start: Box) -> tuple[float, Box]:
             tried = tried[(tried >= low - 1e-9) & (tried <= high + 1e-9)]
             if not tried.size:
                 continue
-            box = tuple(np.asarray(tried if i == which else np.full(tried.shape, sides[i])) for i in range(4))
-            found = score(field, recess_m, box) - STAY_PER_M * np.abs(tried - start[which])
+            boxes = np.repeat(np.array([sides], dtype=np.float64), len(tried), axis=0)
+            boxes[:, which] = tried
+            found = field.scores(recess_m, boxes) - STAY_PER_M * np.abs(tried - start[which])
             place = int(found.argmax())
             best, sides[which] = float(found[place]), float(tried[place])
     return best, (sides[0], sides[1], sides[2], sides[3])

@@ -189,9 +189,9 @@ def _opening(one: Candidate, room: RoomModel, outside: float | None) -> Opening:
 
 def _confidence(one: Candidate, outside: float | None) -> float:
     """Return how surely the opening is there: how clearly its inside is of its class, and how much speaks for it."""
-    u0, v0, u1, v1 = shown_box(one.field.view, one.recess_m, tuple(np.asarray(side) for side in one.box))
-    area = max(float((u1 - u0) * (v1 - v0)), 1e-6)
-    inside = float(np.clip(one.field.region(u0, v0, u1, v1) / area, 0.0, 1.0))
+    shown = shown_box(one.field.view, one.recess_m, one.box)
+    area = max((shown[2] - shown[0]) * (shown[3] - shown[1]), 1e-6)
+    inside = float(np.clip(one.field.region(shown) / area, 0.0, 1.0))
     surely = math.sqrt(inside) * float(np.clip(one.score / FULL_SCORE, 0.0, 1.0))
     if outside is not None and one.field.kind is WINDOW and _brightest(one) < outside - DIMMEST_PANE_STOPS:
         surely /= 2
