@@ -13,10 +13,10 @@ from mocks.rooms.model import Item, Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
 from processing.images import Floats, RelativeImage
-from processing.removal.sun_geometry import wall_between, window_depth
 from processing.sphere import Equirectangular, directions, solid_angles
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.plane import CEILING
+from processing.surfaces.sun_geometry import wall_between, window_depth
 
 Flags = npt.NDArray[np.bool_]
 

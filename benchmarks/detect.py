@@ -49,11 +49,11 @@ from processing.images import RelativeImage
 from processing.removal.masks import Masks, find_masks
 from processing.room.estimate import estimate_room
 from processing.room.model import RoomModel
-from processing.room.openings import find_openings
+from processing.room.opening_sun import find_openings_in_sun
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
-MASKS = ("masks", "furniture", "edges", "outliers", "tripod", "nadir", "meter_board", "sunlight", "sun_geometry")
+MASKS = ("masks", "furniture", "edges", "outliers", "tripod", "nadir", "meter_board", "sunlight")
 CODE = {
     "ours": (
         *("processing/room/*.py", "processing/segmentation/*", "benchmarks/_detect*.py", "benchmarks/detect.py"),
@@ -137,10 +137,10 @@ def _sunny(seen: set[str], seed: int) -> dict[str, Any]:
     return {}
 
 
-def estimated(image: RelativeImage, evidence: SceneEvidence) -> RoomModel:
+def estimated(image: RelativeImage, evidence: SceneEvidence, sun: tuple[float, float] | None = None) -> RoomModel:
     """Return the room as the pipeline estimates it, openings included; raises `ProcessingError` where it refuses."""
     room = estimate_room(image, evidence).room
-    return room.model_copy(update={"openings": find_openings(image, evidence, room)})
+    return room.model_copy(update={"openings": find_openings_in_sun(image, evidence, room, sun)})
 
 
 def _simulated(number: int, use: Use) -> dict[str, Any]:
@@ -154,7 +154,7 @@ def _simulated(number: int, use: Use) -> dict[str, Any]:
     evidence = scene_evidence(image)
     middle_s = time.process_time()
     try:
-        ours = estimated(image, evidence)
+        ours = estimated(image, evidence, sun_of(room))
     except ProcessingError as error:
         notes.append(f"{room.name}: no room ({error.message}); masks with the true one")
         ours = true
@@ -181,12 +181,16 @@ def _simulated(number: int, use: Use) -> dict[str, Any]:
 
 def _masks(image: RelativeImage, evidence: SceneEvidence, room: RoomModel, truth: Room) -> Masks:
     """Return the masks as the pipeline finds them: it knows where the meter looked, the sun's place, and of a sun."""
-    sky = truth.sky
-    sun = (sky.sun_azimuth_rad, sky.sun_elevation_rad)
+    sun = sun_of(truth)
     x, y, z = RoomWorld(truth, QUALITY).board_direction
     meter = (math.atan2(x, y), math.asin(z))
-    possible = sky.disc() is not None
-    return find_masks(image, evidence, room, sun_direction=sun, sun_possible=possible, meter_target=meter)
+    return find_masks(image, evidence, room, sun_direction=sun, sun_possible=sun is not None, meter_target=meter)
+
+
+def sun_of(truth: Room) -> tuple[float, float] | None:
+    """Return the sun's azimuth and elevation (rad), None where the sky shows none: a session knows both."""
+    sky = truth.sky
+    return (sky.sun_azimuth_rad, sky.sun_elevation_rad) if sky.disc() is not None else None
 
 
 def _below(mask: Any) -> Any:

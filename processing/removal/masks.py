@@ -27,13 +27,12 @@ from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
 from processing.surfaces.plane import CEILING, FLOOR
+from processing.surfaces.sun_colour import coloured_as_behind
 
 Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
 
 WORKING_ROWS = 512
-RED_IN_SUN, BLUE_IN_SUN = (-0.25, 1.0), (-2.5, 0.3)
-"""Natural logarithms of red and blue over green, against the surface in the shade: a low sun is warmer than the sky."""
 MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16
 BLOCKED = 0.5
@@ -160,26 +159,6 @@ def _find(
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, notes)
-
-
-def coloured_as_behind(rgb: Floats, plane: npt.NDArray[np.int16], places: Flags, hidden: Flags) -> Flags:
-    """Return those of the ``places`` (H, W) that have the colour of the plane behind, or that in warm sunlight.
-
-    ``rgb`` (H, W, 3) is linear light, ``plane`` (H, W) numbers the room's planes; a plane's colour is that of what
-    nothing has ``hidden``.
-    """
-    told = np.zeros_like(places)
-    logs = np.log(np.maximum(rgb, 1e-6))
-    red, blue = logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]
-    for index in np.unique(plane[places]):
-        known = (plane == index) & ~hidden & (rgb > 0).all(axis=-1)
-        here = places & (plane == index)
-        if not known.any():
-            continue
-        redder, bluer = red[here] - np.median(red[known]), blue[here] - np.median(blue[known])
-        warm = (redder > RED_IN_SUN[0]) & (redder < RED_IN_SUN[1])
-        told[here] = warm & (bluer > BLUE_IN_SUN[0]) & (bluer < BLUE_IN_SUN[1])
-    return told
 
 
 def _board(luminance: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:

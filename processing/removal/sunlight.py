@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from processing.removal.sun_geometry import glazed, sun_vector, wall_between, window_depth
 from processing.room.model import RoomModel
+from processing.surfaces.sun_geometry import glazed, sun_vector, wall_between, window_depth
 
 Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]

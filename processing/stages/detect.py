@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from datetime import datetime
 from typing import Any
 
-from processing.calibration.sun import Place, sun_place
 from processing.errors import ParameterError
 from processing.images import LuminanceImage
 from processing.removal.masks import Masks, find_masks
@@ -17,8 +15,8 @@ from processing.segmentation.evidence_file import read_evidence
 from processing.segmentation.segmenters import open_segmenter
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.detect_parameters import DetectParameters
+from processing.stages.sun_known import sky_without_sun, sun_direction
 from processing.stages.upright import known_room, upright_panorama
-from station.session import FrameRecord, SessionManifest, Side
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 MUCH = 0.5
@@ -55,33 +53,6 @@ def run(context: StageContext) -> StageOutput:
     return _output(found, evidence, why, asked.margin_deg)
 
 
-def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
-    """Return the sun's azimuth (from the panorama's +y towards +x) and elevation; None where not all is recorded.
-
-    Both are of the upright world, so a panorama that was levelled shows the sun just there.
-    """
-    moment = _moment(session)
-    site = session.site
-    known = site.latitude_deg is not None and site.longitude_deg is not None and session.heading_rad is not None
-    if moment is None or not known:
-        return None
-    assert site.latitude_deg is not None
-    assert site.longitude_deg is not None
-    assert session.heading_rad is not None
-    there = sun_place(moment, Place(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0))
-    return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
-
-
-def _moment(session: SessionManifest) -> datetime | None:
-    """Return when the shortest indoor frame was taken, which shows sunlit places best."""
-
-    def seconds(frame: FrameRecord) -> float:
-        return frame.camera_s
-
-    frames = sorted((f for f in session.frames if f.side is Side.INDOOR and f.taken_utc), key=seconds)
-    return frames[0].taken_utc if frames else None
-
-
 def _meter_target(context: StageContext) -> tuple[float, float] | None:
     """Return where the meter looked (rad); None where it is not known of the picture as it is now."""
     facts: dict[str, Any] = context.artifact("calibrate", "calibration")
@@ -97,9 +68,7 @@ def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked:
         return False, "not looked for, as asked"
     if sun is not None and sun[1] <= 0:
         return False, "the sun was below the horizon"
-    facts: dict[str, Any] = context.artifact("calibrate", "calibration")
-    outdoor = facts.get("outdoor")
-    if outdoor and str(outdoor["sun"]["found"]).startswith("no"):
+    if sky_without_sun(context):
         return False, "the outdoor picture shows no sun"
     return True, ""
 

@@ -14,13 +14,14 @@ from processing.room.layout_networks import layout_boundary, load_layout_network
 from processing.room.level import Upright, find_upright, make_upright
 from processing.room.model import RoomModel
 from processing.room.model_file import read_room
-from processing.room.openings import find_openings
+from processing.room.opening_sun import find_openings_in_sun
 from processing.room.picture_doubts import check_picture
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 from processing.segmentation.evidence_file import write_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.room_parameters import RoomParameters
+from processing.stages.sun_known import sky_without_sun, sun_direction
 
 EVIDENCE_FILE = "evidence.npz"
 LEAST_SQUARE = 0.3
@@ -122,7 +123,8 @@ def _tell_room(
     )
     context.progress(0.8, "windows and doors")
     outdoor = context.optional_artifact("calibrate", "outdoor")
-    openings = find_openings(image, evidence, found.room, outdoor=outdoor)
+    sun = None if sky_without_sun(context) else sun_direction(context.session)
+    openings = find_openings_in_sun(image, evidence, found.room, sun, outdoor=outdoor)
     room = found.room.model_copy(update={"openings": openings})
     gathered.artifacts["room"] = room.model_dump(mode="json")
     gathered.metrics |= _metrics(found, evidence) | {"openings": len(openings)}

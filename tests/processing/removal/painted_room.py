@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 from processing.images import RelativeImage
 from processing.removal.round_masks import resized, smoothed
-from processing.removal.sun_geometry import sun_vector, wall_between, window_depth
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
 from processing.surfaces.plane import CEILING, FLOOR
+from processing.surfaces.sun_geometry import sun_vector, wall_between, window_depth
 
 Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
@@ -64,7 +64,13 @@ def places(room: RoomModel, maps: SurfaceMaps) -> npt.NDArray[np.float64]:
 
 
 def paint(
-    *, rows: int = ROWS, sun: bool = True, sun_ratio: float = 8.0, things: bool = True, window: bool = True
+    *,
+    rows: int = ROWS,
+    sun: bool = True,
+    sun_at: tuple[float, float] = SUN,
+    sun_ratio: float = 8.0,
+    things: bool = True,
+    window: bool = True,
 ) -> Painted:
     """Return a painted room; light of the sun is ``sun_ratio`` times that of the shade."""
     room = box_room()
@@ -77,8 +83,9 @@ def paint(
     furniture = (np.abs(longitude + 0.9) < 0.45) & (np.abs(latitude + 0.45) < 0.28) if things else none
     hung = (np.abs(longitude - 0.1) < 0.2) & (np.abs(latitude - 0.12) < 0.12) if things else none
     tripod = latitude < -1.35 if things else none
-    depth, _ = window_depth(room, points, sun_vector(*SUN))
-    lit = (depth > 0) & (maps.opening < 0) & (maps.plane != CEILING) & ~wall_between(room, points, sun_vector(*SUN))
+    way = sun_vector(*sun_at)
+    depth, _ = window_depth(room, points, way)
+    lit = (depth > 0) & (maps.opening < 0) & (maps.plane != CEILING) & ~wall_between(room, points, way)
     lit &= ~furniture & ~tripod
     grey = np.where(maps.plane == FLOOR, GREY[FLOOR], np.where(maps.plane == CEILING, GREY[CEILING], WALL_GREY))
     # Texture, so that no surface is without detail.

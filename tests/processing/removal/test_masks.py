@@ -13,7 +13,7 @@ from processing.images import RelativeImage
 from processing.picture_preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, islands_in
-from processing.removal.masks import coloured_as_behind, find_masks, target_of, with_islands
+from processing.removal.masks import find_masks, target_of, with_islands
 from processing.removal.round_masks import grown, share_of_sphere
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.classes import SceneClass
@@ -224,23 +224,3 @@ def test_a_patch_of_sun_that_the_network_takes_for_furniture_is_sunlight(painted
     assert (found.furniture & patch).sum() < 0.2 * patch.sum()
     assert iou(found.furniture, painted.furniture) > 0.85
     assert found.target[patch].all()
-
-
-def test_what_is_coloured_as_the_plane_behind_it() -> None:
-    plane, hidden = np.zeros((4, 6), np.int16), np.zeros((4, 6), bool)
-    hidden[:, 3:] = True
-    rgb = np.full((4, 6, 3), (0.5, 0.4, 0.3), np.float32)
-    rgb[0, 3:] = (4.0, 2.6, 1.2)
-    rgb[1, 3:] = (0.1, 0.2, 0.9)
-    rgb[2, 3:] = 0
-    rgb[3] = (0.2, 0.3, 0.5)
-    plane[3] = 2
-    everywhere = np.ones_like(hidden)
-    told = coloured_as_behind(rgb, plane, everywhere, hidden)
-    assert told[:, :3].all()
-    assert told[0, 3:].all(), "the sun is warmer than the sky"
-    assert not told[1, 3:].any(), "a blue chair"
-    assert told[3].all(), "each plane has its own colour"
-    assert not coloured_as_behind(rgb, plane, ~everywhere, hidden).any()
-    assert not coloured_as_behind(rgb, plane, everywhere, everywhere).any(), "nothing is known of what nobody sees"
-    assert not coloured_as_behind(np.zeros_like(rgb), plane, everywhere, hidden).any()

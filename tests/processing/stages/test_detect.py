@@ -17,8 +17,9 @@ from processing.pipeline import resolve, stage_named
 from processing.report.detect_sections import detect_section, tinted
 from processing.segmentation.evidence_file import write_evidence
 from processing.stages.contract import StageContext
-from processing.stages.detect import MASKS, nothing_to_go_by, run, sun_direction
+from processing.stages.detect import MASKS, nothing_to_go_by, run
 from processing.stages.detect_parameters import DetectParameters
+from processing.stages.sun_known import sun_direction
 from station.session import FrameRecord, Side, Site
 from tests.processing.removal.painted_room import Painted, iou, paint
 from tests.station.sessions import manifest

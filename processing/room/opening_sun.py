@@ -1,0 +1,135 @@
+"""Patches of sun on walls look like windows: bright, upright, four-cornered. Where the sun stands tells them apart.
+
+A patch lies where the sun falls through *another* opening, has its wall's own colour and no detail; a true window
+shows the outdoors. What is told so becomes evidence of a wall, and the openings are looked for once more.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.room.model import Opening, RoomModel
+from processing.room.openings import find_openings
+from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneEvidence
+from processing.sphere import Equirectangular, directions
+from processing.surfaces.maps import SurfaceMaps, surface_maps
+from processing.surfaces.plane import CEILING, FIRST_WALL
+from processing.surfaces.sun_colour import coloured_as_behind
+from processing.surfaces.sun_geometry import sun_vector, wall_between, window_depth
+
+Flags = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float32]
+
+ROWS = 512
+AZIMUTHS_RAD = tuple(math.radians(a) for a in (-6, -3, 0, 3, 6))
+ELEVATIONS_RAD = tuple(math.radians(e) for e in (-2, 0, 2))
+"""Within which the given direction may be off: heading; clock and levelling."""
+EDGE_M = 0.15
+"""By which windows, and so their beams, may be told wrong."""
+BRIGHTER = 1.8
+"""Times its wall's median: what is less is no direct sun."""
+DETAIL_STOPS = 0.25
+"""Standard deviation within `DETAIL_RAD`: what shows more is no evenly lit wall."""
+DETAIL_RAD = math.radians(1.5)
+LEAST_SHARE_OF_OPENING = 0.1
+"""Of an opening: less sun in it changes nothing."""
+
+
+def find_openings_in_sun(
+    image: RelativeImage | LuminanceImage,
+    evidence: SceneEvidence,
+    room: RoomModel,
+    sun: tuple[float, float] | None,
+    *,
+    outdoor: LuminanceImage | None = None,
+) -> tuple[Opening, ...]:
+    """Return the openings as `find_openings` does, but for patches of sun on walls, where the sun's place is known.
+
+    ``sun``: azimuth (from +y towards +x) and elevation in rad; None: not known, or no sun shines.
+    """
+    found = find_openings(image, evidence, room, outdoor=outdoor)
+    if sun is None or sun[1] <= 0 or len(found) < 2:
+        return found
+    with_openings = room.model_copy(update={"openings": found})
+    patches, maps = sun_patches(image, with_openings, sun)
+    touched = any(_share(patches, maps.opening == i) > LEAST_SHARE_OF_OPENING for i in range(len(found)))
+    if not touched:
+        return found
+    return find_openings(image, _as_wall(evidence, patches), room, outdoor=outdoor)
+
+
+def sun_patches(
+    image: RelativeImage | LuminanceImage, room: RoomModel, sun: tuple[float, float]
+) -> tuple[Flags, SurfaceMaps]:
+    """Return where openings of the room show sun on a wall (rows, 2 rows), and the room's maps at that size."""
+    rows = min(ROWS, image.geometry.height_px)
+    geometry = Equirectangular(2 * rows, rows)
+    maps = surface_maps(room, geometry)
+    rgb = np.asarray(image.rgb, np.float32)
+    small = cv2.resize(np.where(np.isfinite(rgb), rgb, 0), (2 * rows, rows), interpolation=cv2.INTER_AREA)
+    asked = (maps.opening >= 0) & (maps.plane >= FIRST_WALL)
+    asked &= _in_another_beam(room, maps, geometry, asked, sun)
+    asked &= _bright(small, maps, asked) & _even(small)
+    return asked & coloured_as_behind(small, maps.plane, asked, (maps.opening >= 0) | (maps.plane == CEILING)), maps
+
+
+def _in_another_beam(
+    room: RoomModel, maps: SurfaceMaps, geometry: Equirectangular, asked: Flags, sun: tuple[float, float]
+) -> Flags:
+    """Return which of the asked places the sun may reach through a window of another wall."""
+    rays, _ = directions(geometry)
+    points = rays[asked] * maps.depth_m[asked][:, None] + np.array([0.0, 0.0, room.camera_height_m])
+    reached = np.zeros(len(points), bool)
+    for turn in AZIMUTHS_RAD:
+        for rise in ELEVATIONS_RAD:
+            way = sun_vector(sun[0] + turn, max(0.01, sun[1] + rise))
+            depth, _ = window_depth(room, points, way)
+            near = (depth > -EDGE_M) & ~reached
+            reached[near] = ~wall_between(room, points[near], way)
+    found = np.zeros(asked.shape, bool)
+    found[asked] = reached
+    return found
+
+
+def _bright(rgb: Floats, maps: SurfaceMaps, asked: Flags) -> Flags:
+    luminance = luminance_cd_m2(rgb)
+    found = np.zeros(asked.shape, bool)
+    for plane in np.unique(maps.plane[asked]):
+        shade = luminance[(maps.plane == plane) & (maps.opening < 0) & (luminance > 0)]
+        if shade.size:
+            found |= (maps.plane == plane) & (luminance > BRIGHTER * float(np.median(shade)))
+    return found
+
+
+def _even(rgb: Floats) -> Flags:
+    """Return where hardly any detail is seen."""
+    level = np.log2(np.maximum(luminance_cd_m2(rgb), 1e-6)).astype(np.float32)
+    side = max(3, round(DETAIL_RAD / math.pi * len(level))) | 1
+    wide = cv2.copyMakeBorder(level, 0, 0, side, side, cv2.BORDER_WRAP)
+    mean, square = (cv2.boxFilter(one, cv2.CV_64F, (side, side)) for one in (wide, wide * wide))
+    spread = np.sqrt(np.maximum(square - mean * mean, 0))[:, side:-side]
+    # The edge of a patch is no detail of it: what is even beside a place counts for it.
+    return np.asarray(cv2.erode(spread.astype(np.float32), np.ones((side, side))) < DETAIL_STOPS, bool)
+
+
+def _as_wall(evidence: SceneEvidence, patches: Flags) -> SceneEvidence:
+    """Return evidence of a wall where it was of a window."""
+    shape = evidence.probabilities.shape[1:]
+    grown = cv2.dilate(patches.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(np.float32)
+    there = cv2.resize(grown, (shape[1], shape[0]), interpolation=cv2.INTER_AREA) > 0.5
+    changed = evidence.probabilities.copy()
+    window = changed[SceneClass.WINDOW]
+    changed[SceneClass.WALL] += np.where(there, window, 0)
+    changed[SceneClass.WINDOW] = np.where(there, 0, window)
+    return replace(evidence, probabilities=changed)
+
+
+def _share(mask: Flags, among: Flags) -> float:
+    return float((mask & among).sum() / max(1, among.sum()))
