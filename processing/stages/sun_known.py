@@ -42,4 +42,4 @@ def sky_without_sun(context: StageContext) -> bool:
     """Return whether the session's outdoor picture shows that no sun shone; False where there is none to ask."""
     facts: dict[str, Any] = context.artifact("calibrate", "calibration")
     outdoor = facts.get("outdoor")
-    return bool(outdoor) and str(outdoor["sun"]["found"]).startswith("no")
+    return outdoor is not None and str(outdoor["sun"]["found"]).startswith("no")
