@@ -40,6 +40,6 @@ def _moment(session: SessionManifest) -> datetime | None:
 
 def sky_without_sun(context: StageContext) -> bool:
     """Return whether the session's outdoor picture shows that no sun shone; False where there is none to ask."""
-    facts: dict[str, Any] = context.artifact("calibrate", "calibration")
-    outdoor = facts.get("outdoor")
+    facts: dict[str, Any] | None = context.optional_artifact("calibrate", "calibration")
+    outdoor = facts.get("outdoor") if facts else None
     return outdoor is not None and str(outdoor["sun"]["found"]).startswith("no")
