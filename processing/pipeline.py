@@ -150,12 +150,12 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="room",
-        version=3,
+        version=4,
         title="tell the room",
         function="processing.stages.room:run",
         data=NETWORK,
         needs=("calibrate",),
-        reads=("camera_height_m",),
+        reads=("camera_height_m", "site", "heading_rad", "frames"),
         makes=(
             Artifact("panorama", "picture", optional=True),
             Artifact("room", "json", optional=True, check="processing.room.model_file:check_room"),
@@ -187,7 +187,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=4,
+        version=5,
         title="find what is to be removed",
         function="processing.stages.detect:run",
         data=NETWORK,
