@@ -340,6 +340,11 @@ def test_the_table_is_sound() -> None:
     assert [s.name for s in selected("merge")] == ["verify", "merge"]
 
 
+def test_stages_that_ask_for_the_sun_see_what_it_is_told_from() -> None:
+    for name in ("room", "detect"):
+        assert {"site", "heading_rad", "frames"} <= set(stage_named(name).reads), name
+
+
 def test_the_shipped_network_is_an_ingredient_of_what_depends_on_it() -> None:
     """A new network makes rooms and masks of the old one out of date."""
     for name in ("room", "detect"):
