@@ -16,6 +16,7 @@ from processing.removal.blurs import blurred
 from processing.removal.illumination import fit_illumination
 from processing.removal.membrane import spread
 from processing.removal.near_periodic_correlation import Flags, Floats
+from processing.removal.occlusion import away_from, rising_light
 from processing.removal.tone import ToneScale, grey
 
 OUTLIER = 4.0
@@ -67,12 +68,14 @@ def fill_plain(
     usual_rows: Floats | None = None,
     beside: Flags | None = None,
     most_rough: float = np.inf,
+    px_per_m: float | None = None,
 ) -> PlainFill:
     """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile.
 
     ``usual_rows`` (h, 3): tone that rows have on other walls (skirting), where this one's are not seen. ``beside``
     (h, w): what is seen though not to be learnt from; soft shadows there run out in the hole. A surface rougher than
-    ``most_rough`` (what is seen through a window) gets no grain.
+    ``most_rough`` (what is seen through a window) gets no grain. ``px_per_m``: of a wall before which the hole's things
+    stood; the light that they took from it is given back (`occlusion`). None: light goes on as it is at the rim.
     """
     known = known & ~hole
     scale = ToneScale.of(values, known)
@@ -82,7 +85,8 @@ def fill_plain(
         known = known & ~_other_colours(tone, known)
     level = np.median(tone[known], axis=0) if known.any() else np.zeros(3)
     tone = np.where(known[..., None], tone - level, 0).astype(np.float32)
-    slow = fit_illumination(tone, known, hole, None, bend=0.1)
+    lit = known if px_per_m is None else away_from(known, hole, px_per_m)
+    slow = fit_illumination(tone, lit, hole, None, bend=0.1)
     rest = np.where(known[..., None], tone - slow, 0).astype(np.float32)
     profile = _profile(rest, known, hole, usual_rows) if level_rows else np.zeros((len(rest), 1, 3), np.float32)
     rest = np.where(known[..., None], rest - profile, 0).astype(np.float32)
@@ -91,6 +95,8 @@ def fill_plain(
     grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
     smooth = np.asarray(slow + profile + low, np.float32)
+    if px_per_m is not None:
+        smooth += rising_light(low, clean, known if beside is None else beside, hole, px_per_m)[..., None]
     if beside is not None:
         step = np.asarray(scale.tone(values) - level - smooth, np.float32)
         smooth += fading_shadows(step, beside & ~hole, hole)

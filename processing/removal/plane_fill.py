@@ -104,7 +104,9 @@ def _surface(
     else:
         wall = texture.plane.index >= FIRST_WALL
         usual = skirting.rows(len(hole), texture.px_per_m) if wall and skirting is not None else None
-        plain = fill_plain(values, sources, hole, level_rows=wall, usual_rows=usual, beside=sources)
+        plain = fill_plain(
+            values, sources, hole, level_rows=wall, usual_rows=usual, beside=sources, px_per_m=texture.px_per_m
+        )
         said = f"plain (roughness {plain.roughness:.3f})"
         if plain.roughness < PATTERN:
             return plain.values, plain.confidence, True, said

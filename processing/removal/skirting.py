@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from processing.removal.near_periodic_correlation import Flags, Floats
+from processing.removal.regions import opening_regions
 from processing.removal.tone import ToneScale, grey
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
@@ -17,8 +18,10 @@ from processing.surfaces.textures import Texture, unwrap
 
 PX_PER_M = 80.0
 HIGHEST_M = 0.25
+TOP_M = 0.05
+"""Below that height: what of the wall is just above the skirting, against which it is told."""
 ABOVE_M = (0.3, 0.6)
-"""Where the wall itself is seen, against which the skirting is told."""
+"""Where the wall itself must be seen too."""
 LEAST_COLUMNS = 12
 MIXED_PX, FARTHER = 1.5, 1.2
 """Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""
@@ -49,7 +52,11 @@ def find_skirting(rgb: Floats, geometry: Equirectangular, room: RoomModel, maske
     found = []
     for plane in planes_of(room)[FIRST_WALL:]:
         texture = unwrap(rgb, geometry, room, plane, PX_PER_M, mask=masked)
-        profile = _profile(texture, _mixed_rows(plane, room, geometry))
+        known = texture.known.copy()
+        for opening in opening_regions(plane, room, known.shape, PX_PER_M):
+            # What is seen through a window, and its reveal, is no wall to compare with.
+            known[opening] = False
+        profile = _profile(replace(texture, known=known), _mixed_rows(plane, room, geometry))
         if profile is not None:
             found.append(profile)
     if not found:
@@ -86,6 +93,8 @@ def _profile(texture: Texture, mixed: int) -> tuple[Floats, int] | None:
     tone = ToneScale.of(texture.values, texture.known).tone(texture.values[:, whole])
     off = tone[foot - rows : foot][::-1] - np.median(tone[top:low], axis=0)
     found = np.asarray(np.median(off, axis=1), np.float32)
+    # Walls grow darker towards the floor; that is light.
+    found -= np.median(found[-round(TOP_M * PX_PER_M) :], axis=0)
     found[:mixed] = found[min(mixed, rows - 1)]
     return found, int(whole.sum())
 

@@ -10,6 +10,7 @@ import pytest
 from processing.images import RelativeImage
 from processing.removal.fill import empty_room
 from processing.removal.skirting import find_skirting
+from processing.room.model import Opening, OpeningKind
 from processing.sphere import Equirectangular
 from tests.processing.removal.painted_room import Painted, box_room, paint
 
@@ -51,3 +52,13 @@ def test_a_wall_that_hides_its_own_gets_it(bare: Painted) -> None:
     board, above = target & (high < 0.1), target & (high > 0.25)
     assert 1.5 < np.median(found[board]) / np.median(found[above]) < 2.5
     np.testing.assert_allclose(np.median(found[board]), np.median(lit.rgb[board]), rtol=0.25)
+
+
+def test_what_is_seen_through_a_low_window_is_no_wall_to_compare_with(bare: Painted) -> None:
+    """The wall under a bright window is no dark skirting."""
+    rgb, high = bare.image.rgb.copy(), bare.points_m[..., 2]
+    low = Opening(kind=OpeningKind.WINDOW, wall=0, start_m=0.1, end_m=3.9, sill_m=0.28, head_m=2.2)
+    rgb[(bare.maps.plane == 2) & (high > 0.2)] = 40.0
+    others = bare.maps.plane > 2
+    assert find_skirting(rgb, GEOMETRY, box_room(window=False), others) is not None
+    assert find_skirting(rgb, GEOMETRY, box_room().model_copy(update={"openings": (low,)}), others) is None
