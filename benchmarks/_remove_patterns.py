@@ -79,7 +79,7 @@ def floors(sorts: tuple[str, ...], shares: tuple[float, ...], seed: int, count: 
 def ours_on(case: Case, rows: Rows) -> Scores:
     """Return our scores."""
     name, picture, valid, hole = case
-    return Scores(*rows.row(f"pattern {name} daylit", lambda: _ours(picture, valid, hole)))
+    return Scores(*rows.row(f"pattern {name} daylit", lambda: _ours(picture, valid, hole), "patterns"))
 
 
 def _ours(picture: Bytes, valid: Flags, hole: Flags) -> Scores:

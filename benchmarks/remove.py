@@ -42,14 +42,16 @@ from benchmarks._remove_plot import remove_plot
 from benchmarks._remove_rivals import SLOW, rivals
 from benchmarks._remove_rooms import full_size_s, plot_cases, rooms
 
+REPEATING = ("near_periodic*", "illumination", "membrane", "blurs", "tone")
 FILLING = (
-    *("fill", "plane_fill", "near_periodic*", "plain", "skirting", "sources", "kept_sunlight", "mixed_pixels"),
-    *("illumination", "membrane", "blurs", "tone", "regions"),
+    *("fill", "plane_fill", "plain", "skirting", "occlusion", "sources", "kept_sunlight", "mixed_pixels", "regions"),
+    *REPEATING,
 )
-"""Of processing/removal: how masks are found does not matter here."""
+"""Of processing/removal: how masks are found does not matter here, and to patterns in the plane no room does."""
 SCORES = "benchmarks/_remove_scores.py"
 CODE = {
     "ours": (*(f"processing/removal/{name}.py" for name in FILLING), "processing/surfaces/*.py", SCORES),
+    "patterns": (*(f"processing/removal/{name}.py" for name in REPEATING), SCORES),
     "theirs": ("benchmarks/_remove_rivals.py", SCORES),
 }
 """Rows of rivals outlast changes of ours."""
