@@ -10,7 +10,8 @@ Rectangles are (u0, v0, u1, v1) in metres of the wall's plane, v down.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -27,16 +28,15 @@ Box = tuple[float, float, float, float]
 
 HIDING = (SceneClass.FURNITURE, SceneClass.TRIPOD, SceneClass.FIXTURE)
 """What may hide an opening: there, classes tell nothing."""
-REGION_PER_M2 = 10.0
-"""Weight of a square metre of surely right class, against a metre of sharp edge."""
-OUTER_EDGE, INNER_EDGE, GLASS_EDGE, COMMON_EDGE = 1.0, 1.0, 1.0, 0.3
-"""Weights of the edges around the opening, around what is seen of it and, further in, around the glass; edge strength
-anywhere on a wall."""
+COMMON_EDGE = 0.3
+"""Edge strength anywhere on a wall."""
 FRAMES_M = (0.03, 0.045, 0.06, 0.075, 0.1)
 REACH_M, PASSES = 0.3, 3
 STAY_PER_M = 1.0
 """What a side pays for leaving its place without a reason."""
 LEAST_SIDE_M = 0.3
+AROUND_M = 0.3
+"""Width of the wall around an opening that its light is compared with."""
 
 
 @dataclass(frozen=True)
@@ -51,17 +51,30 @@ class Kind:
     to_floor: bool
     odds: float
     """By which the network's odds are raised: it is slow to call a wall broken."""
+    weights: tuple[float, ...]
+    """Of `box_scores`."""
+    last_weights: tuple[float, ...] | None = None
+    """The same for the last fit, once the recess is known."""
     usual_width_m: tuple[float, float] | None = None
     usual_head_m: tuple[float, float] | None = None
 
 
-WINDOW = Kind(SceneClass.WINDOW, (-0.08, -0.05, *(0.04 * i for i in range(12))), (0.23, 0.12), to_floor=False, odds=1.5)
+WINDOW = Kind(
+    SceneClass.WINDOW,
+    (-0.08, -0.05, *(0.04 * i for i in range(12))),
+    (0.23, 0.12),
+    to_floor=False,
+    odds=1.5,
+    weights=(10, 1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0),
+    last_weights=(9.4, 3.9, 0.1, 2.4, 0, 0.8, 1.8, 1.2, -0.3, 1.85, 1.9, 1.75, 3.8),
+)
 DOOR = Kind(
     SceneClass.DOOR,
     (-0.1, -0.08, -0.06, -0.04, -0.02, 0.0, 0.05, 0.1),
     (-0.06, 0.03),
     to_floor=True,
     odds=2.5,
+    weights=(10, 1, 1, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0),
     usual_width_m=(0.82, 0.12),
     usual_head_m=(2.03, 0.08),
 )
@@ -104,25 +117,21 @@ class Field:
         return np.asarray(cv2.integral(self.votes, sdepth=cv2.CV_64F), dtype=np.float64)
 
     @cached_property
-    def _edge_sums(self) -> tuple[Doubles, Doubles]:
-        """Return running sums of edges: rightward steps down the columns, downward steps along the rows."""
+    def _edge_sums(self) -> tuple[Doubles, Doubles, tuple[Doubles, Doubles]]:
+        """Return running sums of edges along upright and level lines; and signed ones: brighter to the right, below."""
         standing = np.minimum(self.share[[SceneClass.FURNITURE, SceneClass.TRIPOD]].sum(axis=0), 1)
         # Curtains have upright edges of their own; sill and head are seen over radiators and under rods.
         cloth = 0.0 if self.cloth else self.share[SceneClass.FIXTURE]
         across, down = self.view.edges
-        # An edge that is tilted or wavy by a texel is still one edge.
-        wide = cv2.blur(across, (3, 1)), cv2.blur(down, (1, 3))
         clear = self.view.known * (1 - standing)
-        upright = (wide[0] - COMMON_EDGE) * self.view.known * (1 - np.minimum(standing + cloth, 1))
-        first = np.cumsum(upright, axis=0, dtype=np.float64)
-        second = np.cumsum((wide[1] - COMMON_EDGE) * clear, axis=1, dtype=np.float64)
-        return np.pad(first, ((1, 0), (0, 0))), np.pad(second, ((0, 0), (1, 0)))
-
-    @cached_property
-    def _tables(self) -> tuple[Doubles, Doubles, Doubles]:
-        """Return running sums of votes, of edges along upright lines and along level ones."""
-        upright, level = self._edge_sums
-        return self._votes_sum, np.ascontiguousarray(upright.T), level
+        bare = self.view.known * (1 - np.minimum(standing + cloth, 1))
+        found = []
+        for upright, level, common in ((np.abs(across), np.abs(down), COMMON_EDGE), (across, down, 0.0)):
+            # An edge that is tilted or wavy by a texel is still one edge.
+            first = np.cumsum((cv2.blur(upright, (3, 1)) - common) * bare, axis=0, dtype=np.float64)
+            second = np.cumsum((cv2.blur(level, (1, 3)) - common) * clear, axis=1, dtype=np.float64)
+            found += [np.ascontiguousarray(np.pad(first, ((1, 0), (0, 0))).T), np.pad(second, ((0, 0), (1, 0)))]
+        return found[0], found[1], (found[2], found[3])
 
     def region(self, box: Box) -> float:
         """Return the sum of votes (m2) in a box; ends between texels count in part."""
@@ -130,15 +139,14 @@ class Field:
 
     def level_edge(self, v_m: float, u0_m: float, u1_m: float) -> float:
         """Return how much edge (m) runs along a level line; 0 at the wall's own ends."""
-        return float(edge(self._tables[2], self.view.px_per_m, v_m, u0_m, u1_m))
+        return float(edge(self._edge_sums[1], self.view.px_per_m, v_m, u0_m, u1_m))
 
-    def scores(self, recess_m: float, boxes: Doubles) -> Doubles:
-        """Return the scores (n,) of boxes (n, 4): larger is better, 0 is no opening."""
+    def scores(self, recess_m: float, boxes: Doubles, weights: Sequence[float] | None = None) -> Doubles:
+        """Return the scores (n,) of boxes (n, 4): larger is better, 0 is no opening. ``weights`` None: the kind's."""
         out = np.empty(len(boxes))
-        weights = np.array([REGION_PER_M2, OUTER_EDGE, INNER_EDGE, GLASS_EDGE])
-        view = self.view
+        view, used = self.view, np.array(weights or self.kind.weights, dtype=np.float64)
         eye, frames = np.array(view.eye, dtype=np.float64), np.array(FRAMES_M)
-        box_scores(*self._tables, view.px_per_m, eye, recess_m, weights, frames, self.kind.to_floor, boxes, out)
+        box_scores(self._votes_sum, *self._edge_sums, view.px_per_m, eye, recess_m, used, frames, boxes, out)
         usual, head = self.kind.usual_width_m, self.kind.usual_head_m
         if usual:
             out -= 0.25 * ((boxes[:, 2] - boxes[:, 0] - usual[0]) / usual[1]) ** 2
@@ -193,7 +201,7 @@ def recess_cost(kind: Kind, recess_m: float) -> float:
     return 0.5 * ((recess_m - kind.usual_recess_m[0]) / kind.usual_recess_m[1]) ** 2
 
 
-def fitted(field: Field, recess_m: float, start: Box) -> tuple[float, Box]:
+def fitted(field: Field, recess_m: float, start: Box, weights: Sequence[float] | None = None) -> tuple[float, Box]:
     """Return the best score and rectangle near a start: each side is moved in turn, a few times."""
     view = field.view
     start = _kept_inside(view, start)
@@ -212,10 +220,41 @@ def fitted(field: Field, recess_m: float, start: Box) -> tuple[float, Box]:
                 continue
             boxes = np.repeat(np.array([sides], dtype=np.float64), len(tried), axis=0)
             boxes[:, which] = tried
-            found = field.scores(recess_m, boxes) - STAY_PER_M * np.abs(tried - start[which])
+            found = field.scores(recess_m, boxes, weights) - STAY_PER_M * np.abs(tried - start[which])
             place = int(found.argmax())
             best, sides[which] = float(found[place]), float(tried[place])
     return best, (sides[0], sides[1], sides[2], sides[3])
+
+
+def fitted_last(one: Candidate) -> Candidate:
+    """Return an opening fitted once more from where it is, by the last weights of its kind; its score stays.
+
+    By day what belongs to a window, reveals too, is brighter than the wall. That counts in full where its inside is a
+    stop brighter than what is around it, and not at all where it is darker: at night.
+    """
+    last = one.field.kind.last_weights
+    if last is None:
+        return one
+    day = float(np.clip(brighter_inside(one), 0.0, 1.0))
+    weights = (*last[:10], *(day * each for each in last[10:]))
+    return replace(one, box=fitted(one.field, one.recess_m, one.box, weights)[1])
+
+
+def brighter_inside(one: Candidate) -> float:
+    """Return by how many stops what is seen of an opening is brighter than what is around it; medians; 0: unknown."""
+    view, p = one.field.view, one.field.view.px_per_m
+    inside = np.zeros(view.known.shape, bool)
+    around = np.zeros(view.known.shape, bool)
+    for part, box, wider in ((inside, shown_box(view, one.recess_m, one.box), 0.0), (around, one.box, AROUND_M)):
+        u0, v0 = (max(0, round((side - wider) * p)) for side in box[:2])
+        u1, v1 = (max(0, round((side + wider) * p)) for side in box[2:])
+        part[v0:v1, u0:u1] = True
+    u0, v0, u1, v1 = (max(0, round(side * p)) for side in one.box)
+    around[v0:v1, u0:u1] = False
+    inside, around = inside & view.known, around & view.known
+    if not inside.any() or not around.any():
+        return 0.0
+    return float(np.median(view.log_luminance[inside]) - np.median(view.log_luminance[around]))
 
 
 def _kept_inside(view: WallView, box: Box) -> Box:

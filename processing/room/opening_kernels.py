@@ -73,10 +73,15 @@ def _glass(upright: Any, level: Any, px_per_m: float, frames_m: Any, shown: Any)
 
 @nb.njit(cache=True, nogil=True)
 def box_scores(
-    votes: Any, upright: Any, level: Any, px_per_m: float, eye: Any, recess_m: float, weights: Any, frames_m: Any,
-    to_floor: bool, boxes: Any, out: Any,
+    votes: Any, upright: Any, level: Any, brighter: Any, px_per_m: float, eye: Any, recess_m: float, weights: Any,
+    frames_m: Any, boxes: Any, out: Any,
 ) -> None:  # fmt: skip
-    """Fill the scores (n,) of rectangles (n, 4) in metres; ``weights``: of area, outer, inner, glass edges."""
+    """Fill the scores (n,) of rectangles (n, 4) in metres.
+
+    ``upright``, ``level``: running sums of edges; ``brighter``: the same of signed ones, towards the right and down.
+    ``weights`` (13,): of area, of outer edges (upright, upper, lower), of inner ones likewise, of the glass's, of the
+    rectangle's own width and height, and of outer edges that are brighter inside (upright, upper, lower).
+    """
     shown = np.empty(4)
     apart = APART_TEXELS / px_per_m
     for i in range(len(boxes)):
@@ -86,13 +91,15 @@ def box_scores(
         # Networks call a reveal now wall, now window.
         total = weights[0] * max(seen, region(votes, px_per_m, box[0], box[1], box[2], box[3]))
         for side in range(4):
-            if to_floor and side == 3:
-                continue
             table = level if side % 2 else upright
             start, end = (0, 2) if side % 2 else (1, 3)
-            total += weights[2] * edge(table, px_per_m, shown[side], shown[start], shown[end])
+            which = 0 if side % 2 == 0 else (side + 1) // 2
+            total += weights[4 + which] * edge(table, px_per_m, shown[side], shown[start], shown[end])
             if abs(shown[side] - box[side]) > apart:
-                total += weights[1] * edge(table, px_per_m, box[side], box[start], box[end])
-        if not to_floor:
-            total += weights[3] * _glass(upright, level, px_per_m, frames_m, shown)
-        out[i] = total
+                total += weights[1 + which] * edge(table, px_per_m, box[side], box[start], box[end])
+            if weights[10 + which] != 0:
+                signed = edge(brighter[side % 2], px_per_m, box[side], box[start], box[end])
+                total += weights[10 + which] * (signed if side < 2 else -signed)
+        if weights[7] != 0:
+            total += weights[7] * _glass(upright, level, px_per_m, frames_m, shown)
+        out[i] = total + weights[8] * (box[2] - box[0]) + weights[9] * (box[3] - box[1])

@@ -25,6 +25,7 @@ from processing.room.opening_fit import (
     Kind,
     box_of_shown,
     fitted,
+    fitted_last,
     recess_cost,
     shown_box,
 )
@@ -52,6 +53,8 @@ GLIMPSE, LEAST_GLIMPSE, GLIMPSED_SHARE, FULL_SHARE, BLIND_SHARE = 0.15, 0.4, 0.7
 is; how much of it is cloth."""
 FLOOR_M = 0.16
 """A window whose lower edge is lower is a glass door."""
+BOARD_M = 0.025
+"""A window's lower edge is that of its sill board, which is so thick."""
 
 
 def find_openings(
@@ -96,7 +99,8 @@ def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
         tried = [_fit(field, recess, shown) for field, shown in starts]
         total = sum(one.score - recess_cost(kind, recess) for one in tried)
         best = max(best, (total, tried), key=lambda entry: entry[0])
-    return [one for one in best[1] if one.score > (LEAST_BLIND_SCORE if one.field.cloth else LEAST_SCORE[kind.shown])]
+    sure = [one for one in best[1] if one.score > (LEAST_BLIND_SCORE if one.field.cloth else LEAST_SCORE[kind.shown])]
+    return [fitted_last(one) for one in sure]
 
 
 def _fit(field: Field, recess: float, shown: Box) -> Candidate:
@@ -181,7 +185,7 @@ def _opening(one: Candidate, room: RoomModel, outside: float | None) -> Opening:
         wall=view.wall,
         start_m=max(0.0, length - u1),
         end_m=min(length, length - u0),
-        sill_m=max(0.0, height - v1),
+        sill_m=max(0.0, height - v1 + (BOARD_M if v1 < height and not one.field.kind.to_floor else 0.0)),
         head_m=min(height - v0, room.ceiling_height_m),
         confidence=_confidence(one, outside),
     )

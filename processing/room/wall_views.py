@@ -54,12 +54,12 @@ class WallView:
 
     @cached_property
     def edges(self) -> tuple[Floats, Floats]:
-        """Return how clearly brightness steps at each texel (h, w), 0..1, from left to right and downwards."""
+        """Return how clearly brightness rises at each texel (h, w), -1..1, from left to right and downwards."""
         soft = cv2.GaussianBlur(self.log_luminance, (0, 0), 0.8)
         out = []
         for dx, dy in ((1, 0), (0, 1)):
-            step = np.abs(cv2.Sobel(soft, cv2.CV_32F, dx, dy, ksize=3, scale=0.25, borderType=cv2.BORDER_REPLICATE))
-            strength = step / (step + EDGE_STOPS)
+            step = cv2.Sobel(soft, cv2.CV_32F, dx, dy, ksize=3, scale=0.25, borderType=cv2.BORDER_REPLICATE)
+            strength = step / (np.abs(step) + EDGE_STOPS)
             # The border of what is seen is no edge of the room.
             inside = cv2.erode(self.known.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
             out.append(np.where(inside, strength, 0.0).astype(np.float32))

@@ -12,9 +12,9 @@ from processing.images import LuminanceImage, RelativeImage
 from processing.room.model import Opening, OpeningKind, RoomModel, geometry_problems
 from processing.room.opening_cover import uncovered
 from processing.room.opening_fit import WINDOW as KIND
-from processing.room.opening_fit import Candidate, Field
+from processing.room.opening_fit import Candidate, Field, brighter_inside
 from processing.room.openings import find_openings
-from processing.room.wall_views import WallView
+from processing.room.wall_views import WallView, wall_views
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.surfaces.planes import planes_of
@@ -58,15 +58,18 @@ def iou(found: Opening, wall: int, start: float, end: float, sill: float, head: 
     return across * up / (both - across * up)
 
 
-def test_windows_in_a_reveal_and_a_door_are_found_whole() -> None:
-    image, evidence = told((WINDOW, SECOND, DOOR), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.DOOR))
+@pytest.mark.parametrize(("reveal", "least"), [(2.0, 0.85), (0.65, 0.7)])
+def test_windows_in_a_reveal_and_a_door_are_found_whole(reveal: float, least: float) -> None:
+    """Reveals lit through the window, as by day; and ones of the wall's tone, whose outer edge hardly shows."""
+    lit = tuple(replace(one, reveal=reveal) for one in (WINDOW, SECOND))
+    image, evidence = told((*lit, DOOR), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.DOOR))
     found = find_openings(image, evidence, ROOM)
     assert sorted(o.kind for o in found) == [OpeningKind.DOOR, OpeningKind.WINDOW, OpeningKind.WINDOW]
     assert not geometry_problems(ROOM.model_copy(update={"openings": found}))
     # The front wall is wall 2 and runs from x = 1.6 to -2.0; the left one is wall 3, from y = 2.4 to -1.5.
     windows = [o for o in found if o.kind is OpeningKind.WINDOW]
     assert max(iou(o, 2, 1.2, 2.5, 0.9, 2.1) for o in windows) > 0.85
-    assert max(iou(o, 2, 0.2, 0.8, 0.9, 2.1) for o in windows) > 0.8
+    assert max(iou(o, 2, 0.2, 0.8, 0.9, 2.1) for o in windows) > least
     door = next(o for o in found if o.kind is OpeningKind.DOOR)
     assert door.sill_m == 0
     assert iou(door, 3, 2.6, 3.4, 0.0, 2.0) > 0.8
@@ -141,3 +144,22 @@ def test_a_window_darker_than_the_sky_allows_is_doubted() -> None:
     (never,) = find_openings(cd_m2(image, 1.0), evidence, ROOM, outdoor=cd_m2(image, 1e5))
     assert day.confidence == plain.confidence
     assert never.confidence == pytest.approx(plain.confidence / 2)
+
+
+def test_a_window_is_brighter_than_its_wall_by_day_and_darker_by_night() -> None:
+    """At night the light inside tells nothing of the edges, and the window is found all the same."""
+    for luminance, brighter in ((20.0, True), (0.02, False)):
+        patch = replace(WINDOW, luminance=luminance)
+        image, evidence = told((patch,), (SceneClass.WINDOW,))
+        (found,) = find_openings(image, evidence, ROOM)
+        assert iou(found, 2, 1.2, 2.5, 0.9, 2.1) > 0.8
+        view = next(each for each in wall_views(image, evidence, ROOM) if each.wall == 2)
+        assert (brighter_inside(Candidate(Field(view, KIND), (1.1, 0.5, 2.4, 1.7), 0.2, 1.0)) > 0) is brighter
+
+
+def test_a_board_under_the_window_is_not_the_window() -> None:
+    """The lower edge that is seen is taken for a sill board's; a glass door has none."""
+    (found,) = find_openings(*told((WINDOW,), (SceneClass.WINDOW,)), ROOM)
+    (glass_door,) = find_openings(*told((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,)), ROOM)
+    assert found.sill_m > 0.9
+    assert glass_door.sill_m == 0
