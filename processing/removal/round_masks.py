@@ -72,30 +72,33 @@ def grown(mask: Flags, angle_rad: float) -> Flags:
         return found
     latitude, step = row_latitudes(rows), math.pi / rows
     reach = math.ceil(angle_rad / step)
-    padded, most = _round_sums(mask)
     some = np.asarray(mask.any(axis=1), bool)
+    away = _columns_away(mask)
     for down in range(-reach, reach + 1):
         source = np.arange(max(0, -down), min(rows, rows - down))
         source = source[some[source]]
         if not source.size:
             continue
         half = _half_widths(latitude[source], latitude[source + down], angle_rad, columns)
-        seen = half >= 0
-        source, half = source[seen], half[seen]
-        middle = np.arange(columns)[None, :] + most
-        high = np.take_along_axis(padded[source], middle + half[:, None] + 1, axis=1)
-        found[source + down] |= high > np.take_along_axis(padded[source], middle - half[:, None], axis=1)
+        for row, widest in zip(source, half, strict=True):
+            found[row + down] |= away[row] <= widest
     return found
 
 
-def _round_sums(mask: Flags) -> tuple[Integers, int]:
-    """Return running sums along each row, continued half a turn beyond both ends, and by how many columns."""
+def _columns_away(mask: Flags) -> npt.NDArray[np.int16] | Integers:
+    """Return how many columns each place is from the nearest of its row's mask, round the seam; more than all: none."""
     columns = mask.shape[1]
-    most = columns // 2
-    part = mask.astype(np.int32)
-    wide = np.concatenate([part[:, columns - most :], part, part[:, :most]], axis=1)
-    sums = np.concatenate([np.zeros((len(mask), 1), np.int32), np.cumsum(wide, axis=1, dtype=np.int32)], axis=1)
-    return sums, most
+    kind = np.int16 if 3 * columns < np.iinfo(np.int16).max else np.int32
+    place = np.arange(columns, dtype=kind)
+    left = np.where(mask, place, kind(-columns))
+    np.maximum.accumulate(left, axis=1, out=left)
+    # Before a row's first place, the nearest on the left is its last one, beyond the seam.
+    beyond = left[:, -1:] - kind(columns)
+    left = np.minimum(place - np.maximum(left, beyond), kind(2 * columns))
+    right = np.where(mask, place, kind(2 * columns))
+    right = np.minimum.accumulate(right[:, ::-1], axis=1)[:, ::-1]
+    right = np.minimum(right, right[:, :1] + kind(columns)) - place
+    return np.asarray(np.minimum(left, right))
 
 
 def _half_widths(here: Doubles, there: Doubles, angle_rad: float, columns: int) -> npt.NDArray[np.int64]:
