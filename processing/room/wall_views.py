@@ -6,7 +6,7 @@ Places on a wall are (u, v) in metres of its `Plane`: u to the right, v down fro
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -26,6 +26,8 @@ Doubles = npt.NDArray[np.float64]
 
 MOST_PX_PER_M, LEAST_PX_PER_M = 120.0, 30.0
 LARGEST_TEXELS = 2_000_000
+WIDEST_PX = 3360
+"""Of the panorama that walls are taken from: all that `MOST_PX_PER_M` asks for where they are 4.5 m away or nearer."""
 EDGE_STOPS = 0.25
 """A step in log2 luminance, over one texel, at which an edge counts half: faint and strong edges count nearly alike."""
 LEAST_SEEN = 0.02
@@ -71,6 +73,10 @@ def wall_views(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, r
     geometry = image.geometry
     assert isinstance(geometry, Equirectangular)
     luminance = luminance_cd_m2(image.rgb)
+    if luminance.shape[1] > WIDEST_PX:
+        smaller = cv2.resize(luminance, (WIDEST_PX, WIDEST_PX // 2), interpolation=cv2.INTER_AREA)
+        luminance = smaller.astype(np.float32, copy=False)
+        geometry = replace(geometry, width_px=WIDEST_PX, height_px=WIDEST_PX // 2)
     shown = luminance[luminance > 0]
     middle = float(np.median(shown)) if shown.size else 1.0
     log = np.log2(luminance + np.float32(0.01 * middle)) - np.float32(math.log2(middle))

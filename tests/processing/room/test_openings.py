@@ -163,3 +163,12 @@ def test_a_board_under_the_window_is_not_the_window() -> None:
     (glass_door,) = find_openings(*told((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,)), ROOM)
     assert found.sill_m > 0.9
     assert glass_door.sill_m == 0
+
+
+def test_walls_of_a_large_panorama_are_taken_from_a_smaller_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    image, evidence = told((replace(WINDOW, reveal=2.0),), (SceneClass.WINDOW,))
+    (fine,) = find_openings(image, evidence, ROOM)
+    monkeypatch.setattr("processing.room.wall_views.WIDEST_PX", ROWS)
+    (coarse,) = find_openings(image, evidence, ROOM)
+    assert coarse != fine
+    assert iou(coarse, fine.wall, fine.start_m, fine.end_m, fine.sill_m, fine.head_m) > 0.85
