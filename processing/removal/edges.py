@@ -131,14 +131,22 @@ def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS
         )
 
     colour, value = mean(guide), mean(values)
-    covariance = mean(guide * values[..., None]) - colour * value[..., None]
-    spread = np.empty((*values.shape, 3, 3), np.float32)
-    for i in range(3):
-        for j in range(i, 3):
-            spread[..., i, j] = spread[..., j, i] = (
-                mean(guide[..., i] * guide[..., j]) - colour[..., i] * colour[..., j]
-            )
-    spread += np.float32(eps) * np.eye(3, dtype=np.float32)
-    slope = np.linalg.solve(spread, covariance[..., None])[..., 0]
+    covariance = [mean(guide[..., i] * values) - colour[..., i] * value for i in range(3)]
+    pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    spread = [
+        mean(guide[..., i] * guide[..., j]) - colour[..., i] * colour[..., j] + np.float32(eps if i == j else 0)
+        for i, j in pairs
+    ]
+    slope = np.stack(_solved(spread, covariance), axis=-1)
     offset = value - (slope * colour).sum(axis=2)
     return np.asarray((mean(slope) * guide).sum(axis=2) + mean(offset), dtype=np.float32)
+
+
+def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
+    """Solve symmetric, positive 3 x 3 systems, one a pixel: a LAPACK call for each would cost ten times as much."""
+    a, b, c, d, e, f = matrix
+    x, y, z = right
+    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
+    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
+    scale = 1 / (a * aa + b * bb + c * cc)
+    return [(aa * x + bb * y + cc * z) * scale, (bb * x + dd * y + ee * z) * scale, (cc * x + ee * y + ff * z) * scale]
