@@ -133,20 +133,20 @@ def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS
     colour, value = mean(guide), mean(values)
     covariance = [mean(guide[..., i] * values) - colour[..., i] * value for i in range(3)]
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-    spread = [
-        mean(guide[..., i] * guide[..., j]) - colour[..., i] * colour[..., j] + np.float32(eps if i == j else 0)
-        for i, j in pairs
-    ]
+    spread = [mean(guide[..., i] * guide[..., j]) - colour[..., i] * colour[..., j] for i, j in pairs]
+    for k in (0, 3, 5):
+        spread[k] = spread[k] + np.float32(eps)
     slope = np.stack(_solved(spread, covariance), axis=-1)
     offset = value - (slope * colour).sum(axis=2)
     return np.asarray((mean(slope) * guide).sum(axis=2) + mean(offset), dtype=np.float32)
 
 
 def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
-    """Solve symmetric, positive 3 x 3 systems, one a pixel: a LAPACK call for each would cost ten times as much."""
-    a, b, c, d, e, f = matrix
+    """Solve symmetric, positive 3 x 3 systems, one a pixel, in double precision: LAPACK takes twice as long."""
+    a, b, c, d, e, f = (one.astype(np.float64) for one in matrix)
     x, y, z = right
     aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
     dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
     scale = 1 / (a * aa + b * bb + c * cc)
-    return [(aa * x + bb * y + cc * z) * scale, (bb * x + dd * y + ee * z) * scale, (cc * x + ee * y + ff * z) * scale]
+    solved = (aa * x + bb * y + cc * z, bb * x + dd * y + ee * z, cc * x + ee * y + ff * z)
+    return [np.asarray(one * scale, np.float32) for one in solved]
