@@ -81,6 +81,18 @@ def export(checkpoint: Path, validation: Path, rooms: int, out: Path, name: str)
 
 
 @main.command()
+@click.option("--classes", type=click.Path(path_type=Path, exists=True), required=True, help="An exported network.")
+@click.option("--boundaries", type=click.Path(path_type=Path, exists=True), required=True, help="Another.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="The .onnx; a .json is written beside it.")
+@click.option("--name", required=True, help="Name and version that results carry.")
+def join(classes: Path, boundaries: Path, out: Path, name: str) -> None:
+    """Write one network that tells classes as the one does and boundaries as the other."""
+    from training.join import join as run
+
+    run(classes, boundaries, out, name=name)
+
+
+@main.command()
 @click.option("--model", type=click.Path(path_type=Path), default=None, help="None: the shipped one.")
 @click.option("--validation", type=click.Path(path_type=Path), default=None)
 @click.option("--shared", type=click.Path(path_type=Path), default=None, help="The shared data folder.")
