@@ -94,6 +94,12 @@ def sun_enters(room: Room, least_share: float = 0.005) -> bool:
     return share(lit) >= least_share
 
 
+def sun_of(truth: Room) -> tuple[float, float] | None:
+    """Return the sun's azimuth and elevation (rad), None where the sky shows none: a session knows both."""
+    sky = truth.sky
+    return (sky.sun_azimuth_rad, sky.sun_elevation_rad) if sky.disc() is not None else None
+
+
 def score(found: Flags, true: Flags, ignore: Flags | None = None) -> Score:
     """Return how well a mask (H, W) meets the true one; two empty masks meet."""
     weight = solid_angles(Equirectangular(found.shape[1], found.shape[0]))

@@ -17,7 +17,7 @@ from processing.room.estimate import RoomEstimate, estimate_room
 from processing.room.hypotheses import hypotheses
 from processing.room.level import find_upright, make_upright
 from processing.room.model import Opening, RoomModel
-from processing.room.openings import find_openings
+from processing.room.opening_sun import find_openings_in_sun
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
@@ -42,8 +42,14 @@ class Told:
         return self.estimate.room.confidence if self.estimate else 0.0
 
 
-def told(image: RelativeImage, *, quality: str = "standard", with_openings: bool = True) -> Told:
-    """Return the room of a panorama, level or not."""
+def told(
+    image: RelativeImage,
+    *,
+    quality: str = "standard",
+    with_openings: bool = True,
+    sun: tuple[float, float] | None = None,
+) -> Told:
+    """Return the room of a panorama, level or not; ``sun``: where it stands (azimuth, elevation, rad), if a session knows."""
     cpu_s: dict[str, float] = {}
     evidence, manhattan = None, 0.0
     try:
@@ -61,7 +67,7 @@ def told(image: RelativeImage, *, quality: str = "standard", with_openings: bool
         openings: tuple[Opening, ...] = ()
         if with_openings:
             with _timed(cpu_s, "openings"):
-                openings = find_openings(upright, evidence, estimate.room)
+                openings = find_openings_in_sun(upright, evidence, estimate.room, sun)
     except DaylitError as error:
         return Told(None, (), f"{error.code}: {error}", cpu_s, manhattan, evidence)
     return Told(estimate, openings, "", cpu_s, manhattan, evidence)

@@ -37,6 +37,7 @@ from benchmarks._detect_truth import (
     share,
     simulated_masks,
     sun_enters,
+    sun_of,
 )
 from benchmarks._kept_rows import Rows
 from benchmarks._memory import MemoryWatch
@@ -187,12 +188,6 @@ def _masks(image: RelativeImage, evidence: SceneEvidence, room: RoomModel, truth
     x, y, z = RoomWorld(truth, QUALITY).board_direction
     meter = (math.atan2(x, y), math.asin(z))
     return find_masks(image, evidence, room, sun_direction=sun, sun_possible=sun is not None, meter_target=meter)
-
-
-def sun_of(truth: Room) -> tuple[float, float] | None:
-    """Return the sun's azimuth and elevation (rad), None where the sky shows none: a session knows both."""
-    sky = truth.sky
-    return (sky.sun_azimuth_rad, sky.sun_elevation_rad) if sky.disc() is not None else None
 
 
 def _below(mask: Any) -> Any:

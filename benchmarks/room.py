@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks._detect_truth import picture_of
+from benchmarks._detect_truth import picture_of, sun_of
 from benchmarks._kept_rows import Rows
 from benchmarks._memory import MemoryWatch
 from benchmarks._plots import Point, time_against_error
@@ -118,7 +118,7 @@ def _simulated(number: int, use: Any) -> dict[str, Any]:
     room, truth = truth_of(number, use)
     true = room_model_of(room)
     pictures = {"furnished": truth.luminance_rgb, "empty": truth.empty_rgb}
-    return {name: _row(told(picture_of(rgb)), true) for name, rgb in pictures.items()}
+    return {name: _row(told(picture_of(rgb), sun=sun_of(room)), true) for name, rgb in pictures.items()}
 
 
 def _simulated_metrics(empty: _Gathered, furnished: _Gathered) -> dict[str, float]:
@@ -218,10 +218,10 @@ def _score(found: Told, true: RoomModel | None) -> float | None:
 
 def _full_size(room: tuple[int, Any]) -> dict[str, Any]:
     """Return CPU seconds and peak memory (MB) of one full-size panorama."""
-    _, truth = truth_of(*room)
+    plan, truth = truth_of(*room)
     image = picture_of(cv2.resize(truth.luminance_rgb, FULL_SIZE, interpolation=cv2.INTER_LINEAR))
     with MemoryWatch() as memory:
-        found = told(image)
+        found = told(image, sun=sun_of(plan))
     parts = ", ".join(f"{name} {value:.2f}" for name, value in found.cpu_s.items())
     return {"metrics": {"seconds": sum(found.cpu_s.values()), "peak_mb": memory.own_peak_mb}, "parts": parts}
 
