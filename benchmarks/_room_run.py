@@ -49,7 +49,7 @@ def told(
     with_openings: bool = True,
     sun: tuple[float, float] | None = None,
 ) -> Told:
-    """Return the room of a panorama, level or not; ``sun``: where it stands (azimuth, elevation, rad), if a session knows."""
+    """Return the room of a panorama, level or not; ``sun``: its azimuth and elevation (rad), if a session knows."""
     cpu_s: dict[str, float] = {}
     evidence, manhattan = None, 0.0
     try:
