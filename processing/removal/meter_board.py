@@ -28,6 +28,8 @@ THIN_RAD = math.radians(3.5)
 """What is narrower may be a pole or a leg; what is wider is left to other evidence."""
 STAND_STOPS, POLE_STOPS = 0.35, 0.12
 """By which a leg, and a pole over its length, differs from what is beside it."""
+TEXTURE_SHARE, TEXTURE_TIMES = 0.75, 2.5
+"""What this share of a row beside the stand does not exceed is texture; a stand differs by this many times as much."""
 POLE_REACH, POLE_RAD = 0.1, math.radians(3)
 """Of the board's width, how far from its middle a pole is looked for; over which length it is averaged."""
 REACH = 0.4
@@ -121,11 +123,14 @@ def _stand(level: Floats, board: Flags) -> Flags:
     for mask, share in ((window, REACH), (narrow, POLE_REACH)):
         reach = max(2, round(share * (right - left)))
         mask[low - 2 :, (left + right) // 2 - reach : (left + right) // 2 + reach + 1] = True
+    wide = 2 * (right - left)
+    beside = np.r_[max(0, left - wide) : left, right : min(level.shape[1], right + wide)]
     brush = max(3, round(THIN_RAD / math.pi * height)) | 1
     long = max(3, round(POLE_RAD / math.pi * height)) | 1
-    pole = (_unlike(np.asarray(cv2.blur(level, (1, long)), np.float32), (brush, 1)) > POLE_STOPS) & narrow
-    legs = np.maximum(_unlike(level, (brush, 1)), _unlike(level, (brush, brush))) > STAND_STOPS
-    seen = ((pole | (legs & window)) & ~board).astype(np.uint8)
+    poles = _unlike(np.asarray(cv2.blur(level, (1, long)), np.float32), (brush, 1))
+    legs = np.maximum(_unlike(level, (brush, 1)), _unlike(level, (brush, brush)))
+    pole = (poles > np.maximum(POLE_STOPS, _usual(poles, beside))) & narrow
+    seen = ((pole | ((legs > np.maximum(STAND_STOPS, _usual(legs, beside))) & window)) & ~board).astype(np.uint8)
     thin = np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8)), np.uint8)
     _, labels = cv2.connectedComponents(thin, connectivity=8)
     hanging = np.unique(labels[low : low + 4][narrow[low : low + 4]])
@@ -134,6 +139,12 @@ def _stand(level: Floats, board: Flags) -> Flags:
     if depth < LEAST_POLE_RAD:
         return np.zeros_like(board)
     return np.asarray(cv2.dilate(found.astype(np.uint8), np.ones((3, 3), np.uint8)), bool)
+
+
+def _usual(unlike: Floats, beside: npt.NDArray[np.intp]) -> Floats:
+    """Return (H, 1): by how much a stand must differ from what is beside it; a carpet's texture does not."""
+    texture = np.quantile(unlike[:, beside], TEXTURE_SHARE, axis=1).astype(np.float32)[:, None]
+    return np.asarray(TEXTURE_TIMES * cv2.blur(texture, (1, 9)), np.float32)
 
 
 def _unlike(level: Floats, brush: tuple[int, int]) -> Floats:

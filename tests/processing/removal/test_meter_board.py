@@ -52,6 +52,18 @@ def test_board_and_stand_are_found_also_across_the_seam(longitude_deg: float, ed
     assert mask.sum() < 1.9 * (board | pole).sum()
 
 
+def test_the_texture_of_a_carpet_is_no_stand() -> None:
+    """What hangs together with the stand's foot, thin and dark, but no more than the carpet beside it."""
+    level, board, pole, target = picture(0.0, -12.0)
+    carpet = np.zeros(level.shape, bool)
+    carpet[int(0.62 * HEIGHT) :] = True
+    noise = np.exp2(np.random.default_rng(8).normal(0, 0.2, level.shape)).astype(np.float32)
+    mask, stand = meter_board(np.where(carpet & ~pole & ~board, level * noise, level), target)
+    assert stand
+    assert (mask & pole).sum() > 0.9 * pole.sum()
+    assert mask.sum() < 1.9 * (board | pole).sum()
+
+
 def test_a_sheet_on_the_wall_has_no_stand() -> None:
     level, board, _, target = picture(40.0, -5.0, stand=False)
     mask, stand = meter_board(level, target)
