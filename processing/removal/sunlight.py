@@ -15,7 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.room.model import RoomModel
-from processing.surfaces.sun_geometry import glazed, sun_vector, wall_between, window_depth
+from processing.surfaces.sun_geometry import (
+    AZIMUTH_SLACK_RAD,
+    ELEVATION_SLACK_RAD,
+    glazed,
+    sun_vector,
+    wall_between,
+    window_depth,
+)
 
 Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
@@ -31,8 +38,6 @@ LEAST_PX = 40
 SEARCH_AZIMUTHS, SEARCH_ELEVATIONS = 72, 12
 LOWEST_RAD, HIGHEST_RAD = math.radians(8), math.radians(75)
 FINE_STEPS_RAD = (math.radians(2.0), math.radians(0.7))
-AZIMUTH_SLACK_RAD, ELEVATION_SLACK_RAD = math.radians(6), math.radians(2)
-"""By which a given direction may be off: heading (on level ground), clock and levelling. The search goes no farther."""
 LEAST_SR = 1e-4
 
 

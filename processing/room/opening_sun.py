@@ -22,15 +22,20 @@ from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
 from processing.surfaces.plane import CEILING, FIRST_WALL
 from processing.surfaces.sun_colour import coloured_as_behind
-from processing.surfaces.sun_geometry import sun_vector, wall_between, window_depth
+from processing.surfaces.sun_geometry import (
+    AZIMUTH_SLACK_RAD,
+    ELEVATION_SLACK_RAD,
+    sun_vector,
+    wall_between,
+    window_depth,
+)
 
 Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
 
 ROWS = 512
-AZIMUTHS_RAD = tuple(math.radians(a) for a in (-6, -3, 0, 3, 6))
-ELEVATIONS_RAD = tuple(math.radians(e) for e in (-2, 0, 2))
-"""Within which the given direction may be off: heading; clock and levelling."""
+AZIMUTHS, ELEVATIONS = 5, 3
+"""Directions tried within which the given one may be off."""
 EDGE_M = 0.15
 """By which windows, and so their beams, may be told wrong."""
 BRIGHTER = 1.8
@@ -88,9 +93,9 @@ def _in_another_beam(
     rays, _ = directions(geometry)
     points = rays[asked] * maps.depth_m[asked][:, None] + np.array([0.0, 0.0, room.camera_height_m])
     reached = np.zeros(len(points), bool)
-    for turn in AZIMUTHS_RAD:
-        for rise in ELEVATIONS_RAD:
-            way = sun_vector(sun[0] + turn, max(0.01, sun[1] + rise))
+    for turn in np.linspace(-AZIMUTH_SLACK_RAD, AZIMUTH_SLACK_RAD, AZIMUTHS):
+        for rise in np.linspace(-ELEVATION_SLACK_RAD, ELEVATION_SLACK_RAD, ELEVATIONS):
+            way = sun_vector(sun[0] + float(turn), max(0.01, sun[1] + float(rise)))
             depth, _ = window_depth(room, points, way)
             near = (depth > -EDGE_M) & ~reached
             reached[near] = ~wall_between(room, points[near], way)

@@ -16,6 +16,8 @@ Integers = npt.NDArray[np.int32]
 
 OUTSIDE = -10.0
 """Signed distance (m) of a place that no window's light can reach."""
+AZIMUTH_SLACK_RAD, ELEVATION_SLACK_RAD = math.radians(6), math.radians(2)
+"""By which a given direction may be off: heading (on level ground); clock and levelling."""
 
 
 def sun_vector(azimuth_rad: float, elevation_rad: float) -> Doubles:

@@ -9,9 +9,16 @@ import pytest
 
 from processing.images import luminance_cd_m2
 from processing.removal.round_masks import row_solid_angles
-from processing.removal.sunlight import AZIMUTH_SLACK_RAD, ELEVATION_SLACK_RAD, SunFound, find_sunlight
+from processing.removal.sunlight import SunFound, find_sunlight
 from processing.surfaces.plane import CEILING
-from processing.surfaces.sun_geometry import OUTSIDE, sun_vector, wall_between, window_depth
+from processing.surfaces.sun_geometry import (
+    AZIMUTH_SLACK_RAD,
+    ELEVATION_SLACK_RAD,
+    OUTSIDE,
+    sun_vector,
+    wall_between,
+    window_depth,
+)
 from tests.processing.removal.painted_room import SUN, Painted, box_room, iou, paint
 
 
