@@ -57,7 +57,8 @@ from processing.segmentation.evidence import SceneEvidence
 MASKS = ("masks", "furniture", "edges", "outliers", "tripod", "nadir", "meter_board", "sunlight")
 CODE = {
     "ours": (
-        *("processing/room/*.py", "processing/segmentation/*", "benchmarks/_detect*.py", "benchmarks/detect.py"),
+        *("processing/room/*.py", "processing/segmentation/*", "processing/surfaces/*.py"),
+        *("benchmarks/_detect*.py", "benchmarks/detect.py"),
         *(f"processing/removal/{name}.py" for name in (*MASKS, "shadows", "round_masks")),
     ),
 }

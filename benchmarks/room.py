@@ -32,7 +32,10 @@ from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
 from processing.room.model import RoomModel
 
 CODE = {
-    "ours": ("processing/room/*.py", "processing/segmentation/*", "benchmarks/_room*.py", "benchmarks/room.py"),
+    "ours": (
+        *("processing/room/*.py", "processing/segmentation/*", "processing/surfaces/*.py"),
+        *("benchmarks/_room*.py", "benchmarks/room.py"),
+    ),
 }
 QUICK_ROOMS, FULL_ROOMS = 3, 24
 QUICK_HOUSES, PLOT_ROOMS = 2, 4

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.room.model import RoomModel
+from processing.surfaces.sun_colour import LEAST_RATIO
 from processing.surfaces.sun_geometry import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
@@ -28,8 +29,6 @@ Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
 
-LEAST_RATIO = 1.8
-"""Of sunlit to shaded luminance of one surface, below which it is no direct sun."""
 SURE_RATIO = 2.5
 """The same, where no window is known that could confirm it."""
 CORE_M, RING_M, SLACK_M = 0.12, 0.35, 0.15

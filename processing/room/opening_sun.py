@@ -21,7 +21,7 @@ from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
 from processing.surfaces.plane import CEILING, FIRST_WALL
-from processing.surfaces.sun_colour import coloured_as_behind
+from processing.surfaces.sun_colour import LEAST_RATIO, coloured_as_behind
 from processing.surfaces.sun_geometry import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
@@ -38,8 +38,6 @@ AZIMUTHS, ELEVATIONS = 5, 3
 """Directions tried within which the given one may be off."""
 EDGE_M = 0.15
 """By which windows, and so their beams, may be told wrong."""
-BRIGHTER = 1.8
-"""Times its wall's median: what is less is no direct sun."""
 DETAIL_STOPS = 0.25
 """Standard deviation within `DETAIL_RAD`: what shows more is no evenly lit wall."""
 DETAIL_RAD = math.radians(1.5)
@@ -110,7 +108,7 @@ def _bright(rgb: Floats, maps: SurfaceMaps, asked: Flags) -> Flags:
     for plane in np.unique(maps.plane[asked]):
         shade = luminance[(maps.plane == plane) & (maps.opening < 0) & (luminance > 0)]
         if shade.size:
-            found |= (maps.plane == plane) & (luminance > BRIGHTER * float(np.median(shade)))
+            found |= (maps.plane == plane) & (luminance > LEAST_RATIO * float(np.median(shade)))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Which places have the colour of the surface behind them: a patch of sun on it has, furniture and windows rarely."""
+"""How a patch of sun differs from its surface in the shade: by brightness, hardly by colour. Furniture does by both."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy.typing as npt
 Flags = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float32]
 
+LEAST_RATIO = 1.8
+"""Of sunlit to shaded luminance of one surface, below which it is no direct sun."""
 RED_IN_SUN, BLUE_IN_SUN = (-0.25, 1.0), (-2.5, 0.3)
 """Natural logarithms of red and blue over green, against the surface in the shade: a low sun is warmer than the sky."""
 
