@@ -6,6 +6,8 @@ S 011 type 16 (Moon and Spencer), ``L = Lz (1 + 2 sin elevation) / 3``, 7 pi / 9
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Callable
 from typing import TypeAlias
@@ -13,18 +15,17 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-Array: TypeAlias = npt.NDArray[np.float64]
 Triple: TypeAlias = tuple[float, float, float]
-SkyLuminance: TypeAlias = Callable[[Array], Array]
+SkyLuminance: TypeAlias = Callable[[Doubles], Doubles]
 """Sine of the elevation -> luminance (cd/m2)."""
 
 
-def overcast(sine: Array) -> Array:
+def overcast(sine: Doubles) -> Doubles:
     """Return the luminance of the CIE overcast sky with 1 cd/m2 at the zenith."""
     return np.asarray((1 + 2 * sine) / 3)
 
 
-def uniform(sine: Array) -> Array:
+def uniform(sine: Doubles) -> Doubles:
     """Return the luminance of a uniform sky of 1 cd/m2."""
     return np.ones_like(sine)
 
@@ -81,7 +82,7 @@ def through_opening_lux(
     normal: Triple,
     opening: tuple[Triple, Triple, Triple],
     light: SkyLuminance,
-    glass: Callable[[Array], Array] = np.ones_like,
+    glass: Callable[[Doubles], Doubles] = np.ones_like,
 ) -> float:
     """Return the illuminance at a point from what is seen through a rectangle: a corner, a level side, another side.
 
@@ -97,9 +98,9 @@ def through_opening_lux(
 def _seen_lux(
     point: Triple,
     normal: Triple,
-    opening: tuple[Array, Array, Array],
+    opening: tuple[Doubles, Doubles, Doubles],
     light: SkyLuminance,
-    glass: Callable[[Array], Array],
+    glass: Callable[[Doubles], Doubles],
 ) -> float:
     nodes, weights = np.polynomial.legendre.leggauss(96)
     t, weight = (nodes + 1) / 2, weights / 2

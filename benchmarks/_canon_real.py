@@ -10,6 +10,8 @@ second in a gauge of 1 at code 255) times 87 x 5.6^2 / 100 x 1.18 is cd/m2. The 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 import re
 import subprocess
@@ -54,7 +56,6 @@ DIAMETER, LEFT, DOWN = 3612, 1019, 74
 MAP_PX = 1000
 REFERENCE_CIRCLE = ImageCircle((2839.1, 1847.9), 1836.3, FULL_SIZE)
 """What the reference map was really cropped to (`found_crop`): 1.7 % wider than its notes say."""
-Reals = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -153,12 +154,12 @@ def found_crop(image: RelativeImage, reference: npt.NDArray[np.float32]) -> Imag
     ways, _ = directions(target)
     inside = (np.arccos(np.clip(ways[..., 2], -1, 1)) < 0.95 * math.pi / 2) & (other > 0.5)
 
-    def circle_of(moved: Reals) -> ImageCircle:
+    def circle_of(moved: Doubles) -> ImageCircle:
         unit = start.radius_px / 100
         centre = (start.centre_px[0] + moved[0] * unit, start.centre_px[1] + moved[1] * unit)
         return ImageCircle(centre, start.radius_px + moved[2] * unit, start.size_px)
 
-    def misfit(moved: Reals) -> float:
+    def misfit(moved: Doubles) -> float:
         picture, _ = resample(light, lens_of(circle_of(moved)).fisheye(), target, method="bilinear")
         off = np.log2(np.maximum(picture / falloff, 0.5) / np.maximum(other, 0.5))[inside]
         return float(np.mean(np.minimum(np.abs(off - np.median(off)), 0.5)))

@@ -5,6 +5,8 @@ penn_bed is furnished, coda_320 empty but for a patch of sun, a meter board and 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 import json
 
 import numpy as np
@@ -21,7 +23,6 @@ from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.plane import FLOOR
 
-Flags = npt.NDArray[np.bool_]
 
 PAPER = DATA / "paper"
 SHAPE = (512, 1024)

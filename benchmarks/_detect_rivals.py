@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 import json
 import tempfile
 from functools import lru_cache
@@ -25,7 +27,6 @@ from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.plane import CEILING
 
-Flags = npt.NDArray[np.bool_]
 
 VOC_CONTRACT = {
     "name": "DeepLab v3, MobileNet v2, Pascal VOC",

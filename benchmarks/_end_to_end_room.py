@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import hashlib
 import json
 import math
@@ -10,7 +12,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from mocks.light import LUMINANCE_WEIGHTS, Floats, Site
+from mocks.light import LUMINANCE_WEIGHTS, Site
 from mocks.rooms.mesh import Mesh
 from mocks.rooms.mesh import Part as TruePart
 from mocks.rooms.model import Material, Role

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags
+
 import json
 import math
 import shutil
@@ -40,8 +42,6 @@ from station.session import Site as Place
 CHANGED = 0.02
 """Relative change of luminance by furniture from which a pixel counts as changed."""
 PANORAMA_PX = 6720
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 
 def measured(number: int, use: Use, profile: Path, divisor: int, quality: str) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def _errors(name: str, rgb: Any, true_rgb: Any, where: Flags) -> dict[str, float
     return _quantiles(name, ours, true, where)
 
 
-def _quantiles(name: str, ours: Reals, true: Reals, where: Flags) -> dict[str, float]:
+def _quantiles(name: str, ours: Doubles, true: Doubles, where: Flags) -> dict[str, float]:
     use = where & (true > 0)
     if not use.any():
         return {}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,7 +15,6 @@ import numpy.typing as npt
 from processing.calibration.response_curve import ResponseCurve
 
 Frames = Sequence[npt.NDArray[np.uint8]]
-Floats = npt.NDArray[np.float32]
 ROBERTSON_STEP_PX = 8
 """OpenCV's Robertson calibration looks at all pixels and takes minutes; every 8th gives the same curve."""
 

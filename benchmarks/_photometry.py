@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,7 +15,7 @@ import numpy.typing as npt
 from benchmarks._sessions import STOPS_S, Taken, write_session
 from benchmarks._sky_floor import SkyErrors, sky_all_known, sky_errors
 from mocks.chart import ChartRoom
-from mocks.light import Floats, Site, UniformWorld, World, luminance_cd_m2
+from mocks.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.optics import scene_rows
 from mocks.simple_room import SimpleRoom
 from processing.calibration.luminance import ScaleFactor, combined, scale_from_reading, scaled
@@ -27,7 +29,6 @@ from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.outdoor_optics import veil_taken_off
 from station.session import Side
 
-Reals = npt.NDArray[np.float64]
 
 DENSE_STOPS_S = (
     4.0,
@@ -217,7 +218,7 @@ def _truth(taken: Taken, side: Side) -> tuple[npt.NDArray[np.intp], Floats]:
     return np.concatenate([np.array(band) for band in bands]), np.concatenate(found)
 
 
-def _edges(truth: Reals) -> npt.NDArray[np.bool_]:
+def _edges(truth: Doubles) -> npt.NDArray[np.bool_]:
     """Return pixels within two of a neighbour that is 10 % brighter or darker: JPEG and mixed pixels."""
     import cv2
 
@@ -227,7 +228,7 @@ def _edges(truth: Reals) -> npt.NDArray[np.bool_]:
     return np.asarray(near > 0)
 
 
-def _quantile(values: Reals, weights: Reals, share: float) -> float:
+def _quantile(values: Doubles, weights: Doubles, share: float) -> float:
     order = np.argsort(values)
     summed = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(summed, share * summed[-1])])

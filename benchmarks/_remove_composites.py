@@ -7,6 +7,8 @@ in what is measured: filling sees the composed picture and the mask alone. Compo
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import hashlib
 import json
 from collections.abc import Iterator
@@ -26,8 +28,6 @@ from processing.images import luminance_cd_m2
 from processing.room.model import RoomModel
 from processing.room.readers import zind_pictures, zind_room
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 
 ROWS = 512
 VERSION = 1

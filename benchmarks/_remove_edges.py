@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats, Int16s
+
 import numpy as np
 import numpy.typing as npt
 
 from processing.images import luminance_cd_m2
 from processing.removal.membrane import spread
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
-Integers = npt.NDArray[np.int16]
 
 REACH_PX = 3
 LEAST_STEP = 0.2
@@ -19,7 +18,7 @@ RIM_PX = 3
 SMOOTH_PX = 4.0
 
 
-def edge_sharpness(found: Floats, truth: Floats, planes: Integers, target: Flags) -> tuple[float, float] | None:
+def edge_sharpness(found: Floats, truth: Floats, planes: Int16s, target: Flags) -> tuple[float, float] | None:
     """Return the median of the steepest step of one pixel across the room's edges in the target, over the true step.
 
     Of what was found and of the truth itself (a perfectly sharp edge has 0.5 to 1); None where no edge can be judged.
@@ -33,7 +32,7 @@ def _turned(picture: npt.NDArray) -> npt.NDArray:  # type: ignore[type-arg]
     return np.swapaxes(picture, 0, 1)
 
 
-def _steps(found: Floats, truth: Floats, planes: Integers, target: Flags) -> tuple[Floats, Floats]:
+def _steps(found: Floats, truth: Floats, planes: Int16s, target: Flags) -> tuple[Floats, Floats]:
     """Return, for each edge met going down, the steepest step found and the true one, over the whole true step."""
     ours, true = (np.log(np.maximum(luminance_cd_m2(np.ascontiguousarray(p)), 1e-6)) for p in (found, truth))
     rows = len(planes) - 2 * REACH_PX
@@ -50,7 +49,7 @@ def _steps(found: Floats, truth: Floats, planes: Integers, target: Flags) -> tup
     return np.asarray(steepest[0], np.float32), np.asarray(steepest[1], np.float32)
 
 
-def joined_truth(furnished: Floats, empty: Floats, planes: Integers, target: Flags) -> Floats:
+def joined_truth(furnished: Floats, empty: Floats, planes: Int16s, target: Flags) -> Floats:
     """Return the emptied room as a perfect filling that meets what is seen would draw it.
 
     It is the truth, plane by plane as dark as its surroundings: times the membrane of what the pixels beside the target

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +14,6 @@ import numpy.typing as npt
 from mocks.rooms.model import Texture
 from mocks.rooms.textures import tile
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 
 PICTURE_PX = (480, 640)
 FLAT_PX = 440

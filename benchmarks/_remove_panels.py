@@ -8,6 +8,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Flags
+
 import sys
 from pathlib import Path
 from typing import Any
@@ -25,8 +27,6 @@ from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
 from processing.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 
-Bytes = npt.NDArray[np.uint8]
-Flags = npt.NDArray[np.bool_]
 WIDTH_PX, BAND_PX = 760, 22
 TOP, BOTTOM = 0.12, 0.94
 """Of the rows that are shown: poles are left out."""

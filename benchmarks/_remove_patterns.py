@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Flags
+
 import time
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -20,8 +22,6 @@ from benchmarks._remove_scores import Scores, scored
 from benchmarks.seeds import seeds
 from processing.removal.near_periodic import complete
 
-Bytes = npt.NDArray[np.uint8]
-Flags = npt.NDArray[np.bool_]
 Case = tuple[str, Bytes, Flags, Flags]
 """Name, picture (sRGB, OpenCV's order), what is valid, the hole."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -17,8 +19,6 @@ from processing.removal.fill import empty_room
 from processing.removal.regions import TEXELS
 from processing.room.model import RoomModel
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 Case = tuple[Floats, RoomModel, Flags, Flags]
 """The empty room's light, its model, what is to be filled, and where that is judged."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import json
 from pathlib import Path
 from typing import Any
@@ -14,8 +16,6 @@ from processing.images import LuminanceImage
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 WHITE_CD_M2 = 200.0

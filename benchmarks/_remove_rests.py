@@ -7,6 +7,8 @@ with the truly emptied room, with the check of sources (`processing.removal.sour
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 import sys
 from unittest.mock import patch
 
@@ -27,7 +29,6 @@ from processing.removal.fill import empty_room
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.plane import FLOOR
 
-Flags = npt.NDArray[np.bool_]
 ERODED_PX = 7
 HALF_M = 0.5
 SHARD = 0.15

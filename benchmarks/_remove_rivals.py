@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Flags
+
 import os
 import subprocess
 import tempfile
@@ -14,8 +16,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Bytes = npt.NDArray[np.uint8]
-Flags = npt.NDArray[np.bool_]
 Rival = Callable[[Bytes, Flags], Bytes]
 
 PYTHON = "DAYLIT_RIVALS_PYTHON"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import math
 import time
 from collections.abc import Iterator
@@ -26,8 +28,6 @@ from processing.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 from processing.surfaces.maps import plane_map
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 
 LISTED = 16
 QUICK_ROOMS, FULL_ROOMS, SLOW_ROOMS = 2, 8, 1

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles, Flags
+
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Bytes = npt.NDArray[np.uint8]
-Flags = npt.NDArray[np.bool_]
-Doubles = npt.NDArray[np.float64]
 
 SCALES = 4
 DIRECTIONS = 4

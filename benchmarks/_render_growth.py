@@ -6,6 +6,8 @@ light for all sizes (256 rows, 16 rays): what grows with pixels are sight, sun, 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,7 +26,7 @@ from processing.layout.plan_room import from_room_model
 from processing.rendering.composite import Bare, differential
 from processing.rendering.irradiance import Effort
 from processing.rendering.render import render
-from processing.rendering.scene import Floats, Part
+from processing.rendering.scene import Part
 from processing.sphere import Equirectangular
 from processing.stages.arrange_choice import with_door
 from processing.stages.furnishing import furniture_parts

@@ -8,6 +8,8 @@ its pixels are those that count, as it is all that is known without a calibrated
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 import time
 from dataclasses import replace
@@ -34,7 +36,6 @@ from processing.rendering.albedo import albedo_of_room
 from processing.rendering.composite import differential, ibl, inverse_tone_curve
 from processing.rendering.irradiance import EFFORTS, Effort
 from processing.rendering.render import render
-from processing.rendering.scene import Floats
 from processing.sphere import Equirectangular, solid_angles
 from processing.stages.furnishing import furniture_parts
 

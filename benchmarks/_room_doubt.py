@@ -6,6 +6,8 @@ cameras at ease, beside walls and in doorways; some tilted, dark and noisy, or c
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,8 +33,6 @@ from training.props import furnish_house
 from training.render import Stage, radiance, see
 from training.textures import Tile, make_bank
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 HOUSES = 45
 TEXTURES, FURNISHED = 4, 3

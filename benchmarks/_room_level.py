@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 import time
 from typing import Any
@@ -17,8 +19,6 @@ from processing.room.level import Upright, find_upright
 from processing.room.vanishing import rotation_about
 from processing.sphere import Equirectangular
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 MOST_TILT_RAD = math.radians(15)
 

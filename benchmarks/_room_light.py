@@ -7,6 +7,8 @@ can enter, sun patches as lamps, components apart, masks, noise removal). It is 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,13 +19,12 @@ import numpy as np
 
 from benchmarks._paired import Cost, cost_of
 from benchmarks.seeds import seeds
-from mocks.light import LUMINANCE_WEIGHTS, Floats, Vector
+from mocks.light import LUMINANCE_WEIGHTS, Vector
 from mocks.picture_cache import PictureCache, content_key
 from mocks.rooms.cube import Cube
 from mocks.rooms.engine import irradiance_at
 from mocks.rooms.geometry import Geometry
 from mocks.rooms.light import ENVIRONMENT_ROWS, QUALITIES, Baked, Quality, bake, lightings
-from mocks.rooms.mesh import Reals64
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.sunlight import enters
@@ -45,8 +46,8 @@ class Scene:
     room: Room
     geometry: Geometry
     places: Surface
-    truth_lx: Reals64
-    truth_error: Reals64
+    truth_lx: Doubles
+    truth_error: Doubles
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Run:
     method: str
     label: str
     cost: Cost
-    errors: Reals64
+    errors: Doubles
     bias: float
     """Of the mean over all points."""
 
@@ -216,7 +217,7 @@ def _whole(room: Room) -> Lighting:
     )
 
 
-def _metered(room: Room, geometry: Geometry, places: Surface, samples: int) -> Reals64:
+def _metered(room: Room, geometry: Geometry, places: Surface, samples: int) -> Doubles:
     """Return illuminances (points, batches), from the cache or measured now (a minute or so)."""
     cache = PictureCache()
     key = content_key(
@@ -238,7 +239,7 @@ def _meter(scene: Any, places: Surface, number: int, samples: int, batch: int) -
     return float(_luminous(rgb))
 
 
-def _luminous(rgb: Floats | Reals64) -> Reals64:
+def _luminous(rgb: Floats | Doubles) -> Doubles:
     return np.asarray(rgb.astype(np.float64) @ np.asarray(LUMINANCE_WEIGHTS, np.float64))
 
 

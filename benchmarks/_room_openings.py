@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -23,7 +25,6 @@ from processing.room.openings import find_openings
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
-Doubles = npt.NDArray[np.float64]
 Source = Callable[[RelativeImage, TruthPictures], SceneEvidence]
 
 

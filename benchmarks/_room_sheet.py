@@ -5,6 +5,8 @@ All rooms are of training seeds. Each panorama is exposed and balanced by itself
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 from itertools import cycle, islice
 from pathlib import Path
 from typing import get_args
@@ -15,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.seeds import seeds
-from mocks.light import Floats, Site, luminance_cd_m2
+from mocks.light import Site, luminance_cd_m2
 from mocks.rooms.light import QUALITIES
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
@@ -34,7 +36,6 @@ MIDDLE, WHITE, CONTRAST = 0.5, 16.0, 1.25
 """What the logarithmic mean and white are before the highlights are compressed (Reinhard et al. 2002, equation 4),
 and the power that gives back the contrast this takes."""
 
-Bytes = npt.NDArray[np.uint8]
 
 
 def sheet_rooms(seed: int = SHEET_SEED) -> list[Room]:

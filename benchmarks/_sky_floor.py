@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import math
 from dataclasses import dataclass, replace
 
@@ -10,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks._sessions import Taken
-from mocks.light import Floats, Site, luminance_cd_m2
+from mocks.light import Site, luminance_cd_m2
 from processing.calibration.merge import merge
 from processing.calibration.noise import NoiseModel
 from processing.calibration.response_curve import ResponseCurve
@@ -18,8 +20,6 @@ from processing.rig.camera_fit import CameraFit
 from processing.rig.session_side import SessionSide
 from station.session import Side
 
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 SPOT_RAD = math.radians(1 / 3)
 """The meter's spot: the scale on which the paper measures luminance."""
 _FINE = 16
@@ -35,7 +35,7 @@ class SkyErrors:
     spot_p95: float
 
 
-def sky_errors(shown: Reals, truth: Reals, use: Flags, rows: npt.NDArray[np.intp], pixel_sr: float) -> SkyErrors:
+def sky_errors(shown: Doubles, truth: Doubles, use: Flags, rows: npt.NDArray[np.intp], pixel_sr: float) -> SkyErrors:
     """Return the errors of bands of rows (h, W) where ``use``; a spot counts where all of its pixels do."""
     error = np.abs(shown / np.maximum(truth, 1e-9) - 1)
     disc = _spot_kernel(math.sqrt(math.pi * (SPOT_RAD / 2) ** 2 / pixel_sr / math.pi))
@@ -53,7 +53,7 @@ def sky_errors(shown: Reals, truth: Reals, use: Flags, rows: npt.NDArray[np.intp
 
 def sky_all_known(
     camera: CameraFit, taken: Taken, side: SessionSide, rows: npt.NDArray[np.intp], scene: Floats
-) -> Reals:
+) -> Doubles:
     """Return the luminance (h, W) of rows of the same frames, with true curve, noise, veil, tint, fall-off and scale.
 
     ``scene``: the radiance (h, W, 3) that these pixels truly average; it serves for the veil alone.
@@ -76,7 +76,7 @@ def sky_all_known(
     return luminance_cd_m2((light @ np.linalg.inv(np.array(optics.filter.tint))).astype(np.float32)).astype(np.float64)
 
 
-def _noise(photon: Reals, read: Reals, camera: CameraFit) -> NoiseModel:
+def _noise(photon: Doubles, read: Doubles, camera: CameraFit) -> NoiseModel:
     """Return the true sensor's noise; that of coding is as it was found, since no figure of it is known."""
     red, green, blue = (float(v) for v in photon)
     dark = tuple(float(v) for v in read)
@@ -91,7 +91,7 @@ def _merged(
     return merge(side.sources(), times, curve, noise, geometry=camera.lens.fisheye(size)).image.rgb
 
 
-def _mean_image(taken: Taken, rows: npt.NDArray[np.intp], scene: Floats) -> Reals:
+def _mean_image(taken: Taken, rows: npt.NDArray[np.intp], scene: Floats) -> Doubles:
     """Return the mean light (3,) on the sensor's field: the bands' without the sun, and the sun's as it is known."""
     optics, size = taken.optics(Side.OUTDOOR), taken.size_px(Side.OUTDOOR)
     x, y = np.arange(size[0], dtype=np.float32) + 0.5, (rows[:, None] + 0.5).astype(np.float32)
@@ -114,7 +114,7 @@ def _mean_image(taken: Taken, rows: npt.NDArray[np.intp], scene: Floats) -> Real
     return np.asarray(mean)
 
 
-def _spot_kernel(radius_px: float) -> Reals:
+def _spot_kernel(radius_px: float) -> Doubles:
     """Return a disc's share of each pixel around the middle one, summing to 1."""
     reach = math.ceil(radius_px)
     fine = (np.arange((2 * reach + 1) * _FINE) + 0.5) / _FINE - reach - 0.5

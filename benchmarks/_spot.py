@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 import tempfile
 from collections.abc import Callable
@@ -11,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mocks.light import Floats, Site, UniformWorld, Vector, World, direction_of, unit
+from mocks.light import Site, UniformWorld, Vector, World, direction_of, unit
 from mocks.world import HdrWorld, SimpleRoom, meter_luminance_cd_m2
 
 SPOT_RAD = math.radians(1 / 3)

@@ -7,6 +7,8 @@ those codes, for us and for the rivals alike. Brackets are the reference's: nine
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import statistics
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,7 +25,6 @@ from mocks.sensor import TrueShutter
 from mocks.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
 from processing.calibration.response import Bracket8, ResponseFit, recover_response
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 FULL_SIZE, QUICK_SIZE = (6720, 3360), (1680, 840)
 FULL_BRACKETS, QUICK_BRACKETS = 2, 2
@@ -43,9 +44,9 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     chosen = seeds("test", QUICK_BRACKETS if quick else FULL_BRACKETS, seed)
     truth = true_curves()
     fits: list[ResponseFit] = []
-    found: dict[str, list[Reals]] = {}
+    found: dict[str, list[Doubles]] = {}
     costs: dict[str, list[float]] = {}
-    jpeg: list[Reals] = []
+    jpeg: list[Doubles] = []
     ways = methods(QUICK_COLOUR_HDRI_SAMPLES if quick else COLOUR_HDRI_SAMPLES)
     for number in chosen:
         bracket = synthetic_bracket(size, number)
@@ -53,7 +54,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
             # Once unmeasured: imports are not the method's.
             if number == chosen[0]:
                 method(synthetic_bracket(WARM_SIZE, number) if quick else bracket)
-            curves: list[Reals] = []
+            curves: list[Doubles] = []
             runs = RUNS if name == "ours" else 1
             cost = [cost_of(lambda m=method, b=bracket, c=curves: c.append(m(b))).cpu_s for _ in range(runs)]
             found.setdefault(name, []).append(curves[0])
@@ -85,13 +86,13 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     return {"metrics": metrics, "rivals": rivals, "units": {"cpu_s": "s"}, "notes": notes}
 
 
-def true_curves() -> Reals:
+def true_curves() -> Doubles:
     """Return the log2 exposure (3, 256) of each code of the simulated camera."""
     codes = np.clip(np.arange(256), 0.25, 255) / 255
     return np.stack([np.log2(tone.decode(codes)) for tone in REFERENCE_SENSOR.tone])
 
 
-def aligned(curve: Reals, truth: Reals) -> Reals:
+def aligned(curve: Doubles, truth: Doubles) -> Doubles:
     """Return the error (3, codes) in stops over codes 5..250, each channel free of its mean."""
     error = (curve - truth)[:, FIRST : LAST + 1]
     return np.asarray(error - error.mean(axis=1, keepdims=True))
@@ -102,10 +103,10 @@ def as_bracket(bracket: SyntheticBracket) -> Bracket8:
     return Bracket8(bracket.frames, bracket.true_s)
 
 
-def methods(colour_hdri_samples: int) -> dict[str, Callable[[SyntheticBracket], Reals]]:
+def methods(colour_hdri_samples: int) -> dict[str, Callable[[SyntheticBracket], Doubles]]:
     """Return each method: a bracket to log2 exposure (3, 256)."""
 
-    def named(method: str) -> Callable[[SyntheticBracket], Reals]:
+    def named(method: str) -> Callable[[SyntheticBracket], Doubles]:
         return lambda bracket: recover_response([as_bracket(bracket)], method).curve.log2_exposure
 
     return {
@@ -119,7 +120,7 @@ def methods(colour_hdri_samples: int) -> dict[str, Callable[[SyntheticBracket], 
     }
 
 
-def opencv_debevec(bracket: SyntheticBracket) -> Reals:
+def opencv_debevec(bracket: SyntheticBracket) -> Doubles:
     """OpenCV's defaults: 70 samples, lambda 10."""
     import cv2
 
@@ -127,7 +128,7 @@ def opencv_debevec(bracket: SyntheticBracket) -> Reals:
     return _log2(cv2.createCalibrateDebevec(70, 10.0).process(list(bracket.frames), times))
 
 
-def opencv_robertson(bracket: SyntheticBracket) -> Reals:
+def opencv_robertson(bracket: SyntheticBracket) -> Doubles:
     """OpenCV's on every 8th pixel each way: on all it takes minutes."""
     import cv2
 
@@ -135,7 +136,7 @@ def opencv_robertson(bracket: SyntheticBracket) -> Reals:
     return _log2(cv2.createCalibrateRobertson().process(frames, np.array(bracket.true_s, dtype=np.float32)))
 
 
-def colour_hdri(bracket: SyntheticBracket, samples: int) -> Reals:
+def colour_hdri(bracket: SyntheticBracket, samples: int) -> Doubles:
     """colour-hdri's Grossberg samples and Debevec's solution, on a reduced picture."""
     from colour_hdri import Image, ImageStack, camera_response_functions_Debevec1997
 
@@ -157,12 +158,12 @@ def _colour_metadata(time_s: float) -> Any:
     )
 
 
-def _log2(response: npt.ArrayLike) -> Reals:
+def _log2(response: npt.ArrayLike) -> Doubles:
     curves = np.asarray(response, dtype=np.float64).reshape(256, 3).T
     return np.asarray(np.log2(np.maximum(curves, 1e-9)))
 
 
-def agreement(fits: list[ResponseFit], truth: Reals) -> dict[str, float]:
+def agreement(fits: list[ResponseFit], truth: Doubles) -> dict[str, float]:
     """Return the shares (per cent) of codes where brackets agree, and are right, within 1 and 2 stated sigmas."""
     pairs, right = [], []
     for i, one in enumerate(fits):
@@ -174,12 +175,12 @@ def agreement(fits: list[ResponseFit], truth: Reals) -> dict[str, float]:
     return {f"{name}_{k}sigma_pct": round(100 * float((z < k).mean()), 1) for name, z in both.items() for k in (1, 2)}
 
 
-def _z(difference: Reals, sigma: Reals) -> Reals:
+def _z(difference: Doubles, sigma: Doubles) -> Doubles:
     centred = difference - difference[:, 128:129]
     return np.asarray(np.abs(centred / np.maximum(sigma, 1e-12))[:, FIRST : LAST + 1])
 
 
-def unknown_times(size: tuple[int, int], seed: int, truth: Reals) -> dict[str, float]:
+def unknown_times(size: tuple[int, int], seed: int, truth: Doubles) -> dict[str, float]:
     """Return errors with nominal times given while the shutter opens for powers of two."""
     sensor = replace(REFERENCE_SENSOR, true_shutter=TrueShutter.THIRDS_OF_STOPS)
     bracket = synthetic_bracket(size, seed, sensor=sensor)

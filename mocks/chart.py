@@ -6,6 +6,8 @@ on the wall ahead; for the fisheye, whose axis points up, the whole room is turn
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import BrightDisc, Floats, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
+from mocks.light import BrightDisc, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
 
 PATCHES = (
     ("dark skin", (115, 82, 68)), ("light skin", (194, 150, 130)), ("blue sky", (98, 122, 157)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import hashlib
 import math
 import os
@@ -11,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mocks.light import BrightDisc, Floats, LightDrift, OneLight, Site, WorldFileError
+from mocks.light import BrightDisc, LightDrift, OneLight, Site, WorldFileError
 from mocks.textures import MipTexture
 
 MAX_PIXELS = 16384 * 8192

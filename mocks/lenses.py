@@ -6,6 +6,8 @@ y ahead, z up. Written for the simulation alone; processing has its own projecti
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
@@ -13,7 +15,7 @@ from typing import Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 
 Size: TypeAlias = tuple[int, int]
 """Width and height in pixels."""

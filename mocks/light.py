@@ -6,6 +6,8 @@ Radiance is linear RGB (Rec. 709 primaries) scaled so that ``0.2127 R + 0.7151 G
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -16,7 +18,6 @@ import numpy.typing as npt
 
 from drivers.errors import DaylitError
 
-Floats: TypeAlias = npt.NDArray[np.float32]
 Reals: TypeAlias = npt.NDArray[np.floating]
 Vector: TypeAlias = tuple[float, float, float]
 

@@ -6,13 +6,15 @@ a bracket are exposed from the same image.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from mocks.lenses import EquirectangularLens, EquisolidFisheye, Lens, Size
-from mocks.light import BrightDisc, Floats, Site, Vector, World, luminance_cd_m2, spread_over_disc
+from mocks.light import BrightDisc, Site, Vector, World, luminance_cd_m2, spread_over_disc
 from mocks.sensor import Exposure, Sensor, ToneCurve
 
 # Neighbours that differ by more than this ratio lie on an edge and are sampled more finely.

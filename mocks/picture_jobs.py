@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from mocks.lenses import Size
-from mocks.light import Floats, World
+from mocks.light import World
 from mocks.optics import CameraOptics, image_rows
 from mocks.sensor import Exposure
 

@@ -6,6 +6,8 @@ pixel by pixel; what it bounces is.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats, Int32s
+
 import math
 from dataclasses import dataclass
 
@@ -13,9 +15,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats
 from mocks.room_plan import RoomPlan
-from mocks.room_rays import WINDOW_WALL, Faces, Ints, blocked, in_window, pane_distance_m, sun_visibility
+from mocks.room_rays import WINDOW_WALL, Faces, blocked, in_window, pane_distance_m, sun_visibility
 from mocks.sky import SUN_RADIUS_RAD, SimpleSky
 
 GLASS_TRANSMITTANCE = 0.65
@@ -27,12 +28,12 @@ _BOUNCES = 12
 class LightMaps:
     """Irradiance of all faces in one list of texels; face f owns ``rows[f] x columns[f]`` from ``offset[f]``."""
 
-    columns: Ints
-    rows: Ints
-    offset: Ints
+    columns: Int32s
+    rows: Int32s
+    offset: Int32s
     texels: Floats
 
-    def at(self, face: Ints, u: Floats, v: Floats) -> Floats:
+    def at(self, face: Int32s, u: Floats, v: Floats) -> Floats:
         """Return bilinear irradiance at fractions u, v of each face."""
         columns, rows, offset = self.columns[face], self.rows[face], self.offset[face]
         x = np.clip(u * columns - 0.5, 0, columns - 1)
@@ -49,10 +50,10 @@ class LightMaps:
 class _Grid:
     """Texel centres of every face at one coarseness."""
 
-    columns: Ints
-    rows: Ints
-    offset: Ints
-    face: Ints
+    columns: Int32s
+    rows: Int32s
+    offset: Int32s
+    face: Int32s
     point: Floats
     normal: Floats
     area_m2: Floats

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats, Int32s
+
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,14 +11,13 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Reals, Vector
+from mocks.light import Reals, Vector
 from mocks.room_plan import CAMERA_HEIGHT_M, Box, RoomPlan
 
 FLOOR, CEILING = 4, 5
 WINDOW_WALL = 3
 DOOR_WALL, PICTURE_WALL = 0, 1
 _IN_PLANE = ((1, 2), (0, 2), (0, 1))
-Ints = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class Faces:
     ``u`` and ``v`` run along the two axes other than ``axis``, in their order.
     """
 
-    axis: Ints
+    axis: Int32s
     normal_sign: Floats
     low: Floats
     high: Floats
@@ -77,7 +78,7 @@ def room_faces(plan: RoomPlan) -> Faces:
 class Hits:
     """Where camera rays end: the face of each, its distance, and the point."""
 
-    face: Ints
+    face: Int32s
     distance_m: Floats
     point: Floats
 
@@ -100,7 +101,7 @@ def cast(plan: RoomPlan, directions: Floats) -> Hits:
     return Hits(face, distance, origin + directions * distance[:, None])
 
 
-def _hit_box(index: int, box: Box, directions: Floats, state: tuple[Reals, Ints, Floats]) -> None:
+def _hit_box(index: int, box: Box, directions: Floats, state: tuple[Reals, Int32s, Floats]) -> None:
     """Let a box take the rays that meet it before anything so far."""
     inverse, face, distance = state
     axis_of_cone, cos_limit = _cone(box)

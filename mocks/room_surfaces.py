@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats, Indices, Int32s
+
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 from mocks.room_plan import RoomPlan, WallRect, plan_room
-from mocks.room_rays import CEILING, DOOR_WALL, FLOOR, PICTURE_WALL, Hits, Ints
+from mocks.room_rays import CEILING, DOOR_WALL, FLOOR, PICTURE_WALL, Hits
 from mocks.textures import MipTexture, PlankFloor
 
 _WALL: Vector = (0.62, 0.595, 0.54)
@@ -22,7 +24,6 @@ _BRASS: Vector = (0.45, 0.34, 0.12)
 _GAP: Vector = (0.05, 0.045, 0.04)
 _FLOOR: Vector = (0.45, 0.325, 0.215)
 _SKIRTING_M = 0.09
-Rays = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ class Surfaces:
         out[inset > 0] = (0.42, 0.15, 0.12)
         out[stripe] = (0.62, 0.55, 0.42)
 
-    def _wall(self, out: Floats, rays: Rays, wall: int, point: Floats) -> None:
+    def _wall(self, out: Floats, rays: Indices, wall: int, point: Floats) -> None:
         along = point[:, 1] if wall < 2 else point[:, 0]
         z = point[:, 2]
         out[rays[z < _SKIRTING_M]] = _TRIM
@@ -96,7 +97,7 @@ class Surfaces:
             rays = np.flatnonzero((hits.face >= first) & (hits.face < first + 4))
             if rays.size == 0:
                 continue
-            face: Ints = hits.face[rays]
+            face: Int32s = hits.face[rays]
             axis = np.where(face < first + 2, 1, 0)
             low, high = np.array(box.low, np.float32), np.array(box.high, np.float32)
             length = (high - low)[axis]
@@ -120,7 +121,7 @@ def surfaces_of(seed: int) -> Surfaces:
     return Surfaces(plan, albedo, floor)
 
 
-def _paint_door(out: Floats, rays: Rays, door: WallRect, at: tuple[Floats, Floats]) -> None:
+def _paint_door(out: Floats, rays: Indices, door: WallRect, at: tuple[Floats, Floats]) -> None:
     along, z = at
     inside = np.minimum(np.minimum(along - door.a0, door.a1 - along), door.z1 - z)
     out[rays[(inside > -0.07) & (inside <= 0)]] = _TRIM
@@ -133,7 +134,7 @@ def _paint_door(out: Floats, rays: Rays, door: WallRect, at: tuple[Floats, Float
     out[rays[handle]] = _BRASS
 
 
-def _paint_picture(out: Floats, rays: Rays, frame: WallRect, at: tuple[Floats, Floats]) -> None:
+def _paint_picture(out: Floats, rays: Indices, frame: WallRect, at: tuple[Floats, Floats]) -> None:
     along, z = at
     inset = np.minimum(np.minimum(along - frame.a0, frame.a1 - along), np.minimum(z - frame.z0, frame.z1 - z))
     out[rays[inset > 0]] = _GAP

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,9 +13,8 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 
-Picture8: TypeAlias = npt.NDArray[np.uint8]
 _LUT_SIZE = 65536
 
 
@@ -42,13 +43,13 @@ class ToneCurve:
         grid = np.linspace(0, 1, 20001) ** 3
         return np.interp(np.asarray(value, dtype=np.float64), self.encode(grid), grid)
 
-    def table(self) -> Picture8:
+    def table(self) -> Bytes:
         """Return the 8-bit value of each of 65536 equally spaced exposures."""
         return _table(self)
 
 
 @lru_cache(maxsize=32)
-def _table(curve: ToneCurve) -> Picture8:
+def _table(curve: ToneCurve) -> Bytes:
     return np.rint(255 * curve.encode((np.arange(_LUT_SIZE) + 0.5) / _LUT_SIZE)).astype(np.uint8)
 
 
@@ -122,7 +123,7 @@ class Sensor:
         signal += noise
         return np.minimum(signal, 1, out=signal)
 
-    def develop(self, signal: Floats, exposure: Exposure) -> Picture8:
+    def develop(self, signal: Floats, exposure: Exposure) -> Bytes:
         """Return 8-bit RGB of a mosaic signal: white balance, clip, tone curve."""
         gains = white_balance_gains(exposure.color_temperature_k) / np.array(self.native_balance)
         # All gains are 1 or more at 6500 K, so a saturated sensor ends white, never pink.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -9,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import BrightDisc, Floats, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
+from mocks.light import BrightDisc, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
 from mocks.room_light import GLASS_TRANSMITTANCE, LightMaps, bake
 from mocks.room_plan import CAMERA_HEIGHT_M, RoomPlan, plan_room
 from mocks.room_rays import (

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from mocks.light import BrightDisc, Floats, Vector, direction_of, luminance_cd_m2
+from mocks.light import BrightDisc, Vector, direction_of, luminance_cd_m2
 
 SUN_RADIUS_RAD = math.radians(0.53 / 2)
 

@@ -6,14 +6,16 @@ coloured, and exposed by `mocks.sensor` with photon, read and quantisation noise
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, luminance_cd_m2
-from mocks.sensor import Exposure, Picture8, Sensor, ToneCurve, TrueShutter
+from mocks.light import luminance_cd_m2
+from mocks.sensor import Exposure, Sensor, ToneCurve, TrueShutter
 
 PAPER_TIMES_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
 LOG10_RANGE_CD_M2 = (-2.0, 6.0)
@@ -34,7 +36,7 @@ _CHROMA = 0.12
 class SyntheticBracket:
     """Frames (uint8 RGB) with their nominal and true times, and the radiance behind them in cd/m2 units."""
 
-    frames: tuple[Picture8, ...]
+    frames: tuple[Bytes, ...]
     nominal_s: tuple[float, ...]
     true_s: tuple[float, ...]
     radiance: Floats
@@ -78,7 +80,7 @@ def synthetic_bracket(
     return SyntheticBracket(frames, nominal_s, true_s, radiance, sensor)
 
 
-def expose(radiance: Floats, shutter_s: float, sensor: Sensor, seed: int, jpeg_quality: int | None = None) -> Picture8:
+def expose(radiance: Floats, shutter_s: float, sensor: Sensor, seed: int, jpeg_quality: int | None = None) -> Bytes:
     """Return one frame of a radiance picture, in bands so that noise needs little memory."""
     exposure = Exposure(shutter_s, 100, 5.6)
     out = np.empty(radiance.shape, dtype=np.uint8)
@@ -89,7 +91,7 @@ def expose(radiance: Floats, shutter_s: float, sensor: Sensor, seed: int, jpeg_q
     return out if jpeg_quality is None else jpeg_coded(out, jpeg_quality)
 
 
-def jpeg_coded(frame: Picture8, quality: int) -> Picture8:
+def jpeg_coded(frame: Bytes, quality: int) -> Bytes:
     """Return the frame after JPEG coding (4:2:0) and decoding."""
     done, data = cv2.imencode(".jpg", frame[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     assert done

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from mocks.light import Floats, Reals
+from mocks.light import Reals
 
 # cv2.remap refuses more than 32767 rows or columns.
 _REMAP_WIDTH = 8192

@@ -6,6 +6,8 @@ made of HDR pictures; `UniformWorld` is an integrating sphere.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 import re
 from pathlib import Path
@@ -17,7 +19,6 @@ from mocks.hdr_world import HdrWorld, read_equirect
 from mocks.light import (
     LUMINANCE_WEIGHTS,
     BrightDisc,
-    Floats,
     LightDrift,
     Site,
     UniformWorld,

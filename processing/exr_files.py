@@ -7,6 +7,8 @@ The same picture gives the same bytes.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import json
 import math
 import sys
@@ -21,7 +23,7 @@ import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError
 from processing.exr_header import ExrPart, read_header
-from processing.images import Bytes, Floats, LuminanceImage, RelativeImage
+from processing.images import LuminanceImage, RelativeImage
 from processing.picture_checks import check_image, check_light, refused
 from processing.picture_writing import write_whole
 from processing.sphere_json import geometry_from_json, geometry_to_json

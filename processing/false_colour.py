@@ -5,13 +5,15 @@ All take and give arrays; colours are 8-bit sRGB (H, W, 3). The same input gives
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.images import Bytes, Floats, Validity
+from processing.images import Validity
 
 NO_DATA = (64, 64, 68)
 """Grey of pixels that have no value (0, not finite)."""

@@ -7,6 +7,8 @@ and not negative everywhere, those of invalid pixels too (the best bound known: 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -17,8 +19,6 @@ import numpy.typing as npt
 
 from processing.sphere import Geometry
 
-Floats: TypeAlias = npt.NDArray[np.float32]
-Bytes: TypeAlias = npt.NDArray[np.uint8]
 
 LUMINANCE_WEIGHTS = (0.2127, 0.7151, 0.0722)
 """Of the paper's eq. 1."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import PictureFileError
-from processing.images import Bytes, Floats, LuminanceImage, RelativeImage, Validity
+from processing.images import LuminanceImage, RelativeImage, Validity
 
 MAX_PIXELS = 1 << 28
 """A picture of the whole sphere at 1 arc minute; more is a damaged header, or a bomb."""

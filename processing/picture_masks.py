@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +17,6 @@ from processing.picture_preview import write_png
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
-Flags = npt.NDArray[np.bool_]
 
 MAX_BYTES = 1 << 28
 SIXTEEN_BITS = ("I;16", "I;16B", "I;16L", "I;16N")

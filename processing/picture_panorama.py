@@ -7,6 +7,8 @@ hold it, the scale is kept where the file says that it is cd/m2; else the median
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +21,7 @@ from processing.errors import PanoramaError, PictureFileError
 from processing.exr_files import read_exr, read_exr_rgb
 from processing.exr_header import read_header
 from processing.frames import Codes, frame_of
-from processing.images import Floats, LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.picture_panorama_tags import check_tags, to_srgb
 from processing.radiance_files import read_radiance_hdr
 from processing.sphere import Equirectangular

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import io
 from pathlib import Path
 
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.images import Bytes, Floats, luminance_cd_m2
+from processing.images import luminance_cd_m2
 from processing.picture_writing import write_bytes
 from processing.sphere import Equirectangular, Geometry
 

@@ -7,6 +7,8 @@ stays as it is, hue and saturation too, and every tool of Radiance finds the lum
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 import re
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from processing.images import LUMINANCE_WEIGHTS, Floats, LuminanceImage
+from processing.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.picture_checks import check_image, check_light, check_size, refused
 from processing.picture_writing import write_bytes
 from processing.radiance_rgbe import RunLengthError, decode_rows, encode_rows, from_rgbe, to_rgbe

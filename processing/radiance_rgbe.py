@@ -6,9 +6,10 @@ spread by a fixed pattern, so that an even surface keeps its mean: without it a 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import numpy as np
 
-from processing.images import Bytes, Floats
 
 _SMALLEST = 1e-32
 """Below this Radiance stores black."""

@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import math
 from collections.abc import Iterator
 from typing import Literal
@@ -21,9 +23,6 @@ from processing.sphere import Equirectangular, Fisheye, Geometry, directions, pi
 from processing.sphere_cubic import cubic_samples
 
 Method = Literal["area", "bilinear", "cubic"]
-Floats = npt.NDArray[np.float32]
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 PAD_PX = 2
 """Pixels beyond seam and poles that cubic interpolation may ask for."""
@@ -158,7 +157,7 @@ def _sampled(
     return out, coverage
 
 
-def _centres(source: Geometry, target: Geometry) -> Iterator[tuple[slice, Reals, Reals, Flags]]:
+def _centres(source: Geometry, target: Geometry) -> Iterator[tuple[slice, Doubles, Doubles, Flags]]:
     """Yield bands of the target: rows, columns and rows of its pixel centres in the source, and which are seen."""
     band = max(1, PIXELS_AT_ONCE // target.width_px)
     for start in range(0, target.height_px, band):

@@ -8,6 +8,8 @@ negative, a constant stays that constant, and sums of radiance times solid angle
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int8s
+
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -21,9 +23,6 @@ from processing.sphere_fisheye_area import fisheye_areas
 from processing.sphere_maps import places
 from processing.sphere_overlap import CLEAR, CUT, HIDDEN, gather, scatter
 
-Floats = npt.NDArray[np.float32]
-Reals = npt.NDArray[np.float64]
-States = npt.NDArray[np.int8]
 
 CELL_RAD = 0.01
 """Cells of the net are divided until they are smaller: their straight sides then miss the true ones by 1.3e-5 rad."""
@@ -48,7 +47,7 @@ def _target_is_plane(source: Geometry, target: Geometry) -> bool:
     return isinstance(target, Fisheye) and not isinstance(source, Fisheye)
 
 
-def _finished(light: Reals, weight: Reals, solid: Reals) -> tuple[Floats, Floats]:
+def _finished(light: Doubles, weight: Doubles, solid: Doubles) -> tuple[Floats, Floats]:
     # What rounding leaves at a cell's corner is no cover; nor are the slivers of target cells beyond a fisheye's field,
     # whose corners all fall onto the field's edge.
     covered = (solid > 0) & (weight > 1e-9 * solid)
@@ -57,7 +56,7 @@ def _finished(light: Reals, weight: Reals, solid: Reals) -> tuple[Floats, Floats
     return values.astype(np.float32), share.astype(np.float32)
 
 
-def _scattered(picture: Floats, source: Geometry, target: Geometry, weights: Floats) -> tuple[Reals, Reals]:
+def _scattered(picture: Floats, source: Geometry, target: Geometry, weights: Floats) -> tuple[Doubles, Doubles]:
     light = np.zeros((target.height_px, target.width_px, picture.shape[2]))
     weight = np.zeros(light.shape[:2])
     net, parts = _net(source)
@@ -110,7 +109,7 @@ def _net(geometry: Geometry) -> tuple[Geometry, int]:
     return finer, parts
 
 
-def _corners(net: Geometry, plane: Geometry, start: int, stop: int) -> tuple[Reals, Reals, States]:
+def _corners(net: Geometry, plane: Geometry, start: int, stop: int) -> tuple[Doubles, Doubles, Int8s]:
     """Return the places in the plane of the corners of the net's rows start..stop, (stop - start + 1, w + 1)."""
     d, _ = point_directions(net, np.arange(net.width_px + 1), np.arange(start, stop + 1)[:, None])
     x, y, placed = places(plane, d)
@@ -118,7 +117,7 @@ def _corners(net: Geometry, plane: Geometry, start: int, stop: int) -> tuple[Rea
     return x, y, np.where(placed, CLEAR, beside).astype(np.int8)
 
 
-def _density(plane: Geometry) -> Reals:
+def _density(plane: Geometry) -> Doubles:
     """Return the solid angle of a square pixel of picture in each of the plane's cells (H, W)."""
     solid = solid_angles(plane)
     if not isinstance(plane, Fisheye):
@@ -145,12 +144,12 @@ def _by_intervals(
     return _finished(light, weight, np.broadcast_to(cells, weight.shape))
 
 
-def _caps(rows: int) -> Reals:
+def _caps(rows: int) -> Doubles:
     """Return 1 - sin(latitude) at the edges of rows (rows + 1,): a band's solid angle over 2 pi is the difference."""
     return np.asarray(2 * np.sin(np.arange(rows + 1) / rows * (math.pi / 2)) ** 2)
 
 
-def _overlaps(target: Reals, source: Reals) -> csr_array:
+def _overlaps(target: Doubles, source: Doubles) -> csr_array:
     """Return the lengths that intervals between ascending edges have in common, (targets, sources)."""
     edges = np.union1d(target, source)
     middle, length = (edges[1:] + edges[:-1]) / 2, np.diff(edges)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float32]
 
 
 def linear_samples(picture: Floats, x: Floats, y: Floats, border: int = cv2.BORDER_REPLICATE) -> Floats:

@@ -7,6 +7,8 @@ forms. Fisheye cells: `processing.sphere_fisheye_area`.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import replace
 
@@ -18,7 +20,6 @@ from processing.sphere_fisheye_area import fisheye_projected, fisheye_solid_angl
 from processing.sphere_geometry import Equirectangular, Fisheye, Geometry, Perspective
 from processing.sphere_maps import directions, point_directions, view_axes
 
-Reals = npt.NDArray[np.float64]
 
 CROSSED_SAMPLES = 2048
 """A cell that the plane's horizon crosses is divided until this many parts would lie across the picture."""
@@ -26,7 +27,7 @@ MOST_PARTS = 64
 SAMPLES_AT_ONCE = 1 << 18
 
 
-def solid_angles(geometry: Geometry) -> Reals:
+def solid_angles(geometry: Geometry) -> Doubles:
     """Return the solid angle of each pixel's cell (H, W) in steradians; 0 where the cell sees nothing.
 
     A cell that a fisheye's edge cuts has the solid angle of its part inside, even if its centre lies outside.
@@ -39,7 +40,7 @@ def solid_angles(geometry: Geometry) -> Reals:
     return fisheye_solid_angles(geometry)
 
 
-def projected_solid_angles(geometry: Geometry, normal: npt.ArrayLike) -> Reals:
+def projected_solid_angles(geometry: Geometry, normal: npt.ArrayLike) -> Doubles:
     """Return the integral of max(0, normal . direction) over each pixel's cell (H, W), in steradians.
 
     The illuminance on a plane with that ``normal`` (3,), of any length, is the sum of these times luminance. Closed
@@ -63,13 +64,13 @@ def projected_solid_angles(geometry: Geometry, normal: npt.ArrayLike) -> Reals:
     return out
 
 
-def _row_heights(geometry: Equirectangular) -> Reals:
+def _row_heights(geometry: Equirectangular) -> Doubles:
     """Return the difference of the sine of latitude over each row (H,), without cancellation."""
     latitude = (0.5 - (np.arange(geometry.height_px) + 0.5) / geometry.height_px) * math.pi
     return np.asarray(2 * np.cos(latitude) * math.sin(math.pi / geometry.height_px / 2))
 
 
-def _equirectangular_projected(geometry: Equirectangular, n: Reals) -> Reals:
+def _equirectangular_projected(geometry: Equirectangular, n: Doubles) -> Doubles:
     step_x, step_y = 2 * math.pi / geometry.width_px, math.pi / geometry.height_px
     longitude = (np.arange(geometry.width_px) + 0.5) * step_x - math.pi + geometry.yaw_rad
     latitude = math.pi / 2 - (np.arange(geometry.height_px) + 0.5) * step_y
@@ -80,21 +81,21 @@ def _equirectangular_projected(geometry: Equirectangular, n: Reals) -> Reals:
     return np.asarray(level[:, None] * across[None, :] + n[2] * step_x * upward[:, None])
 
 
-def _grid(view: Perspective) -> tuple[Reals, Reals]:
+def _grid(view: Perspective) -> tuple[Doubles, Doubles]:
     """Return the plane's coordinates (focal length 1) of the lines between columns (W+1,) and rows (H+1,)."""
     right = (np.arange(view.width_px + 1) - view.width_px / 2) / view.focal_px
     up = (view.height_px / 2 - np.arange(view.height_px + 1)) / view.focal_px
     return np.asarray(right, dtype=np.float64), np.asarray(up, dtype=np.float64)
 
 
-def _perspective_solid_angles(view: Perspective) -> Reals:
+def _perspective_solid_angles(view: Perspective) -> Doubles:
     right, up = _grid(view)
     # The solid angle of the rectangle from the axis to a corner; differences give a cell's.
     corner = np.arctan2(np.outer(up, right), np.sqrt(1 + up[:, None] ** 2 + right[None, :] ** 2))
     return -np.diff(np.diff(corner, axis=0), axis=1)
 
 
-def _perspective_projected(view: Perspective, n: Reals) -> Reals:
+def _perspective_projected(view: Perspective, n: Doubles) -> Doubles:
     """Return Lambert's polygon formula: half the sum over a cell's edges of angle times the edge's normal."""
     right, up = _grid(view)
     local = view_axes(view) @ n
@@ -109,7 +110,7 @@ def _perspective_projected(view: Perspective, n: Reals) -> Reals:
     return np.asarray(-(np.diff(across, axis=0) + np.diff(along, axis=1)))
 
 
-def _crossed_cells(geometry: Geometry, n: Reals) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _crossed_cells(geometry: Geometry, n: Doubles) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return rows and columns of the cells that may lie on both sides of the plane's horizon."""
     if isinstance(geometry, Fisheye) and math.hypot(n[0], n[1]) < 1e-12 and geometry.half_field_rad <= math.pi / 2:
         # The plane's horizon is the picture's edge, or beyond it.
@@ -148,7 +149,7 @@ def _steepest(lens: Fisheye) -> float:
     return float(min(max(radial, 1 / lens.radius_px * math.pi), lens.half_field_rad))
 
 
-def _mean_positive(geometry: Geometry, n: Reals, cells: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]) -> Reals:
+def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]) -> Doubles:
     """Return the mean of max(0, n . direction) over cells, weighted by solid angle, from a fine division of each."""
     across = max(geometry.width_px, geometry.height_px)
     parts = max(2, min(MOST_PARTS, math.ceil(CROSSED_SAMPLES / across)))
@@ -169,7 +170,7 @@ def _mean_positive(geometry: Geometry, n: Reals, cells: tuple[npt.NDArray[np.int
     return out
 
 
-def _density(geometry: Geometry, x: Reals, y: Reals, d: Reals) -> Reals:
+def _density(geometry: Geometry, x: Doubles, y: Doubles, d: Doubles) -> Doubles:
     """Return solid angle per picture area, up to a constant factor."""
     if isinstance(geometry, Equirectangular):
         return np.asarray(np.cos((0.5 - y / geometry.height_px) * math.pi))

@@ -5,13 +5,14 @@ OpenCV's cubic has a = -3/4 and rounds positions to 1/32 pixel: 0.05 of a pixel'
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from typing import Any
 
 import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float32]
 
 
 def cubic_samples(picture: Floats, x: Floats, y: Floats) -> Floats:

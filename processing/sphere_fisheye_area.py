@@ -8,6 +8,8 @@ are so small that Gauss's rule inside each is as exact and much cheaper.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Indices
+
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,9 +21,7 @@ import numpy.typing as npt
 from processing.sphere_geometry import Fisheye, LensMapping
 from processing.sphere_lens import polar_of_radius, radial_density
 
-Reals = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
-Integral = Callable[[Reals, Reals, Reals, Reals], Reals]
+Integral = Callable[[Doubles, Doubles, Doubles, Doubles], Doubles]
 """From sine and cosine of theta, and cosine and sine of the azimuth in the picture, to F."""
 
 LARGE_RADIUS_PX, VERY_LARGE_RADIUS_PX = 256, 1024
@@ -29,43 +29,43 @@ RIM_PX = 32
 CELLS_AT_ONCE = 1 << 18
 
 
-def fisheye_solid_angles(lens: Fisheye) -> Reals:
+def fisheye_solid_angles(lens: Fisheye) -> Doubles:
     """Return the solid angle of each cell's part inside the circle (H, W), in steradians."""
     found = _cells(lens, lambda sine, cosine, _c, _s: _cap(sine, cosine), _rim_solid(lens), None)
     # A cell that the circle only touches may come out as minus a rounding error.
     return np.asarray(np.maximum(found, 0.0))
 
 
-def fisheye_areas(lens: Fisheye) -> Reals:
+def fisheye_areas(lens: Fisheye) -> Doubles:
     """Return the area of each cell's part inside the circle (H, W), in square pixels."""
     whole = replace(lens, mapping=LensMapping.EQUISOLID, half_field_rad=math.pi, polynomial=())
     return np.asarray(fisheye_solid_angles(whole) * (lens.radius_px**2 / 4))
 
 
-def fisheye_projected(lens: Fisheye, normal: Reals) -> Reals:
+def fisheye_projected(lens: Fisheye, normal: Doubles) -> Doubles:
     """Return the signed integral of ``normal . direction`` over each cell's part inside the circle (H, W)."""
     sin_top, cos_top = math.sin(lens.top_azimuth_rad), math.cos(lens.top_azimuth_rad)
     right, up = -normal[0] * cos_top + normal[1] * sin_top, normal[0] * sin_top + normal[1] * cos_top
     axial = float(normal[2])
 
-    def integral(sine: Reals, cosine: Reals, cos_phi: Reals, sin_phi: Reals) -> Reals:
+    def integral(sine: Doubles, cosine: Doubles, cos_phi: Doubles, sin_phi: Doubles) -> Doubles:
         return np.asarray((right * cos_phi + up * sin_phi) * _level(sine, cosine) + axial * sine * sine / 2)
 
     sine, cosine = (np.asarray(v) for v in polar_of_radius(lens, np.array(1.0)))
     level, cap = float(_level(sine, cosine)), float(sine * sine / 2)
 
-    def rim(phi: Reals) -> Reals:
+    def rim(phi: Doubles) -> Doubles:
         return np.asarray(level * (right * np.sin(phi) - up * np.cos(phi)) + axial * cap * phi)
 
     return _cells(lens, integral, rim, (right, up, axial))
 
 
-def _cap(sine: Reals, cosine: Reals) -> Reals:
+def _cap(sine: Doubles, cosine: Doubles) -> Doubles:
     """Return 1 - cos(theta) without cancellation."""
     return np.where(cosine > 0, sine * sine / (1 + np.abs(cosine)), 1 - cosine)
 
 
-def _level(sine: Reals, cosine: Reals) -> Reals:
+def _level(sine: Doubles, cosine: Doubles) -> Doubles:
     """Return the integral of sin2 from 0 to theta, without cancellation."""
     theta = np.arctan2(sine, cosine)
     t2 = theta * theta
@@ -73,7 +73,7 @@ def _level(sine: Reals, cosine: Reals) -> Reals:
     return np.where(theta < 0.1, series, (theta - sine * cosine) / 2)
 
 
-def _rim_solid(lens: Fisheye) -> Callable[[Reals], Reals]:
+def _rim_solid(lens: Fisheye) -> Callable[[Doubles], Doubles]:
     sine, cosine = polar_of_radius(lens, np.array(1.0))
     cap = float(_cap(sine, cosine))
     return lambda phi: cap * phi
@@ -82,9 +82,9 @@ def _rim_solid(lens: Fisheye) -> Callable[[Reals], Reals]:
 def _cells(
     lens: Fisheye,
     integral: Integral,
-    rim: Callable[[Reals], Reals],
+    rim: Callable[[Doubles], Doubles],
     normal: tuple[float, float, float] | None,
-) -> Reals:
+) -> Doubles:
     """Return all cells' integrals: inside by Gauss's rule where the picture is large, else and at the rim by edges."""
     out = np.zeros((lens.height_px, lens.width_px))
     column, row = lens.axis_px
@@ -104,7 +104,7 @@ def _cells(
     return out
 
 
-def _by_gauss(lens: Fisheye, u: Reals, v: Reals, normal: tuple[float, float, float] | None) -> Reals:
+def _by_gauss(lens: Fisheye, u: Doubles, v: Doubles, normal: tuple[float, float, float] | None) -> Doubles:
     shift = 0.5 / math.sqrt(3) / lens.radius_px
     # An orthographic density bends most, and costs least.
     once = lens.radius_px >= VERY_LARGE_RADIUS_PX and lens.mapping is not LensMapping.ORTHOGRAPHIC
@@ -122,22 +122,22 @@ def _by_gauss(lens: Fisheye, u: Reals, v: Reals, normal: tuple[float, float, flo
     return total / (len(shifts) ** 2 * lens.radius_px**2)
 
 
-def _by_edges(lens: Fisheye, row: Places, column: Places, integral: Integral) -> Reals:
+def _by_edges(lens: Fisheye, row: Indices, column: Indices, integral: Integral) -> Doubles:
     """Return the integrals along the four edges of cells, as far as they lie inside the circle, anticlockwise."""
     centre_x, centre_y = lens.axis_px
     left, right = _relative(column - centre_x, lens), _relative(column + 1 - centre_x, lens)
     upper, lower = _relative(centre_y - row, lens), _relative(centre_y - row - 1, lens)
 
-    def across(v: Reals) -> Reals:
+    def across(v: Doubles) -> Doubles:
         return -_line(lens, v, left, right, integral)
 
-    def along(u: Reals) -> Reals:
+    def along(u: Doubles) -> Doubles:
         return _line(lens, u, lower, upper, lambda s, c, up, fixed: integral(s, c, fixed, up))
 
     return across(lower) + along(right) - across(upper) - along(left)
 
 
-def _line(lens: Fisheye, fixed: Reals, start: Reals, end: Reals, integral: Integral) -> Reals:
+def _line(lens: Fisheye, fixed: Doubles, start: Doubles, end: Doubles, integral: Integral) -> Doubles:
     """Return the integral of fixed F / r2 over the part of a grid line inside the circle.
 
     With along = c sin(a), c the half chord, the root that F has at an orthographic circle's edge is smooth in a.
@@ -157,7 +157,7 @@ def _line(lens: Fisheye, fixed: Reals, start: Reals, end: Reals, integral: Integ
     return np.asarray(fixed * total * (a1 - a0) / 2)
 
 
-def _relative(distance_px: npt.NDArray[Any], lens: Fisheye) -> Reals:
+def _relative(distance_px: npt.NDArray[Any], lens: Fisheye) -> Doubles:
     return np.asarray(distance_px / lens.radius_px, dtype=np.float64)
 
 
@@ -165,7 +165,7 @@ def _order(radius_px: float) -> int:
     return 48 if radius_px < 4 else 16 if radius_px < 64 else 6
 
 
-def _add_arcs(lens: Fisheye, out: Reals, rim: Callable[[Reals], Reals]) -> None:
+def _add_arcs(lens: Fisheye, out: Doubles, rim: Callable[[Doubles], Doubles]) -> None:
     """Add the circle's own part, cut into arcs where it crosses the lines between pixels."""
     centre_x, centre_y = lens.axis_px
     u = (np.arange(lens.width_px + 1) - centre_x) / lens.radius_px

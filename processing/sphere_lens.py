@@ -6,6 +6,8 @@ angle near 90 degrees is known far worse than its sine.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags
+
 import math
 
 import numpy as np
@@ -13,8 +15,6 @@ import numpy.typing as npt
 
 from processing.sphere_geometry import Fisheye, LensMapping
 
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 FIELD_TOLERANCE_RAD = 1e-9
 """A direction computed to lie on the field's edge is inside it."""
@@ -23,7 +23,7 @@ NEWTON_STEPS = 4
 """From a table of 257 points each step squares the error: three reach rounding, one is spare."""
 
 
-def polar_of_radius(lens: Fisheye, radius: Reals) -> tuple[Reals, Reals]:
+def polar_of_radius(lens: Fisheye, radius: Doubles) -> tuple[Doubles, Doubles]:
     """Return sine and cosine of the angle from the axis at relative radii 0..1."""
     half = lens.half_field_rad
     if lens.mapping is LensMapping.ORTHOGRAPHIC:
@@ -39,7 +39,7 @@ def polar_of_radius(lens: Fisheye, radius: Reals) -> tuple[Reals, Reals]:
     return np.sin(theta), np.cos(theta)
 
 
-def radius_of_polar(lens: Fisheye, flat: Reals, height: Reals) -> tuple[Reals, Flags]:
+def radius_of_polar(lens: Fisheye, flat: Doubles, height: Doubles) -> tuple[Doubles, Flags]:
     """Return relative radii, at most 1, of directions (``flat`` across, ``height`` along the axis), and who is seen."""
     half = lens.half_field_rad
     theta = np.arctan2(flat, height)
@@ -58,7 +58,7 @@ def radius_of_polar(lens: Fisheye, flat: Reals, height: Reals) -> tuple[Reals, F
     return np.minimum(radius, 1.0), seen
 
 
-def radial_density(lens: Fisheye, radius: Reals) -> Reals:
+def radial_density(lens: Fisheye, radius: Doubles) -> Doubles:
     """Return the solid angle of a unit of relative area, sin(theta) theta'(r) / r, at relative radii 0..1 (steradians).
 
     At the edge of an orthographic hemisphere it has no bound; there a very large number is returned.
@@ -76,7 +76,7 @@ def radial_density(lens: Fisheye, radius: Reals) -> Reals:
     return np.where(radius > 1e-9, sine / np.maximum(radius, 1e-9), steepness) * steepness
 
 
-def polynomial(lens: Fisheye, radius: Reals) -> Reals:
+def polynomial(lens: Fisheye, radius: Doubles) -> Doubles:
     """Return theta / half_field of relative radii (Horner)."""
     total = np.zeros_like(radius)
     for coefficient in reversed(lens.polynomial):
@@ -84,7 +84,7 @@ def polynomial(lens: Fisheye, radius: Reals) -> Reals:
     return total
 
 
-def polynomial_slope(lens: Fisheye, radius: Reals) -> Reals:
+def polynomial_slope(lens: Fisheye, radius: Doubles) -> Doubles:
     """Return the derivative of `polynomial`."""
     total = np.zeros_like(radius)
     for power in range(len(lens.polynomial), 0, -1):
@@ -92,7 +92,7 @@ def polynomial_slope(lens: Fisheye, radius: Reals) -> Reals:
     return total
 
 
-def inverse_polynomial(lens: Fisheye, share: Reals) -> Reals:
+def inverse_polynomial(lens: Fisheye, share: Doubles) -> Doubles:
     """Return the radii 0..1 at which `polynomial` is ``share`` 0..1: a table's guess, then Newton."""
     knots = np.linspace(0, 1, TABLE_SIZE)
     radius = np.interp(share, polynomial(lens, knots), knots)

@@ -5,6 +5,8 @@ Directions are (..., 3) unit vectors in the world's axes; those handed in may ha
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags
+
 import math
 
 import numpy as np
@@ -14,8 +16,6 @@ from processing.errors import ParameterError
 from processing.sphere_geometry import Equirectangular, Fisheye, Geometry, Perspective
 from processing.sphere_lens import polar_of_radius, radius_of_polar
 
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 EDGE_TOLERANCE = 1e-9
 """Relative: a point computed to lie on the field's edge is inside it."""
@@ -23,7 +23,7 @@ NEAREST_DEPTH = 1e-9
 """Cosine to a view's axis below which a direction has no place in its plane."""
 
 
-def directions(geometry: Geometry, rows: slice | None = None) -> tuple[Reals, Flags]:
+def directions(geometry: Geometry, rows: slice | None = None) -> tuple[Doubles, Flags]:
     """Return the directions of pixel centres (h, w, 3) and which pixels see anything (h, w); ``rows`` takes a band.
 
     Outside a fisheye's circle the direction is that of the nearest point of its edge.
@@ -32,7 +32,7 @@ def directions(geometry: Geometry, rows: slice | None = None) -> tuple[Reals, Fl
     return point_directions(geometry, np.arange(geometry.width_px) + 0.5, y[:, None])
 
 
-def point_directions(geometry: Geometry, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Reals, Flags]:
+def point_directions(geometry: Geometry, x: npt.ArrayLike, y: npt.ArrayLike) -> tuple[Doubles, Flags]:
     """Return unit directions (..., 3) of picture points (pixels, broadcast), and which points see anything.
 
     Points beside the picture are legal: they continue its plane (an equirectangular picture goes round; beyond its
@@ -48,7 +48,7 @@ def point_directions(geometry: Geometry, x: npt.ArrayLike, y: npt.ArrayLike) -> 
     return _fisheye_directions(geometry, px, py)
 
 
-def pixels(geometry: Geometry, directions: npt.ArrayLike) -> tuple[Reals, Reals, Flags]:
+def pixels(geometry: Geometry, directions: npt.ArrayLike) -> tuple[Doubles, Doubles, Flags]:
     """Return columns and rows of directions (..., 3) of any length, and which of them the picture shows.
 
     Never NaN: what a fisheye does not show falls on the edge of its circle, what a view does not show beside it where
@@ -63,7 +63,7 @@ def pixels(geometry: Geometry, directions: npt.ArrayLike) -> tuple[Reals, Reals,
     return x, y, placed & _inside(geometry, x, y)
 
 
-def places(geometry: Geometry, directions: Reals) -> tuple[Reals, Reals, Flags]:
+def places(geometry: Geometry, directions: Doubles) -> tuple[Doubles, Doubles, Flags]:
     """Return what `pixels` does, but with which directions have a place in the picture's plane, in its frame or not."""
     if isinstance(geometry, Equirectangular):
         return _equirectangular_pixels(geometry, directions)
@@ -72,7 +72,7 @@ def places(geometry: Geometry, directions: Reals) -> tuple[Reals, Reals, Flags]:
     return _fisheye_pixels(geometry, directions)
 
 
-def view_axes(view: Perspective) -> Reals:
+def view_axes(view: Perspective) -> Doubles:
     """Return the rows right, up, ahead of a view (3, 3)."""
     sin_yaw, cos_yaw = math.sin(view.yaw_rad), math.cos(view.yaw_rad)
     sin_pitch, cos_pitch = math.sin(view.pitch_rad), math.cos(view.pitch_rad)
@@ -84,7 +84,7 @@ def view_axes(view: Perspective) -> Reals:
     return np.stack([right * cos_roll - up * sin_roll, up * cos_roll + right * sin_roll, ahead])
 
 
-def _equirectangular_directions(geometry: Equirectangular, x: Reals, y: Reals) -> tuple[Reals, Flags]:
+def _equirectangular_directions(geometry: Equirectangular, x: Doubles, y: Doubles) -> tuple[Doubles, Flags]:
     longitude = (x / geometry.width_px - 0.5) * (2 * math.pi) + geometry.yaw_rad
     latitude = (0.5 - y / geometry.height_px) * math.pi
     flat = np.cos(latitude)
@@ -92,7 +92,7 @@ def _equirectangular_directions(geometry: Equirectangular, x: Reals, y: Reals) -
     return out, np.ones(out.shape[:-1], dtype=bool)
 
 
-def _equirectangular_pixels(geometry: Equirectangular, d: Reals) -> tuple[Reals, Reals, Flags]:
+def _equirectangular_pixels(geometry: Equirectangular, d: Doubles) -> tuple[Doubles, Doubles, Flags]:
     turns = (np.arctan2(d[..., 0], d[..., 1]) - geometry.yaw_rad) / (2 * math.pi) + 0.5
     x = (turns - np.floor(turns)) * geometry.width_px
     # A turn just below 1 may round to the full width, which is column 0.
@@ -101,7 +101,7 @@ def _equirectangular_pixels(geometry: Equirectangular, d: Reals) -> tuple[Reals,
     return x, (0.5 - latitude / math.pi) * geometry.height_px, np.ones(d.shape[:-1], dtype=bool)
 
 
-def _perspective_directions(view: Perspective, x: Reals, y: Reals) -> tuple[Reals, Flags]:
+def _perspective_directions(view: Perspective, x: Doubles, y: Doubles) -> tuple[Doubles, Flags]:
     right, up = np.broadcast_arrays(x - view.width_px / 2, view.height_px / 2 - y)
     ahead = view.focal_px
     axes = view_axes(view) / np.sqrt(right**2 + up**2 + ahead**2)[..., None, None]
@@ -109,7 +109,7 @@ def _perspective_directions(view: Perspective, x: Reals, y: Reals) -> tuple[Real
     return out, _inside(view, x, y)
 
 
-def _perspective_pixels(view: Perspective, d: Reals) -> tuple[Reals, Reals, Flags]:
+def _perspective_pixels(view: Perspective, d: Doubles) -> tuple[Doubles, Doubles, Flags]:
     seen_from = d @ view_axes(view).T
     depth = seen_from[..., 2]
     front = depth > NEAREST_DEPTH * np.sqrt((seen_from**2).sum(axis=-1))
@@ -119,7 +119,7 @@ def _perspective_pixels(view: Perspective, d: Reals) -> tuple[Reals, Reals, Flag
     return x, y, front
 
 
-def _fisheye_directions(lens: Fisheye, x: Reals, y: Reals) -> tuple[Reals, Flags]:
+def _fisheye_directions(lens: Fisheye, x: Doubles, y: Doubles) -> tuple[Doubles, Flags]:
     column, row = lens.axis_px
     right, up = np.broadcast_arrays((x - column) / lens.radius_px, (row - y) / lens.radius_px)
     radius = np.hypot(right, up)
@@ -134,7 +134,7 @@ def _fisheye_directions(lens: Fisheye, x: Reals, y: Reals) -> tuple[Reals, Flags
     return out, seen & _inside(lens, x, y)
 
 
-def _fisheye_pixels(lens: Fisheye, d: Reals) -> tuple[Reals, Reals, Flags]:
+def _fisheye_pixels(lens: Fisheye, d: Doubles) -> tuple[Doubles, Doubles, Flags]:
     flat = np.hypot(d[..., 0], d[..., 1])
     radius, seen = radius_of_polar(lens, flat, d[..., 2])
     scale = lens.radius_px * radius / np.where(flat > 0, flat, 1.0)
@@ -145,11 +145,11 @@ def _fisheye_pixels(lens: Fisheye, d: Reals) -> tuple[Reals, Reals, Flags]:
     return x, y, seen
 
 
-def _inside(geometry: Perspective | Fisheye, x: Reals, y: Reals) -> Flags:
+def _inside(geometry: Perspective | Fisheye, x: Doubles, y: Doubles) -> Flags:
     slack_x, slack_y = EDGE_TOLERANCE * geometry.width_px, EDGE_TOLERANCE * geometry.height_px
     across = (x >= -slack_x) & (x <= geometry.width_px + slack_x)
     return np.asarray(across & (y >= -slack_y) & (y <= geometry.height_px + slack_y))
 
 
-def _stacked(*parts: Reals) -> Reals:
+def _stacked(*parts: Doubles) -> Doubles:
     return np.stack(np.broadcast_arrays(*parts), axis=-1)

@@ -13,8 +13,6 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-Reals = npt.NDArray[np.float64]
-Floats = npt.NDArray[np.float32]
 
 CLEAR, CUT, HIDDEN = 0, 1, 2
 """Of a corner: in the plane · moved onto the edge of its field · behind it (cells with such a corner are left out)."""

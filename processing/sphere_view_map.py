@@ -5,6 +5,8 @@ The two angles are found by a polynomial of our own, fitted once: good to 1e-10 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from typing import Any
 
@@ -14,7 +16,6 @@ import numpy.typing as npt
 
 from processing.sphere import Equirectangular, Perspective, view_axes
 
-Floats = npt.NDArray[np.float32]
 
 _FOLD = math.tan(math.pi / 8)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Indices
+
 import math
 import threading
 from collections import OrderedDict
@@ -16,9 +18,6 @@ import numpy.typing as npt
 from processing.sphere import Equirectangular, Perspective, pixels, point_directions
 from processing.sphere_view_map import view_in_panorama
 
-Floats = npt.NDArray[np.float32]
-Reals = npt.NDArray[np.float64]
-Places = npt.NDArray[np.intp]
 
 CACHE_BYTES = 384 << 20
 EDGE_SAMPLES = 65
@@ -28,12 +27,12 @@ EDGE_SAMPLES = 65
 class PolarPixels:
     """A view's pixels within half a row of a pole: their four neighbours lie on both sides of it."""
 
-    view_rows: Places
-    view_columns: Places
-    rows: Places
+    view_rows: Indices
+    view_columns: Indices
+    rows: Indices
     """(n, 4) in the panorama."""
-    columns: Places
-    weights: Reals
+    columns: Indices
+    weights: Doubles
     """(n, 4)."""
 
 
@@ -151,7 +150,7 @@ def _make_stitch(view: Perspective, target: Equirectangular) -> StitchMap:
     return StitchMap(first_row, first_column, in_x, in_y, weight.astype(np.float32))
 
 
-def _tent(share: Reals) -> Reals:
+def _tent(share: Doubles) -> Doubles:
     """Return 1 in the middle, falling to a little above 0 at the edges: who alone sees a pixel must fill it."""
     return np.asarray(np.maximum(1 - np.abs(2 * share - 1), 1e-4))
 

@@ -6,6 +6,8 @@ not averaged: the class with the most weight wins.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,7 +22,6 @@ from processing.sphere import Equirectangular, Perspective
 from processing.sphere_cubic import cubic_samples
 from processing.views_maps import StitchMap, stitch_map
 
-Floats = npt.NDArray[np.float32]
 Labels = npt.NDArray[np.integer]
 
 HALVE_ABOVE = 2.5

@@ -9,6 +9,8 @@ picture with grey.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes
+
 import hashlib
 import json
 import mmap
@@ -29,7 +31,6 @@ from station.frame_problem import FrameProblemError, Reason
 from station.jpeg import read_header
 from station.raw_check import check_raw
 
-Pixels = npt.NDArray[np.uint8]
 Circle = Sequence[float]
 
 MAX_JPEG_BYTES = 256 * 2**20
@@ -144,7 +145,7 @@ def _exif(block: bytes | None) -> tuple[dict[str, Any], str]:
     return {**values, "taken_local": taken and taken.isoformat()}, ""
 
 
-def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Pixels:
+def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Bytes:
     """Decode at 1/scale (libjpeg's scaled transform); whatever the decoder complains of is refused."""
     flags = _REDUCED.get(scale, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
     try:
@@ -161,7 +162,7 @@ def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Pixels:
     return np.asarray(pixels, np.uint8)
 
 
-def measure(pixels: Pixels, circle: Circle | None = None) -> dict[str, Any]:
+def measure(pixels: Bytes, circle: Circle | None = None) -> dict[str, Any]:
     """Return brightness measures of an 8-bit picture, band by band so that little memory is needed.
 
     With ``circle`` (centre column, centre row, radius as fractions of width, height and width) only what lies inside
@@ -194,7 +195,7 @@ def _inside(shape: tuple[int, ...], rows: range, circle: Circle) -> npt.NDArray[
     return np.asarray(x[None, :] ** 2 + y[:, None] ** 2 <= circle[2] ** 2)
 
 
-def _picture_digest(small: Pixels, measures: dict[str, Any]) -> str | None:
+def _picture_digest(small: Bytes, measures: dict[str, Any]) -> str | None:
     """Return the digest of the small picture; None where too little shows to tell two frames apart."""
     telling_frac = 1.0 - measures["clipped_frac"] - measures["dark_frac"]
     if telling_frac < TELLING_FRAC or telling_frac * small.shape[0] * small.shape[1] < TELLING_PIXELS:

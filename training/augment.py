@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from typing import Any
 
 import cv2
@@ -12,7 +14,6 @@ from training.recoat import recoated
 from training.shards import Examples
 from training.stretch import stretched, wall_direction_rad
 
-Floats = npt.NDArray[np.float32]
 COLUMNS = ("label", "ceiling_rad", "floor_rad", "corner")
 STRETCHED, RECOATED = 0.6, 0.6
 """Shares of pictures."""

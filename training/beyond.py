@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,8 +12,6 @@ import numpy.typing as npt
 
 from training.house import Portal
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 
 def outdoors(rng: np.random.Generator, rays: Floats) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats, Int8s
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -9,11 +11,9 @@ import numpy.typing as npt
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.network_input import HEIGHT_PX, WIDTH_PX, network_picture
 
-Floats = npt.NDArray[np.float32]
-Labels = npt.NDArray[np.int8]
 
 
-def add_foot(rng: np.random.Generator, light: Floats, label: Labels, eye_m: float) -> tuple[Floats, Labels]:
+def add_foot(rng: np.random.Generator, light: Floats, label: Int8s, eye_m: float) -> tuple[Floats, Int8s]:
     """Put a tripod, a black or blurred disc, or nothing, under the camera."""
     chance = rng.random()
     if chance < 0.3:
@@ -98,7 +98,7 @@ def decoded(codes: npt.NDArray[np.uint8]) -> Floats:
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def small_labels(label: Labels) -> npt.NDArray[np.uint8]:
+def small_labels(label: Int8s) -> npt.NDArray[np.uint8]:
     """Return the commonest class in each of the network's pixels."""
     fine = label.reshape(HEIGHT_PX, label.shape[0] // HEIGHT_PX, WIDTH_PX, label.shape[1] // WIDTH_PX)
     votes = np.stack([(fine == k).sum(axis=(1, 3)) for k in range(len(SceneClass))])

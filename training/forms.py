@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,7 +11,6 @@ from processing.segmentation.classes import SceneClass
 from training.pieces import Piece, joined
 from training.soup import WORLD, Soup
 
-Floats = npt.NDArray[np.float32]
 Vec = tuple[float, float, float]
 
 

@@ -6,6 +6,8 @@ are right. Behind passages and open doors lies another room, seen through a port
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import itertools
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -19,7 +21,6 @@ from processing.segmentation.classes import SceneClass
 from training.outlines import draw_cameras, draw_eye_m, draw_height_m, draw_outline
 from training.soup import WORLD, Frame, Soup
 
-Doubles = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

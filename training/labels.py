@@ -5,11 +5,11 @@ Column i of n looks at longitude ((i + 0.5) / n - 0.5) * 2 pi, longitude 0 along
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import numpy as np
 import numpy.typing as npt
 
-Doubles = npt.NDArray[np.float64]
-Floats = npt.NDArray[np.float32]
 CORNER_SPREAD_RAD = np.radians(2.2)
 
 

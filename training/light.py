@@ -6,6 +6,8 @@ patches of sun where the sun can shine.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +15,6 @@ import numpy.typing as npt
 
 from mocks.rooms.geometry import Geometry
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 Panes = list[tuple[Doubles, Doubles, Doubles]]
 
 STEP = 4

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
@@ -11,7 +13,6 @@ from shapely.affinity import rotate
 from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
 
-Doubles = npt.NDArray[np.float64]
 LEAST_SIDE_M = 0.5
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +12,6 @@ import numpy.typing as npt
 from training.soup import Paint
 from training.textures import Tile
 
-Floats = npt.NDArray[np.float32]
 _WOODS = np.array(
     [
         (0.38, 0.245, 0.135),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +17,6 @@ from mocks.rooms.mesh import Part
 from mocks.rooms.model import Item, Role
 from mocks.rooms.room import Room
 
-Floats = npt.NDArray[np.float32]
 _ON_WALL = ("picture", "wall clock", "wall shelf", "rug", "curtain")
 _NOT_STANDING = ("kitchen", "bathroom", "rug", "lamp", "other")
 SMALL = ("books", "tv", "pillow", "lamp", "small plant")

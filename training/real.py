@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +19,6 @@ from processing.sphere import Equirectangular
 from training.camera import decoded
 from training.labels import boundary_latitudes
 
-Floats = npt.NDArray[np.float32]
 SEEN = 6
 """Of the ZInD panoramas, in order of their names: these may be looked at, the others are only scored."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -21,7 +23,6 @@ from training.props import furnish_house
 from training.render import Stage, radiance, see
 from training.textures import Tile
 
-Floats = npt.NDArray[np.float32]
 ROOMS_A_BATCH, HOUSES_A_BATCH = 5, 26
 CAMERAS, LOOKS = 2, 2
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +22,6 @@ from training.paints import Coats, draw_coats
 from training.soup import Soup
 from training.textures import Tile
 
-Floats = npt.NDArray[np.float32]
 ROWS = 256
 """Of the fine picture; the network's is half as large."""
 _PIXEL_RAD = np.pi / ROWS

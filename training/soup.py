@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,9 +12,6 @@ import numpy.typing as npt
 
 from processing.segmentation.classes import SceneClass
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 Vec = tuple[float, float, float]
 
 _TWO = np.array([[0, 1, 2], [0, 2, 3]])

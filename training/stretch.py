@@ -6,6 +6,8 @@ known for every pixel, and its boundaries stay exact (the augmentation that Hori
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import Any
 
 import cv2
@@ -15,7 +17,6 @@ import numpy.typing as npt
 from training.labels import column_longitudes
 
 Arrays = dict[str, npt.NDArray[Any]]
-Doubles = npt.NDArray[np.float64]
 
 
 def wall_direction_rad(floor_rad: npt.ArrayLike) -> float:

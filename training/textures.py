@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +16,6 @@ from mocks.rooms.materials import picture_material
 from mocks.rooms.model import Material, Use
 from mocks.rooms.textures import tile
 
-Floats = npt.NDArray[np.float32]
 SIDE = 128
 LEVELS = (128, 64, 32, 16, 8, 4)
 GROUPS = ("floor", "wall", "rug", "wood", "cloth", "picture", "plain")

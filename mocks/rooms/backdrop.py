@@ -5,6 +5,8 @@ The band is equirectangular (azimuth from +y towards +x, centre column +y); `out
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +17,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Reals, Vector
+from mocks.light import Reals, Vector
 from mocks.rooms.noise import fractal, rough
 from mocks.rooms.street import House, draw_street
 from mocks.rooms.trees import paint_tree
@@ -30,7 +32,6 @@ GLASS = (0.02, 0.024, 0.028)
 TRIM = (0.66, 0.66, 0.63)
 DOORS: tuple[Vector, ...] = ((0.20, 0.05, 0.04), (0.05, 0.09, 0.07), (0.16, 0.09, 0.05), (0.07, 0.09, 0.15))
 
-Space: TypeAlias = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Backdrop:
             under += alpha[part][..., None].astype(np.float32) * (paint[part] - under)
             start, done = 0, done + width
 
-    def polygon(self, points: Sequence[Space], normal: Space, colour: Vector, mirror: float = 0.0) -> None:
+    def polygon(self, points: Sequence[Doubles], normal: Doubles, colour: Vector, mirror: float = 0.0) -> None:
         """Paint a flat polygon in space (metres from the eye); its edges are divided, as straight lines bend here."""
         steps = np.linspace(0, 1, 8, endpoint=False)[:, None]
         ends = [*points[1:], points[0]]
@@ -112,12 +113,12 @@ def haze_of(distance_m: float) -> float:
     return 1 - math.exp(-distance_m / HAZE_M)
 
 
-def row_of(elevation_rad: Space) -> Space:
+def row_of(elevation_rad: Doubles) -> Doubles:
     """Return the band's row, in pixels, whole numbers at pixel centres."""
     return np.asarray((TOP_RAD - elevation_rad) / PIXEL_RAD - 0.5, dtype=np.float64)
 
 
-def column_of(azimuth_rad: Space) -> Space:
+def column_of(azimuth_rad: Doubles) -> Doubles:
     """Return the band's column, in pixels, whole numbers at pixel centres."""
     return np.asarray((azimuth_rad + math.pi) / PIXEL_RAD - 0.5, dtype=np.float64)
 
@@ -181,7 +182,7 @@ def _house(band: Backdrop, house: House, eye_height_m: float) -> None:
         _roof(band, house, base, n, side)
 
 
-def _roof(band: Backdrop, house: House, base: Space, n: Space, side: Space) -> None:
+def _roof(band: Backdrop, house: House, base: Doubles, n: Doubles, side: Doubles) -> None:
     """Paint one slope with its fascia board, and the chimney on the ridge behind the slope that is seen."""
     up = np.array((0.0, 0.0, 1.0))
     half_d = house.depth_m / 2
@@ -198,7 +199,7 @@ def _roof(band: Backdrop, house: House, base: Space, n: Space, side: Space) -> N
 
 
 def _openings(
-    band: Backdrop, rng: np.random.Generator, frame: tuple[Space, Space, Space], length_m: float, eaves_m: float
+    band: Backdrop, rng: np.random.Generator, frame: tuple[Doubles, Doubles, Doubles], length_m: float, eaves_m: float
 ) -> None:
     """Paint a wall's windows and its door. ``frame`` is the wall's foot, the way along it, and its normal."""
     foot, t, n = frame

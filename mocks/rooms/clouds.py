@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 from mocks.rooms.noise import fractal, smoothstep
 from mocks.rooms.outdoors import cosine_grid
 

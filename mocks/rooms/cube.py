@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 
 _BORDER_FRAC = 1 / 16
 

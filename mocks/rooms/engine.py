@@ -10,6 +10,8 @@ the analytic tests read: what they prove holds for the rooms because both are ma
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 import os
 from dataclasses import dataclass
@@ -23,9 +25,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import DaylitError
-from mocks.light import Floats, Vector, unit
+from mocks.light import Vector, unit
 from mocks.rooms.llvm import usable_library, version_in_name
-from mocks.rooms.mesh import Mesh, Reals64, quad
+from mocks.rooms.mesh import Mesh, quad
 
 PATH: dict[str, Any] = {"type": "path", "max_depth": -1, "rr_depth": 12}
 """The integrator: paths of any length, ended by chance (which leaves the mean as it is) from the 12th bounce on."""
@@ -133,7 +135,7 @@ def environment_emitter(map_rgb: Floats) -> dict[str, Any]:
     return {"type": "envmap", "bitmap": mi.Bitmap(np.ascontiguousarray(rows)), "to_world": to_world}
 
 
-def _shares(height: int) -> Reals64:
+def _shares(height: int) -> Doubles:
     """Return (height + 1, height): what share each pixel row has in the mean light of each texel row."""
     # Simpson's rule on 64 parts of each pixel: exact to rounding at any height in use.
     parts = 64
@@ -222,6 +224,6 @@ def irradiance_at(scene: Any, point: Vector, normal: Vector, spp: int, seed: int
     return irradiance_over(scene, quad(_vector(corner), _vector(u), _vector(v)), spp, seed)
 
 
-def _vector(array: Reals64) -> Vector:
+def _vector(array: Doubles) -> Vector:
     x, y, z = (float(v) for v in array)
     return (x, y, z)

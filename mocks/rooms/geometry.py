@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats, Int32s
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,12 +12,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats
 from mocks.rooms.engine import EngineError
 from mocks.rooms.mesh import Part
 
-Ints = npt.NDArray[np.int32]
-Bools = npt.NDArray[np.bool_]
 
 _BLOCK = 1 << 18
 
@@ -27,7 +26,7 @@ class Hits:
     ``weights`` (n, 3) are the barycentric shares of the triangle's corners.
     """
 
-    face: Ints
+    face: Int32s
     distance_m: Floats
     weights: Floats
 
@@ -43,7 +42,7 @@ class Geometry:
         self.normals: Floats = np.concatenate([m.normals[m.faces] for m in meshes]).astype(np.float32)
         self.uv: Floats = np.concatenate([m.uv[m.faces] for m in meshes]).astype(np.float32)
         counts = [len(m.faces) for m in meshes]
-        self.part_of: Ints = np.repeat(np.arange(len(meshes), dtype=np.int32), counts)
+        self.part_of: Int32s = np.repeat(np.arange(len(meshes), dtype=np.int32), counts)
         edges = self.corners[:, 1:] - self.corners[:, :1]
         flat = np.cross(edges[:, 0], edges[:, 1])
         length = np.linalg.norm(flat, axis=1, keepdims=True)
@@ -81,7 +80,7 @@ class Geometry:
         distance[face < 0] = np.inf
         return Hits(face, distance, weights)
 
-    def blocked(self, origins: Floats, directions: Floats) -> Bools:
+    def blocked(self, origins: Floats, directions: Floats) -> Flags:
         """Return which rays meet anything at all."""
         out = np.empty(len(directions), bool)
         for start in range(0, len(directions), _BLOCK):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats
 from mocks.rooms.cube import Cube
-from mocks.rooms.geometry import Bools, Geometry, Hits
+from mocks.rooms.geometry import Geometry, Hits
 
 PLANE_TOLERANCE_M = 0.02
 PURE = 0.99
@@ -59,7 +60,7 @@ class Guide:
         )
 
     @property
-    def pure(self) -> Bools:
+    def pure(self) -> Flags:
         """Return the pixels that lie on one surface only."""
         return self.purity > PURE
 
@@ -80,7 +81,7 @@ class _Met:
         plane = np.einsum("ij,ij->i", normal, rays) * distance
         return cls(part, distance, normal, plane.astype(np.float32))
 
-    def alike(self, other: _Met) -> Bools:
+    def alike(self, other: _Met) -> Flags:
         close = np.abs(self.plane_m - other.plane_m) < PLANE_TOLERANCE_M
         turned = np.einsum("ij,ij->i", self.normal, other.normal) > _SAME_NORMAL
         outside = self.part < 0

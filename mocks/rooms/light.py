@@ -7,6 +7,8 @@ with Open Image Denoise, guided by clean normals and distances.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -15,9 +17,8 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from mocks.light import Floats
 from mocks.rooms.cube import Cube
-from mocks.rooms.geometry import Bools, Geometry
+from mocks.rooms.geometry import Geometry
 from mocks.rooms.guide import Guide
 from mocks.rooms.room import Room
 from mocks.rooms.sky import Sky
@@ -120,9 +121,9 @@ def bake(room: Room, geometry: Geometry, lighting: Lighting, quality: Quality, s
     return Baked(irradiance, np.maximum(np.where(glossy[..., None], clean, 0), 0))
 
 
-def _whole(picture: Floats) -> tuple[Floats, Bools]:
+def _whole(picture: Floats) -> tuple[Floats, Flags]:
     """Return a picture with 0 for what is not finite, and where that was: by denoising, one would spoil all."""
-    spoilt: Bools = np.asarray(~np.isfinite(picture).all(axis=-1))
+    spoilt: Flags = np.asarray(~np.isfinite(picture).all(axis=-1))
     picture[spoilt] = 0
     return picture, spoilt
 
@@ -168,12 +169,12 @@ def _seamless(picture: Floats, guide: Guide) -> Floats:
     return np.asarray((total / weights[:, None]).reshape(picture.shape), dtype=np.float32)
 
 
-def _glossy(geometry: Geometry, guide: Guide) -> Bools:
+def _glossy(geometry: Geometry, guide: Guide) -> Flags:
     glossy = np.array([p.material.roughness is not None for p in geometry.parts] + [False])
     return np.asarray(glossy[guide.part])
 
 
-def _unusable(room: Room, geometry: Geometry, guide: Guide, *, beam: bool, lamps: bool) -> Bools:
+def _unusable(room: Room, geometry: Geometry, guide: Guide, *, beam: bool, lamps: bool) -> Flags:
     """Return the pixels near what the renderer's camera does not see: the sun's patches, and what glows."""
     glows = np.array([any(p.material.emission_cd_m2) for p in geometry.parts] + [False])
     bad = np.zeros(guide.part.shape, bool)
@@ -189,16 +190,16 @@ def _unusable(room: Room, geometry: Geometry, guide: Guide, *, beam: bool, lamps
     return np.stack([cv2.dilate(face.astype(np.uint8), kernel) > 0 for face in bad]) | (guide.part < 0)
 
 
-def _mixed(guide: Guide) -> Bools:
+def _mixed(guide: Guide) -> Flags:
     """Return the pixels that see several surfaces, of parts that fill other pixels wholly; and the nearly black."""
-    out: Bools = guide.albedo.min(axis=-1) < _LEAST_ALBEDO
+    out: Flags = guide.albedo.min(axis=-1) < _LEAST_ALBEDO
     for face in range(6):
         whole = np.unique(guide.part[face][guide.pure[face]])
         out[face] |= ~guide.pure[face] & np.isin(guide.part[face], whole)
     return out
 
 
-def _filled(picture: Floats, guide: Guide, unusable: Bools) -> Floats:
+def _filled(picture: Floats, guide: Guide, unusable: Flags) -> Floats:
     """Replace unusable pixels by their nearest usable neighbours' mean on the same part."""
     out = picture.copy()
     out[unusable] = 0
@@ -221,7 +222,7 @@ def _beyond(picture: Floats, guide: Guide) -> Floats:
     return picture
 
 
-def _spread(picture: Floats, known: Bools, holes: Bools) -> Floats:
+def _spread(picture: Floats, known: Flags, holes: Flags) -> Floats:
     values = np.zeros((int(holes.sum()), 3), np.float32)
     todo = np.ones(len(values), bool)
     weight = known.astype(np.float32)

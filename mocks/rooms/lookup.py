@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +11,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats
 from mocks.rooms.guide import PLANE_TOLERANCE_M, Guide
 
 _REMAP_WIDTH = 8192

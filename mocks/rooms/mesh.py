@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int32s
+
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -13,8 +15,6 @@ import numpy.typing as npt
 from mocks.light import Vector
 from mocks.rooms.model import Material, Role
 
-Reals64: TypeAlias = npt.NDArray[np.float64]
-Faces: TypeAlias = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Mesh:
     own, so that each has its own normal.
     """
 
-    vertices: Reals64
-    normals: Reals64
-    uv: Reals64
-    faces: Faces
+    vertices: Doubles
+    normals: Doubles
+    uv: Doubles
+    faces: Int32s
 
     def placed(self, position_m: Vector, turn_rad: float = 0.0) -> Mesh:
         """Return the mesh turned counter-clockwise about z, then moved."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
-from mocks.light import Floats, Reals
+from mocks.light import Reals
 
 CELLS = 64
 """Lattice cells after which an octave repeats."""

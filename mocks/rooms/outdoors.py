@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats, Halves
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,12 +14,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Reals, Vector
+from mocks.light import Reals, Vector
 from mocks.rooms import backdrop, shadows, street
 from mocks.rooms.noise import fractal
 
 Component: TypeAlias = Literal["sky", "sun"]
-Halves: TypeAlias = npt.NDArray[np.float16]
 
 ASPHALT = (0.085, 0.085, 0.088)
 PAVING = (0.30, 0.29, 0.27)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from functools import lru_cache
 
@@ -9,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 from mocks.rooms.noise import rough
 from mocks.rooms.street import House, Tree, draw_street
 

@@ -6,6 +6,8 @@ surface, v along the longest side (the grain of wood).
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int32s
+
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from mocks.light import Vector
-from mocks.rooms.mesh import Faces, Mesh, Reals64, merge
+from mocks.rooms.mesh import Mesh, merge
 
 CREASE_RAD = math.radians(35.0)
 """A turned profile that bends more than this has a sharp edge there."""
@@ -38,7 +40,7 @@ def rounded_box(
     return replace(whole, vertices=whole.vertices + middle)
 
 
-def _scale(flat: float, steps: int, cells: int) -> Reals64:
+def _scale(flat: float, steps: int, cells: int) -> Doubles:
     """Return, along one axis, the (centre of curvature, tangent of the normal) of each line of the grid."""
     arc = np.tan(np.linspace(0.0, math.pi / 4, steps + 1))
     flats = np.linspace(-flat, flat, cells + 1) if flat > 1e-9 else np.zeros(1)
@@ -47,7 +49,7 @@ def _scale(flat: float, steps: int, cells: int) -> Reals64:
     return np.stack([centres, tangents], axis=1)
 
 
-def _side(axis: int, sign: float, flat: Reals64, radius: float, scales: list[Reals64], grain: int) -> Mesh:
+def _side(axis: int, sign: float, flat: Doubles, radius: float, scales: list[Doubles], grain: int) -> Mesh:
     """Return one of the six sides of a rounded block around the origin."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     if sign < 0:
@@ -64,7 +66,7 @@ def _side(axis: int, sign: float, flat: Reals64, radius: float, scales: list[Rea
     return Mesh(vertices, normal.reshape(-1, 3), vertices[:, [u, v]], grid_faces(len(grid_a), len(grid_b)))
 
 
-def grid_faces(rows: int, columns: int) -> Faces:
+def grid_faces(rows: int, columns: int) -> Int32s:
     """Return the triangles of a grid of vertices (row by row), normals along d/drow x d/dcolumn."""
     index = np.arange(rows * columns).reshape(rows, columns)
     p, q, r, s = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
@@ -73,7 +75,7 @@ def grid_faces(rows: int, columns: int) -> Faces:
     )
 
 
-def deformed(mesh: Mesh, move: Callable[[Reals64], Reals64]) -> Mesh:
+def deformed(mesh: Mesh, move: Callable[[Doubles], Doubles]) -> Mesh:
     """Return the mesh with its vertices moved and smooth normals made anew."""
     return smooth(replace(mesh, vertices=move(mesh.vertices.copy())))
 
@@ -134,7 +136,7 @@ def tube(points: Sequence[Vector], radius_m: float | Sequence[float], sides: int
     return merge([hull, disc(rings[0, ::-1][:-1], -tangent[0]), disc(rings[-1, :-1], tangent[-1])])
 
 
-def _rings(path: Reals64, tangent: Reals64, radii: Reals64, sides: int) -> tuple[Reals64, Reals64]:
+def _rings(path: Doubles, tangent: Doubles, radii: Doubles, sides: int) -> tuple[Doubles, Doubles]:
     """Return rings of points around a path and the directions outwards, carried along without twist."""
     angles = np.linspace(0.0, 2 * math.pi, sides + 1)
     first = np.cross(tangent[0], (1.0, 0.0, 0.0) if abs(tangent[0, 0]) < 0.7 else (0.0, 1.0, 0.0))
@@ -147,7 +149,7 @@ def _rings(path: Reals64, tangent: Reals64, radii: Reals64, sides: int) -> tuple
     return path[:, None, :] + radii[:, None, None] * out, out
 
 
-def disc(rim: Reals64, normal: Reals64) -> Mesh:
+def disc(rim: Doubles, normal: Doubles) -> Mesh:
     """Return a flat face within a convex rim that runs counter-clockwise about its normal."""
     middle = rim.mean(axis=0)
     first = rim[0] - middle
@@ -176,7 +178,7 @@ def lathe(profile: Sequence[tuple[float, float]], sides: int = 24) -> Mesh:
     return merge([_turned_strip(*strip, sides) for strip in strips])
 
 
-def _turned_strip(points: Reals64, outwards: Reals64, way: Reals64, sides: int) -> Mesh:
+def _turned_strip(points: Doubles, outwards: Doubles, way: Doubles, sides: int) -> Mesh:
     """Return a smooth strip of a turned body."""
     normal = np.concatenate([outwards[:1], outwards[:-1] + outwards[1:], outwards[-1:]])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh, Part, Reals64, box
+from mocks.rooms.mesh import Mesh, Part, box
 from mocks.rooms.model import Finish, Fixture, Role
 from mocks.rooms.shapes import ball, cylinder, rounded_box, tube, turned
 from mocks.rooms.shell_faces import part_of, repeated
@@ -44,13 +46,13 @@ def curtain(fixture: Fixture, finish: Finish) -> list[Part]:
     return [part_of(cloth, finish.curtain, "curtain", "curtain", Role.FIXTURE)]
 
 
-def _uneven(rng: np.random.Generator, folds: int) -> Reals64:
+def _uneven(rng: np.random.Generator, folds: int) -> Doubles:
     """Return where each fold ends, 0..1, of somewhat different widths."""
     widths = rng.uniform(0.75, 1.25, folds)
     return np.concatenate([[0.0], np.cumsum(widths) / widths.sum()])
 
 
-def _facing_room(grid: Reals64) -> Reals64:
+def _facing_room(grid: Doubles) -> Doubles:
     """Return the grid of points ordered so that its first normal looks along +y."""
     return grid if np.cross(grid[1, 0] - grid[0, 0], grid[0, -1] - grid[0, 0])[1] > 0 else grid[:, ::-1]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 import zlib
 from collections.abc import Iterable, Sequence
@@ -13,7 +15,7 @@ from shapely.geometry import Polygon
 
 from mocks.light import Vector
 from mocks.rooms.ade import ADE20K
-from mocks.rooms.mesh import Mesh, Part, Reals64, merge
+from mocks.rooms.mesh import Mesh, Part, merge
 from mocks.rooms.model import Material, Plan, Role
 
 
@@ -81,7 +83,7 @@ def swept(profile: Sequence[tuple[float, float]], start_m: float, end_m: float, 
     return merge(faces)
 
 
-def repeated(mesh: Mesh, moves: Reals64) -> Mesh:
+def repeated(mesh: Mesh, moves: Doubles) -> Mesh:
     """Return one mesh of copies of a mesh, each moved by a row of ``moves`` (n, 3)."""
     count, size = len(moves), len(mesh.vertices)
     vertices = (mesh.vertices[None] + np.asarray(moves)[:, None]).reshape(-1, 3)
@@ -103,7 +105,7 @@ def mirrored(mesh: Mesh, axis: int) -> Mesh:
 
 def _facing(mesh: Mesh) -> Mesh:
     """Return the mesh with every face turned the way of its normals."""
-    corners: Reals64 = mesh.vertices[mesh.faces]
+    corners: Doubles = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     against = np.einsum("nc,nc->n", across, mesh.normals[mesh.faces[:, 0]]) < 0
     return replace(mesh, faces=np.where(against[:, None], mesh.faces[:, ::-1], mesh.faces).astype(np.int32))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Callable
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh, Part, Reals64, box, merge
+from mocks.rooms.mesh import Mesh, Part, box, merge
 from mocks.rooms.model import Finish, Fixture, Material, Plan, Role
 from mocks.rooms.shapes import cylinder, grid_faces, rounded_box, tube, turned
 from mocks.rooms.shell_cloth import curtain, curtain_rod, roller_blind, venetian_blind
@@ -95,7 +97,7 @@ def _grille(x0: float, x1: float, back: float, front: float, top: float) -> list
     return [*bars, repeated(one, _along(places))]
 
 
-def _along(places: Reals64) -> Reals64:
+def _along(places: Doubles) -> Doubles:
     """Return moves along the wall."""
     return np.stack([places, np.zeros_like(places), np.zeros_like(places)], axis=1)
 

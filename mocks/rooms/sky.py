@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -9,7 +11,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mocks.light import BrightDisc, Floats, Vector, direction_of
+from mocks.light import BrightDisc, Vector, direction_of
 from mocks.rooms import outdoors, sky_colour, sky_light
 from mocks.rooms.clouds import CloudLayer, overcast_relief
 from mocks.rooms.moment import Moment, sun_distance_au, sun_of

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
 
-from mocks.light import LUMINANCE_WEIGHTS, Floats, Reals, Vector, luminance_cd_m2
+from mocks.light import LUMINANCE_WEIGHTS, Reals, Vector, luminance_cd_m2
 from mocks.rooms.sky_light import OZONE_DEPTH, aerosol_depth, air_mass
 
 XYZ_TO_RGB = np.array(

@@ -5,11 +5,12 @@ Elevations in radians, illuminances in lux. Nothing here knows pvlib's clear-sky
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
 
-from mocks.light import Floats
 
 LUMINOUS_SOLAR_CONSTANT_LX = 133_100.0
 """Darula, Kittler and Gueymard 2005, Reference luminous solar constant, Solar Energy 79."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
 
 from mocks.light import Vector
-from mocks.rooms.mesh import Mesh, Reals64, merge
+from mocks.rooms.mesh import Mesh, merge
 from mocks.rooms.shapes import deformed, grid_faces, rounded_box, smooth
 
 
@@ -22,7 +24,7 @@ def pad(low: Vector, high: Vector, radius_m: float, crown_m: float, cells: int =
     hi[thin] -= crown_m
     block = rounded_box(_vector(lo), _vector(hi), radius_m, 2, (counts[0], counts[1], counts[2]))
 
-    def swell(vertices: Reals64) -> Reals64:
+    def swell(vertices: Doubles) -> Doubles:
         place = (vertices - middle) / half
         dome = np.ones(len(vertices))
         for axis in range(3):
@@ -46,7 +48,7 @@ def pillow(size_m: Vector, cells: int = 8) -> Mesh:
     return _two_sided(layers[0], layers[1], flat)
 
 
-def _two_sided(top: Reals64, bottom: Reals64, uv: Reals64) -> Mesh:
+def _two_sided(top: Doubles, bottom: Doubles, uv: Doubles) -> Mesh:
     """Return the closed body between two grids of points (n, m, 3), the top's normals along d/drow x d/dcolumn.
 
     The rim has normals of its own, as a seam or the edge of a leaf has.
@@ -66,7 +68,7 @@ def _two_sided(top: Reals64, bottom: Reals64, uv: Reals64) -> Mesh:
     return merge([smooth(Mesh(v, np.zeros_like(v), t, f.astype(np.int32))) for v, t, f in sides])
 
 
-def sheet(surface: Reals64, thickness_m: float) -> Mesh:
+def sheet(surface: Doubles, thickness_m: float) -> Mesh:
     """Return cloth of a thickness under a grid of points (n, m, 3); its upper side looks along d/drow x d/dcolumn."""
     rows, columns = (np.gradient(surface, axis=k) for k in (0, 1))
     normal = np.cross(rows, columns)
@@ -104,5 +106,5 @@ def blade(length_m: float, width_m: float, lean_rad: float, bend_rad: float, cel
     return sheet(surface.transpose(1, 0, 2), 0.002)
 
 
-def _vector(values: Reals64) -> Vector:
+def _vector(values: Doubles) -> Vector:
     return (float(values[0]), float(values[1]), float(values[2]))

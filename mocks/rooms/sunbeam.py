@@ -6,6 +6,8 @@ of cells on each window give, cell by cell, the parallelogram that it lights; to
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ import numpy as np
 
 from mocks.light import Vector
 from mocks.rooms.geometry import Geometry
-from mocks.rooms.mesh import Mesh, Reals64
+from mocks.rooms.mesh import Mesh
 from mocks.rooms.shell import Pane
 from mocks.rooms.sunlight import windows_of
 
@@ -43,9 +45,9 @@ class SunPatch:
 class _Cells:
     """Lit cells: the part that each lies on, the surface's normal (n, 3), and the cell's corners (n, 4, 3)."""
 
-    part: Reals64
-    normal: Reals64
-    corners: Reals64
+    part: Doubles
+    normal: Doubles
+    corners: Doubles
 
 
 def sun_patches(
@@ -73,7 +75,7 @@ def sun_patches(
     return tuple(patches)
 
 
-def _lit(geometry: Geometry, window: tuple[Reals64, Reals64, Reals64], towards: Reals64) -> _Cells:
+def _lit(geometry: Geometry, window: tuple[Doubles, Doubles, Doubles], towards: Doubles) -> _Cells:
     """Cast a ray of the sun through every cell of a window and lay the cell's shadow where it ends."""
     corner, u, v = window
     across, up = (max(1, round(float(np.linalg.norm(side)) / CELL_M)) for side in (u, v))
@@ -92,7 +94,7 @@ def _lit(geometry: Geometry, window: tuple[Reals64, Reals64, Reals64], towards: 
     return _Cells(geometry.part_of[hits.face[good]].astype(np.float64), normal, np.stack(ring, axis=1))
 
 
-def _tiles(corners: Reals64, normal: Reals64) -> Mesh:
+def _tiles(corners: Doubles, normal: Doubles) -> Mesh:
     """Return parallelograms as a mesh that shows its front to where the normals point."""
     count = len(corners)
     turn = np.cross(corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import BrightDisc, Floats
-from mocks.rooms.geometry import Bools, Geometry
-from mocks.rooms.mesh import Reals64
+from mocks.light import BrightDisc
+from mocks.rooms.geometry import Geometry
 from mocks.rooms.shell import Pane
 
 _RIM, _FILL = 6, 32
@@ -51,7 +52,7 @@ def outward(pane: Pane) -> npt.NDArray[np.float64]:
     return np.asarray(normal / np.linalg.norm(normal))
 
 
-def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Bools:
+def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Flags:
     """Return which points' rays to the sun pass near a window: cheap, and true for all that see the sun."""
     direction = np.array(sun.direction)
     out = np.zeros(len(points), bool)
@@ -74,7 +75,7 @@ def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Bools:
     return out
 
 
-def windows_of(panes: Sequence[Pane]) -> Iterator[tuple[Reals64, Reals64, Reals64]]:
+def windows_of(panes: Sequence[Pane]) -> Iterator[tuple[Doubles, Doubles, Doubles]]:
     """Yield corner and sides of the rectangle around each window's panes; u x v looks outside."""
     groups: dict[int, list[Pane]] = {}
     for pane in panes:

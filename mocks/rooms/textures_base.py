@@ -6,12 +6,14 @@ columns run along u. Pixel centres lie at half pixels.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 
 LOWEST_ALBEDO, HIGHEST_ALBEDO = 0.02, 0.92
 

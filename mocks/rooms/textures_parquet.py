@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass, replace
 
@@ -9,7 +11,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats, Reals
+from mocks.light import Reals
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import Tile, centres, generator, line_cover
 from mocks.rooms.textures_wood import Timber, board_tint, gapped

@@ -5,11 +5,12 @@ Row 0, v = 0, is the picture's lower edge. The plain margin all round lets even 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
 
-from mocks.light import Floats
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import Tile, clouds, generator, mixed, noise
 

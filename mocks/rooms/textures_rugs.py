@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import Tile, centres, clouds, generator, mixed, noise, repeated, to_nearest
 

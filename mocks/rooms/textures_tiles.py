@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import Floats
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import Tile, blurred, centres, clouds, generator, line_cover, mixed, noise, toned
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
 
-from mocks.light import Floats
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import (
     Tile,

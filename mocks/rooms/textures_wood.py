@@ -6,13 +6,14 @@ shows nested arches along its middle and one far from it shows straight lines. C
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import itertools
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from mocks.light import Floats
 from mocks.rooms.model import Texture
 from mocks.rooms.textures_base import Tile, centres, generator, line_cover, mixed, noise, to_nearest, toned
 

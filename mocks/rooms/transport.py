@@ -6,13 +6,15 @@ bounces off textures by their mean albedo; the textures themselves are seen by `
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mocks.light import Floats, Vector
+from mocks.light import Vector
 from mocks.rooms.cube import FACES, Cube
 from mocks.rooms.engine import PATH, environment_emitter, mesh_shape, mitsuba, sun_emitter
 from mocks.rooms.mesh import Part, merge

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import LUMINANCE_WEIGHTS, Floats, Site, Vector
+from mocks.light import LUMINANCE_WEIGHTS, Site, Vector
 from mocks.rooms.engine import irradiance_at
 from mocks.rooms.geometry import Geometry
 from mocks.rooms.light import lightings

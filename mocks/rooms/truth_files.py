@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import json
 import os
 from dataclasses import asdict, dataclass
@@ -12,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import DaylitError
-from mocks.light import Floats
 from mocks.rooms.room import Room
 from mocks.rooms.truth import PointLight, TruthPictures, description, point_lights, truth_pictures
 from mocks.rooms.world import RoomWorld

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import BrightDisc, Floats
+from mocks.light import BrightDisc
 from mocks.rooms.cube import Cube
 from mocks.rooms.geometry import Geometry, Hits
 from mocks.rooms.guide import Guide, facing_normals

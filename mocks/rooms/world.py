@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import io
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
-from mocks.light import BrightDisc, Floats, Site, Vector, unit
+from mocks.light import BrightDisc, Site, Vector, unit
 from mocks.picture_cache import PictureCache, content_key
 from mocks.rooms.clouds import CloudDrift
 from mocks.rooms.furniture.equipment import BOARD_SIDE_M

@@ -6,6 +6,8 @@ taken where nobody recorded where the meter looked.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats, Int32s
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,12 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ScaleError
-from processing.images import Floats, RelativeImage, Validity, luminance_cd_m2
+from processing.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
 
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
-Labels = npt.NDArray[np.int32]
 
 MIN_CONFIDENCE = 0.25
 _WORK_WIDTH_PX = 840
@@ -114,7 +113,7 @@ def _reduced(image: RelativeImage) -> _Scene:
     )
 
 
-def _even_regions(scene: _Scene, step_stops: float) -> tuple[Labels, Labels]:
+def _even_regions(scene: _Scene, step_stops: float) -> tuple[Int32s, Int32s]:
     """Return the connected regions without edges in them, numbered from 1, and their pixels."""
     import cv2
 
@@ -127,7 +126,7 @@ def _even_regions(scene: _Scene, step_stops: float) -> tuple[Labels, Labels]:
 
 
 def _judged(
-    scene: _Scene, labels: Labels, number: int, geometry: Equirectangular, near: tuple[float, float] | None
+    scene: _Scene, labels: Int32s, number: int, geometry: Equirectangular, near: tuple[float, float] | None
 ) -> Board | None:
     """Return the region as a board with its measures, None for what is far too small, too large, or too high."""
     rows, columns = np.nonzero(labels == number)
@@ -157,7 +156,7 @@ def _judged(
     return Board(way, middle[1], solid_sr, math.prod(measures.values()), measures)
 
 
-def _flattened(longitude: Reals, latitude: Reals, centre_rad: float, pixel_sr: Reals) -> tuple[Reals, Reals, Reals]:
+def _flattened(longitude: Doubles, latitude: Doubles, centre_rad: float, pixel_sr: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     """Return gnomonic coordinates about (0, centre_rad), in which straight edges are straight, and pixel areas."""
     sine, cosine = math.sin(centre_rad), math.cos(centre_rad)
     ahead = np.maximum(sine * np.sin(latitude) + cosine * np.cos(latitude) * np.cos(longitude), 0.05)
@@ -166,7 +165,7 @@ def _flattened(longitude: Reals, latitude: Reals, centre_rad: float, pixel_sr: R
     return u, v, pixel_sr / ahead**3
 
 
-def _shape_measures(u: Reals, v: Reals, area: float) -> dict[str, float]:
+def _shape_measures(u: Doubles, v: Doubles, area: float) -> dict[str, float]:
     """Return how full the region's hull is, how nearly that is a quadrilateral, and how nearly a square's shape."""
     import cv2
 
@@ -188,7 +187,7 @@ def _shape_measures(u: Reals, v: Reals, area: float) -> dict[str, float]:
 
 
 def _brighter(
-    scene: _Scene, labels: Labels, number: int, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
+    scene: _Scene, labels: Int32s, number: int, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]
 ) -> float:
     """Return how much brighter the region is than a ring around it; half at 0.15 stop."""
     import cv2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,7 +15,6 @@ from processing.errors import BracketError, ParameterError
 from processing.frames import ArrayFrame, Codes, FrameSource, same_file
 from processing.sphere import Geometry
 
-Reals = npt.NDArray[np.float64]
 MAX_FRAMES = 64
 
 
@@ -22,8 +23,8 @@ class Order:
     """Frames from the longest time to the shortest."""
 
     frames: tuple[FrameSource, ...]
-    times_s: Reals
-    time_sigma: Reals
+    times_s: Doubles
+    time_sigma: Doubles
     numbers: tuple[int, ...]
     """Place of each in the caller's sequence."""
     depth_bits: int
@@ -60,7 +61,7 @@ def check_bracket(
     return _without_duplicates(order)
 
 
-def _times(times_s: Sequence[float], count: int) -> Reals:
+def _times(times_s: Sequence[float], count: int) -> Doubles:
     if not 1 <= count <= MAX_FRAMES:
         raise BracketError(f"a bracket has 1 to {MAX_FRAMES} frames, not {count}")
     times = np.asarray(times_s, dtype=np.float64)

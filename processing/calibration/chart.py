@@ -8,6 +8,8 @@ slope and the difference of both veils as its offset.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass
 from itertools import islice
@@ -15,15 +17,7 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.chart_patches import (
-    NEUTRALS,
-    PATCH_NAMES,
-    WHITE,
-    FoundChart,
-    Reals,
-    checked_corners,
-    read_chart,
-)
+from processing.calibration.chart_patches import NEUTRALS, PATCH_NAMES, WHITE, FoundChart, checked_corners, read_chart
 from processing.calibration.chart_search import candidates, refined
 from processing.calibration.luminance import CURVE_FRAC, ScaleFactor
 from processing.errors import ChartError
@@ -139,7 +133,7 @@ class _Line:
     """Relative standard uncertainty of the slope, from the fit."""
 
 
-def _line(x: Reals, y: Reals, sigma: Reals) -> _Line:
+def _line(x: Doubles, y: Doubles, sigma: Doubles) -> _Line:
     """Return the robust line ``y = slope x + offset`` for relative errors; through 0 for three points."""
     relative = np.maximum(sigma, _MIN_SIGMA)
     columns = np.stack([x, np.ones_like(x)], axis=1) if x.size > 3 else x[:, None]
@@ -177,7 +171,7 @@ def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> t
     )
 
 
-def _lab(rgb: Reals, white: int) -> Reals:
+def _lab(rgb: Doubles, white: int) -> Doubles:
     """Return CIE L*a*b* (24, 3) of linear Rec. 709 relative to one of its rows (CIE 15:2004, 8.2.1)."""
     to_xyz = np.array(
         [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +13,6 @@ from processing.calibration.luminance import NEIGHBOURS
 from processing.errors import ChartError
 from processing.images import RelativeImage, Validity, luminance_cd_m2
 
-Reals = npt.NDArray[np.float64]
 
 COLUMNS, ROWS = 6, 4
 PATCH_NAMES = (
@@ -40,11 +41,11 @@ MIN_PIXELS = 4
 class FoundChart:
     """A chart in a picture. Values are the picture's own (relative) ones, patches in the published order."""
 
-    corners_px: Reals
+    corners_px: Doubles
     """(4, 2): x, y of the grid's corners at dark skin, bluish green, black, white (as one reads the chart)."""
-    rgb: Reals
+    rgb: Doubles
     """(24, 3): robust means."""
-    uncertainty: Reals
+    uncertainty: Doubles
     """(24,): relative standard uncertainty of the luminances by noise; inf where a patch is clipped or dark."""
     n_pixels: npt.NDArray[np.intp]
     """(24,)."""
@@ -54,7 +55,7 @@ class FoundChart:
     """Who found it: "cv2.mcc" or "corners"."""
 
     @property
-    def luminance(self) -> Reals:
+    def luminance(self) -> Doubles:
         """Return the patches' relative luminances (24,)."""
         return luminance_cd_m2(self.rgb).astype(np.float64)
 
@@ -64,13 +65,13 @@ class FoundChart:
         return np.asarray(np.isfinite(self.uncertainty) & (self.luminance > 0))
 
 
-def reflectances() -> Reals:
+def reflectances() -> Doubles:
     """Return the linear Rec. 709 reflectances (24, 3) of the published colours (IEC 61966-2-1)."""
     value = np.array([[code >> 16, code >> 8 & 255, code & 255] for code in _SRGB]) / 255
     return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
 
 
-def homography(corners_px: Reals) -> Reals:
+def homography(corners_px: Doubles) -> Doubles:
     """Return the (3, 3) mapping from chart coordinates (x 0..6, y 0..4, dark skin first) to the picture."""
     grid = ((0.0, 0.0), (COLUMNS, 0.0), (COLUMNS, ROWS), (0.0, ROWS))
     rows = []
@@ -82,7 +83,7 @@ def homography(corners_px: Reals) -> Reals:
     return np.asarray(ways[-1].reshape(3, 3))
 
 
-def checked_corners(corners_px: npt.ArrayLike) -> Reals:
+def checked_corners(corners_px: npt.ArrayLike) -> Doubles:
     """Return four corners (4, 2); `ChartError` for anything else."""
     corners = np.asarray(corners_px, dtype=np.float64)
     if corners.shape != (4, 2) or not np.all(np.isfinite(corners)):
@@ -90,7 +91,7 @@ def checked_corners(corners_px: npt.ArrayLike) -> Reals:
     return corners
 
 
-def chart_points(mapping: Reals, window: float, grid: int) -> Reals:
+def chart_points(mapping: Doubles, window: float, grid: int) -> Doubles:
     """Return picture points (24, grid * grid, 2) spread over the middles of all patches."""
     step = ((np.arange(grid) + 0.5) / grid - 0.5) * window
     column, row = np.arange(24) % COLUMNS + 0.5, np.arange(24) // COLUMNS + 0.5
@@ -100,7 +101,7 @@ def chart_points(mapping: Reals, window: float, grid: int) -> Reals:
     return np.asarray(flat[..., :2] / flat[..., 2:])
 
 
-def read_chart(view: RelativeImage, corners_px: Reals, how: str) -> FoundChart:
+def read_chart(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart:
     """Return the chart at four corners, whichever way up they were given.
 
     Raises
@@ -119,7 +120,7 @@ def read_chart(view: RelativeImage, corners_px: Reals, how: str) -> FoundChart:
     return best
 
 
-def _read(view: RelativeImage, corners_px: Reals, how: str) -> FoundChart:
+def _read(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart:
     high, wide = view.validity.shape
     points = np.floor(chart_points(homography(corners_px), WINDOW, _GRID)).astype(np.intp)
     if points.min() < 0 or points[..., 0].max() >= wide or points[..., 1].max() >= high:
@@ -136,7 +137,7 @@ def _read(view: RelativeImage, corners_px: Reals, how: str) -> FoundChart:
     return FoundChart(corners_px, rgb, uncertainty, count, _mismatch(rgb, np.isfinite(uncertainty)), how)
 
 
-def _mean(view: RelativeImage, row: npt.NDArray[np.intp], column: npt.NDArray[np.intp]) -> tuple[Reals, float]:
+def _mean(view: RelativeImage, row: npt.NDArray[np.intp], column: npt.NDArray[np.intp]) -> tuple[Doubles, float]:
     """Return a patch's mean colour without its outermost tenths, and the relative uncertainty of its luminance."""
     values = view.rgb[row, column].astype(np.float64)
     level = luminance_cd_m2(values).astype(np.float64)
@@ -153,7 +154,7 @@ def _mean(view: RelativeImage, row: npt.NDArray[np.intp], column: npt.NDArray[np
     return mean, float(np.sqrt(noise2 / max(kept.size / NEIGHBOURS, 1.0)))
 
 
-def _mismatch(rgb: Reals, usable: npt.NDArray[np.bool_]) -> float:
+def _mismatch(rgb: Doubles, usable: npt.NDArray[np.bool_]) -> float:
     """Return the relative rms by which colours differ from ``reflectances @ M``, for the best 3x3 light M."""
     if np.count_nonzero(usable) < 8:
         return float("inf")

@@ -5,12 +5,14 @@ Best is where each patch is even and the lines between patches, which are the ch
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.chart_patches import COLUMNS, ROWS, Reals, chart_points, homography
+from processing.calibration.chart_patches import COLUMNS, ROWS, chart_points, homography
 from processing.images import RelativeImage, luminance_cd_m2
 
 _WORK_PX = (480, 960)
@@ -22,7 +24,7 @@ _FRAME_WEIGHT = 0.3
 _LINE_POINTS = 48
 
 
-def candidates(view: RelativeImage) -> Iterator[Reals]:
+def candidates(view: RelativeImage) -> Iterator[Doubles]:
     """Yield corners (4, 2) in picture pixels of what may be the chart, the likeliest first."""
     import cv2
 
@@ -41,14 +43,14 @@ def candidates(view: RelativeImage) -> Iterator[Reals]:
                 yield refined(view, box / scale)
 
 
-def refined(view: RelativeImage, corners_px: Reals) -> Reals:
+def refined(view: RelativeImage, corners_px: Doubles) -> Doubles:
     """Return the corners moved by fractions of a patch to where patches are most even and the frame is darkest."""
     from scipy.optimize import minimize
 
     level = np.log2(np.maximum(luminance_cd_m2(view.rgb), _floor(view))).astype(np.float64)
     pitch_px = float(np.linalg.norm(corners_px[1] - corners_px[0])) / 6
 
-    def unfit(moves: Reals) -> float:
+    def unfit(moves: Doubles) -> float:
         mapping = homography(corners_px + moves.reshape(4, 2) * pitch_px)
         patches = _sampled(level, chart_points(mapping, _EVEN_WINDOW, _EVEN_GRID))
         frame = _sampled(level, _frame_points(mapping))
@@ -63,7 +65,7 @@ def refined(view: RelativeImage, corners_px: Reals) -> Reals:
     return np.asarray(corners_px + np.asarray(found.x).reshape(4, 2) * pitch_px)
 
 
-def _frame_points(mapping: Reals) -> Reals:
+def _frame_points(mapping: Doubles) -> Doubles:
     """Return picture points along all lines between and around the patches."""
     along = np.linspace(0, 1, _LINE_POINTS)
     down = [np.stack([np.full_like(along, u), along * ROWS], axis=1) for u in range(COLUMNS + 1)]
@@ -73,7 +75,7 @@ def _frame_points(mapping: Reals) -> Reals:
     return np.asarray(flat[:, :2] / flat[:, 2:])
 
 
-def _sampled(plane: Reals, points: Reals) -> Reals:
+def _sampled(plane: Doubles, points: Doubles) -> Doubles:
     """Return the plane at points, bilinearly between pixel centres; beyond the picture its nearest pixel."""
     high, wide = plane.shape
     x = np.clip(points[..., 0] - 0.5, 0, wide - 1)

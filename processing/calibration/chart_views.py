@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.chart import find_chart
-from processing.calibration.chart_patches import FoundChart, Reals
+from processing.calibration.chart_patches import FoundChart
 from processing.errors import ChartError
 from processing.images import RelativeImage, Validity
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions, pixels, point_directions
@@ -49,7 +51,7 @@ def cut(image: RelativeImage, view: Perspective) -> RelativeImage:
     )
 
 
-def find_chart_around(image: RelativeImage, towards: Reals | None = None) -> ChartView:
+def find_chart_around(image: RelativeImage, towards: Doubles | None = None) -> ChartView:
     """Return the chart, looked for towards a direction first (where one is given), then all around.
 
     Raises
@@ -97,7 +99,7 @@ def chart_at(image: RelativeImage, corners_px: npt.ArrayLike) -> ChartView:
     return ChartView(picture, find_chart(picture, np.stack([x, y], axis=1)))
 
 
-def _views(geometry: Geometry, towards: Reals | None) -> Iterator[Perspective]:
+def _views(geometry: Geometry, towards: Doubles | None) -> Iterator[Perspective]:
     if towards is not None:
         yield _view(geometry, towards, _FOV_RAD)
         yield _view(geometry, towards, _FOV_RAD / 2)
@@ -114,7 +116,7 @@ def _views(geometry: Geometry, towards: Reals | None) -> Iterator[Perspective]:
             )
 
 
-def _view(geometry: Geometry, towards: Reals, fov_rad: float) -> Perspective:
+def _view(geometry: Geometry, towards: Doubles, fov_rad: float) -> Perspective:
     """Return a view as fine as the picture is, of 4:3."""
     if isinstance(geometry, Fisheye):
         pixel_rad = geometry.half_field_rad / geometry.radius_px / 1.1

@@ -6,6 +6,8 @@ The locus is baked as two polynomials; a test holds it, and the maps, against co
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import functools
 from dataclasses import dataclass
 
@@ -13,10 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import chebyshev
 
-from processing.images import Floats
 
-Flags = npt.NDArray[np.bool_]
-Reals = npt.NDArray[np.float64]
 
 XYZ_OF_RGB = (
     (0.4123907993, 0.3575843394, 0.1804807884),
@@ -119,11 +118,11 @@ def cct_map(rgb: npt.ArrayLike) -> CctMap:
     return CctMap(cct, duv, meaningful)
 
 
-def _xyz(rgb: npt.ArrayLike) -> Reals:
+def _xyz(rgb: npt.ArrayLike) -> Doubles:
     return np.asarray(np.asarray(rgb, dtype=np.float64) @ np.array(XYZ_OF_RGB).T)
 
 
-def _share(parts: Reals, whole: Reals) -> tuple[Floats, Flags]:
+def _share(parts: Doubles, whole: Doubles) -> tuple[Floats, Flags]:
     exists = np.asarray(whole > 0)
     out = np.zeros(parts.shape, dtype=np.float64)
     np.divide(parts, whole[..., None], out=out, where=exists[..., None])
@@ -131,7 +130,7 @@ def _share(parts: Reals, whole: Reals) -> tuple[Floats, Flags]:
 
 
 @functools.cache
-def _isotherms() -> tuple[Reals, Reals, Reals]:
+def _isotherms() -> tuple[Doubles, Doubles, Doubles]:
     """Return reciprocal temperatures (N,), the locus there (N, 2), and its unit tangents (N, 2)."""
     mired = np.arange(_LOW_MIRED, _HIGH_MIRED + _STEP_MIRED / 2, _STEP_MIRED)
     place = (mired - (_LOW_MIRED + _HIGH_MIRED) / 2) / ((_HIGH_MIRED - _LOW_MIRED) / 2)
@@ -141,11 +140,11 @@ def _isotherms() -> tuple[Reals, Reals, Reals]:
     return mired, points, tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
 
 
-def _cct(u: Reals, v: Reals) -> tuple[Reals, Reals]:
+def _cct(u: Doubles, v: Doubles) -> tuple[Doubles, Doubles]:
     """Return CCT in K (clipped to the range) and the signed distance from the locus, for arrays of u and v of 1960."""
     mired, points, tangents = _isotherms()
 
-    def along(index: npt.NDArray[np.intp]) -> Reals:
+    def along(index: npt.NDArray[np.intp]) -> Doubles:
         """How far a pixel lies beyond an isotherm, towards lower temperatures."""
         to_u, to_v = u - points[index, 0], v - points[index, 1]
         return np.asarray(to_u * tangents[index, 0] + to_v * tangents[index, 1])

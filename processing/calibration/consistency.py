@@ -7,6 +7,8 @@ the noise model holds here, and whether the channels' noise is one (JPEG codes l
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,9 +17,8 @@ import numpy.typing as npt
 
 from processing.calibration.merge_tables import Samples
 from processing.frames import Codes
-from processing.images import LUMINANCE_WEIGHTS, Floats
+from processing.images import LUMINANCE_WEIGHTS
 
-Reals = npt.NDArray[np.float64]
 Seen = tuple[Floats, Floats]
 GRID_SAMPLES = 12_000
 MIN_SAMPLES = 120
@@ -36,7 +37,7 @@ FACTOR_LIMITS = (0.7, 1000.0)
 class Consistency:
     """In stops; frames from the longest time to the shortest."""
 
-    offset: Reals
+    offset: Doubles
     """(F,): how much brighter each frame is than the frames together say; 0 where it cannot be told."""
     curve_error: float
     """How far the offsets of different codes of one pair are apart, at most."""
@@ -69,7 +70,7 @@ class _Pair:
     offset: float | None
     """Of the longer frame against the shorter, in stops."""
     curve_error: float
-    scatter: Reals
+    scatter: Doubles
     """(n, 3): differences over their expected standard deviation."""
 
 
@@ -94,7 +95,7 @@ def _pair(longer: Seen, shorter: Seen, tables: Samples, place: int, factor: floa
     return _Pair(float(np.median(stops[good])), _by_level(stops[good], mean[good]), scatter)
 
 
-def _range(tables: Samples, place: int, factor: float) -> tuple[Reals, Reals]:
+def _range(tables: Samples, place: int, factor: float) -> tuple[Doubles, Doubles]:
     """Return the radiances (3,) between which the longer frame does not clip and the shorter is not dark (3 sigma)."""
     (a, weight_a), (b, weight_b) = (tables.sample(p, tables.every) for p in (place, place + 1))
     sigma_a = np.sqrt(factor / np.maximum(weight_a * a.astype(np.float64) ** 2, TINY))
@@ -108,7 +109,7 @@ def _range(tables: Samples, place: int, factor: float) -> tuple[Reals, Reals]:
     return low, high
 
 
-def _by_level(stops: Reals, level: Reals) -> float:
+def _by_level(stops: Doubles, level: Doubles) -> float:
     """Return the spread of the median offset over bins of the level, less what chance makes of it."""
     edges = np.quantile(level, np.linspace(0, 1, BINS + 1)[1:-1])
     bins = np.searchsorted(edges, level)
@@ -124,13 +125,13 @@ def _by_level(stops: Reals, level: Reals) -> float:
     return max(0.0, max(medians) - min(medians) - 3.0 * float(np.hypot(max(doubts), max(doubts))))
 
 
-def _offsets(pairs: Sequence[float | None]) -> Reals:
+def _offsets(pairs: Sequence[float | None]) -> Doubles:
     """Return each frame's offset from the median of all, given each pair's difference (None: unknown, taken as 0)."""
     down = np.concatenate([[0.0], np.cumsum([-(p or 0.0) for p in pairs])])
     return np.asarray(down - np.median(down))
 
 
-def _noise(scatter: Sequence[Reals]) -> tuple[float, float]:
+def _noise(scatter: Sequence[Doubles]) -> tuple[float, float]:
     """Return the variance of normalised differences (n, 3), and the correlation of channels; robust."""
     sizes = [len(one) for one in scatter]
     if sum(sizes) < MIN_SAMPLES:
@@ -147,6 +148,6 @@ def _noise(scatter: Sequence[Reals]) -> tuple[float, float]:
     return float(np.clip(own, *FACTOR_LIMITS)), float(np.clip(correlation, 0.0, 1.0))
 
 
-def _robust_variance(values: Reals) -> Reals:
+def _robust_variance(values: Doubles) -> Doubles:
     """Return the variance (3,) by the median of absolute values: what moved does not count."""
     return np.asarray((1.4826 * np.median(np.abs(values), axis=0)) ** 2)

@@ -7,6 +7,8 @@ parts of the sky give no edge there, flare outside gives edges that lie on no ci
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +19,6 @@ import numpy.typing as npt
 
 from processing.errors import LensError
 
-Floats = npt.NDArray[np.float32]
-Reals = npt.NDArray[np.float64]
 Picture = npt.NDArray[Any]
 """(H, W) or (H, W, 3)."""
 
@@ -96,7 +96,7 @@ def _grey(frame: Picture) -> Floats:
     return np.asarray(grey / (grey + np.float32(np.median(lit) if lit.size else 1.0)))
 
 
-def _profiles(picture: Floats, centre: tuple[float, float], radii: Reals, angles: Reals) -> Floats:
+def _profiles(picture: Floats, centre: tuple[float, float], radii: Doubles, angles: Doubles) -> Floats:
     """Return the picture along rays (rays, radii), bilinear; -1 outside the picture."""
     import cv2
 
@@ -132,7 +132,7 @@ def _coarse_circle(pictures: list[Floats]) -> tuple[float, float, float]:
     return x * width / size[0], y * height / size[1], radius * width / size[0]
 
 
-def _falls(picture: Floats) -> tuple[npt.NDArray[np.intp], Reals, Reals]:
+def _falls(picture: Floats) -> tuple[npt.NDArray[np.intp], Doubles, Doubles]:
     """Return ray numbers, points (n, 2) and heights of the strongest falls of light outwards on each ray."""
     height, width = picture.shape
     radii = np.arange(0.15 * min(height, width), 0.75 * max(height, width), dtype=np.float64)
@@ -155,7 +155,7 @@ def _falls(picture: Floats) -> tuple[npt.NDArray[np.intp], Reals, Reals]:
 
 
 def _agreed(
-    rays: npt.NDArray[np.intp], points: Reals, weights: Reals, size: tuple[int, int]
+    rays: npt.NDArray[np.intp], points: Doubles, weights: Doubles, size: tuple[int, int]
 ) -> tuple[float, float, float]:
     """Return the circle through three candidates that most rays agree with."""
     rng = np.random.default_rng(1)
@@ -188,7 +188,7 @@ def _agreed(
     return best[0], best[1], max(r for r, n in counts.items() if n >= 0.6 * counts[best[2]])
 
 
-def _through(points: Reals) -> tuple[float, float, float] | None:
+def _through(points: Doubles) -> tuple[float, float, float] | None:
     """Return the circle through three points; None where they lie on a line or far too near each other."""
     (ax, ay), (bx, by), (cx, cy) = points
     twice = 2 * ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
@@ -199,7 +199,7 @@ def _through(points: Reals) -> tuple[float, float, float] | None:
     return float(ax + x), float(ay + y), math.hypot(x, y)
 
 
-def _fine_edges(pictures: list[Floats], circle: tuple[float, float, float], reach: float) -> tuple[Reals, Reals]:
+def _fine_edges(pictures: list[Floats], circle: tuple[float, float, float], reach: float) -> tuple[Doubles, Doubles]:
     """Return sub-pixel edge points (n, 2) and their weights: of each ray the outermost that is clear."""
     x, y, radius = circle
     radii = radius + np.arange(-reach, reach + 0.25, 0.5)
@@ -214,7 +214,7 @@ def _fine_edges(pictures: list[Floats], circle: tuple[float, float, float], reac
     return points[kept], best[kept]
 
 
-def _edge_of(profile: Floats, radii: Reals) -> tuple[Reals, Reals]:
+def _edge_of(profile: Floats, radii: Doubles) -> tuple[Doubles, Doubles]:
     """Return where each profile falls last (the centroid of its fall there), and with what contrast."""
     level = profile.astype(np.float64)
     half = 3  # samples: 1.5 pixels to either side
@@ -232,7 +232,7 @@ def _edge_of(profile: Floats, radii: Reals) -> tuple[Reals, Reals]:
     return place, np.where(usable, contrast.max(axis=1), 0)
 
 
-def _fit(points: Reals, weights: Reals, start: tuple[float, float, float]) -> tuple[float, float, float, float, float]:
+def _fit(points: Doubles, weights: Doubles, start: tuple[float, float, float]) -> tuple[float, float, float, float, float]:
     """Return centre, radius, standard uncertainty and share of agreeing rays, by iteratively reweighted squares."""
     if len(points) < 0.1 * _FINE_RAYS:
         raise _nothing()

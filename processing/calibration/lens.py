@@ -5,6 +5,8 @@ r is in radii of the image circle throughout; the mappings themselves are `proce
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass, replace
 
@@ -18,7 +20,6 @@ from processing.sphere_lens import polar_of_radius, radius_of_polar
 
 __all__ = ["ImageCircle", "LensModel", "MappingFit", "find_image_circle", "fit_mapping"]
 
-Reals = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,12 @@ class LensModel:
             self.polynomial,
         )
 
-    def angle(self, r: npt.ArrayLike) -> Reals:
+    def angle(self, r: npt.ArrayLike) -> Doubles:
         """Return the angle from the axis (rad) at distances r of 0..1 (radii)."""
         sine, cosine = polar_of_radius(self.fisheye(), np.asarray(r, dtype=np.float64))
         return np.asarray(np.arctan2(sine, cosine))
 
-    def radius(self, theta_rad: npt.ArrayLike) -> Reals:
+    def radius(self, theta_rad: npt.ArrayLike) -> Doubles:
         """Return r (radii) of angles from the axis, 0..half_field: the inverse of `angle`; beyond, 1."""
         theta = np.asarray(theta_rad, dtype=np.float64)
         return radius_of_polar(self.fisheye(), np.sin(theta), np.cos(theta))[0]
@@ -92,7 +93,7 @@ def fit_mapping(
     if reach.max() < 0.7:
         raise LensError(f"the points reach {reach.max():.2f} of the radius", advice="add points near the edge")
 
-    def residuals(unknown: Reals) -> Reals:
+    def residuals(unknown: Doubles) -> Doubles:
         moved = points - circle.centre_px - (unknown[:2] if centre else 0.0)
         r = np.hypot(moved[:, 0], moved[:, 1]) / circle.radius_px
         return np.asarray(np.polynomial.polynomial.polyval(r, np.concatenate([[0.0], unknown[2:]])) - theta)

@@ -7,6 +7,8 @@ by the variance that the noise model expects at that radiance. So noise does not
 # mypy: disable-error-code="no-untyped-def,attr-defined"
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +19,6 @@ from processing.calibration.compiled import bytes_at, compiled
 from processing.calibration.merge_kernel import chi2_limit
 from processing.calibration.noise import NoiseModel
 
-Reals = npt.NDArray[np.float64]
-Floats = npt.NDArray[np.float32]
 FULL = 65535.0
 CLIP_CODE = 64224
 """98 % of full scale: from here on a sample counts as clipped."""
@@ -30,9 +30,9 @@ _R, _G, _B = 0.2127, 0.7151, 0.0722
 class LinearSamples:
     """What a code of 16 bits says; exposure 1 is full scale; frames from the longest time to the shortest."""
 
-    times_s: Reals
-    time_sigma: Reals
-    noise: Reals
+    times_s: Doubles
+    time_sigma: Doubles
+    noise: Doubles
     """(3, 3): for each channel photon, read squared, squared coding noise, all of exposure."""
 
     @property
@@ -54,7 +54,7 @@ class LinearSamples:
         return (x / self.times_s[place]).astype(np.float32), weight.astype(np.float32)
 
 
-def linear_samples(noise: NoiseModel, times_s: Reals, time_sigma: Reals) -> LinearSamples:
+def linear_samples(noise: NoiseModel, times_s: Doubles, time_sigma: Doubles) -> LinearSamples:
     """Return the model of frames with ``times_s`` (falling); noise in exposure, 1 at full scale; codes in codes."""
     rows = np.stack(
         [noise.photon, np.square(noise.read), np.maximum(noise.code_variance, 1 / 12) / FULL**2], axis=1

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes
+
 from dataclasses import dataclass
 
 import numpy as np
 
-from processing.images import Bytes, RelativeImage, Validity
+from processing.images import RelativeImage, Validity
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,8 @@ frame's clipped codes stand for the saturation level with a weight (`TRACE_SNR2`
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -21,8 +23,6 @@ from processing.calibration.noise import NoiseModel
 from processing.calibration.response_curve import ResponseCurve
 from processing.images import LUMINANCE_WEIGHTS
 
-Reals = npt.NDArray[np.float64]
-Floats = npt.NDArray[np.float32]
 CODES = 256
 TRACE_SNR2 = 1e-6
 """Squared signal to noise of a bound that is no measurement."""
@@ -88,7 +88,7 @@ def linear_curve() -> ResponseCurve:
 
 
 def merge_tables(
-    curve: ResponseCurve, noise: NoiseModel, times_s: Reals, time_sigma: Reals, max_error: float, top_code: int = 254
+    curve: ResponseCurve, noise: NoiseModel, times_s: Doubles, time_sigma: Doubles, max_error: float, top_code: int = 254
 ) -> MergeTables:
     """Return the tables of frames with ``times_s`` (falling) of relative standard uncertainty ``time_sigma``.
 
@@ -138,13 +138,13 @@ def coding_error(curve: ResponseCurve, noise: NoiseModel) -> float:
     return float((COMMON_SHARE * slope) ** 2 * codes)
 
 
-def _taper(codes: npt.NDArray[np.int64], high: npt.NDArray[np.int64]) -> Reals:
+def _taper(codes: npt.NDArray[np.int64], high: npt.NDArray[np.int64]) -> Doubles:
     """Return 1, falling to 1/4 at the last code before clipping."""
     depth = np.clip((codes - (high - TAPER_CODES)) / TAPER_CODES, 0.0, 1.0)
     return np.asarray(1.0 - 0.75 * depth**2)
 
 
-def _last_useful(curve: ResponseCurve, own: Reals, times_s: Reals, max_error: float) -> npt.NDArray[np.int64]:
+def _last_useful(curve: ResponseCurve, own: Doubles, times_s: Doubles, max_error: float) -> npt.NDArray[np.int64]:
     """Return for each frame k the last frame that is needed where k is unclipped.
 
     The frames after it would shrink the standard uncertainty of no code by more than ``max_error``.

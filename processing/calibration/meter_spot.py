@@ -5,6 +5,8 @@ Pixels are taken as what they are, averages over their area: a pixel counts by t
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Indices
+
 import math
 from dataclasses import dataclass
 
@@ -15,8 +17,6 @@ from processing.errors import ScaleError
 from processing.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Geometry, pixels
 
-Reals = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.intp]
 
 SPOT_DIAMETER_RAD = math.radians(1 / 3)
 """Of an LS-160."""
@@ -32,7 +32,7 @@ class Spot:
     latitude_rad: float
     diameter_rad: float = SPOT_DIAMETER_RAD
 
-    def direction(self) -> Reals:
+    def direction(self) -> Doubles:
         """Return the unit vector to its middle."""
         flat = math.cos(self.latitude_rad)
         x, y = flat * math.sin(self.longitude_rad), flat * math.cos(self.longitude_rad)
@@ -43,9 +43,9 @@ class Spot:
 class SpotPixels:
     """The pixels that a spot touches, and the share of the spot that each covers (sum 1)."""
 
-    row: Integers
-    column: Integers
-    share: Reals
+    row: Indices
+    column: Indices
+    share: Doubles
 
     def mean(self, plane: npt.NDArray[np.generic]) -> float:
         """Return the mean of a plane (H, W) over the spot."""
@@ -105,7 +105,7 @@ def _named(spot: Spot) -> str:
     return f"longitude {math.degrees(spot.longitude_rad):.2f}, latitude {math.degrees(spot.latitude_rad):.2f} degrees"
 
 
-def _frame(centre: Reals) -> tuple[Reals, Reals, Reals]:
+def _frame(centre: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     """Return three vectors at right angles, the first the one given."""
     pole = np.array((0.0, 0.0, 1.0)) if abs(centre[2]) < 0.9 else np.array((0.0, 1.0, 0.0))
     side = np.cross(centre, pole)
@@ -113,7 +113,7 @@ def _frame(centre: Reals) -> tuple[Reals, Reals, Reals]:
     return centre, side, np.cross(side, centre)
 
 
-def _spread(centre: Reals, radius_rad: float) -> Reals:
+def _spread(centre: Doubles, radius_rad: float) -> Doubles:
     """Return directions (n, 3), each for the same solid angle of a disc (a sunflower: golden-angle spiral)."""
     middle, side, up = _frame(centre)
     # Equal steps of 1 - cos(angle) are equal solid angles.

@@ -6,6 +6,8 @@ cannot show (clipped or too dark in it) take the nearest frame that can.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats, Indices
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,9 +17,8 @@ import numpy.typing as npt
 
 from processing.calibration.merge_tables import Samples
 from processing.frames import Codes
-from processing.images import LUMINANCE_WEIGHTS, Bytes, Floats, Validity
+from processing.images import LUMINANCE_WEIGHTS, Validity
 
-Places = npt.NDArray[np.intp]
 NEIGHBOURS_PX = 5
 MIN_NEIGHBOURS = 8
 """Of 25 odd pixels: noise and coding make single ones."""
@@ -67,7 +68,7 @@ def settle_ghosts(frames: Sequence[Codes], tables: Samples, planes: Planes) -> B
     return ghost
 
 
-def _worth(frames: Sequence[Codes], tables: Samples, places: Places) -> npt.NDArray[np.float32]:
+def _worth(frames: Sequence[Codes], tables: Samples, places: Indices) -> npt.NDArray[np.float32]:
     """Return how well each frame exposes pixels, (F, n) in 0..1: by its worst channel; 0 where clipped."""
     worth = np.empty((len(frames), len(places)), dtype=np.float32)
     for f, frame in enumerate(frames):
@@ -77,7 +78,7 @@ def _worth(frames: Sequence[Codes], tables: Samples, places: Places) -> npt.NDAr
     return worth
 
 
-def _chosen(worth: npt.NDArray[np.float32], reference: Places) -> Places:
+def _chosen(worth: npt.NDArray[np.float32], reference: Indices) -> Indices:
     """Return the place (n,) of the frame that shows each pixel; frames run from the longest to the shortest.
 
     The reference, or the nearest usable frame. A pixel too bright for the reference, a lamp or the sun, takes the
@@ -96,8 +97,8 @@ def _show(
     tables: Samples,
     planes: Planes,
     ghost: Bytes,
-    places: Places,
-    reference: Places,
+    places: Indices,
+    reference: Indices,
 ) -> None:
     """Show pixels as their reference frame saw them, or as the nearest frame that can.
 

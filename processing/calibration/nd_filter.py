@@ -7,6 +7,8 @@ does not touch the scale: k2, which is measured on a white patch through the fil
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from dataclasses import dataclass
 from typing import Literal
@@ -16,9 +18,8 @@ import numpy.typing as npt
 
 from processing.calibration.lens_data import lens_data
 from processing.errors import LensError
-from processing.images import LUMINANCE_WEIGHTS, Floats
+from processing.images import LUMINANCE_WEIGHTS
 
-Reals = npt.NDArray[np.float64]
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
 
@@ -85,7 +86,7 @@ class NdFilter:
         return float(10**-self.density)
 
     @property
-    def correction(self) -> Reals:
+    def correction(self) -> Doubles:
         """Return the matrix (3, 3) that undoes the tint, not the density: ``rgb @ correction``."""
         return np.linalg.inv(np.array(self.tint, dtype=np.float64))
 
@@ -167,10 +168,10 @@ def fit_nd_filter(
     return NdFilter.of_matrix(np.linalg.inv(correction) * mean, relative_uncertainty=sigma, source=source or method)
 
 
-def _times(rgb: Floats, matrix: Reals) -> Floats:
+def _times(rgb: Floats, matrix: Doubles) -> Floats:
     return np.asarray(rgb @ matrix.astype(np.float32), dtype=np.float32)
 
 
-def _rows(matrix: Reals) -> Matrix:
+def _rows(matrix: Doubles) -> Matrix:
     a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
     return a, b, c

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +11,6 @@ import numpy.typing as npt
 
 from processing.calibration.response_curve import ResponseCurve
 
-Reals = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class NoiseModel:
     read: tuple[float, float, float]
     code_variance: tuple[float, float, float] = (1 / 12, 1 / 12, 1 / 12)
 
-    def relative_variance(self, curve: ResponseCurve) -> Reals:
+    def relative_variance(self, curve: ResponseCurve) -> Doubles:
         """Return var(x) / x2 for each code, (3, N): what the merge weighs by."""
         x = curve.exposure
         slope = curve.log2_slope * np.log(2.0)  # d ln x / d code

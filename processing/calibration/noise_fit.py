@@ -7,6 +7,8 @@ both (EMVA 1288's noise equation, carried through the response).
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import TypeAlias
 
 import numpy as np
@@ -15,7 +17,6 @@ import numpy.typing as npt
 from processing.calibration.response_fit import CodeNoise, FineCurve
 from processing.calibration.response_samples import ChannelSamples
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 _LOW, _HIGH = 5.0, 250.0
 _LEAST_LONG = 8.0
@@ -28,7 +29,7 @@ _ROUNDS = 4
 
 
 def fit_noise(
-    data: ChannelSamples, fine: FineCurve, log2_times: Reals, *, least_code_variance: float, pixels: int = 0
+    data: ChannelSamples, fine: FineCurve, log2_times: Doubles, *, least_code_variance: float, pixels: int = 0
 ) -> CodeNoise | None:
     """Return the noise of ``pixels`` single pixels of each patch, or with 0 of the patches' means.
 
@@ -49,14 +50,14 @@ def fit_noise(
     return _solve((short_codes - predicted)[use], terms, predicted[use], least_code_variance)
 
 
-def _pairs(data: ChannelSamples, log2_times: Reals) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _pairs(data: ChannelSamples, log2_times: Doubles) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return observations of the same patch in neighbouring exposures: the longer, and the next shorter one."""
     order = np.lexsort((-log2_times[data.frame], data.sample))
     same = data.sample[order[1:]] == data.sample[order[:-1]]
     return order[:-1][same], order[1:][same]
 
 
-def _terms(at_long: Reals, slope_long: Reals, predicted: Reals, fine: FineCurve) -> Reals:
+def _terms(at_long: Doubles, slope_long: Doubles, predicted: Doubles, fine: FineCurve) -> Doubles:
     """Return (n, 3): variance of the difference, in squared codes, for a unit of photon, read2 and code variance."""
     at_short, slope_short, _ = fine.at(predicted)
     x_long, x_short = np.exp2(at_long), np.exp2(at_short)
@@ -67,7 +68,7 @@ def _terms(at_long: Reals, slope_long: Reals, predicted: Reals, fine: FineCurve)
     return np.stack([photon, read, 1 + ratio**2], axis=1)
 
 
-def _solve(difference: Reals, terms: Reals, predicted: Reals, least: float) -> CodeNoise | None:
+def _solve(difference: Doubles, terms: Doubles, predicted: Doubles, least: float) -> CodeNoise | None:
     """Fit mean squares over bins of the code, each weighed by its own variance, terms not below 0."""
     from scipy.optimize import nnls
 

@@ -7,6 +7,8 @@ The density of the filter is not undone here: k2 holds it (`processing.calibrati
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -18,7 +20,7 @@ from processing.calibration.lens import LensModel
 from processing.calibration.nd_filter import NdFilter, without_negatives
 from processing.calibration.vignetting import Vignetting
 from processing.errors import LensError
-from processing.images import Bytes, Floats, RelativeImage, Validity, luminance_cd_m2
+from processing.images import RelativeImage, Validity, luminance_cd_m2
 from processing.resampling import resample, resample_labels
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 

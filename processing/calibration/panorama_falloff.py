@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import replace
 
 import numpy as np
 
 from processing.calibration.vignetting import Vignetting
-from processing.images import Floats, RelativeImage
+from processing.images import RelativeImage
 from processing.sphere import Equirectangular
 
 

@@ -6,6 +6,8 @@ float64 sums. Of a uniform hemisphere it is pi L, of a CIE overcast sky 7 pi / 9
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import functools
 import math
 from collections.abc import Sequence
@@ -15,10 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.images import Floats, LuminanceImage, Validity, luminance_cd_m2
+from processing.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.sphere import Geometry, projected_solid_angles
 
-Reals = npt.NDArray[np.float64]
 
 UP = (0.0, 0.0, 1.0)
 DEFAULT_LIMIT = 0.10
@@ -148,7 +149,7 @@ def _unit(normal: Sequence[float]) -> tuple[float, float, float]:
 
 
 @functools.lru_cache(maxsize=2)
-def _weights(geometry: Geometry, normal: tuple[float, float, float]) -> Reals:
+def _weights(geometry: Geometry, normal: tuple[float, float, float]) -> Doubles:
     """Return projected solid angles; the last two are kept (a full-size one is 180 MB)."""
     weights = projected_solid_angles(geometry, normal)
     weights.flags.writeable = False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import hashlib
 from dataclasses import fields
 from itertools import pairwise
@@ -22,7 +24,6 @@ from processing.sphere import LensMapping
 from station.session import Model, SafeText
 
 Channels = tuple[float, float, float]
-Reals = npt.NDArray[np.float64]
 NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 _UNKNOWN_STOPS = 99.0
@@ -218,6 +219,6 @@ def _fields(found: Vignetting | NdFilter) -> dict[str, Any]:
     return {one.name: getattr(found, one.name) for one in fields(found)}
 
 
-def _rows(table: Reals) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
+def _rows(table: Doubles) -> tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]:
     first, second, third = (tuple(map(float, row)) for row in table)
     return first, second, third

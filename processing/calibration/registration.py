@@ -6,6 +6,8 @@ are the same picture, whatever the exposures, and what differs is the place.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +18,6 @@ import numpy.typing as npt
 
 from processing.calibration.merge_tables import Samples
 from processing.frames import Codes
-from processing.images import Floats
 
 WINDOW_PX = 256
 WINDOWS = 3

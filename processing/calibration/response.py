@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -45,9 +47,8 @@ __all__ = [
     "regauge_noise",
 ]
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
-_NAMED: dict[str, Callable[[ChannelSamples, Reals], Reals]] = {
+_NAMED: dict[str, Callable[[ChannelSamples, Doubles], Doubles]] = {
     "debevec-malik": debevec_malik,
     "mitsunaga-nayar": mitsunaga_nayar,
     "robertson": robertson,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
@@ -9,7 +11,6 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 N_BASIS = 26
 _STEPS = 16
@@ -20,16 +21,16 @@ _STEPS = 16
 class SplineBasis:
     """Tabulated basis: values and first two derivatives (by the code), and the curvature penalty."""
 
-    value: Reals
+    value: Doubles
     """(255 * 16 + 1, N_BASIS) at codes 0, 1/16, ..., 255."""
     columns: npt.NDArray[np.int64]
     """(255 * 16 + 1, 4): the four that are not 0."""
-    four: Reals
+    four: Doubles
     """(255 * 16 + 1, 4): their values."""
-    penalty: Reals
+    penalty: Doubles
     """(N_BASIS, N_BASIS): squared second differences; constants and a line over the root of the code cost nothing."""
 
-    def at(self, codes: Reals) -> Reals:
+    def at(self, codes: Doubles) -> Doubles:
         """Return (n, N_BASIS) at codes 0..255 (held at the ends)."""
         place = np.clip(codes, 0, 255) * _STEPS
         first = np.minimum(place.astype(np.int64), len(self.value) - 2)
@@ -37,13 +38,13 @@ class SplineBasis:
         low = self.value[first]
         return np.asarray(low + share * (self.value[first + 1] - low))
 
-    def entries(self, codes: Reals) -> tuple[npt.NDArray[np.int64], Reals]:
+    def entries(self, codes: Doubles) -> tuple[npt.NDArray[np.int64], Doubles]:
         """Return the columns (n, 4), growing, and values (n, 4) of what is not 0 at codes 0..255 (nearest 1/16)."""
         place = np.rint(np.clip(codes, 0, 255) * _STEPS).astype(np.int64)
         return self.columns[place], self.four[place]
 
     @property
-    def codes(self) -> Reals:
+    def codes(self) -> Doubles:
         """Return (256, N_BASIS) at the whole codes."""
         return self.value[::_STEPS]
 
@@ -66,7 +67,7 @@ def spline_basis() -> SplineBasis:
     return SplineBasis(value, columns, np.take_along_axis(value, columns, axis=1), second.T @ second)
 
 
-def srgb_log2_exposure() -> Reals:
+def srgb_log2_exposure() -> Doubles:
     """Return (256,) log2 of the light of each sRGB code (IEC 61966-2-1), 0 at code 255; code 0 counts as half."""
     value = np.maximum(np.arange(256), 0.5) / 255
     linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)

@@ -14,7 +14,6 @@ from processing.calibration.response_daylit import fit_daylit
 from processing.calibration.response_samples import Bracket8, take_samples
 from processing.calibration.response_uncertainty import curve_sigma
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 FIRST, LAST = 20, 235
 LEAST_DRIFT_STOPS = 0.02

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-Reals = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,9 @@ class ResponseCurve:
     ``2 ** log2_exposure[c, z] / t``. Codes outside ``low[c]..high[c]`` are extrapolated: not for merging.
     """
 
-    log2_exposure: Reals
+    log2_exposure: Doubles
     """(3, N): N = 256 for 8-bit frames; 16-bit and raw frames are linear and have no table (``linear``)."""
-    sigma_log2: Reals
+    sigma_log2: Doubles
     """(3, N)."""
     low: tuple[int, int, int]
     high: tuple[int, int, int]
@@ -37,11 +38,11 @@ class ResponseCurve:
     """Robust rms residual of the fit."""
 
     @property
-    def exposure(self) -> Reals:
+    def exposure(self) -> Doubles:
         """Return linear exposure (3, N)."""
         return np.asarray(np.exp2(self.log2_exposure))
 
     @property
-    def log2_slope(self) -> Reals:
+    def log2_slope(self) -> Doubles:
         """Return stops per code (3, N), by central differences; positive."""
         return np.asarray(np.gradient(self.log2_exposure, axis=1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -27,8 +29,6 @@ from processing.calibration.response_samples import CHANNELS, ChannelSamples, Sa
 from processing.calibration.shutter import TimeEstimate, TimeEvidence, estimate_times, find_wrong_time, refine_times
 from processing.errors import ResponseError
 
-Reals: TypeAlias = npt.NDArray[np.float64]
-Flags: TypeAlias = npt.NDArray[np.bool_]
 
 _QUICK_PATCHES = 1000
 """How many patches the first rounds use: they need only come near."""
@@ -56,9 +56,9 @@ _PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005
 class ChannelFit:
     """One channel's curve and what it rests on."""
 
-    log2: Reals
+    log2: Doubles
     """(256,) stops, strictly increasing; 0 at code 255, which is extrapolated."""
-    coefficients: Reals
+    coefficients: Doubles
     noise: PatchNoise
     solution: Solution
     low: int
@@ -73,14 +73,14 @@ class DaylitFit:
     """All channels, and the times that they agree on."""
 
     channels: tuple[ChannelFit, ChannelFit, ChannelFit]
-    log2_times: Reals
+    log2_times: Doubles
     evidence: TimeEvidence
     wrong_times: dict[int, float]
     """Frame: stops by which its given time is off."""
     estimate: TimeEstimate
 
 
-def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None) -> DaylitFit:
+def fit_daylit(samples: Samples, *, free_times: bool, base: Doubles | None = None) -> DaylitFit:
     """Fit all channels, starting from ``base`` (3, 256) or sRGB's curve.
 
     A frame whose time contradicts all others gets the time that they imply. With ``free_times`` the rule behind
@@ -126,7 +126,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Reals | None = None)
     return DaylitFit((fits[0], fits[1], fits[2]), times, evidence, wrong, estimate)
 
 
-def _quick(samples: Samples, times: Reals, start: Reals) -> tuple[list[ChannelFit], TimeEvidence]:
+def _quick(samples: Samples, times: Doubles, start: Doubles) -> tuple[list[ChannelFit], TimeEvidence]:
     """Return rough fits to some of the patches, and what they say about the times."""
     fits, parts = [], [every.part(_QUICK_PATCHES) for every in samples.channels]
     for c, data in enumerate(parts):
@@ -159,8 +159,8 @@ def _telling_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], 
 
 def fit_round(
     data: ChannelSamples,
-    log2_times: Reals,
-    start: Reals,
+    log2_times: Doubles,
+    start: Doubles,
     before: ChannelFit | None,
     channel: int,
     *,
@@ -242,13 +242,13 @@ def check_enough(data: ChannelSamples, name: str) -> None:
     )
 
 
-def _noise(data: ChannelSamples, fine: FineCurve, log2_times: Reals, before: PatchNoise, *, pixels: int) -> PatchNoise:
+def _noise(data: ChannelSamples, fine: FineCurve, log2_times: Doubles, before: PatchNoise, *, pixels: int) -> PatchNoise:
     mean = fit_noise(data, fine, log2_times, least_code_variance=_MEAN_LEAST)
     pixel = fit_noise(data, fine, log2_times, least_code_variance=_PIXEL_LEAST, pixels=pixels)
     return PatchNoise(mean or before.mean, pixel or before.pixel)
 
 
-def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Reals, Flags]:
+def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Doubles, Flags]:
     """Return weights without the patches that moved; in the first rounds the curve or a time may be what is off."""
     used = found.weight > 0
     if not used.any():
@@ -262,7 +262,7 @@ def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Reals
     return np.where(still, found.weight, 0.0), still
 
 
-def support(predicted: Reals, name: str) -> tuple[int, int]:
+def support(predicted: Doubles, name: str) -> tuple[int, int]:
     """Return the lowest and highest code near which the data say enough."""
     count = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
     near = np.convolve(count, np.ones(5), mode="same")
@@ -277,7 +277,7 @@ def support(predicted: Reals, name: str) -> tuple[int, int]:
     return int(max(seen[0], np.ceil(FIRST_CODE))), int(min(seen[-1], np.floor(LAST_CODE)))
 
 
-def monotone(log2: Reals, start: Reals, low: int, high: int) -> Reals:
+def monotone(log2: Doubles, start: Doubles, low: int, high: int) -> Doubles:
     """Return the curve strictly increasing; beyond the data in the slopes of the starting curve."""
     slope = np.maximum(np.diff(log2), _LEAST_SLOPE)
     usual = np.maximum(np.diff(start), _LEAST_SLOPE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import TypeAlias
 
 import numpy as np
@@ -9,14 +11,13 @@ import numpy.typing as npt
 
 from processing.calibration.response_samples import ChannelSamples
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 PATCHES = 500
 SMOOTHNESS = 30.0
 """Their lambda; 10 with 70 pixels leaves 0.026 stop of error on the reference bracket."""
 
 
-def debevec_malik(data: ChannelSamples, log2_times: Reals, smoothness: float = SMOOTHNESS) -> Reals:
+def debevec_malik(data: ChannelSamples, log2_times: Doubles, smoothness: float = SMOOTHNESS) -> Doubles:
     """Return log2 exposure (256,), 0 at code 128.
 
     In float64, by orthogonal decomposition of the rows from which each pixel's light is projected out; the hat weights
@@ -50,6 +51,6 @@ def debevec_malik(data: ChannelSamples, log2_times: Reals, smoothness: float = S
     return np.asarray(answer - answer[128], dtype=np.float64)
 
 
-def hat(codes: Reals) -> Reals:
+def hat(codes: Doubles) -> Doubles:
     """Return their weight, 0 at codes 0 and 255 and 1 in the middle."""
     return np.asarray(np.minimum(codes, 255 - codes) / 127.5)

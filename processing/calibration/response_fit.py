@@ -8,6 +8,8 @@ would bias the curve where it bends. The smoothness is chosen from the data by r
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -17,8 +19,6 @@ import numpy.typing as npt
 from processing.calibration.response_basis import spline_basis
 from processing.calibration.response_samples import ChannelSamples
 
-Reals: TypeAlias = npt.NDArray[np.float64]
-Flags: TypeAlias = npt.NDArray[np.bool_]
 
 FIRST_CODE, LAST_CODE = 3.0, 252.0
 """Predicted codes that a fit uses: beyond, noise is cut off by black or white and its mean is no longer the signal."""
@@ -36,14 +36,14 @@ _MOST_SHIFT = 0.2
 class FineCurve:
     """A curve of 256 codes between them too: tables at steps of 1/16 code."""
 
-    log2: Reals
-    slope: Reals
+    log2: Doubles
+    slope: Doubles
     """Stops a code."""
-    bend: Reals
+    bend: Doubles
     """Stops a squared code."""
 
     @staticmethod
-    def of(log2_exposure: Reals) -> FineCurve:
+    def of(log2_exposure: Doubles) -> FineCurve:
         """Interpolate; in linear exposure, in which the toe of a curve is straight."""
         from scipy.interpolate import PchipInterpolator
 
@@ -54,7 +54,7 @@ class FineCurve:
         bend = np.interp(codes, np.arange(256), np.gradient(np.gradient(log2_exposure)))
         return FineCurve(log2, slope, bend)
 
-    def at(self, codes: Reals) -> tuple[Reals, Reals, Reals]:
+    def at(self, codes: Doubles) -> tuple[Doubles, Doubles, Doubles]:
         """Return log2 exposure, slope and bend at codes (clipped to 0..255)."""
         place = np.clip(codes, 0, 255) * _STEPS
         first = np.minimum(place.astype(np.int64), len(self.log2) - 2)
@@ -63,7 +63,7 @@ class FineCurve:
         log2 = np.asarray(self.log2[first] + share * (self.log2[first + 1] - self.log2[first]), dtype=np.float64)
         return log2, self.slope[nearest], self.bend[nearest]
 
-    def code(self, log2_exposure: Reals) -> Reals:
+    def code(self, log2_exposure: Doubles) -> Doubles:
         """Return the code of an exposure, 0..255."""
         codes = np.linspace(0, 255, len(self.log2))
         return np.asarray(np.interp(log2_exposure, self.log2, codes), dtype=np.float64)
@@ -77,7 +77,7 @@ class CodeNoise:
     read2: float
     code: float
 
-    def variance(self, log2_exposure: Reals, slope: Reals) -> Reals:
+    def variance(self, log2_exposure: Doubles, slope: Doubles) -> Doubles:
         """Return squared codes at exposures where the curve has a slope (stops a code)."""
         x = np.exp2(log2_exposure)
         return np.asarray((self.photon * x + self.read2) / (x * np.log(2.0) * slope) ** 2 + self.code)
@@ -90,15 +90,15 @@ FIRST_GUESS = CodeNoise(0.0, 0.0, 0.25)
 class Weighed:
     """Observations under a curve: what they should be, what they are worth, how far off they are."""
 
-    predicted: Reals
+    predicted: Doubles
     """Codes."""
-    shift: Reals
+    shift: Doubles
     """Stops between the curve at the mean code and the mean log exposure of the patch."""
-    weight: Reals
+    weight: Doubles
     """1 / stops2; 0 where the predicted code is outside the usable ones."""
-    residual: Reals
+    residual: Doubles
     """Stops, observed minus predicted."""
-    standard: Reals
+    standard: Doubles
     """The residual in its own standard deviations, the patch's own share in its prediction taken into account."""
 
 
@@ -110,7 +110,7 @@ class PatchNoise:
     pixel: CodeNoise = CodeNoise(0.0, 0.0, 1.0)
 
 
-def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Reals, noise: PatchNoise, rounds: int = 2) -> Weighed:
+def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Doubles, noise: PatchNoise, rounds: int = 2) -> Weighed:
     """Return predictions from each patch's mean light, and inverse variances at the predicted codes."""
     log2, _, bend = fine.at(data.mean)
     predicted = data.mean
@@ -133,8 +133,8 @@ def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Reals, noise: Patch
 
 
 def _shift(
-    data: ChannelSamples, pixel_variance: Reals, code_variance: float, mean_variance: Reals, slope: Reals, bend: Reals
-) -> Reals:
+    data: ChannelSamples, pixel_variance: Doubles, code_variance: float, mean_variance: Doubles, slope: Doubles, bend: Doubles
+) -> Doubles:
     """Return stops from the curve at a patch's mean code to the mean log light of the patch, to second order.
 
     Where the curve bends, texture lifts it; noise that enters as light, before the curve, moves the mean code by half
@@ -146,7 +146,7 @@ def _shift(
     return np.asarray(np.clip(shift, -_MOST_SHIFT, _MOST_SHIFT))
 
 
-def dispersion(data: ChannelSamples, found: Weighed, weight: Reals) -> float:
+def dispersion(data: ChannelSamples, found: Weighed, weight: Doubles) -> float:
     """Return how much more the means over cells of frames and codes vary than independent patches would; at least 1.
 
     Light that changes, a shutter that is off and processing that looks at the whole picture move many patches alike:
@@ -161,7 +161,7 @@ def dispersion(data: ChannelSamples, found: Weighed, weight: Reals) -> float:
     return max(1.0, float(np.mean(mean[full] ** 2 / total[full])))
 
 
-def _per_sample(data: ChannelSamples, values: Reals) -> Reals:
+def _per_sample(data: ChannelSamples, values: Doubles) -> Doubles:
     return np.asarray(np.add.reduceat(values, data.starts))
 
 
@@ -169,21 +169,21 @@ def _per_sample(data: ChannelSamples, values: Reals) -> Reals:
 class Equations:
     """Normal equations of one channel, the patches' light eliminated: over spline coefficients, then frames."""
 
-    matrix: Reals
-    right: Reals
+    matrix: Doubles
+    right: Doubles
     square: float
     """Weighted sum of the squared left-hand sides."""
     count: float
     """Observations less patches: what is free."""
 
-    def misfit(self, coefficients: Reals) -> float:
+    def misfit(self, coefficients: Doubles) -> float:
         """Return the weighted sum of squared residuals with the coefficients of the curve, times as given."""
         k = len(coefficients)
         return max(float(self.square + coefficients @ (self.matrix[:k, :k] @ coefficients - 2 * self.right[:k])), 0.0)
 
 
 def equations(
-    data: ChannelSamples, fine: FineCurve, log2_times: Reals, found: Weighed, weight: Reals, *, times: bool
+    data: ChannelSamples, fine: FineCurve, log2_times: Doubles, found: Weighed, weight: Doubles, *, times: bool
 ) -> Equations:
     """Build them: unknown are the change of the curve and, with ``times``, of the log2 times."""
     basis = spline_basis()
@@ -200,8 +200,8 @@ def equations(
 
 
 def _gram(
-    data: ChannelSamples, columns: list[npt.NDArray[np.int64]], values: list[Reals], weight: Reals, size: int
-) -> Reals:
+    data: ChannelSamples, columns: list[npt.NDArray[np.int64]], values: list[Doubles], weight: Doubles, size: int
+) -> Doubles:
     """Return the weighted sum of products (size, size) of sparse rows, each patch's weighted mean taken off."""
     gram = np.zeros(size * size)
     total = np.zeros(data.n_samples * size)
@@ -222,18 +222,18 @@ def _gram(
 class Solution:
     """A smooth change of the curve, and what the frames' times would say."""
 
-    change: Reals
+    change: Doubles
     """(256,) stops to add; 0 at the gauge code."""
-    covariance: Reals
+    covariance: Doubles
     """(N_BASIS, N_BASIS) of the coefficients."""
     scale2: float
     """Residual variance over what the noise model says."""
-    time_matrix: Reals
+    time_matrix: Doubles
     """(frames, frames) information on the log2 times with the curve eliminated."""
-    time_right: Reals
+    time_right: Doubles
 
 
-def solve(eq: Equations, start: Reals) -> Solution:
+def solve(eq: Equations, start: Doubles) -> Solution:
     """Solve with the smoothness that restricted maximum likelihood (Patterson, Thompson 1971) chooses.
 
     ``start``: (N_BASIS,) coefficients of the present curve over the starting curve: the penalty is on their sum.

@@ -7,6 +7,8 @@ simulated cameras whose channels have tone curves of their own it keeps colours 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeAlias
@@ -18,7 +20,6 @@ from processing.calibration.noise import NoiseModel
 from processing.calibration.response_curve import ResponseCurve
 from processing.errors import ParameterError
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 WHITE_CODE, MIDDLE_CODE = 255, 128
 LEAST_HIGH = 235
@@ -55,7 +56,7 @@ def neutral_factors(seen_rgb: Sequence[float]) -> tuple[float, float, float]:
     return float(rgb[1] / rgb[0]), 1.0, float(rgb[1] / rgb[2])
 
 
-def _three(values: Sequence[float]) -> Reals:
+def _three(values: Sequence[float]) -> Doubles:
     found = np.asarray(values, dtype=np.float64)
     if found.shape != (3,) or not (np.isfinite(found).all() and (found > 0).all()):
         raise ParameterError(f"{tuple(values)} are not three factors above 0", where="response gauge")

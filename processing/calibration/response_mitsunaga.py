@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import TypeAlias
 
 import numpy as np
@@ -9,7 +11,6 @@ import numpy.typing as npt
 
 from processing.calibration.response_samples import ChannelSamples
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 ORDERS = range(3, 9)
 _LOW, _HIGH = 4.0, 251.0
@@ -17,7 +18,7 @@ _GAIN = 0.97
 """A higher order must lower the error on pairs that were not fitted by so much."""
 
 
-def mitsunaga_nayar(data: ChannelSamples, log2_times: Reals) -> Reals:
+def mitsunaga_nayar(data: ChannelSamples, log2_times: Doubles) -> Doubles:
     """Return log2 exposure (256,), 0 at code 255: f(1) = 1 is their gauge.
 
     The polynomial is solved over Chebyshev polynomials in float64 (powers of the code are ill-conditioned); its order
@@ -43,7 +44,7 @@ def mitsunaga_nayar(data: ChannelSamples, log2_times: Reals) -> Reals:
     return np.asarray(np.log2(np.maximum(linear, 1e-9)), dtype=np.float64)
 
 
-def _neighbours(data: ChannelSamples, log2_times: Reals) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _neighbours(data: ChannelSamples, log2_times: Doubles) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     order = np.lexsort((-log2_times[data.frame], data.sample))
     usable = (data.mean >= _LOW) & (data.mean <= _HIGH)
     first, second = order[:-1], order[1:]
@@ -51,15 +52,15 @@ def _neighbours(data: ChannelSamples, log2_times: Reals) -> tuple[npt.NDArray[np
     return first[same], second[same]
 
 
-def _terms(x: Reals, order: int) -> Reals:
+def _terms(x: Doubles, order: int) -> Doubles:
     """Return (n, order): T_n - 1 for n = 1..order, so that every sum of them added to 1 is 1 at x = 1."""
     return np.asarray(np.polynomial.chebyshev.chebvander(2 * x - 1, order)[:, 1:] - 1)
 
 
-def _value(answer: Reals, x: Reals) -> Reals:
+def _value(answer: Doubles, x: Doubles) -> Doubles:
     return np.asarray(1 + _terms(x, len(answer)) @ answer)
 
 
-def _solve(longer: Reals, shorter: Reals, ratio: Reals, order: int) -> Reals:
+def _solve(longer: Doubles, shorter: Doubles, ratio: Doubles, order: int) -> Doubles:
     rows = _terms(longer, order) - ratio[:, None] * _terms(shorter, order)
     return np.asarray(np.linalg.lstsq(rows, ratio - 1, rcond=None)[0], dtype=np.float64)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -12,7 +14,6 @@ from processing.calibration.response_curve import ResponseCurve
 from processing.calibration.response_fit import FineCurve, PatchNoise, weigh
 from processing.calibration.response_samples import Samples
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 BIN_CODES = 8
 _LEAST = 10
@@ -22,17 +23,17 @@ _LEAST = 10
 class CodeResiduals:
     """Residuals in stops by code: what a patch's light is in one frame less what its other frames say."""
 
-    codes: Reals
+    codes: Doubles
     """(32,) middle of each bin of 8 codes."""
-    mean_stops: Reals
+    mean_stops: Doubles
     """(3, 32): 0 for a right curve; NaN never: 0 where `count` is 0."""
-    spread_stops: Reals
+    spread_stops: Doubles
     """(3, 32) robust standard deviation of one patch."""
     count: npt.NDArray[np.int64]
     """(3, 32) patches."""
 
 
-def residuals_by_code(samples: Samples, curve: ResponseCurve, log2_times: Reals | None = None) -> CodeResiduals:
+def residuals_by_code(samples: Samples, curve: ResponseCurve, log2_times: Doubles | None = None) -> CodeResiduals:
     """Return the residuals of samples under a curve; ``log2_times`` if they are not those given with the samples."""
     times = samples.log2_times if log2_times is None else log2_times
     n_bins = 256 // BIN_CODES
@@ -54,7 +55,7 @@ def residuals_by_code(samples: Samples, curve: ResponseCurve, log2_times: Reals 
     return CodeResiduals(middle, mean, spread, count)
 
 
-def sigma_from_residuals(residuals: CodeResiduals) -> Reals:
+def sigma_from_residuals(residuals: CodeResiduals) -> Doubles:
     """Return the standard uncertainty (3, 256) that residuals show: bias and standard error, smooth over codes."""
     error = residuals.spread_stops / np.sqrt(np.maximum(residuals.count, 1))
     sigma = np.hypot(residuals.mean_stops, error)

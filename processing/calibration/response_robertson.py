@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import TypeAlias
 
 import numpy as np
@@ -9,14 +11,13 @@ import numpy.typing as npt
 
 from processing.calibration.response_samples import ChannelSamples
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 _ROUNDS, _ENOUGH = 200, 1e-5
 _PIXELS = (4, 0, 8, 2, 6)
 """Of each patch."""
 
 
-def robertson(data: ChannelSamples, log2_times: Reals) -> Reals:
+def robertson(data: ChannelSamples, log2_times: Doubles) -> Doubles:
     """Return log2 exposure (256,), 0 at code 128.
 
     Light and curve in turn (their eq. 8 and 10), summed in float64; codes that no pixel shows are interpolated, not
@@ -42,14 +43,14 @@ def robertson(data: ChannelSamples, log2_times: Reals) -> Reals:
     return np.asarray(np.log2(np.maximum(curve, 1e-9)), dtype=np.float64)
 
 
-def _filled(values: Reals, seen: npt.NDArray[np.int64], every: npt.NDArray[np.int64]) -> Reals:
+def _filled(values: Doubles, seen: npt.NDArray[np.int64], every: npt.NDArray[np.int64]) -> Doubles:
     """Return values at every code: interpolated between those seen, in proportion to the code beyond."""
     inside = np.interp(every, seen, values)
     beyond = np.where(every < seen[0], (every + 0.5) / (seen[0] + 0.5), (every + 0.5) / (seen[-1] + 0.5))
     return np.asarray(np.where((every < seen[0]) | (every > seen[-1]), inside * beyond, inside))
 
 
-def bell(codes: Reals) -> Reals:
+def bell(codes: Doubles) -> Doubles:
     """Return their weight, shifted and scaled to 0 at codes 0 and 255 and 1 in the middle."""
     end = np.exp(-4.0)
     return np.asarray((np.exp(-4 * ((codes - 127.5) / 127.5) ** 2) - end) / (1 - end))

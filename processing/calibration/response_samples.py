@@ -6,6 +6,8 @@ Nothing is averaged before it is known to be smooth: a mean of codes over an edg
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles, Flags, Int64s
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -15,10 +17,6 @@ import numpy.typing as npt
 
 from processing.errors import BracketError
 
-Codes: TypeAlias = npt.NDArray[np.uint8]
-Reals: TypeAlias = npt.NDArray[np.float64]
-Ints: TypeAlias = npt.NDArray[np.int64]
-Flags: TypeAlias = npt.NDArray[np.bool_]
 
 CHANNELS = ("red", "green", "blue")
 PATCH_PX = 3
@@ -42,7 +40,7 @@ _LEAST_SHARE = 0.25
 class Bracket8:
     """Frames of one still scene, all (H, W, 3) uint8 RGB of one size, and their exposure times in seconds."""
 
-    frames: Sequence[Codes]
+    frames: Sequence[Bytes]
     times_s: Sequence[float]
 
     def check(self, where: str = "bracket") -> None:
@@ -76,17 +74,17 @@ class Bracket8:
 class ChannelSamples:
     """What one channel shows of all samples: one entry an observation, those of a sample next to each other."""
 
-    sample: Ints
+    sample: Int64s
     """(n,) 0..n_samples-1, not decreasing."""
-    frame: Ints
+    frame: Int64s
     """(n,) index into all frames of all brackets."""
-    mean: Reals
+    mean: Doubles
     """(n,) mean code of the patch."""
-    pixels: Codes
+    pixels: Bytes
     """(n, 9) codes of its pixels."""
-    spread2: Reals
+    spread2: Doubles
     """(n,) variance of the codes within the patch: its texture and its noise."""
-    starts: Ints
+    starts: Int64s
     """(n_samples,) first observation of each sample."""
 
     @property
@@ -108,9 +106,9 @@ class Samples:
     """Samples of all channels, and the frames they come from."""
 
     channels: tuple[ChannelSamples, ChannelSamples, ChannelSamples]
-    log2_times: Reals
+    log2_times: Doubles
     """(frames of all brackets,) as given."""
-    bracket_of_frame: Ints
+    bracket_of_frame: Int64s
     duplicates: tuple[int, ...] = ()
     """Frames left out since an earlier frame is the same picture with the same time."""
 
@@ -140,7 +138,7 @@ def take_samples(brackets: Sequence[Bracket8], seed: int = 0) -> Samples:
     return Samples(channels, times, owner, tuple(duplicates))
 
 
-def _patches(bracket: Bracket8, count: int, rng: np.random.Generator) -> Codes:
+def _patches(bracket: Bracket8, count: int, rng: np.random.Generator) -> Bytes:
     """Return (frames, patches, 9, 3): the codes of patches on a jittered grid."""
     height, width = bracket.frames[0].shape[:2]
     rows, columns = _grid(height, width, count, rng)
@@ -157,7 +155,7 @@ def _patches(bracket: Bracket8, count: int, rng: np.random.Generator) -> Codes:
     return out
 
 
-def _grid(height: int, width: int, count: int, rng: np.random.Generator) -> tuple[Ints, Ints]:
+def _grid(height: int, width: int, count: int, rng: np.random.Generator) -> tuple[Int64s, Int64s]:
     """Return about ``count`` upper left corners, one in each cell of a grid; patches do not overlap."""
     usable_h, usable_w = max(height - PATCH_PX + 1, 1), max(width - PATCH_PX + 1, 1)
     n_rows = max(1, min(usable_h // PATCH_PX, round((count * usable_h / usable_w) ** 0.5)))
@@ -167,7 +165,7 @@ def _grid(height: int, width: int, count: int, rng: np.random.Generator) -> tupl
     return row.astype(np.int64).ravel(), column.astype(np.int64).ravel()
 
 
-def _duplicates(patches: Codes, times_s: Sequence[float]) -> list[int]:
+def _duplicates(patches: Bytes, times_s: Sequence[float]) -> list[int]:
     """Return frames that show exactly the codes of an earlier one with the same time: their noise is no news."""
     return [
         j
@@ -176,8 +174,8 @@ def _duplicates(patches: Codes, times_s: Sequence[float]) -> list[int]:
     ]
 
 
-def _channel(brackets: Sequence[tuple[Codes, int]], channel: int, left_out: frozenset[int]) -> ChannelSamples:
-    parts: list[tuple[Ints, Ints, Reals, Codes, Reals]] = []
+def _channel(brackets: Sequence[tuple[Bytes, int]], channel: int, left_out: frozenset[int]) -> ChannelSamples:
+    parts: list[tuple[Int64s, Int64s, Doubles, Bytes, Doubles]] = []
     count = 0
     share = max(MAX_SAMPLES // len(brackets), 1)
     for patches, first_frame in brackets:
@@ -199,7 +197,7 @@ def _channel(brackets: Sequence[tuple[Codes, int]], channel: int, left_out: froz
     return ChannelSamples(sample, frame, means, pixels, spreads, starts)
 
 
-def _moments(codes: Codes) -> tuple[Reals, Reals]:
+def _moments(codes: Bytes) -> tuple[Doubles, Doubles]:
     """Return mean and variance (frames, patches) over the last axis, in whole numbers until the end."""
     count = codes.shape[2]
     total = codes.sum(axis=2, dtype=np.int64)
@@ -207,7 +205,7 @@ def _moments(codes: Codes) -> tuple[Reals, Reals]:
     return total / count, np.maximum(square - total * total / count, 0.0) / (count - 1)
 
 
-def _usable(mean: Reals, spread2: Reals) -> Flags:
+def _usable(mean: Doubles, spread2: Doubles) -> Flags:
     """Return (frames, patches): neither clipped nor dark as a whole, of patches that are smooth where best exposed."""
     spreads = np.sqrt(spread2)
     seen = (mean > np.maximum(0.5, _CLEAR_BELOW * spreads)) & (mean + _CLEAR_ABOVE * spreads < 254.5)
@@ -227,7 +225,7 @@ def _usable(mean: Reals, spread2: Reals) -> Flags:
     return np.asarray(seen & (able & (rough <= limit)))
 
 
-def _spread_over_codes(mean: Reals, usable: Flags, count: int) -> Ints:
+def _spread_over_codes(mean: Doubles, usable: Flags, count: int) -> Int64s:
     """Return up to ``count`` patches, rare (frame, code) first: a large even wall must not crowd out the rest."""
     able = np.flatnonzero(usable.any(axis=0))
     if able.size <= count:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import TypeAlias
 
 import numpy as np
@@ -10,7 +12,6 @@ import numpy.typing as npt
 from processing.calibration.response_basis import spline_basis
 from processing.calibration.response_daylit import ChannelFit
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 MODEL_CODES = 0.1
 """Of the standard deviation of one pixel's coding: how far a smooth curve may be from the camera's mean code (kinks of
@@ -19,7 +20,7 @@ _BEYOND = 0.003, 0.02
 """Stops a code that the continuation above and below the data adds."""
 
 
-def curve_sigma(fit: ChannelFit, gauge: int) -> Reals:
+def curve_sigma(fit: ChannelFit, gauge: int) -> Doubles:
     """Return the standard uncertainty (256,), 0 at the gauge code: of the fit, of the model, and of what is beyond."""
     rows = spline_basis().codes
     inside = np.clip(np.arange(256), fit.low, min(fit.high + 3, 255))

@@ -6,6 +6,8 @@ means is in its row of `CAMERA_RULES`, or is told by the bracket itself, whose f
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -17,7 +19,6 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 
-Reals: TypeAlias = npt.NDArray[np.float64]
 
 RULE_SIGMA_STOPS = 0.02
 """How far a shutter may be from its rule: 1.4 %."""
@@ -93,11 +94,11 @@ class TimeEvidence:
     Changing the log2 times by d (stops) changes chi2 by ``d @ matrix @ d - 2 right @ d``.
     """
 
-    matrix: Reals
-    right: Reals
+    matrix: Doubles
+    right: Doubles
     bracket_of_frame: npt.NDArray[np.int64]
 
-    def gain(self, change: Reals) -> float:
+    def gain(self, change: Doubles) -> float:
         """Return by how much chi2 falls with a change of the log2 times."""
         return float(2 * self.right @ change - change @ self.matrix @ change)
 
@@ -122,7 +123,7 @@ def estimate_times(
     evidence: TimeEvidence,
     times_s: Sequence[float],
     *,
-    fitted: Reals | None = None,
+    fitted: Doubles | None = None,
     known: Sequence[int] = (),
     prior: ShutterRule = ShutterRule.NOMINAL,
 ) -> TimeEstimate:
@@ -157,7 +158,7 @@ def estimate_times(
     )
 
 
-def _off_rule(evidence: TimeEvidence, change: Reals, now: Reals) -> tuple[Reals, Reals]:
+def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles) -> tuple[Doubles, Doubles]:
     """Return the most probable further change under a shutter's tolerance, middle frames fixed, and its covariance."""
     count = len(now)
     free = np.ones(count, dtype=bool)
@@ -177,7 +178,7 @@ def _off_rule(evidence: TimeEvidence, change: Reals, now: Reals) -> tuple[Reals,
     return extra, covariance
 
 
-def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Reals:
+def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:
     """Return the most probable change (stops) of the times of some frames, the others held; 0 for those."""
     change = np.zeros(len(evidence.right))
     chosen = list(frames)

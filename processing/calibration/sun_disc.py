@@ -6,6 +6,8 @@ wider than the disc: the centre of the white spot. Cut by the edge of the field:
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags
+
 import math
 from dataclasses import dataclass
 
@@ -16,8 +18,6 @@ from processing.errors import SunError
 from processing.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, directions
 
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 Vector = tuple[float, float, float]
 
 SUN_RADIUS_RAD = math.radians(0.533 / 2)
@@ -64,14 +64,14 @@ class Window:
 
     rows: slice
     columns: slice
-    ways: Reals
+    ways: Doubles
     """(h, w, 3)."""
-    pixel_sr: Reals
-    luminance: Reals
+    pixel_sr: Doubles
+    luminance: Doubles
     inside: Flags
     clipped: Flags
 
-    def angle_from(self, direction: Reals) -> Reals:
+    def angle_from(self, direction: Doubles) -> Doubles:
         """Return the angle (h, w) of each pixel's centre from a direction."""
         chord = np.linalg.norm(self.ways - direction, axis=-1)
         return np.asarray(2 * np.arcsin(np.clip(chord / 2, 0, 1)))
@@ -204,7 +204,7 @@ def _clipped_sun(window: Window) -> Sun:
     return _sun(window, centre, sigma + touches * _cut_sigma(pixel_rad), given, clipped=True, cut=touches)
 
 
-def _fit_disc(window: Window, start: Reals, shape: Reals, *, free_radius: bool) -> Reals:
+def _fit_disc(window: Window, start: Doubles, shape: Doubles, *, free_radius: bool) -> Doubles:
     """Return the centre of the disc that best explains a spot of which a part lies outside the field."""
     from scipy.optimize import least_squares
 
@@ -213,10 +213,10 @@ def _fit_disc(window: Window, start: Reals, shape: Reals, *, free_radius: bool) 
     level = float(np.percentile(shape[shape > 0], 75)) if (shape > 0).any() else 1.0
     scale = np.array([SUN_RADIUS_RAD, SUN_RADIUS_RAD, 1.0, SUN_RADIUS_RAD])
 
-    def centre_of(unknown: Reals) -> Reals:
+    def centre_of(unknown: Doubles) -> Doubles:
         return _unit(start + unknown[0] * scale[0] * side + unknown[1] * scale[1] * other)
 
-    def residuals(unknown: Reals) -> Reals:
+    def residuals(unknown: Doubles) -> Doubles:
         radius = SUN_RADIUS_RAD * (unknown[3] if free_radius else 1.0)
         cover = np.clip(0.5 + (radius - window.angle_from(centre_of(unknown))) / pixel_rad, 0, 1)
         return np.asarray(((unknown[2] * cover - shape / level) * window.inside)[window.inside])
@@ -225,7 +225,7 @@ def _fit_disc(window: Window, start: Reals, shape: Reals, *, free_radius: bool) 
     return centre_of(found.x)
 
 
-def _surround(window: Window, centre: Reals, reach: float) -> float:
+def _surround(window: Window, centre: Doubles, reach: float) -> float:
     """Return the sky's luminance beside the sun."""
     angle = window.angle_from(centre)
     ring = window.inside & (angle > 1.5 * reach) & (angle < 4 * reach)
@@ -243,7 +243,7 @@ def _cut_sigma(pixel_rad: float) -> float:
     return max(SUN_RADIUS_RAD / 2, 0.6 * pixel_rad)
 
 
-def _sun(window: Window, centre: Reals, sigma: float, given: float, *, clipped: bool, cut: bool) -> Sun:
+def _sun(window: Window, centre: Doubles, sigma: float, given: float, *, clipped: bool, cut: bool) -> Sun:
     x, y, z = (float(v) for v in centre)
     return Sun((x, y, z), sigma, given, clipped, cut, window.rows, window.columns)
 
@@ -258,7 +258,7 @@ def _pixel_rad(image: RelativeImage | LuminanceImage, row: int, column: int) -> 
     return max(float(np.linalg.norm(ways[1, column] - ways[0, column])), 1e-5)
 
 
-def _pixel_sr(ways: Reals, seen: Flags) -> Reals:
+def _pixel_sr(ways: Doubles, seen: Flags) -> Doubles:
     """Return each pixel's solid angle (h, w) from its neighbours' directions; 0 where nothing is seen."""
     if min(ways.shape[:2]) < 2:
         return np.where(seen, SUN_SOLID_ANGLE_SR, 0.0)
@@ -273,14 +273,14 @@ def _pixel_sr(ways: Reals, seen: Flags) -> Reals:
     return np.where(whole, area, np.where(seen, typical, 0.0))
 
 
-def _tangent(direction: Reals) -> tuple[Reals, Reals]:
+def _tangent(direction: Doubles) -> tuple[Doubles, Doubles]:
     """Return two unit vectors across a direction."""
     side = np.cross(direction, (0.0, 0.0, 1.0) if abs(direction[2]) < 0.9 else (1.0, 0.0, 0.0))
     side = side / np.linalg.norm(side)
     return side, np.cross(direction, side)
 
 
-def _unit(vector: Reals) -> Reals:
+def _unit(vector: Doubles) -> Doubles:
     return np.asarray(vector / np.linalg.norm(vector))
 
 

@@ -6,6 +6,8 @@ disc (the lens's glare) keep their lower bound and their mark.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -19,7 +21,6 @@ from processing.calibration.sun_disc import SUN_RADIUS_RAD, SUN_SOLID_ANGLE_SR, 
 from processing.errors import ParameterError, SunError
 from processing.images import LuminanceImage, Validity, luminance_cd_m2
 
-Reals = npt.NDArray[np.float64]
 
 _GRID = 9
 """Samples a side of each pixel on the disc."""
@@ -120,7 +121,7 @@ def _pixel_of(sun: Sun) -> tuple[int, int]:
     return (sun.rows.start + sun.rows.stop - 1) // 2, (sun.columns.start + sun.columns.stop - 1) // 2
 
 
-def _coverage(window: Window, centre: Reals) -> Reals:
+def _coverage(window: Window, centre: Doubles) -> Doubles:
     """Return how much of each pixel (h, w) the disc covers, scaled so that all of it is covered once."""
     across, down = np.gradient(window.ways, axis=1), np.gradient(window.ways, axis=0)
     near = window.angle_from(centre) < SUN_RADIUS_RAD + 2 * np.sqrt(window.pixel_sr.max())
@@ -144,7 +145,7 @@ def _coverage(window: Window, centre: Reals) -> Reals:
     return cover * (SUN_SOLID_ANGLE_SR / held) if whole else cover
 
 
-def _without_sun(image: LuminanceImage, window: Window, cover: Reals) -> LuminanceImage:
+def _without_sun(image: LuminanceImage, window: Window, cover: Doubles) -> LuminanceImage:
     """Return the picture with the disc's pixels at the sky's level beside them."""
     ring = window.inside & ~window.clipped & (cover == 0)
     near = ring & (window.angle_from(_middle(window, cover)) < 6 * SUN_RADIUS_RAD)
@@ -156,12 +157,12 @@ def _without_sun(image: LuminanceImage, window: Window, cover: Reals) -> Luminan
     return replace(image, rgb=rgb)
 
 
-def _middle(window: Window, cover: Reals) -> Reals:
+def _middle(window: Window, cover: Doubles) -> Doubles:
     centre = np.einsum("hw,hwc->c", cover, window.ways)
     return np.asarray(centre / np.linalg.norm(centre))
 
 
-def _painted(image: LuminanceImage, window: Window, cover: Reals, luminance: float, sigma: float) -> LuminanceImage:
+def _painted(image: LuminanceImage, window: Window, cover: Doubles, luminance: float, sigma: float) -> LuminanceImage:
     """Return the picture with the disc added, its pixels marked, their uncertainty set."""
     colour = np.array(SUN_RGB, dtype=np.float32)
     colour = colour / luminance_cd_m2(colour)

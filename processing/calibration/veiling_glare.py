@@ -7,6 +7,8 @@ is that of ISO 9358: veil over the mean luminance of the field. The correction t
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -15,9 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError
-from processing.images import Bytes, Floats, LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 
-Flags = npt.NDArray[np.bool_]
 Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
 RIM_GAP = 1.06

@@ -5,6 +5,8 @@ Paper, section 3, step (1); Inanici 2006. V(r) = 1 + sum c_i r^p_i; a picture is
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,11 +16,10 @@ import numpy.typing as npt
 
 from processing.calibration.lens_data import lens_data
 from processing.errors import LensError
-from processing.images import Floats, luminance_cd_m2
+from processing.images import luminance_cd_m2
 from processing.sphere import Fisheye, pixels
 from processing.sphere_lens import polar_of_radius
 
-Reals = npt.NDArray[np.float64]
 
 EVEN_POWERS = (2, 4, 6)
 """Of r, what fits take: a rotationally symmetric lens's fall-off is smooth in the middle."""
@@ -50,7 +51,7 @@ class Vignetting:
                 advice="r is 1 at the edge of the image circle",
             )
 
-    def evaluate(self, r: npt.ArrayLike) -> Reals:
+    def evaluate(self, r: npt.ArrayLike) -> Doubles:
         """Return V at r (radii); r beyond 1 counts as 1."""
         r = np.clip(np.asarray(r, dtype=np.float64), 0, 1)
         total = np.ones_like(r)
@@ -165,7 +166,7 @@ def fit_rotated(
     )
 
 
-def _solve(r: Reals, level: Reals, scene: npt.NDArray[np.intp], powers: tuple[int, ...], source: str) -> VignettingFit:
+def _solve(r: Doubles, level: Doubles, scene: npt.NDArray[np.intp], powers: tuple[int, ...], source: str) -> VignettingFit:
     """Solve log level = log scene[scene] + log V(r), scene by scene free, by reweighted Gauss-Newton."""
     if r.size < _MIN_SAMPLES:
         raise LensError(f"{r.size} usable samples of the fall-off", likely="frames that are dark, or miss the field")
@@ -197,13 +198,13 @@ def _solve(r: Reals, level: Reals, scene: npt.NDArray[np.intp], powers: tuple[in
     return VignettingFit(result, spread, int(r.size))
 
 
-def _centred(values: Reals, scene: npt.NDArray[np.intp], count: npt.NDArray[np.intp]) -> Reals:
+def _centred(values: Doubles, scene: npt.NDArray[np.intp], count: npt.NDArray[np.intp]) -> Doubles:
     """Return values (n, k) less the mean of their scene point: which eliminates the scene."""
     means = np.stack([np.bincount(scene, column) / count for column in values.T], axis=-1)
     return np.asarray(values - means[scene])
 
 
-def _spread(count: int) -> Reals:
+def _spread(count: int) -> Doubles:
     """Return directions (count, 3) spread evenly over the sphere (a golden spiral)."""
     z = 1 - (2 * np.arange(count) + 1) / count
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
@@ -211,7 +212,7 @@ def _spread(count: int) -> Reals:
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
 
 
-def _angle_share(geometry: Fisheye, r: Reals) -> Reals:
+def _angle_share(geometry: Fisheye, r: Doubles) -> Doubles:
     """Return the angle from the axis over half the field at distances r (radii)."""
     sine, cosine = polar_of_radius(geometry, r)
     return np.asarray(np.arctan2(sine, cosine) / geometry.half_field_rad)

@@ -7,6 +7,8 @@ albedo is meant to be lit by the viewer; with ``lit`` a surface instead shows a 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles, Floats
+
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,10 +17,9 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.exchange.glb import Glb, Json
-from processing.images import Bytes
 from processing.layout.furniture.model import srgb_of_linear
 from processing.picture_writing import write_bytes
-from processing.rendering.scene import Doubles, Floats, Pane, Part, Scene, Surface
+from processing.rendering.scene import Pane, Part, Scene, Surface
 from processing.rendering.sight import LEAST_AGREEMENT
 from processing.rendering.triangles import pane_triangles, surface_triangles
 

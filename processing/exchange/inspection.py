@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from typing import Any
 
@@ -10,7 +12,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.exchange.opening import OpenPicture
-from processing.images import Floats, Validity, luminance_cd_m2
+from processing.images import Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, directions, pixels, solid_angles
 
 Facts = dict[str, Any]

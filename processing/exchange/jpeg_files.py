@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes
+
 import io
 from pathlib import Path
 
@@ -9,7 +11,6 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.xmp import PanoramaTags, packet
-from processing.images import Bytes
 from processing.picture_writing import write_bytes
 
 LONGEST_SIDE_PX = 65_500

@@ -6,12 +6,13 @@ three times, 120 degrees apart and a little below the horizon: a viewer with the
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes
+
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.images import Bytes
 
 if TYPE_CHECKING:
     from PIL import Image

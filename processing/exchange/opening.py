@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +12,7 @@ import numpy as np
 
 from processing.errors import PictureFileError
 from processing.exr_files import read_exr, read_exr_rgb
-from processing.images import Bytes, Floats, LuminanceImage, RelativeImage
+from processing.images import LuminanceImage, RelativeImage
 from processing.picture_panorama_tags import read_tags
 from processing.radiance_files import read_radiance_hdr
 from processing.sphere import Equirectangular, Geometry

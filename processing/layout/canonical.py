@@ -7,6 +7,8 @@ the search sees the same numbers bit by bit.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +17,6 @@ from typing import TypeAlias
 import numpy as np
 
 from processing.layout.plan import Door, FloorPlan, Hinge, Window
-from processing.layout.polygons import Array
 
 LIST_STEP_M = 1e-4
 SNAP_M = 1e-7
@@ -167,7 +168,7 @@ def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:
     c, s = math.cos(frame.angle_rad), math.sin(frame.angle_rad)
     turn = np.array([[c, -s], [s, c]])
 
-    def snap(points: Array) -> Array:
+    def snap(points: Doubles) -> Doubles:
         return np.asarray(np.round((points - frame.origin) @ turn / SNAP_M) * SNAP_M + 0.0)
 
     def length(value: float) -> float:

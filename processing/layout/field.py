@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int64s
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,11 +14,9 @@ import numpy.typing as npt
 
 from processing.layout.free_sets import BODY, DOOR, KEPT, RUG, WINDOW, ZONE
 from processing.layout.plan import DOOR_HEAD_M, Door, FloorPlan
-from processing.layout.polygons import Array
 from processing.layout.rules import RuleSet
 
-Ints: TypeAlias = npt.NDArray[np.int64]
-Row: TypeAlias = tuple[Array, float, float, int, str]
+Row: TypeAlias = tuple[Doubles, float, float, int, str]
 """Corners (4, 2), bottom and top in metres, class and name of an outline."""
 
 PERSON_M = 2.0
@@ -30,11 +30,11 @@ UNDER_SILL_M = 0.05
 class Outlines:
     """Convex outlines with their heights and classes (`free_sets`)."""
 
-    corners: Array
+    corners: Doubles
     """(n, 4, 2)."""
-    heights_m: Array
+    heights_m: Doubles
     """(n, 2)."""
-    classes: Ints
+    classes: Int64s
     names: tuple[str, ...]
 
 
@@ -43,7 +43,7 @@ class DoorWay:
     """Where a path through a door begins: a rectangle of floor before it."""
 
     name: str
-    corners: Array
+    corners: Doubles
     """(4, 2)."""
 
 
@@ -53,7 +53,7 @@ class Field:
 
     plan: FloorPlan
     rules: RuleSet
-    walls: Array
+    walls: Doubles
     """(n, 4): segments of the outline and of the columns."""
     fixed: Outlines
     doorways: tuple[DoorWay, ...]
@@ -106,7 +106,7 @@ def leaf_m(door: Door, rules: RuleSet) -> float:
     return door.width_m / 2 if door.width_m <= 2 * rules.door_reach else 0.0
 
 
-def door_outlines(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Array]:
+def door_outlines(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Doubles]:
     """Return the convex outlines that a door keeps free: its approach, and its swing for either hand or the one told.
 
     The swing's quarter disc is circumscribed: a square for an unknown hand, five corners (as two outlines) for a known.
@@ -130,7 +130,7 @@ def door_outlines(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Array]:
     return found
 
 
-def _on_edge(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: float) -> Array:
+def _on_edge(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: float) -> Doubles:
     corner, along, _ = plan.edge(edge)
     inward = np.array([-along[1], along[0]])
     a, b = corner + along * start_m, corner + along * end_m

@@ -6,6 +6,8 @@ of the obstacles with the turned rectangle. All outlines are convex pieces, whos
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -17,7 +19,6 @@ from shapely.geometry import Polygon
 
 from processing.layout.field import Field
 from processing.layout.free_sets import MEETS, SKIN_M
-from processing.layout.polygons import Array
 
 Rows = Sequence[tuple[tuple[float, float, float, float, float, float], int]]
 """(x0, x1, y0, y1, low, high) in the piece's frame and class (`free_sets`) of each rectangle that moves together."""
@@ -48,7 +49,7 @@ def free_region(field: Field, rows: Rows, theta_rad: float, extra: Sequence[tupl
     return region.difference(shapely.union_all([b for b in blocked if b.area > 0]))
 
 
-def _sum(outline: Array, corners: Array) -> Polygon:
+def _sum(outline: Doubles, corners: Doubles) -> Polygon:
     """Return the positions at which a rectangle at `corners` from the origin meets a convex outline."""
     sums = (outline[:, None, :] - corners[None, :, :]).reshape(-1, 2)
     return shapely.convex_hull(shapely.multipoints(sums))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import numpy as np
 
 from processing.layout.plan import FloorPlan
-from processing.layout.polygons import Array
 
 LEAST_WALL_M = 0.2
 MOST_DIRECTIONS = 3
@@ -13,7 +14,7 @@ MOST_OFFSETS = 20
 NO_EDGE = -1.0
 
 
-def wall_lines(plan: FloorPlan) -> Array:
+def wall_lines(plan: FloorPlan) -> Doubles:
     """Return (n, 6): first corner, direction, length, edge; columns' faces have edges past the outline's."""
     rows, number = [], 0
     for ring in (plan.corners, *plan.holes):
@@ -51,7 +52,7 @@ class FreeLines:
                 along, away = points @ u, np.sort(points @ np.array([-u[1], u[0]]))
                 self._frames.append((u, float(along.min()), float(along.max() - along.min()), away))
 
-    def lines(self, depth_m: float, step_m: float = 0.25) -> Array:
+    def lines(self, depth_m: float, step_m: float = 0.25) -> Doubles:
         """Return (n, 6) lines for a unit `depth_m` deep, at offsets where its near or far side is level with a corner,
         and every `step_m` between."""
         found = []
@@ -65,7 +66,7 @@ class FreeLines:
         return np.concatenate(found)
 
 
-def _offsets(levels: Array, depth_m: float, step_m: float) -> Array:
+def _offsets(levels: Doubles, depth_m: float, step_m: float) -> Doubles:
     low, high = levels[0], levels[-1] - depth_m
     if high < low - 1e-7:
         return np.empty(0)

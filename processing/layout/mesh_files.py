@@ -6,6 +6,8 @@ followed. Sizes, counts and references are checked before trimesh allocates anyt
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles, Int64s
+
 import io
 import logging
 import re
@@ -21,11 +23,9 @@ import numpy.typing as npt
 from PIL import Image
 
 from processing.errors import ModelFileError
-from processing.layout.furniture.model import Bytes, Material, linear_of_srgb
+from processing.layout.furniture.model import Material, linear_of_srgb
 from processing.layout.gltf_checks import check_gltf
 
-Points = npt.NDArray[np.float64]
-Corners = npt.NDArray[np.int64]
 SUFFIXES = (".glb", ".gltf", ".obj")
 MAX_FILE_BYTES = 96 * 2**20
 MAX_TRIANGLES = 1_000_000
@@ -39,9 +39,9 @@ GREY = (0.5, 0.5, 0.5)
 class RawPart:
     """Triangles of one material as the file has them."""
 
-    vertices: Points
-    faces: Corners
-    uv: Points | None
+    vertices: Doubles
+    faces: Int64s
+    uv: Doubles | None
     """(n, 2) a vertex, v upwards."""
     material: Material
 

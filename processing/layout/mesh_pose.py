@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 
 import numpy as np
 
 from processing.errors import CatalogueError
 from processing.layout.furniture.model import Size
-from processing.layout.furniture.surface import Points
 from processing.layout.item_table import KINDS
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
@@ -56,7 +57,7 @@ def usual_size(category: str) -> Size:
     return KINDS[category].size_m if category in KINDS else _USUAL.get(category, ANY)
 
 
-def posed(points: Points, category: str, given: Given, *, y_up: bool) -> tuple[Points, tuple[str, ...]]:
+def posed(points: Doubles, category: str, given: Given, *, y_up: bool) -> tuple[Doubles, tuple[str, ...]]:
     """Return (4, 4), from a file's axes to an item's, and what was guessed or corrected.
 
     `points` are all of its vertices; `y_up` says that the format itself has y upwards (glTF).
@@ -81,13 +82,13 @@ _STAND = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """From y up with the front at +z (glTF's and 3D-FUTURE's way) to z up with the front at +y."""
 
 
-def _misfit(extent: Points, size: Size) -> float:
+def _misfit(extent: Doubles, size: Size) -> float:
     """Return how unlike two boxes' proportions are, 0 for alike."""
     ratio = np.log(np.maximum(extent, 1e-3 * extent.max()) / np.array(size))
     return float(np.ptp(ratio))
 
 
-def _up(extent: Points, category: str, given: Given, notes: list[str]) -> str:
+def _up(extent: Doubles, category: str, given: Given, notes: list[str]) -> str:
     """Return y, or z where the proportions say so clearly."""
     size = given.size_m or usual_size(category)
     as_y = min(_misfit(extent[[0, 2, 1]], size), _misfit(extent[[2, 0, 1]], size) + 0.1)
@@ -98,7 +99,7 @@ def _up(extent: Points, category: str, given: Given, notes: list[str]) -> str:
     return "y"
 
 
-def _front_turn(standing: Points, category: str, given: Given, notes: list[str]) -> Points:
+def _front_turn(standing: Doubles, category: str, given: Given, notes: list[str]) -> Doubles:
     """Return the turn about z (quarter steps) that brings the front to +y."""
     if given.front is not None:
         return _quarter({"+z": 0, "-x": 1, "-z": 2, "+x": 3}[given.front])
@@ -115,7 +116,7 @@ def _front_turn(standing: Points, category: str, given: Given, notes: list[str])
     return _quarter(steps)
 
 
-def _across(extent: Points, category: str, given: Given) -> bool | None:
+def _across(extent: Doubles, category: str, given: Given) -> bool | None:
     """Return whether its width lies along y, from its proportions; None where they do not tell."""
     if given.size_m is not None:
         turned, straight = _misfit(extent[[1, 0, 2]], given.size_m), _misfit(extent, given.size_m)
@@ -127,7 +128,7 @@ def _across(extent: Points, category: str, given: Given) -> bool | None:
     return None if 0.75 < ratio < 1.3 else bool(ratio <= 0.75)
 
 
-def _backward(standing: Points) -> int | None:
+def _backward(standing: Doubles) -> int | None:
     """Return how many quarter turns bring the side without a back to +y; None where no side is clearly the back."""
     low, high = standing.min(axis=0), standing.max(axis=0)
     upper = standing[standing[:, 2] > low[2] + 0.72 * (high[2] - low[2])]
@@ -143,13 +144,13 @@ def _backward(standing: Points) -> int | None:
     return 3 if lean[0] > 0 else 1
 
 
-def _quarter(steps: int) -> Points:
+def _quarter(steps: int) -> Doubles:
     """Return a turn by quarters about z, counter-clockwise."""
     c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[steps % 4]
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _scale(extent: Points, category: str, given: Given, notes: list[str]) -> Points:
+def _scale(extent: Doubles, category: str, given: Given, notes: list[str]) -> Doubles:
     """Return (3,): metres per unit."""
     each = np.ones(3)
     if given.size_m is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Int64s
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,19 +11,18 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from processing.layout.furniture.surface import Points, crosses
-from processing.layout.mesh_files import Corners, RawPart
+from processing.layout.furniture.surface import crosses
+from processing.layout.mesh_files import RawPart
 
-Flags = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
 class Sound:
     """A part after repair: vertices that coincide are one."""
 
-    vertices: Points
-    faces: Corners
-    uv: Points | None
+    vertices: Doubles
+    faces: Int64s
+    uv: Doubles | None
     """(m, 3, 2), a corner."""
     closed: bool
     dropped_nan: int
@@ -56,13 +57,13 @@ def repaired(part: RawPart, scale: float) -> Sound | None:
     return Sound(vertices, faces, uv, closed, lost, flat, int(turn.sum()))
 
 
-def _merged(vertices: Points, step: float) -> tuple[Points, Corners]:
+def _merged(vertices: Doubles, step: float) -> tuple[Doubles, Int64s]:
     key = np.rint(vertices / max(step, 1e-300)).astype(np.int64)
     _, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return vertices[first], place.ravel()
 
 
-def _winding(vertices: Points, faces: Corners) -> tuple[Flags, bool]:
+def _winding(vertices: Doubles, faces: Int64s) -> tuple[Flags, bool]:
     """Return which faces to turn so that neighbours agree and closed bodies wind outward, and if all are closed."""
     count = len(faces)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -93,7 +94,7 @@ def _winding(vertices: Points, faces: Corners) -> tuple[Flags, bool]:
     return turn ^ flip[piece], not odd.any()
 
 
-def _agreeing(graph: object, pieces: int, piece: Corners, a: Corners, b: Corners, alike: Flags) -> Flags:
+def _agreeing(graph: object, pieces: int, piece: Int64s, a: Int64s, b: Int64s, alike: Flags) -> Flags:
     """Return the faces to turn so that each agrees with the face it is reached from."""
     turn = np.zeros(len(piece), dtype=bool)
     mixed = np.zeros(pieces, dtype=bool)

@@ -6,6 +6,8 @@ left (docs/coordinates.md). An opening lies on an edge between `start_m` and `en
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +16,7 @@ from typing import Literal, TypeAlias, TypeVar
 import numpy as np
 
 from processing.errors import PlanError
-from processing.layout.polygons import Array, repaired_ring, signed_area
+from processing.layout.polygons import repaired_ring, signed_area
 
 Hinge: TypeAlias = Literal["left", "right", "unknown"]
 """Where a door hangs, seen from inside the room looking at it."""
@@ -66,9 +68,9 @@ class Window:
 class FloorPlan:
     """A checked plan: make it with `make_plan`."""
 
-    corners: Array
+    corners: Doubles
     """(n, 2), counter-clockwise."""
-    holes: tuple[Array, ...] = ()
+    holes: tuple[Doubles, ...] = ()
     """Columns and shafts, each (m, 2), clockwise."""
     ceiling_height_m: float = DEFAULT_HEIGHT_M
     doors: tuple[Door, ...] = ()
@@ -84,7 +86,7 @@ class FloorPlan:
         """Return the floor's area, without columns."""
         return signed_area(self.corners) + sum(signed_area(hole) for hole in self.holes)
 
-    def edge(self, index: int) -> tuple[Array, Array, float]:
+    def edge(self, index: int) -> tuple[Doubles, Doubles, float]:
         """Return an edge's first corner, its unit direction and its length in metres."""
         start = self.corners[index]
         along = self.corners[(index + 1) % len(self.corners)] - start
@@ -93,7 +95,7 @@ class FloorPlan:
 
 
 def make_plan(
-    corners: Sequence[Sequence[float]] | Array,
+    corners: Sequence[Sequence[float]] | Doubles,
     *,
     holes: Sequence[Sequence[Sequence[float]]] = (),
     ceiling_height_m: float = DEFAULT_HEIGHT_M,
@@ -138,7 +140,7 @@ def make_plan(
     )
 
 
-def _as_array(points: Sequence[Sequence[float]] | Array, where: str) -> Array:
+def _as_array(points: Sequence[Sequence[float]] | Doubles, where: str) -> Doubles:
     try:
         return np.asarray(points, dtype=np.float64)
     except (TypeError, ValueError):
@@ -176,13 +178,13 @@ def _refuse_heights(window: Window, name: str) -> None:
         raise PlanError(f"a window from {window.sill_m} to {window.head_m} m above the floor", where=name)
 
 
-def _refuse_outside(ring: Array, column: Array, where: str) -> None:
+def _refuse_outside(ring: Doubles, column: Doubles, where: str) -> None:
     for corner in column:
         if not _inside(ring, corner):
             raise PlanError(f"its corner ({corner[0]:.3f}, {corner[1]:.3f}) is outside the floor", where=where)
 
 
-def _inside(ring: Array, point: Array) -> bool:
+def _inside(ring: Doubles, point: Doubles) -> bool:
     """Tell whether a point lies inside a ring (even-odd)."""
     a, b = ring, np.roll(ring, -1, axis=0)
     spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])

@@ -5,6 +5,8 @@ Corners are float64 (n, 2) metres. Nothing here knows of rooms, doors or furnitu
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -13,7 +15,6 @@ import numpy.typing as npt
 
 from processing.errors import PlanError
 
-Array: TypeAlias = npt.NDArray[np.float64]
 
 SAME_POINT_M = 1e-4
 """Corners nearer than this are one corner."""
@@ -23,7 +24,7 @@ SAME_POINT_M = 1e-4
 class Repaired:
     """A ring as it should be, and what was done to it."""
 
-    ring: Array
+    ring: Doubles
     """(n, 2), counter-clockwise (or clockwise where asked), not closed."""
     edge_from: tuple[int, ...]
     """For each edge, the edge of the ring that was given."""
@@ -32,13 +33,13 @@ class Repaired:
     notes: tuple[str, ...]
 
 
-def signed_area(ring: Array) -> float:
+def signed_area(ring: Doubles) -> float:
     """Return the area in m2, positive where the ring runs counter-clockwise."""
     x, y = ring[:, 0], ring[:, 1]
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
-def repaired_ring(points: Array, *, where: str, clockwise: bool = False) -> Repaired:
+def repaired_ring(points: Doubles, *, where: str, clockwise: bool = False) -> Repaired:
     """Return the ring without repeated corners and the right way round.
 
     Raises `PlanError` for fewer than three corners, values that are no numbers, no area, and a ring that crosses or
@@ -65,7 +66,7 @@ def repaired_ring(points: Array, *, where: str, clockwise: bool = False) -> Repa
     return Repaired(np.ascontiguousarray(ring), edge_from, turned, tuple(notes))
 
 
-def _without_repeats(ring: Array) -> tuple[list[int], list[str]]:
+def _without_repeats(ring: Doubles) -> tuple[list[int], list[str]]:
     notes: list[str] = []
     kept: list[int] = []
     for i in range(len(ring)):
@@ -80,7 +81,7 @@ def _without_repeats(ring: Array) -> tuple[list[int], list[str]]:
     return kept, notes
 
 
-def _refuse_crossings(ring: Array, where: str) -> None:
+def _refuse_crossings(ring: Doubles, where: str) -> None:
     count = len(ring)
     ends = np.roll(ring, -1, axis=0)
     for i in range(count):
@@ -97,7 +98,7 @@ def _refuse_crossings(ring: Array, where: str) -> None:
                 )
 
 
-def _fold(ring: Array, i: int, j: int) -> tuple[float, float] | None:
+def _fold(ring: Doubles, i: int, j: int) -> tuple[float, float] | None:
     """Return the corner where two neighbouring edges run back over each other, or None."""
     count = len(ring)
     corner = j if j == i + 1 else i
@@ -110,7 +111,7 @@ def _fold(ring: Array, i: int, j: int) -> tuple[float, float] | None:
     return None
 
 
-def _meeting(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float] | None:
+def _meeting(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> tuple[float, float] | None:
     """Return a common point of two closed segments, or None."""
     r, s = b - a, d - c
     cross = float(r[0] * s[1] - r[1] * s[0])

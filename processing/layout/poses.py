@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass
 
@@ -10,7 +12,6 @@ import numpy as np
 from processing.layout.canonical import Frame, wrapped
 from processing.layout.grouping import ROLES, Packing
 from processing.layout.items import Item
-from processing.layout.polygons import Array
 from processing.layout.soft import ROLE
 from processing.layout.states import Choice, Found
 from processing.layout.units import Rect
@@ -45,7 +46,7 @@ class Stand:
         ]
 
 
-def anchor(stand: Stand) -> Array:
+def anchor(stand: Stand) -> Doubles:
     """Return a piece as an anchor row of the search's score (`soft`)."""
     role = ROLE[ROLES.get(stand.item.spec.category, "small")]
     half_w, half_d = (v / 2 for v in stand.item.spec.size_m[:2])

@@ -6,6 +6,8 @@ of a few places by a noisy score, all paths kept. A round that leaves out no mor
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +17,6 @@ from numba import njit
 from processing.layout.beam import add_unit, copy_grid, copy_outline, stamp_bodies
 from processing.layout.expand import KEPT_INTERVALS, try_places
 from processing.layout.free_sets import MEETS, ZONE, add_forbidden, complement, merged
-from processing.layout.polygons import Array
 from processing.layout.walk_grid import connected
 
 TRIED_PLACES = 4
@@ -27,12 +28,12 @@ class RoomArrays(NamedTuple):
     """What stands fast."""
 
     blocked: npt.NDArray[np.uint64]
-    grid: Array
-    doors: Array
-    door_middles: Array
-    windows: Array
-    middle: Array
-    stood: Array
+    grid: Doubles
+    doors: Doubles
+    door_middles: Doubles
+    windows: Doubles
+    middle: Doubles
+    stood: Doubles
     radius2: float
     reach: float
 
@@ -40,25 +41,25 @@ class RoomArrays(NamedTuple):
 class UnitTable(NamedTuple):
     """All units of a packing: rows of variants and of slots (a variant on a line with what stands fast there)."""
 
-    first_slot: Array
+    first_slot: Doubles
     """(U + 1,)."""
-    slots: Array
+    slots: Doubles
     """(S, 4): variant, line, first interval, how many."""
-    intervals: Array
-    lines: Array
-    rects: Array
-    kinds: Array
-    n_rects: Array
-    widths: Array
-    bonus: Array
-    anchor_at: Array
-    anchor_to: Array
-    half: Array
-    roles: Array
-    near: Array
+    intervals: Doubles
+    lines: Doubles
+    rects: Doubles
+    kinds: Doubles
+    n_rects: Doubles
+    widths: Doubles
+    bonus: Doubles
+    anchor_at: Doubles
+    anchor_to: Doubles
+    half: Doubles
+    roles: Doubles
+    near: Doubles
     """(U, 2): role it stands by or -1, and how near."""
-    losses: Array
-    sizes: Array
+    losses: Doubles
+    sizes: Doubles
     """(U,): footprints; rugs -1."""
 
 

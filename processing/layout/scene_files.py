@@ -6,6 +6,8 @@ arrangement's room lies as docs/coordinates.md has it.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +20,7 @@ from processing.errors import CatalogueError, ModelFileError
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.catalogue import Catalogue
 from processing.layout.furniture.builtin import BUILT_IN
-from processing.layout.furniture.model import FurnitureModel, Part, Reals
+from processing.layout.furniture.model import FurnitureModel, Part
 from processing.layout.furniture.surface import rotation
 
 
@@ -101,6 +103,6 @@ def _trimesh(part: Part) -> Any:
     )
 
 
-def y_up(vectors: Reals) -> Reals:
+def y_up(vectors: Floats) -> Floats:
     """Return (n, 3) vectors of our frame (z up) in glTF's (y up)."""
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32)

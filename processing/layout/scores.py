@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +14,6 @@ import numpy as np
 from processing.layout.free_sets import inside_walls
 from processing.layout.grouping import ROLES
 from processing.layout.plan import FloorPlan
-from processing.layout.polygons import Array
 from processing.layout.poses import Stand
 from processing.layout.score_kernels import largest_circle, share_in_one_piece
 from processing.layout.walk_grid import wall_clearance2
@@ -32,13 +33,13 @@ class Floor:
     """What scores need to know of a room, made once."""
 
     plan: FloorPlan
-    walls: Array
+    walls: Doubles
     """(n, 4) segments."""
-    points: Array
+    points: Doubles
     """(n, 2), spread over the floor."""
-    clear_m: Array
+    clear_m: Doubles
     """(n,): their distance to the nearest wall."""
-    cells2: Array
+    cells2: Doubles
     """Squared distance to the walls at the cells of a grid; -1 outside."""
     corner_m: Pair
     cell_m: float
@@ -245,7 +246,7 @@ def make_floor(plan: FloorPlan) -> Floor:
     )  # fmt: skip
 
 
-def _boxes(placed: Sequence[Stand]) -> Array:
+def _boxes(placed: Sequence[Stand]) -> Doubles:
     """Return (x, y, cos, sin, half width, half depth, underside) of what stands on the floor."""
     rows = [
         (s.x_m, s.y_m, math.cos(s.theta_rad), math.sin(s.theta_rad), w / 2, d / 2)
@@ -256,7 +257,7 @@ def _boxes(placed: Sequence[Stand]) -> Array:
     return np.array(rows, dtype=np.float64).reshape(-1, 6)
 
 
-def _openness(floor: Floor, placed: Sequence[Stand], solid: Array) -> float:
+def _openness(floor: Floor, placed: Sequence[Stand], solid: Doubles) -> float:
     """Return how large a free circle is left, against the largest that furniture of this area could leave."""
     covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
     best = 0.5 * math.sqrt(max(0.5, floor.area_m2 - covered))
@@ -283,7 +284,7 @@ def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
     return 1 - lost / total
 
 
-def _walk(floor: Floor, solid: Array) -> float:
+def _walk(floor: Floor, solid: Doubles) -> float:
     """Return how much of the floor that a slim walker (0.4 m) can stand on is in one piece: 0 at 90 %, 1 at all."""
     return _ramp(share_in_one_piece(floor.cells2, *floor.corner_m, floor.cell_m, SLIM_M, solid), 0.9, 1.0)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int64s
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,11 +17,10 @@ from processing.layout.field import PERSON_M, Field
 from processing.layout.free_sets import BODY, MEETS
 from processing.layout.grouping import Packing
 from processing.layout.lines import FreeLines, wall_lines
-from processing.layout.polygons import Array
 from processing.layout.reach import PATH_SLACK_M
 from processing.layout.rebuild import RoomArrays, rebuild
 from processing.layout.soft import ROLE
-from processing.layout.states import Beam, Choice, Found, Ints, UnitArrays, Walk, quarter, rows_of
+from processing.layout.states import Beam, Choice, Found, UnitArrays, Walk, quarter, rows_of
 from processing.layout.unit_table import all_found, unit_table
 from processing.layout.units import Unit
 from processing.layout.walk_bits import packed
@@ -69,7 +70,7 @@ class Shared:
         return FreeLines(self._field.plan)
 
     @cached_property
-    def clearance(self) -> tuple[Array, Array]:
+    def clearance(self) -> tuple[Doubles, Doubles]:
         """The path grid (x0, y0, cell) and its cells' squared distances to the walls."""
         return _clearance(self._field)
 
@@ -78,7 +79,7 @@ class Search:
     """Searches in one field; keeps what does not change between runs."""
 
     def __init__(
-        self, field: Field, doors: Sequence[int], stood: Sequence[Array] = (), like: Search | None = None
+        self, field: Field, doors: Sequence[int], stood: Sequence[Doubles] = (), like: Search | None = None
     ) -> None:
         """Prepare for a field: `doors` are those that paths must reach (none: paths are not looked at), `stood` the
         anchors (`soft`) of pieces that stand already, `like` a search in the same plan to share from."""
@@ -140,7 +141,7 @@ class Search:
         none = np.empty((1, 0, 4, 2)), np.empty((1, 0, 2)), np.empty((1, 0), np.int64), np.zeros(1, np.int64)
         return self._expand(made, none, self._stood_rows()[None], np.array([len(self.stood)]), (0.0,)) > 0
 
-    def _stood_rows(self) -> Array:
+    def _stood_rows(self) -> Doubles:
         return np.array(self.stood, dtype=np.float64).reshape(-1, 7)
 
     def arrays(self, unit: Unit) -> UnitArrays:
@@ -205,7 +206,7 @@ class Search:
         return made
 
     def _expand(
-        self, unit: UnitArrays, placed: tuple[Array, Array, Ints, Ints], anchors: Array, n_anchors: Ints,
+        self, unit: UnitArrays, placed: tuple[Doubles, Doubles, Int64s, Int64s], anchors: Doubles, n_anchors: Int64s,
         fractions: tuple[float, ...],
     ) -> int:  # fmt: skip
         """Write all places of a unit beside what is placed in each state; return how many."""
@@ -251,13 +252,13 @@ class Search:
         return after
 
 
-def _strata(index: Ints, place: Array) -> Ints:
+def _strata(index: Int64s, place: Doubles) -> Int64s:
     """Return a number for each place of the first unit: the same line and the same metre of it."""
     metres = np.minimum(place.astype(np.int64), 15)
     return index[:, 2] * 16 + metres + 1
 
 
-def _window_rows(field: Field) -> Array:
+def _window_rows(field: Field) -> Doubles:
     rows = []
     for window in field.plan.windows:
         corner, along, _ = field.plan.edge(window.edge)
@@ -266,14 +267,14 @@ def _window_rows(field: Field) -> Array:
     return np.array(rows, dtype=np.float64).reshape(-1, 8)
 
 
-def _middle(field: Field) -> Array:
+def _middle(field: Field) -> Doubles:
     ring = field.plan.corners
     nxt = np.roll(ring, -1, axis=0)
     cross = ring[:, 0] * nxt[:, 1] - nxt[:, 0] * ring[:, 1]
     return np.asarray(((ring + nxt) * cross[:, None]).sum(axis=0) / (3 * cross.sum()))
 
 
-def _clearance(field: Field) -> tuple[Array, Array]:
+def _clearance(field: Field) -> tuple[Doubles, Doubles]:
     ring = field.plan.corners
     low, high = ring.min(axis=0), ring.max(axis=0)
     cell = float(np.clip(math.sqrt(float(np.prod(high - low))) / 90, 0.04, 0.2))

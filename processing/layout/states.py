@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int64s
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -12,12 +14,10 @@ import numpy.typing as npt
 from processing.layout.field import PERSON_M
 from processing.layout.free_sets import BODY, RUG, ZONE
 from processing.layout.grouping import Packing
-from processing.layout.polygons import Array
 from processing.layout.units import Unit, Variant
 
 DROPPED = 1000.0
 """Taken off the score for what is left out, times its loss (`units.loss_of`)."""
-Ints: TypeAlias = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -43,21 +43,21 @@ class Found:
 class UnitArrays:
     """A unit as arrays over its variants."""
 
-    rects: Array
-    kinds: Ints
-    n_rects: Ints
-    widths: Array
-    bonus: Array
-    anchor_at: Array
-    anchor_to: Array
-    half: Array
+    rects: Doubles
+    kinds: Int64s
+    n_rects: Int64s
+    widths: Doubles
+    bonus: Doubles
+    anchor_at: Doubles
+    anchor_to: Doubles
+    half: Doubles
     """(V, 2): half width and half depth of the main piece."""
     near: tuple[int, float]
     """Role it stands by, and how near; (-1, 0) for none."""
-    lines: Array
+    lines: Doubles
     allowed: npt.NDArray[np.bool_]
-    fixed: Array
-    fixed_counts: Ints
+    fixed: Doubles
+    fixed_counts: Int64s
     role: int
 
 
@@ -65,9 +65,9 @@ class UnitArrays:
 class Walk:
     """The grid that paths are checked on."""
 
-    grid: Array
+    grid: Doubles
     blocked: npt.NDArray[np.uint64]
-    doors: Array
+    doors: Doubles
     radius2: float
     reach: float
 
@@ -77,15 +77,15 @@ class Beam:
     """The states of one depth, as arrays."""
 
     walk: Walk
-    dyn: Array
-    heights: Array
-    classes: Ints
-    counts: Ints
+    dyn: Doubles
+    heights: Doubles
+    classes: Int64s
+    counts: Int64s
     blocked: npt.NDArray[np.uint64]
-    anchors: Array
-    n_anchors: Ints
-    scores: Array
-    strata: Ints
+    anchors: Doubles
+    n_anchors: Int64s
+    scores: Doubles
+    strata: Int64s
     choices: list[list[Choice]]
     dropped: list[list[int]]
     size: int
@@ -93,7 +93,7 @@ class Beam:
     spare: Beam | None = None
 
     @classmethod
-    def start(cls, walk: Walk, stood: Sequence[Array], packing: Packing, width: int) -> Beam:
+    def start(cls, walk: Walk, stood: Sequence[Doubles], packing: Packing, width: int) -> Beam:
         """Return the beam of `width` states that holds the empty room, with what stands in it already."""
         rows = sum(max(len(rows_of(v)) for v in u.variants) for u in packing.units) + 1
         beam = cls._empty(walk, width, rows, len(packing.units) + 1 + len(stood))

@@ -11,6 +11,8 @@ the parts above 50,000 cd/m2, the sun and its mirror images, count as sources of
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Indices
+
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,8 +22,6 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 
-Reals = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.intp]
 
 THRESHOLD_CD_M2 = 2000.0
 PEAK_CD_M2 = 50_000.0
@@ -41,11 +41,11 @@ _CELLS = 360
 class BrightSpots:
     """All pixels of a picture that may glare, each with the source that it belongs to."""
 
-    rays: Reals
+    rays: Doubles
     """(n, 3) unit."""
-    luminance_cd_m2: Reals
-    area_sr: Reals
-    source: Integers
+    luminance_cd_m2: Doubles
+    area_sr: Doubles
+    source: Indices
     """(n,): 0 .. count - 1."""
 
     @cached_property
@@ -76,7 +76,7 @@ class Glare:
         return next(name for limit, name in CLASSES if self.dgp < limit)
 
 
-def bright_spots(rays: Reals, luminance_cd_m2: npt.NDArray[np.floating], area_sr: Reals) -> BrightSpots:
+def bright_spots(rays: Doubles, luminance_cd_m2: npt.NDArray[np.floating], area_sr: Doubles) -> BrightSpots:
     """Return what may glare of a picture: directions (H, W, 3), luminance (H, W), solid angles (H, W)."""
     bright = (luminance_cd_m2 > THRESHOLD_CD_M2) & (area_sr > 0)
     towards, level = rays[bright], luminance_cd_m2[bright].astype(np.float64)
@@ -89,7 +89,7 @@ def bright_spots(rays: Reals, luminance_cd_m2: npt.NDArray[np.floating], area_sr
     return BrightSpots(towards, level, area_sr[bright], source)
 
 
-def linked(rays: Reals, reach_rad: float) -> Integers:
+def linked(rays: Doubles, reach_rad: float) -> Indices:
     """Return for directions (n, 3) the number of the group that each is in; groups lie more than ``reach_rad`` apart.
 
     To the half degree of a grid over the sphere.
@@ -111,7 +111,7 @@ def linked(rays: Reals, reach_rad: float) -> Integers:
     return np.asarray(number, dtype=np.intp)
 
 
-def _joined(labels: npt.NDArray[np.integer], count: int) -> Integers:
+def _joined(labels: npt.NDArray[np.integer], count: int) -> Indices:
     """Return the group of each label, joined over the seam and the poles."""
     group = np.arange(count + 1)
     pairs = [(labels[:, 0], labels[:, -1]), (labels[1:, 0], labels[:-1, -1]), (labels[:-1, 0], labels[1:, -1])]
@@ -123,14 +123,14 @@ def _joined(labels: npt.NDArray[np.integer], count: int) -> Integers:
     return group
 
 
-def _cells(rays: Reals) -> tuple[Integers, Integers]:
+def _cells(rays: Doubles) -> tuple[Indices, Indices]:
     latitude = np.arcsin(np.clip(rays[:, 2], -1, 1))
     longitude = np.arctan2(rays[:, 0], rays[:, 1])
     row = np.floor((0.5 - latitude / math.pi) * _CELLS).astype(np.intp).clip(0, _CELLS - 1)
     return row, np.floor((0.5 + longitude / (2 * math.pi)) * 2 * _CELLS).astype(np.intp) % (2 * _CELLS)
 
 
-def _cell_middles() -> Reals:
+def _cell_middles() -> Doubles:
     latitude = (0.5 - (np.arange(_CELLS) + 0.5) / _CELLS) * math.pi
     longitude = ((np.arange(2 * _CELLS) + 0.5) / (2 * _CELLS) - 0.5) * 2 * math.pi
     flat = np.cos(latitude)[:, None]
@@ -175,7 +175,7 @@ def probability(vertical_lx: float, sources: float) -> float:
     return min(found, 1.0)
 
 
-def position_index(rays: Reals, azimuth_rad: float) -> Reals:
+def position_index(rays: Doubles, azimuth_rad: float) -> Doubles:
     """Return how little a source in each direction (n, 3), ahead of the observer, disturbs: 1 ahead to 16."""
     sine, cosine = math.sin(azimuth_rad), math.cos(azimuth_rad)
     ahead = np.clip(rays @ np.array([sine, cosine, 0.0]), 1e-9, 1)

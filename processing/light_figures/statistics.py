@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles, Flags
+
 from dataclasses import asdict, dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import Bytes, Validity
+from processing.images import Validity
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.planes import planes_of
 
-Reals = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
 
@@ -59,7 +59,7 @@ def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[tuple[st
 
 
 def statistics(
-    luminance: npt.NDArray[np.floating], validity: Bytes, area_sr: Reals, part: tuple[str, str, Flags]
+    luminance: npt.NDArray[np.floating], validity: Bytes, area_sr: Doubles, part: tuple[str, str, Flags]
 ) -> PartStatistics | None:
     """Return a part's statistics; None where the picture shows nothing of it."""
     name, kind, mask = part

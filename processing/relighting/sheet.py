@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.images import Bytes, Floats
 from processing.picture_preview import auto_exposure, preview_rgb8
 from processing.picture_writing import write_bytes
 

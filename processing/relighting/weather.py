@@ -7,6 +7,8 @@ all-weather model (`rendering.perez`) spreads that over the sky; the colour is t
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass
 from datetime import datetime
@@ -19,7 +21,7 @@ from processing.errors import DaylightError
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.perez import clearness, coefficients, relative_luminance
 from processing.rendering.relight_land import with_captured_land
-from processing.rendering.scene import Doubles, Outdoors, Sun, Vector
+from processing.rendering.scene import Outdoors, Sun, Vector
 from processing.sphere import Equirectangular, directions, solid_angles
 
 Sky = Literal["captured", "clear", "overcast"]

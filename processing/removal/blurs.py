@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float32]
 
 NARROW_PX = 4.0
 """Standard deviation up to which the blur is exact; wider ones run on a smaller picture."""

@@ -9,6 +9,8 @@ else.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from collections.abc import Iterator
 
@@ -18,9 +20,6 @@ import numpy.typing as npt
 
 from processing.removal.round_masks import resized
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 
 WINDOWS_RAD = (math.radians(56), math.radians(90))
 """Widths of windows along the equator; each overlaps the next by half."""

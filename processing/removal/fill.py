@@ -6,6 +6,8 @@ Fills never cross an edge between planes: those edges are the layout's. Pixels o
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -17,7 +19,6 @@ from processing.errors import ParameterError, RemovalError
 from processing.images import LuminanceImage, RelativeImage, Validity
 from processing.removal.kept_sunlight import sunlit
 from processing.removal.mixed_pixels import soften_edges
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
 from processing.removal.regions import TEXELS, texture_density
 from processing.removal.skirting import Skirting, find_skirting

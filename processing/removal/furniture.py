@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Flags, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -15,9 +17,6 @@ from processing.segmentation.classes import SceneClass
 from processing.surfaces.maps import SurfaceMaps
 from processing.surfaces.plane import CEILING, FLOOR
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 
 FLOOR_SLACK_RAD = math.radians(2.5)
 """Errors of the floor's boundary."""

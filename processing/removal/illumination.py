@@ -7,6 +7,8 @@ into one robust least-squares fit of a coarse grid of values that bends little.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 from dataclasses import dataclass
 
 import cv2
@@ -15,7 +17,6 @@ import numpy.typing as npt
 
 from processing.removal.blurs import blurred
 from processing.removal.membrane import spread
-from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
 from processing.removal.near_periodic_lattice import Lattice
 from processing.removal.tone import grey
 

@@ -7,13 +7,14 @@ filling beside it.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import cv2
 import numpy as np
 
 from processing.images import luminance_cd_m2
 from processing.removal.blurs import blurred
 from processing.removal.membrane import spread
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.tone import ToneScale, grey
 
 RIM_PX = 6

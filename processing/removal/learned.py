@@ -7,6 +7,8 @@ No network is shipped.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,6 @@ import numpy as np
 
 from processing.errors import FillerError
 from processing.images import luminance_cd_m2
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plane_fill import FilledPlane
 from processing.segmentation.onnx_session import open_session
 

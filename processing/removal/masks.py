@@ -5,6 +5,8 @@ All is found at a working size and brought to full size, where furniture's edges
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import math
 from dataclasses import dataclass, field, replace
 
@@ -29,8 +31,6 @@ from processing.surfaces.maps import SurfaceMaps, surface_maps
 from processing.surfaces.plane import CEILING, FLOOR
 from processing.surfaces.sun_colour import coloured_as_behind
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
 
 WORKING_ROWS = 512
 MARGIN_RAD = math.radians(0.6)

@@ -5,10 +5,11 @@ Solved from coarse to fine: averages of the known places, then a few sweeps at e
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import cv2
 import numpy as np
 
-from processing.removal.near_periodic_correlation import Flags, Floats
 
 SWEEPS = 6
 _CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32) / 4

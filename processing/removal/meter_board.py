@@ -6,6 +6,8 @@ lower edge, and reaches down from there. A sheet on a wall or on furniture has n
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import math
 
 import cv2
@@ -14,8 +16,6 @@ import numpy.typing as npt
 
 from processing.removal.round_masks import row_latitudes, row_solid_angles
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
 
 STEPS_STOPS = (0.03, 0.06, 0.10, 0.20)
 """Between neighbours of one even surface, more is an edge: a dim board before a white wall needs the least."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import numpy as np
 import numpy.typing as npt
 
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import boundary_rows
 
-Doubles = npt.NDArray[np.float64]
 
 
 def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirectangular) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import cv2
@@ -10,7 +12,6 @@ import numpy.typing as npt
 
 from processing.removal.round_masks import row_latitudes
 
-Floats = npt.NDArray[np.float32]
 
 REACH_RAD = math.radians(50)
 SIZE_PX = 320

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import cv2
 import numpy as np
 
 from processing.removal.blurs import blurred
 from processing.removal.membrane import spread
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.near_periodic_fill import Manner, Weights, shifted
 
 MIN_SHARE = 0.01

@@ -5,6 +5,8 @@ The masked form of Padfield (2012): each shift's means and variances are those o
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 from dataclasses import dataclass
 
 import cv2
@@ -14,9 +16,6 @@ from scipy import fft
 
 from processing.removal.blurs import blurred
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 MIN_OVERLAP = 0.12
 """Of the known pixels that a shift must bring onto known ones."""

@@ -7,6 +7,8 @@ takes the weights to the full one.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -15,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.removal.blurs import blurred
-from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
 
 GUESS_WEIGHT = 0.25
 """Of filled pixels against known ones when copies are compared."""

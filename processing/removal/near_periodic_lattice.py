@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Indices
+
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.removal.near_periodic_correlation import Doubles, SelfCorrelation
+from processing.removal.near_periodic_correlation import SelfCorrelation
 
-Places = npt.NDArray[np.intp]
 
 LATTICE_NCC = 0.52
 """Mean NCC at the eight nearest nodes from which there is a lattice: true patterns have 0.59 to 0.96, carpet and
@@ -57,7 +58,7 @@ def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CAN
     return np.stack([dx, dy], axis=-1)[order].astype(np.float64), value[order]
 
 
-def _valley(ncc: npt.NDArray[np.float32], centre: tuple[int, int], dx: Places, dy: Places) -> Doubles:
+def _valley(ncc: npt.NDArray[np.float32], centre: tuple[int, int], dx: Indices, dy: Indices) -> Doubles:
     """Return the least NCC on the way from zero to each shift: a true period climbs out of a valley."""
     t = np.linspace(0.1, 0.9, 33)
     x = np.clip(np.rint(centre[1] + dx[:, None] * t).astype(np.intp), 0, ncc.shape[1] - 1)

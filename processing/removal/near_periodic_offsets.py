@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from processing.removal.near_periodic_correlation import Doubles, Flags, Floats, SelfCorrelation
+from processing.removal.near_periodic_correlation import SelfCorrelation
 from processing.removal.near_periodic_lattice import Lattice
 
 MOST = 64

@@ -8,11 +8,12 @@ back without changing what is seen.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import cv2
 import numpy as np
 
 from processing.removal.blurs import blurred
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.tone import grey
 
 NEAR_M = 0.5

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Flags, Floats
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +12,6 @@ from processing.segmentation.classes import SceneClass
 from processing.surfaces.maps import SurfaceMaps
 from processing.surfaces.plane import CEILING, FLOOR
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 
 CLUSTERS = 6
 SAMPLES = 1500

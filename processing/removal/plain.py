@@ -6,6 +6,8 @@ wall) and grain copied from along the same rows, so that the result is neither s
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import dataclass
 
 import cv2
@@ -15,7 +17,6 @@ from scipy.ndimage import gaussian_filter1d
 from processing.removal.blurs import blurred
 from processing.removal.illumination import fit_illumination
 from processing.removal.membrane import spread
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.occlusion import away_from, rising_light
 from processing.removal.tone import ToneScale, grey
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from processing.images import luminance_cd_m2
 from processing.removal.near_periodic import Repeat, analyse, complete
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.plain import fill_plain
 from processing.removal.regions import opening_regions, too_bright
 from processing.removal.skirting import Skirting

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from processing.removal.blurs import blurred
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.plane import FIRST_WALL, Plane

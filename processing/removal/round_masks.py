@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats, Int32s
+
 import math
 from collections.abc import Callable
 
@@ -9,10 +11,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int32]
 
 
 def row_latitudes(rows: int) -> Doubles:
@@ -33,7 +31,7 @@ def share_of_sphere(mask: Flags) -> float:
     )
 
 
-def components(mask: Flags) -> tuple[int, Integers]:
+def components(mask: Flags) -> tuple[int, Int32s]:
     """Return the number of components and their numbers (H, W) from 1, 0 outside; 8-neighbours, round the seam.
 
     Pixels of the first row all meet at the zenith, those of the last at the nadir.
@@ -87,7 +85,7 @@ def grown(mask: Flags, angle_rad: float) -> Flags:
     return found
 
 
-def _columns_away(mask: Flags) -> npt.NDArray[np.int16] | Integers:
+def _columns_away(mask: Flags) -> npt.NDArray[np.int16] | Int32s:
     """Return how many columns each place is from the nearest of its row's mask, round the seam; more than all: none."""
     columns = mask.shape[1]
     kind = np.int16 if 3 * columns < np.iinfo(np.int16).max else np.int32

@@ -7,6 +7,8 @@ A narrow band along its foot always counts: contact shadow, and light that bounc
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import dataclass
 
 import cv2
@@ -19,9 +21,6 @@ from processing.surfaces.plane import CEILING, FLOOR
 from processing.surfaces.planes import planes_of
 from processing.surfaces.textures import unwrap, wrap
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 PX_PER_M = 20.0
 CONTACT_M = 0.10

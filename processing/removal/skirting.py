@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from processing.removal.near_periodic_correlation import Flags, Floats
 from processing.removal.regions import opening_regions
 from processing.removal.tone import ToneScale, grey
 from processing.room.model import RoomModel

@@ -9,11 +9,12 @@ stay: the light's fit needs them.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import cv2
 import numpy as np
 
 from processing.removal.illumination import fit_illumination
-from processing.removal.near_periodic_correlation import Doubles, Flags, Floats
 from processing.removal.tone import ToneScale, grey
 
 CELL_M = 0.03

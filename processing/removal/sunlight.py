@@ -8,6 +8,8 @@ between its light and the shade beside it. A glossy floor's reflections and lamp
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -25,9 +27,6 @@ from processing.surfaces.sun_geometry import (
     window_depth,
 )
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 SURE_RATIO = 2.5
 """The same, where no window is known that could confirm it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +11,6 @@ import numpy.typing as npt
 
 from processing.images import luminance_cd_m2
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 
 TOE = 0.03
 """Of the median luminance: what is added before the logarithm, so that noise near black stays small."""

@@ -7,6 +7,8 @@ must hang together with the nadir, or the evidence must be strong.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Flags, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -20,9 +22,6 @@ from processing.removal.outliers import colour_distance
 from processing.removal.round_masks import components
 from processing.segmentation.classes import SceneClass
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 
 CORE_RAD = math.radians(4)
 """What is found must reach this near to the nadir."""

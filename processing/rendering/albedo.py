@@ -8,6 +8,8 @@ sun's patch every pixel is taken as sunlit or not by what fits its surface bette
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,7 +24,7 @@ from processing.rendering.irradiance import Effort
 from processing.rendering.kernels import towards_panes
 from processing.rendering.lamps import Lamp, find_lamps
 from processing.rendering.room_light import MeasuredLight, irradiance_by_picture, measured_light
-from processing.rendering.scene import Doubles, Floats, Outdoors, Scene, Vector, plain
+from processing.rendering.scene import Outdoors, Scene, Vector, plain
 from processing.rendering.shell import REVEAL_M, shell_of
 from processing.rendering.sight import Sight, albedo_of, sight_of
 from processing.rendering.stage import Stage

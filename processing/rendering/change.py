@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +18,7 @@ from processing.rendering.irradiance import Effort, Irradiance, gathered
 from processing.rendering.lightmap import LightMap
 from processing.rendering.mirrors import Mirrors, few_highlights
 from processing.rendering.render import ROWS_AT_ONCE_PX
-from processing.rendering.scene import Floats, Vector
+from processing.rendering.scene import Vector
 from processing.rendering.sight import FIRST_PART, Sight, albedo_of, emission_of, sight_along
 from processing.rendering.stage import Stage
 from processing.rendering.sun_picture import sun_of

@@ -9,6 +9,8 @@ without it. Pixels whose light does not change are kept bit by bit.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +23,7 @@ from processing.rendering.irradiance import EFFORTS, Effort, Lights, irradiance_
 from processing.rendering.kernels import cosine_rays
 from processing.rendering.mirrors import mirrors_of
 from processing.rendering.render import small_geometry
-from processing.rendering.scene import Floats, Part, Scene, Vector
+from processing.rendering.scene import Part, Scene, Vector
 from processing.rendering.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 from processing.rendering.upsample import upsampled

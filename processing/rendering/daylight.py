@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int32s
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +13,7 @@ from processing.rendering.chance import Key, random
 from processing.rendering.glass import transmittance_table
 from processing.rendering.kernels import STEP_OFF_M, add_outdoors, pane_rays, towards_panes
 from processing.rendering.patches import PANE
-from processing.rendering.scene import Doubles, Floats, Ints, Pane, Sun
+from processing.rendering.scene import Pane, Sun
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 from processing.rendering.sun_kernels import disc_rays, disc_tints
 from processing.rendering.tracer import Hits
@@ -119,7 +121,7 @@ class _Glass:
     """A stage's panes as compiled loops take them (`sun_kernels.disc_tints`)."""
 
     panes: Doubles
-    sizes: Ints
+    sizes: Int32s
     tints: Doubles
     clear: Floats
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from importlib.util import find_spec
 
 import numpy as np
 
-from processing.rendering.scene import Floats
 
 WRAP = 0.125
 """Share of a panorama's width that is repeated beyond its seam."""

@@ -7,10 +7,12 @@ with the change of light of its neighbours.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import numpy as np
 
 from processing.rendering.kernels import FIRST, SECOND, compiled
-from processing.rendering.scene import Floats, Vector
+from processing.rendering.scene import Vector
 from processing.rendering.sight import FIRST_PART, Sight, sight_along
 from processing.rendering.stage import Stage
 

@@ -8,6 +8,8 @@ sky fall together; turned otherwise they do not. It is believed only where one w
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from dataclasses import replace
 
@@ -15,7 +17,7 @@ import cv2
 import numpy as np
 
 from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
-from processing.rendering.scene import Doubles, Floats, Outdoors, Scene
+from processing.rendering.scene import Outdoors, Scene
 from processing.rendering.shell import shell_of
 from processing.rendering.sight import GLASS, Sight, looked_up, sight_of
 from processing.rendering.stage import Stage

@@ -8,12 +8,13 @@ transmittance head on tells.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-Doubles: TypeAlias = npt.NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]
 
 INDEX = 1.526

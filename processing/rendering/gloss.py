@@ -7,12 +7,13 @@ factor is the slope of apparent albedo over the mirrored part, over many pixels,
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import numpy as np
 
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.kernels import PANE, STEP_OFF_M
 from processing.rendering.room_light import MeasuredLight
-from processing.rendering.scene import Doubles
 from processing.rendering.sight import Sight, looked_up
 from processing.rendering.stage import Stage
 

@@ -9,6 +9,8 @@ reflectance, as its disc would never be met by chance.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +18,7 @@ import numpy as np
 from processing.rendering.chance import Key, random
 from processing.rendering.kernels import FIRST, PANE, SECOND, STEP_OFF_M, compiled
 from processing.rendering.lightmap import LightMap
-from processing.rendering.scene import Doubles, Floats, Material, Vector
+from processing.rendering.scene import Material, Vector
 from processing.rendering.sight import FIRST_PART, Sight, looked_up
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import time
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -15,7 +17,6 @@ from processing.rendering.daylight import skylight
 from processing.rendering.denoise import denoised
 from processing.rendering.kernels import bounce
 from processing.rendering.lightmap import LightMap, light_map
-from processing.rendering.scene import Doubles, Floats
 from processing.rendering.sight import Sight
 from processing.rendering.stage import Stage
 from processing.rendering.transport import from_bright, links_of

@@ -7,6 +7,8 @@ is the lamp's radiance, measured. A window that the room's model lacks is such a
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -14,7 +16,6 @@ import cv2
 import numpy as np
 
 from processing.images import LUMINANCE_WEIGHTS
-from processing.rendering.scene import Doubles, Floats
 from processing.rendering.sight import Sight
 from processing.sphere import Equirectangular, solid_angles
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 
 from processing.errors import ParameterError
 from processing.rendering.daylight import skylight, sunlight
-from processing.rendering.scene import Doubles, Floats
 from processing.rendering.stage import Stage
 from processing.rendering.transport import BrightPatches, Links, from_bright, links_of, patch_points, settle
 

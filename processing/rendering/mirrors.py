@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,7 +21,7 @@ from processing.rendering.highlights import (
 )
 from processing.rendering.lightmap import LightMap
 from processing.rendering.render import small_geometry
-from processing.rendering.scene import Doubles, Floats, Vector
+from processing.rendering.scene import Vector
 from processing.rendering.sight import FIRST_PART, Sight, sight_of
 from processing.rendering.stage import Stage
 from processing.rendering.sun_picture import sun_of

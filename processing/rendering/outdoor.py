@@ -5,6 +5,8 @@ A fisheye sees no ground: below the horizon the picture is filled with ground of
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from collections.abc import Callable
 
@@ -12,7 +14,7 @@ import numpy as np
 
 from processing.errors import SceneError
 from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
-from processing.rendering.scene import SUN_RADIUS_RAD, Doubles, Floats, Outdoors, Sun
+from processing.rendering.scene import SUN_RADIUS_RAD, Outdoors, Sun
 from processing.resampling import resample
 from processing.sphere import Equirectangular, directions, solid_angles
 

@@ -5,6 +5,8 @@ Each patch has one irradiance and one albedo for what it passes on to others; pi
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int32s
+
 import math
 from dataclasses import dataclass
 
@@ -13,7 +15,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError, SceneError
 from processing.rendering.chance import Key, random
-from processing.rendering.scene import Doubles, Floats, Ints, Part, Scene, Surface
+from processing.rendering.scene import Part, Scene, Surface
 from processing.rendering.triangles import inside, pane_triangles, surface_triangles
 
 FURNITURE, PANE = -1, -2
@@ -44,17 +46,17 @@ class Patches:
     """(m, 3, 3)."""
     normals: Floats
     """(m, 3): of triangles, unit."""
-    owner: Ints
+    owner: Int32s
     """(m,): the surface's number, or `FURNITURE`, or `PANE`."""
-    item: Ints
+    item: Int32s
     """(m,): of furniture the patch, of panes the pane's number."""
-    part: Ints
+    part: Int32s
     """(m,): of furniture the part's number, else -1."""
-    face: Ints
+    face: Int32s
     """(m,): of furniture the face's number within its part before it was cut, else -1."""
     frames: Doubles
     """(surfaces, 3, 3): origin, u / texel width, v / texel height."""
-    grids: Ints
+    grids: Int32s
     """(surfaces, 3): columns, rows, first patch."""
     normal: Floats
     """(n, 3): of patches."""
@@ -85,7 +87,7 @@ class Patches:
 class _Builder:
     def __init__(self) -> None:
         self.triangles: list[Doubles] = []
-        self.tags: list[Ints] = []
+        self.tags: list[Int32s] = []
         self.corner: list[Doubles] = []
         self.side_a: list[Doubles] = []
         self.side_b: list[Doubles] = []
@@ -229,7 +231,7 @@ def _closed(part: Part) -> bool:
     return bool(np.array_equal(np.sort(start * len(same) + end), np.sort(end * len(same) + start)))
 
 
-def _cut(corners: Doubles, longest_m: float) -> tuple[Doubles, Ints]:
+def _cut(corners: Doubles, longest_m: float) -> tuple[Doubles, Int32s]:
     """Halve the longest edges until none exceeds ``longest_m``; also return which triangle each piece comes from."""
     done, done_from = [], []
     todo, source = corners, np.arange(len(corners), dtype=np.int32)

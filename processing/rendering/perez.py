@@ -6,11 +6,13 @@ others; the absolute level comes from the diffuse illuminance.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
 
-from processing.rendering.scene import Doubles, Vector
+from processing.rendering.scene import Vector
 
 EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)
 """Of the eight bins of clearness."""

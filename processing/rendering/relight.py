@@ -7,6 +7,8 @@ texture, direct sun and glass are worked out for every pixel.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -28,7 +30,7 @@ from processing.rendering.relight_kernels import (
 )
 from processing.rendering.relight_steps import Steps
 from processing.rendering.relight_sun import may_see_sun, sun_on_picture, sun_on_places
-from processing.rendering.scene import Doubles, Floats, Outdoors
+from processing.rendering.scene import Outdoors
 from processing.rendering.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_of
 from processing.rendering.stage import Stage
 from processing.rendering.transport import MOST_BOUNCES, BrightPatches, Links, patch_points

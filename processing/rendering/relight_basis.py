@@ -7,6 +7,8 @@ sky is then a sum over stored rays; only the sun's own patch, which moves, needs
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import hashlib
 import zipfile
 from dataclasses import dataclass, replace
@@ -23,7 +25,7 @@ from processing.rendering.kernels import pane_rays
 from processing.rendering.lightmap import relit as light_of
 from processing.rendering.patches import PANE
 from processing.rendering.relight_kernels import likeness
-from processing.rendering.scene import Doubles, Floats, Outdoors, Pane, Vector
+from processing.rendering.scene import Outdoors, Pane, Vector
 from processing.rendering.sight import Sight, sight_of
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 from processing.rendering.transport import Links, links_of, patch_points

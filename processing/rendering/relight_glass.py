@@ -8,12 +8,14 @@ Below the horizon hardly anything tells bars from bushes, so that columns are to
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.rendering.scene import Floats, Pane
+from processing.rendering.scene import Pane
 
 MOST = 0.7
 """Of a row or a column, from which on what is covered runs along it."""
@@ -22,7 +24,6 @@ BAR_M = 0.12
 DRAWN = 0.85
 """Of what is seen before the sky: covered as much, all of it is a drawn blind or curtain."""
 
-Bools = npt.NDArray[np.bool_]
 
 
 def panes_for_sun(panes: tuple[Pane, ...], eye_height_m: float) -> tuple[Pane, ...]:
@@ -56,7 +57,7 @@ def clear_of_sun(pane: Pane, eye_height_m: float) -> Floats:
     return np.where(shut, np.float32(0), np.float32(1))
 
 
-def _thin(told: Bools, most: float) -> Bools:
+def _thin(told: Flags, most: float) -> Flags:
     """Return the runs of true values that are at most so long (at least one is always thin)."""
     out = np.zeros_like(told)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], told, [False]]).astype(np.int8)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Floats
+
 import math
 from dataclasses import replace
 
@@ -10,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.images import LUMINANCE_WEIGHTS
-from processing.rendering.scene import Doubles, Floats, Outdoors
+from processing.rendering.scene import Outdoors
 from processing.sphere import Equirectangular, directions, solid_angles
 
 HIGHEST_RAD = math.radians(30)
@@ -24,7 +26,6 @@ COMES_BACK = 4
 WHITE = 0.9
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 
-Bools = npt.NDArray[np.bool_]
 
 
 def level_lx(outdoors: Outdoors) -> float:
@@ -44,7 +45,7 @@ def on_plane(normal: Doubles, outdoors: Outdoors) -> float:
     return float(light @ _WEIGHTS)
 
 
-def land_of(outdoors: Outdoors) -> Bools:
+def land_of(outdoors: Outdoors) -> Flags:
     """Return what of a picture of the outdoors (h, 2 h, 3) is not sky: (h, 2 h).
 
     The lower half, and from the last step of brightness or colour below 30 degrees down to the horizon: under a cloud
@@ -83,7 +84,7 @@ def _brightest(outdoors: Outdoors) -> Doubles:
     return most
 
 
-def bare_sky(rgb: Floats, land: Bools) -> Floats:
+def bare_sky(rgb: Floats, land: Flags) -> Floats:
     """Return a panorama with the sky above land carried down behind it, and across the horizon."""
     rows, columns = land.shape
     out = rgb.copy()

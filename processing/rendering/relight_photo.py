@@ -7,6 +7,8 @@ in the way) less of that difference is kept. The captured patch of sun, if remov
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int64s
+
 import math
 from dataclasses import dataclass
 
@@ -18,10 +20,9 @@ from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.relight import RelightView, Relit
 from processing.rendering.relight_glass import panes_for_sun
 from processing.rendering.relight_land import bare_sky, land_of, level_lx, on_plane
-from processing.rendering.scene import Doubles, Floats, Outdoors, Pane, Scene
+from processing.rendering.scene import Outdoors, Pane, Scene
 from processing.rendering.sight import GLASS, looked_up
 
-Places = npt.NDArray[np.int64]
 
 FULL, NONE = 0.35, 0.9
 """Of log luminance between photograph and scene: up to which its detail is kept, and from which none of it is."""
@@ -91,7 +92,7 @@ def _apart(shown: np.ndarray, model: np.ndarray) -> Floats:
     return np.asarray(np.log(np.maximum(shown, 1e-6) / np.maximum(model, 1e-6)), dtype=np.float32)
 
 
-def _window(photograph: Floats, view: RelightView, chosen: Places, lights: tuple[Outdoors, Outdoors]) -> Floats:
+def _window(photograph: Floats, view: RelightView, chosen: Int64s, lights: tuple[Outdoors, Outdoors]) -> Floats:
     """Return what is seen through windows by some pixels: the sky as it changes there, things as the light on them.
 
     What covers the glass follows the light on the pane, trees, houses and the ground the light on level ground.
@@ -116,7 +117,7 @@ def _window(photograph: Floats, view: RelightView, chosen: Places, lights: tuple
     return np.asarray(photograph * np.clip(gain, 0, MOST_GAIN), dtype=np.float32)
 
 
-def _covered(view: RelightView, chosen: Places) -> np.ndarray:
+def _covered(view: RelightView, chosen: Int64s) -> np.ndarray:
     """Return which pixels see what covers a pane: bars, curtains, blinds."""
     out, sight = np.zeros(len(chosen), bool), view.full
     for number, pane in enumerate(panes_for_sun(view.stage.scene.panes, view.basis.eye_m[2])):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass
 
@@ -9,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.rendering.kernels import compiled
-from processing.rendering.scene import Floats
 from processing.rendering.sight import Sight
 from processing.rendering.upsample import REACH_PX, likeness_of
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 
 import cv2
@@ -12,7 +14,7 @@ from processing.rendering.chance import random
 from processing.rendering.kernels import towards_panes
 from processing.rendering.patches import PANE
 from processing.rendering.relight_kernels import disc_rays
-from processing.rendering.scene import Doubles, Floats, Sun
+from processing.rendering.scene import Sun
 from processing.rendering.stage import Stage
 
 MARGIN_PX = 1.5

@@ -6,13 +6,15 @@ cost hardly grows with the picture's size.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from processing.rendering.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
 from processing.rendering.lightmap import light_map
-from processing.rendering.scene import Doubles, Floats, Scene, Vector
+from processing.rendering.scene import Scene, Vector
 from processing.rendering.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
 from processing.rendering.stage import Stage
 from processing.rendering.sun_picture import sun_of

@@ -6,6 +6,8 @@ room, plus what comes through the windows from outdoors.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 
 import cv2
@@ -16,7 +18,7 @@ from processing.rendering.chance import Key
 from processing.rendering.daylight import skylight
 from processing.rendering.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.rendering.kernels import bounce
-from processing.rendering.scene import Doubles, Floats, Vector
+from processing.rendering.scene import Vector
 from processing.rendering.sight import Sight
 from processing.rendering.stage import Stage
 from processing.rendering.transport import BrightPatches, from_bright, links_of

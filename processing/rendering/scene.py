@@ -7,6 +7,8 @@ has highlights besides (`highlights`).
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int32s
+
 import math
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -17,9 +19,6 @@ import numpy.typing as npt
 from processing.errors import MaterialError, SceneError
 from processing.rendering.glass import transmittance_at
 
-Floats: TypeAlias = npt.NDArray[np.float32]
-Doubles: TypeAlias = npt.NDArray[np.float64]
-Ints: TypeAlias = npt.NDArray[np.int32]
 Vector: TypeAlias = tuple[float, float, float]
 
 SUN_RADIUS_RAD = math.radians(0.53 / 2)
@@ -63,7 +62,7 @@ class Part:
     name: str
     vertices_m: Doubles
     """(n, 3), in the world."""
-    faces: Ints
+    faces: Int32s
     """(m, 3), counter-clockwise seen from outside."""
     material: Material
     uv: Floats | None = None

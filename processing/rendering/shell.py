@@ -6,13 +6,15 @@ passage counts as if the wall there reflected it.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.rendering.scene import Doubles, Floats, Pane, Surface, Vector, plain
+from processing.rendering.scene import Pane, Surface, Vector, plain
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.surfaces.plane import FIRST_WALL, Plane
 from processing.surfaces.planes import planes_of

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int32s
+
 from dataclasses import dataclass
 
 import numpy as np
 
 from processing.rendering.patches import FURNITURE, PANE
-from processing.rendering.scene import Doubles, Floats, Ints, Vector
+from processing.rendering.scene import Vector
 from processing.rendering.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
 from processing.sphere import Geometry, directions
 
@@ -25,15 +27,15 @@ class Sight:
     shape: tuple[int, int]
     rays: Floats
     """(n, 3), unit."""
-    label: Ints
-    pane: Ints
+    label: Int32s
+    pane: Int32s
     """(n,): number of the pane, -1 elsewhere."""
     distance_m: Floats
     point: Floats
     """(n, 3); the eye where nothing is met."""
     normal: Floats
     """(n, 3), towards the eye; 0 where nothing or glass is seen."""
-    triangle: Ints
+    triangle: Int32s
 
     @property
     def solid(self) -> np.ndarray:
@@ -85,7 +87,7 @@ def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int
     return Sight(shape, rays, label, pane, distance, point, normal, triangle)
 
 
-def _round(stage: Stage, label: Ints, triangle: Ints, point: Floats, normal: Floats) -> None:
+def _round(stage: Stage, label: Int32s, triangle: Int32s, point: Floats, normal: Floats) -> None:
     """Turn the normals of round furniture as its shape turns, never beyond the edge of what faces the eye."""
     for number, part in enumerate(stage.scene.parts):
         chosen = np.flatnonzero(label == FIRST_PART + number) if part.normals is not None else ()

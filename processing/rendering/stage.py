@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int32s
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from processing.rendering.kernels import met_patches
 from processing.rendering.patches import FURNITURE, PANE, Patches, patches_of
-from processing.rendering.scene import Doubles, Floats, Ints, Part, Scene
+from processing.rendering.scene import Part, Scene
 from processing.rendering.tracer import Hits, Tracer, tracer_of
 from processing.resampling_linear import linear_samples
 
@@ -40,7 +42,7 @@ class Stage:
         """(patches, 3): pi times emitted radiance, of lamps."""
         return np.pi * self._means("emission_cd_m2")
 
-    def met(self, origins: Floats, directions: Floats, hits: Hits) -> tuple[Ints, Floats]:
+    def met(self, origins: Floats, directions: Floats, hits: Hits) -> tuple[Int32s, Floats]:
         """Return which patch each ray (n, 3) met (-1 for panes, backs and nothing) and the cosine there."""
         patch, facing = np.empty(len(directions), np.int32), np.empty(len(directions), np.float32)
         p = self.patches
@@ -93,7 +95,7 @@ def _shares(fine: int, coarse: int) -> Doubles:
     return np.asarray(np.maximum(np.minimum(high, end) - np.maximum(low, start), 0) * coarse)
 
 
-def part_albedo(part: Part, face: Ints, places: Doubles) -> Doubles:
+def part_albedo(part: Part, face: Int32s, places: Doubles) -> Doubles:
     """Return the albedo (n, 3) of places (n, 3) on a part's faces (n,); metals count as matte of their base colour."""
     colour = np.broadcast_to(np.asarray(part.material.colour, np.float64), (len(face), 3))
     texture = part.material.texture
@@ -108,7 +110,7 @@ def part_albedo(part: Part, face: Ints, places: Doubles) -> Doubles:
     return np.asarray(colour * texture[y, x])
 
 
-def part_shares(part: Part, face: Ints, places: Doubles) -> tuple[Doubles, Doubles]:
+def part_shares(part: Part, face: Int32s, places: Doubles) -> tuple[Doubles, Doubles]:
     """Return the shares (n,), (n,) that a face's second and third corner have in places (n, 3) on it, 0 to 1."""
     corners = part.vertices_m[part.faces[face]]
     a, b, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], places - corners[:, 0]
@@ -118,7 +120,7 @@ def part_shares(part: Part, face: Ints, places: Doubles) -> tuple[Doubles, Doubl
     return np.clip((bb * wa - ab * wb) * scale, 0, 1), np.clip((aa * wb - ab * wa) * scale, 0, 1)
 
 
-def part_normals(part: Part, face: Ints, places: Doubles) -> Floats | None:
+def part_normals(part: Part, face: Int32s, places: Doubles) -> Floats | None:
     """Return the smooth normals (n, 3) of places on a part's faces; None for a part whose faces are flat."""
     if part.normals is None:
         return None

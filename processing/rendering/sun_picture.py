@@ -6,6 +6,8 @@ block whose four corners agree is as they are; only along the edges of light eve
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
@@ -14,7 +16,7 @@ import numpy.typing as npt
 from processing.rendering.chance import random
 from processing.rendering.daylight import sun_tint
 from processing.rendering.kernels import towards_panes
-from processing.rendering.scene import Floats, Sun
+from processing.rendering.scene import Sun
 from processing.rendering.sight import Sight
 from processing.rendering.stage import Stage
 from processing.rendering.sun_kernels import settle_blocks

@@ -6,6 +6,8 @@ rooms, one core: Embree 8 to 10 million rays a CPU second, Mitsuba's LLVM varian
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats, Int32s
+
 import os
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -16,7 +18,6 @@ import numpy.typing as npt
 
 from processing.errors import EngineError
 from processing.rendering.engine import usable_variant, with_variant
-from processing.rendering.scene import Floats, Ints
 
 ASKED = "DAYLIT_RENDERER"
 EMBREE, LLVM, CUDA = "embree", "llvm", "cuda"
@@ -29,7 +30,7 @@ VARIANTS = {LLVM: "llvm_ad_rgb", CUDA: "cuda_ad_rgb"}
 class Hits:
     """Where rays end."""
 
-    triangle: Ints
+    triangle: Int32s
     """-1 where a ray leaves."""
     distance_m: Floats
     """Inf where a ray leaves."""

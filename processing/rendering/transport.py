@@ -8,6 +8,8 @@ joined by the balance heuristic (Veach 1997).
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int32s
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +18,6 @@ from processing.errors import NoBalanceError
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.chance import Key, random
 from processing.rendering.kernels import STEP_OFF_M, bounce, bounce_bright, cosine_rays
-from processing.rendering.scene import Doubles, Floats, Ints
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 
 MOST_BOUNCES = 3000
@@ -28,7 +29,7 @@ SETTLED = 1e-5
 class Links:
     """What the rays of n points met."""
 
-    patch: Ints
+    patch: Int32s
     """(n, samples), -1 where none."""
     density: Floats
     """(n, samples): cos cos' / (pi r2), the chance of that ray per m2."""

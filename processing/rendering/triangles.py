@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from itertools import pairwise
 
 import numpy as np
 
 from processing.errors import SceneError
-from processing.rendering.scene import Doubles, Pane, Surface
+from processing.rendering.scene import Pane, Surface
 
 EPSILON = 1e-12
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.rendering.kernels import compiled
-from processing.rendering.scene import Floats
 from processing.rendering.sight import Sight
 
 REACH_PX = 3

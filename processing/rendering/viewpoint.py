@@ -7,6 +7,8 @@ level of what is seen around it on the same surface.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 
 import cv2
@@ -17,7 +19,7 @@ from processing.errors import ViewpointError
 from processing.images import LUMINANCE_WEIGHTS
 from processing.rendering.irradiance import EFFORTS, Effort
 from processing.rendering.render import render
-from processing.rendering.scene import Doubles, Floats, Part, Scene, Surface, Vector
+from processing.rendering.scene import Part, Scene, Surface, Vector
 from processing.rendering.sight import GLASS, Sight, sight_of
 from processing.rendering.stage import RAYS_AT_ONCE, Stage
 from processing.rendering.triangles import inside

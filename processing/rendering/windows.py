@@ -7,12 +7,14 @@ sees there is light that the window gives by itself.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import replace
 
 import numpy as np
 
 from processing.images import LUMINANCE_WEIGHTS
-from processing.rendering.scene import Doubles, Floats, Outdoors, Pane, Vector
+from processing.rendering.scene import Outdoors, Pane, Vector
 from processing.rendering.sight import GLASS, Sight, looked_up
 from processing.rendering.stage import Stage
 

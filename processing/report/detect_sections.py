@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Flags
+
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,8 +14,6 @@ from processing.images import LuminanceImage
 from processing.picture_preview import jpeg_bytes, preview_rgb8
 from processing.report.data import Picture, Quantity, Section, Table
 
-Flags = npt.NDArray[np.bool_]
-Bytes = npt.NDArray[np.uint8]
 
 WIDTH_PX = 1200
 TINTS = {

@@ -7,6 +7,8 @@ Luminance is exact to `LARGEST_ERROR` of its value whatever the range; a picture
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats, UInt16s
+
 import base64
 import math
 import zlib
@@ -14,9 +16,7 @@ import zlib
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import Bytes, Floats
 
-Codes = npt.NDArray[np.uint16]
 
 STEP = 0.001
 """Of the natural logarithm, from a code to the next."""
@@ -34,7 +34,7 @@ SHAPE = 0.7
 """Exponent of a picture's code: v^n / (v^n + middle^n)."""
 
 
-def luminance_codes(luminance: npt.ArrayLike) -> Codes:
+def luminance_codes(luminance: npt.ArrayLike) -> UInt16s:
     """Return 16-bit codes of luminance in cd/m2, of any shape; `NO_VALUE` where it is 0 or less, or not finite."""
     values = np.asarray(luminance, dtype=np.float64)
     there = np.isfinite(values) & (values > 0)
@@ -42,7 +42,7 @@ def luminance_codes(luminance: npt.ArrayLike) -> Codes:
     return np.asarray(np.where(there, np.clip(steps, 1, _MOST), NO_VALUE), dtype=np.uint16)
 
 
-def luminance_of(codes: Codes) -> npt.NDArray[np.float64]:
+def luminance_of(codes: UInt16s) -> npt.NDArray[np.float64]:
     """Return luminance in cd/m2 of codes; NaN where there is no value."""
     values = LEAST * np.exp((codes.astype(np.float64) - 1) * STEP)
     return np.where(codes == NO_VALUE, math.nan, values)
@@ -66,7 +66,7 @@ def picture_codes(rgb: Floats, middle: float) -> Bytes:
     return np.asarray(raised / (1 + raised) * np.float32(255) + np.float32(0.5), dtype=np.uint8)
 
 
-def packed(codes: Codes | Bytes) -> str:
+def packed(codes: UInt16s | Bytes) -> str:
     """Return a map of codes (H, W) as text: row by row differences, bytes apart by weight, zlib, base64."""
     wide = codes.astype(np.int64)
     first = np.concatenate([np.zeros((codes.shape[0], 1), np.int64), wide[:, :-1]], axis=1)

@@ -5,6 +5,8 @@ Colours of the channels are told apart by line style, too. No plot touches matpl
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles, Floats
+
 import io
 import itertools
 from collections.abc import Sequence
@@ -15,13 +17,11 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.false_colour import display_range, false_colour, legend, uncertainty_picture, with_legend
-from processing.images import Bytes, Floats
 from processing.picture_preview import png_bytes, preview_rgb8
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Reals = npt.NDArray[np.float64]
 
 CHANNELS = (("red", "#c92a2a", "-"), ("green", "#2b8a3e", "--"), ("blue", "#1864ab", ":"))
 _SIZE_IN = (7.2, 3.8)
@@ -32,7 +32,7 @@ _COVERAGE = 2.0
 CCT_RANGE_K = (2000.0, 20000.0)
 
 
-def response_plot(log2_exposure: Reals, sigma_log2: Reals, low: Sequence[int], high: Sequence[int]) -> bytes:
+def response_plot(log2_exposure: Doubles, sigma_log2: Doubles, low: Sequence[int], high: Sequence[int]) -> bytes:
     """Return an SVG of response curves: exposure in stops (3, N) over codes, with a band of two standard uncertainties.
 
     Outside ``low[c]..high[c]`` the curve is extrapolated and drawn faintly.
@@ -53,7 +53,7 @@ def response_plot(log2_exposure: Reals, sigma_log2: Reals, low: Sequence[int], h
     return svg_bytes(figure)
 
 
-def residual_plot(codes: Reals, residual_stops: Reals) -> bytes:
+def residual_plot(codes: Doubles, residual_stops: Doubles) -> bytes:
     """Return an SVG of root-mean-square residuals (3, N) in stops at codes (N,); NaN where there is no sample."""
     figure, axes = _figure()
     for channel, (name, colour, style) in enumerate(CHANNELS):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +14,6 @@ from processing.images import LuminanceImage
 from processing.picture_preview import jpeg_bytes, preview_rgb8
 from processing.report.data import Picture, Quantity, Section, Table
 
-Flags = npt.NDArray[np.bool_]
 
 WIDTH_PX = 1200
 

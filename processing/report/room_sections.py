@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes
+
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -17,7 +19,6 @@ from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map, surface_maps
 
-Bytes = npt.NDArray[np.uint8]
 
 WIDTH_PX = 1200
 EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)

@@ -5,6 +5,8 @@ All states share one exposure, that of the first: what is brighter in the room i
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +19,7 @@ from processing.errors import ParameterError
 from processing.exchange.jpeg_files import PanoramaTags, jpeg_bytes
 from processing.exchange.label import labelled
 from processing.false_colour import display_range, false_colour, legend_ticks
-from processing.images import Bytes, Floats, LuminanceImage, luminance_cd_m2
+from processing.images import LuminanceImage, luminance_cd_m2
 from processing.report.encoding import luminance_codes, packed, picture_codes, uncertainty_codes
 from processing.report.tone import Look, shown
 from processing.report.widgets import Comparison, Scene, Shot, Viewer, ViewerState

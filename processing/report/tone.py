@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from processing.exchange.label import TEXT
-from processing.images import Bytes, Floats, LuminanceImage, luminance_cd_m2
+from processing.images import LuminanceImage, luminance_cd_m2
 from processing.picture_preview import auto_exposure
 
 BRIGHTER = 1.8

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes
+
 import numpy as np
 
 from processing.calibration.chart_patches import WHITE, WINDOW, chart_points, homography
 from processing.calibration.chart_views import ChartView
-from processing.images import Bytes
 
 _CORNER = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * WINDOW / 2
 

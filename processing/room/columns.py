@@ -7,6 +7,8 @@ fitting is done in these inverse distances: linear, finite, and with errors that
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass
 
@@ -16,7 +18,6 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.segmentation.evidence import BoundaryEvidence
 
-Doubles = npt.NDArray[np.float64]
 
 COLUMNS = 192
 """Columns that are fitted: 1.9 degrees each; networks see no more."""

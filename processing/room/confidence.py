@@ -6,6 +6,8 @@ The probability is that of a 3D IoU of at least 0.85 with the true room, by a lo
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import asdict, dataclass
 
@@ -19,7 +21,6 @@ from processing.room.hypotheses import Hypothesis
 from processing.room.model import RoomModel
 from processing.room.refine import Refined
 
-Doubles = npt.NDArray[np.float64]
 
 RIVAL_WITHIN = 60.0
 """Cost by which another room may be worse and still be a rival."""

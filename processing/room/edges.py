@@ -6,6 +6,8 @@ log differences are contrasts of the surfaces, in the darkest corner and beside 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags
+
 import math
 from dataclasses import dataclass
 
@@ -17,8 +19,6 @@ from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.resampling_linear import linear_samples
 from processing.sphere import Equirectangular
 
-Doubles = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 REACH_RAD = math.radians(2.6)
 """Of a strip to both sides."""

@@ -7,6 +7,8 @@ columns, pixels of classes that cannot be where the room puts them, and the numb
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass, field, replace
 
@@ -27,7 +29,6 @@ from processing.room.tidy import tidied
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
 
-Doubles = npt.NDArray[np.float64]
 
 EDGE_WEIGHT = 500.0
 """Squared standard deviations for edges of full strength all along floor or ceiling."""

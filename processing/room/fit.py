@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass
 
@@ -12,7 +14,6 @@ from processing.room.columns import Columns
 from processing.room.outline import Outline, polygon_of, values_of, with_values
 from processing.surfaces.sight import wall_ranges
 
-Doubles = npt.NDArray[np.float64]
 
 CAP = 3.0
 """Standard deviations beyond which a column counts as unexplained."""

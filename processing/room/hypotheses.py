@@ -13,7 +13,6 @@ from processing.room.fit import Fit, cost_of, fitted
 from processing.room.outline import Outline, outline_of
 from processing.room.segments import ALONG_X, ALONG_Y, FREE, Costs, divide, stretch_costs
 
-Doubles = npt.NDArray[np.float64]
 
 PRICES = (8.0, 16.0, 32.0, 64.0, 128.0)
 """Of a wall, in squared standard deviations: from many walls to few."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
@@ -11,7 +13,6 @@ from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.surfaces.sight import wall_ranges
 
-Doubles = npt.NDArray[np.float64]
 
 ON_FLOOR = (SceneClass.FLOOR, SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD)
 ON_CEILING = (SceneClass.CEILING, SceneClass.FIXTURE)

@@ -33,7 +33,6 @@ from processing.segmentation.evidence import BoundaryEvidence
 from processing.segmentation.onnx_session import open_session
 from processing.sphere import Equirectangular
 
-Floats = npt.NDArray[np.float32]
 Kind = Literal["HorizonNet", "LED2-Net", "LGT-Net"]
 
 WIDTH_PX, HEIGHT_PX = 1024, 512

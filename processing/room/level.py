@@ -7,6 +7,8 @@ no larger than its own uncertainty.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -24,7 +26,6 @@ from processing.room.vanishing import Axes, find_axes, rotation_about, rotation_
 from processing.sphere import Equirectangular, directions, pixels
 from processing.sphere_cubic import cubic_samples
 
-Doubles = npt.NDArray[np.float64]
 Image = TypeVar("Image", RelativeImage, LuminanceImage)
 
 LEAST_TILT_RAD = math.radians(0.2)

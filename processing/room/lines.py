@@ -6,6 +6,8 @@ perspective view. The views overlap; a segment counts in the view whose axis is 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -17,9 +19,6 @@ from processing.images import LuminanceImage, RelativeImage, Validity, luminance
 from processing.sphere import Perspective, point_directions, view_axes
 from processing.views import Panorama, covering_views, cut_view
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-Bytes = npt.NDArray[np.uint8]
 
 WIDEST_PX = 2048
 """Larger panoramas are reduced to this width by area: lines of 1/600 of the picture's width are found there."""

@@ -6,6 +6,8 @@ above hides the window's upper part and is as wide as the window.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,7 +17,6 @@ import numpy.typing as npt
 from processing.room.opening_fit import Candidate, score_of
 from processing.segmentation.classes import SceneClass
 
-Doubles = npt.NDArray[np.float64]
 
 CLOTH_SHARE = 0.5
 STRIP_M = 0.06

@@ -9,6 +9,8 @@ Rectangles are (u0, v0, u1, v1) in metres of the wall's plane, v down.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -22,8 +24,6 @@ from processing.room.opening_kernels import box_scores, edge, region
 from processing.room.wall_views import WallView
 from processing.segmentation.classes import SceneClass
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 Box = tuple[float, float, float, float]
 
 HIDING = (SceneClass.FURNITURE, SceneClass.TRIPOD, SceneClass.FIXTURE)

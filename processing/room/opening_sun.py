@@ -6,6 +6,8 @@ shows the outdoors. What is told so becomes evidence of a wall, and the openings
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import math
 from dataclasses import replace
 
@@ -30,8 +32,6 @@ from processing.surfaces.sun_geometry import (
     window_depth,
 )
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
 
 ROWS = 512
 AZIMUTHS, ELEVATIONS = 5, 3

@@ -33,7 +33,6 @@ from processing.room.wall_views import WallView, wall_views
 from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 
-Floats = npt.NDArray[np.float32]
 
 LEAST_SHARE = 0.5
 LEAST_AREA_M2 = 0.08

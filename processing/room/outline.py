@@ -6,6 +6,8 @@ turns its back). Corners are where neighbours meet. Lengths are in camera height
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass, replace
 
@@ -14,7 +16,6 @@ import numpy.typing as npt
 
 from processing.room.segments import ALONG_X, ALONG_Y, FREE, Stretch
 
-Doubles = npt.NDArray[np.float64]
 
 NEARLY_PARALLEL = math.sin(math.radians(12.0))
 SAME_WALL = 0.05

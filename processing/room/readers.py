@@ -15,6 +15,8 @@ vertices are geometry already. HorizonNet's pixel middles are integers.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +31,6 @@ from processing.room.model_file import read_json
 from processing.room.wall_places import opening_on_wall
 from station.strict_json import StrictJsonError, loads
 
-Doubles = npt.NDArray[np.float64]
 LayoutFormat = Literal["zind", "led2net", "horizonnet"]
 
 MOST_BYTES = 64 << 20

@@ -8,6 +8,8 @@ nothing is to be seen, the network's boundary stands.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags
+
 import math
 from dataclasses import dataclass, replace
 
@@ -23,8 +25,6 @@ from processing.segmentation.classes import SceneClass
 from processing.segmentation.evidence import SceneEvidence
 from processing.surfaces.sight import wall_ranges
 
-Doubles = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 AZIMUTHS = 768
 SHIFTS = np.linspace(-0.08, 0.08, 81)

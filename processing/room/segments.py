@@ -7,6 +7,8 @@ that a wall does not explain (a doorway to another room, a mirror) cost a fixed 
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +18,6 @@ import numpy.typing as npt
 
 from processing.room.columns import Columns
 
-Doubles = npt.NDArray[np.float64]
 
 ALONG_X, ALONG_Y, FREE = 0, 1, 2
 """Kinds of wall, in axes turned by the walls' azimuth: seen at +-90 degrees, at 0 or 180 degrees, or at any angle."""

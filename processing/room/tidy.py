@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
 import numpy.typing as npt
 
-Doubles = npt.NDArray[np.float64]
 
 SHORTEST_M = 0.06
 STRAIGHT_RAD = math.radians(2.0)

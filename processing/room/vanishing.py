@@ -7,6 +7,8 @@ by weighted least squares on the rotation. What is left out sector by sector tel
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 from dataclasses import dataclass
 
@@ -15,7 +17,6 @@ import numpy.typing as npt
 
 from processing.room.lines import Arcs
 
-Doubles = npt.NDArray[np.float64]
 
 MOST_TILT_RAD = math.radians(40)
 """Of the camera: beyond 45 degrees no one can tell the vertical from the walls' horizontals."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import numpy as np
 import numpy.typing as npt
 
 from processing.room.model import Opening, OpeningKind
 
-Doubles = npt.NDArray[np.float64]
 
 OFF_WALL_M = 0.15
 SHORTEST_M = 0.05

@@ -5,6 +5,8 @@ Places on a wall are (u, v) in metres of its `Plane`: u to the right, v down fro
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,8 +23,6 @@ from processing.surfaces.plane import FIRST_WALL, Plane
 from processing.surfaces.planes import planes_of
 from processing.surfaces.textures import unwrap
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 MOST_PX_PER_M, LEAST_PX_PER_M = 120.0, 30.0
 LARGEST_TEXELS = 2_000_000

@@ -7,6 +7,8 @@ what does not fit its contract is refused by name.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -21,8 +23,6 @@ from processing.segmentation.classes import SceneClass
 from processing.segmentation.tables import KNOWN, class_matrix
 from station import strict_json
 
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 Array = npt.NDArray[Any]
 
 MAX_CONTRACT_BYTES = 1 << 20

@@ -7,6 +7,8 @@ count less). Class numbers are never interpolated: they have become probabilitie
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,8 +27,6 @@ from processing.sphere import Equirectangular, Perspective
 from processing.views import Panorama, cut_view, view_at, view_ring
 from processing.views_stitch import stitch_views
 
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 
 COARSE_FOV_RAD = math.radians(110)
 COARSE_WORTH = 0.02

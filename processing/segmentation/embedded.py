@@ -7,6 +7,8 @@ mean is better than each.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import hashlib
 import json
 from dataclasses import dataclass
@@ -25,8 +27,6 @@ from processing.segmentation.network_input import HEIGHT_PX, WIDTH_PX, network_p
 from processing.segmentation.onnx_session import open_session
 from processing.sphere import Equirectangular
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 SHIPPED = Path(__file__).with_name("room_network.onnx")
 TURNS_PX = {"draft": (0,), "standard": (0, 71, 134, 205), "reference": (0, 35, 70, 101, 134, 165, 204, 235)}

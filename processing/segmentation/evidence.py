@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +11,6 @@ import numpy.typing as npt
 
 from processing.segmentation.classes import SceneClass
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ sun in it and an ordinary JPEG of the same room look alike to the network.
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +15,6 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.images import LUMINANCE_WEIGHTS
 
-Floats = npt.NDArray[np.float32]
 
 WIDTH_PX, HEIGHT_PX = 256, 128
 MIDDLE = 0.18

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats
+
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,8 +15,6 @@ from processing.errors import SegmenterError
 from processing.segmentation.adapters import Array, NetworkContract, network_input, read_contract, scene_probabilities
 from processing.segmentation.onnx_session import open_session
 
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 
 THREADS = 2
 

@@ -6,6 +6,8 @@ Zhi et al. 2022). A class that may be several of ours spreads its probability ev
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -14,7 +16,6 @@ import numpy.typing as npt
 from processing.errors import SegmenterError
 from processing.segmentation.classes import SceneClass
 
-Floats = npt.NDArray[np.float32]
 
 ADE20K = tuple(
     """wall, building, sky, floor, tree, ceiling, road, bed, windowpane, grass, cabinet, sidewalk, person, earth, door,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 import math
 from pathlib import Path
 from typing import Any
@@ -19,7 +21,6 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.remove_parameters import RemoveParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama
 
-Flags = npt.NDArray[np.bool_]
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""

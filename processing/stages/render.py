@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import json
 from dataclasses import dataclass, replace
 from typing import Any
@@ -18,7 +20,7 @@ from processing.layout.furniture.styles import STYLES, style_named
 from processing.rendering.composite import Bare, Staged, differential, ibl
 from processing.rendering.irradiance import EFFORTS, Effort
 from processing.rendering.render import render
-from processing.rendering.scene import Floats, Part, Vector
+from processing.rendering.scene import Part, Vector
 from processing.rendering.scene_file import read_scene
 from processing.sphere import Equirectangular
 from processing.stages.arrange_parameters import MOST_STAGED, NO_SUCH

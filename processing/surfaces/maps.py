@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int16s
+
 import math
 from dataclasses import dataclass
 
@@ -14,9 +16,6 @@ from processing.surfaces.plane import CEILING, FIRST_WALL, FLOOR
 from processing.surfaces.planes import planes_of
 from processing.surfaces.sight import boundary_latitudes, check_stands, wall_ranges
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int16]
 
 ROWS_AT_ONCE = 256
 NONE = -1
@@ -26,9 +25,9 @@ NONE = -1
 class SurfaceMaps:
     """A room as pictures (H, W), of each pixel's middle; the room without anything in it."""
 
-    plane: Integers
+    plane: Int16s
     """0 floor, 1 ceiling, 2 + i wall i."""
-    opening: Integers
+    opening: Int16s
     """Index into the room's openings, -1 where there is none; ``plane`` is its wall all the same."""
     depth_m: Floats
     """Distance from the camera along the ray; through an opening, that of its wall."""
@@ -42,7 +41,7 @@ class Columns:
 
     azimuth_rad: Doubles
     range_m: Doubles
-    wall: Integers
+    wall: Int16s
     ceiling_rad: Doubles
     floor_rad: Doubles
 
@@ -66,7 +65,7 @@ def latitudes(geometry: Equirectangular) -> Doubles:
     return np.asarray((0.5 - (np.arange(geometry.height_px) + 0.5) / geometry.height_px) * math.pi)
 
 
-def plane_map(room: RoomModel, geometry: Equirectangular) -> Integers:
+def plane_map(room: RoomModel, geometry: Equirectangular) -> Int16s:
     """Return `SurfaceMaps.plane` alone."""
     check_stands(room)
     return _planes(columns_of(room, geometry), latitudes(geometry))
@@ -101,13 +100,13 @@ def surface_maps(room: RoomModel, geometry: Equirectangular) -> SurfaceMaps:
     return SurfaceMaps(plane, _openings(room, columns, latitude), depth, normal)
 
 
-def _planes(columns: Columns, latitude: Doubles) -> Integers:
+def _planes(columns: Columns, latitude: Doubles) -> Int16s:
     wall = columns.wall + np.int16(FIRST_WALL)
     up, down = latitude[:, None] > columns.ceiling_rad, latitude[:, None] < columns.floor_rad
     return np.where(down, np.int16(FLOOR), np.where(up, np.int16(CEILING), wall))
 
 
-def _depths(room: RoomModel, columns: Columns, latitude: Doubles, plane: Integers) -> Doubles:
+def _depths(room: RoomModel, columns: Columns, latitude: Doubles, plane: Int16s) -> Doubles:
     sine = np.sin(latitude)
     # The horizon itself meets neither floor nor ceiling.
     safe = np.where(np.abs(sine) > 1e-12, sine, 1.0)
@@ -117,7 +116,7 @@ def _depths(room: RoomModel, columns: Columns, latitude: Doubles, plane: Integer
     return np.where(plane == FLOOR, floor[:, None], np.where(plane == CEILING, ceiling[:, None], level))
 
 
-def _openings(room: RoomModel, columns: Columns, latitude: Doubles) -> Integers:
+def _openings(room: RoomModel, columns: Columns, latitude: Doubles) -> Int16s:
     found = np.full((len(latitude), len(columns.wall)), NONE, np.int16)
     floor = np.asarray(room.floor, dtype=np.float64)
     climb = np.tan(latitude)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-Doubles = npt.NDArray[np.float64]
 
 FLOOR, CEILING, FIRST_WALL = 0, 1, 2
 """Indices of planes; wall i of the room is plane FIRST_WALL + i."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import numpy as np
 import numpy.typing as npt
 
 from processing.room.model import RoomModel
 from processing.surfaces.plane import CEILING, FIRST_WALL, FLOOR, Plane
 
-Doubles = npt.NDArray[np.float64]
 
 
 def planes_of(room: RoomModel) -> tuple[Plane, ...]:

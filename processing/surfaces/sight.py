@@ -6,15 +6,14 @@ no farther: this alone decides all occlusion in a room of vertical walls, convex
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Flags, Int16s
+
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import RoomError
 from processing.room.model import RoomModel, geometry_problems
 
-Doubles = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int16]
-Flags = npt.NDArray[np.bool_]
 
 TOUCH = 1e-9
 """Relative: a place this much behind a wall lies on it."""
@@ -27,7 +26,7 @@ def check_stands(room: RoomModel) -> None:
         raise RoomError("; ".join(problems[:3]), where="room model", problems=problems)
 
 
-def wall_ranges(floor: npt.ArrayLike, azimuth_rad: npt.ArrayLike) -> tuple[Doubles, Integers]:
+def wall_ranges(floor: npt.ArrayLike, azimuth_rad: npt.ArrayLike) -> tuple[Doubles, Int16s]:
     """Return the horizontal distance of the nearest wall (m) and its number, for azimuths (n,) from +y towards +x.
 
     ``floor`` (corners, 2), counter-clockwise around the camera at (0, 0). Inf and -1 where no wall is met, which does

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import numpy as np
 import numpy.typing as npt
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
 
 LEAST_RATIO = 1.8
 """Of sunlit to shaded luminance of one surface, below which it is no direct sun."""

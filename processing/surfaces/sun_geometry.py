@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats, Int32s
+
 import math
 
 import numpy as np
@@ -10,9 +12,6 @@ import numpy.typing as npt
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.surfaces.planes import planes_of
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int32]
 
 OUTSIDE = -10.0
 """Signed distance (m) of a place that no window's light can reach."""
@@ -31,7 +30,7 @@ def glazed(room: RoomModel) -> list[Opening]:
     return [opening for opening in room.openings if opening.kind is OpeningKind.WINDOW]
 
 
-def window_depth(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> tuple[Floats, Integers]:
+def window_depth(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> tuple[Floats, Int32s]:
     """Return how far inside a window's beam places lie, and which window it is.
 
     Parameters

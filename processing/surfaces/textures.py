@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -16,8 +18,6 @@ from processing.surfaces.plane import FIRST_WALL, Plane
 from processing.surfaces.sight import check_stands, in_sight
 from processing.surfaces.texture_kernels import unwrapped, wrapped
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 
 MOST_TEXELS = 64_000_000
 

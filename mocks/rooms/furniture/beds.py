@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
 
 from mocks.light import Vector
 from mocks.rooms.furniture.build import Build
-from mocks.rooms.mesh import Mesh, Reals64
+from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Material
 from mocks.rooms.shapes import beam, deformed, moved, rounded_box, turned
 from mocks.rooms.soft_shapes import pad, pillow
@@ -68,7 +70,7 @@ def _duvet(b: Build, mattress_w: float, front: float, length: float, top: float)
         (b.rng.normal(0.0, 4.0, 2), float(b.rng.uniform(0, 6.3)), float(b.rng.uniform(0.003, 0.006))) for _ in range(6)
     ]
 
-    def lay(v: Reals64) -> Reals64:
+    def lay(v: Doubles) -> Doubles:
         x, y, z = v.T
         folds = sum((a * np.sin(x * k[0] + y * k[1] + p) for k, p, a in waves), np.zeros(len(v)))
         over_x, over_y = np.maximum(np.abs(x) - half, 0.0), np.maximum(-y - flat, 0.0)
@@ -85,7 +87,7 @@ def _duvet(b: Build, mattress_w: float, front: float, length: float, top: float)
     return deformed(slab, lay)
 
 
-def _over_edge(over: Reals64, z: Reals64, radius: float) -> tuple[Reals64, Reals64]:
+def _over_edge(over: Doubles, z: Doubles, radius: float) -> tuple[Doubles, Doubles]:
     """Return height and way out of cloth points that lie ``over`` beyond a round edge and ``z`` above the bed."""
     angle = np.minimum(over / radius, math.pi / 2)
     rest = np.maximum(over - radius * math.pi / 2, 0.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -10,7 +12,7 @@ import numpy as np
 from processing.layout.furniture.model import Material, Part, Size
 from processing.layout.furniture.solids import Spot, box, leg, square_leg, tube
 from processing.layout.furniture.styles import Style
-from processing.layout.furniture.surface import CREASE_RAD, Points, Solid, box_uv, joined, part_of
+from processing.layout.furniture.surface import CREASE_RAD, Solid, box_uv, joined, part_of
 
 
 @dataclass
@@ -20,11 +22,11 @@ class Bench:
     size: Size
     style: Style
     rng: np.random.Generator
-    made: dict[tuple[int, float], list[tuple[Solid, Points | None]]] = field(default_factory=dict)
+    made: dict[tuple[int, float], list[tuple[Solid, Doubles | None]]] = field(default_factory=dict)
     materials: dict[int, Material] = field(default_factory=dict)
 
     def add(
-        self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Points | None = None,
+        self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Doubles | None = None,
         crease_rad: float = float(CREASE_RAD),
     ) -> None:  # fmt: skip
         """Add a body; its texture's v runs along axis `grain` of it as it was made, or `uv` (m, 3, 2) is taken."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
@@ -17,7 +19,7 @@ from processing.layout.furniture.solids import (
     tube,
     turned_piece,
 )
-from processing.layout.furniture.surface import Points, Solid, signed_volume_m3, solid
+from processing.layout.furniture.surface import Solid, signed_volume_m3, solid
 
 BLACK = Material("black nylon", (0.022, 0.022, 0.024), 0.5)
 SEAT_M = 0.455
@@ -45,7 +47,7 @@ def dining_chair(b: Bench) -> None:
     _back(b, x * 0.92, -y, seat, h)
 
 
-def _post(line: Points) -> Solid:
+def _post(line: Doubles) -> Solid:
     """Return a post of rounded square section along a line that rises."""
     t = np.linspace(0, 1, len(line))
     scale = np.interp(t, (0, 0.02, 0.45, 1.0), (0.62, 0.70, 1.0, 0.66))
@@ -169,7 +171,7 @@ def _swivel_back(b: Bench, seat: float, h: float) -> None:
     b.add(_swept(curve(line, 5)), BLACK)
 
 
-def _swept(line: Points) -> Solid:
+def _swept(line: Doubles) -> Solid:
     """Return a flat bar along a line in the plane x = 0."""
     rows = []
     tangent = np.gradient(line, axis=0)

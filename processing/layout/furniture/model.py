@@ -6,6 +6,8 @@ width, +y to the front, z up, metres. Triangles wind counter-clockwise seen from
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Floats, Int32s
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -14,9 +16,6 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-Reals: TypeAlias = npt.NDArray[np.float32]
-Indices: TypeAlias = npt.NDArray[np.int32]
-Bytes: TypeAlias = npt.NDArray[np.uint8]
 Colour: TypeAlias = tuple[float, float, float]
 Size: TypeAlias = tuple[float, float, float]
 
@@ -49,7 +48,7 @@ class Material:
         return r, g, b
 
 
-def linear_of_srgb(values: Bytes) -> Reals:
+def linear_of_srgb(values: Bytes) -> Floats:
     """Return linear values in [0, 1] of sRGB bytes."""
     table = np.arange(256) / 255.0
     table = np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4).astype(np.float32)
@@ -73,17 +72,17 @@ def _srgb_table() -> Bytes:
 class Part:
     """The triangles of one material."""
 
-    vertices: Reals
+    vertices: Floats
     """(n, 3), metres."""
-    faces: Indices
+    faces: Int32s
     """(m, 3)."""
-    normals: Reals
+    normals: Floats
     """(n, 3), unit length."""
-    uv: Reals | None
+    uv: Floats | None
     """(n, 2), u to the right and v upwards in the texture; None where the material has no texture."""
     material: Material
 
-    def texture_coordinates(self) -> Reals | None:
+    def texture_coordinates(self) -> Floats | None:
         """Return UVs that count textures, whatever the unit of `uv`."""
         if self.uv is None or self.material.texture_m is None:
             return self.uv
@@ -110,12 +109,12 @@ class FurnitureModel:
         """Return the number of triangles."""
         return sum(len(part.faces) for part in self.parts)
 
-    def bounds(self) -> tuple[Reals, Reals]:
+    def bounds(self) -> tuple[Floats, Floats]:
         """Return the lowest and highest corner."""
         return bounds_of([part.vertices for part in self.parts])
 
 
-def bounds_of(sets: Sequence[Reals]) -> tuple[Reals, Reals]:
+def bounds_of(sets: Sequence[Floats]) -> tuple[Floats, Floats]:
     """Return the lowest and highest corner of several sets of points."""
     low = np.min([v.min(axis=0) for v in sets], axis=0)
     high = np.max([v.max(axis=0) for v in sets], axis=0)

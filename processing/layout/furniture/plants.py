@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
@@ -10,7 +12,7 @@ from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import Colour, Material
 from processing.layout.furniture.soft import sheets
 from processing.layout.furniture.solids import circle, curve, loft, tube, turned_piece
-from processing.layout.furniture.surface import Points, Solid
+from processing.layout.furniture.surface import Solid
 
 SOIL = Material("soil", (0.05, 0.035, 0.025), 0.95)
 BARK = Material("bark", (0.16, 0.12, 0.075), 0.85)
@@ -58,7 +60,7 @@ def _pot(b: Bench, r: float, tall: float) -> None:
     b.add(loft(np.stack(heap)), SOIL)
 
 
-def _leaves(b: Bench, line: Points, azimuth: float, longest: float) -> None:
+def _leaves(b: Bench, line: Doubles, azimuth: float, longest: float) -> None:
     """Add leaves around a stem, lower ones hanging, the last one pointing up."""
     count = 15
     golden = math.pi * (3 - math.sqrt(5))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes
+
 import numpy as np
 
 from processing.layout.furniture.bench import Bench
-from processing.layout.furniture.model import Bytes, Colour, Material, srgb_of_linear
+from processing.layout.furniture.model import Colour, Material, srgb_of_linear
 from processing.layout.furniture.solids import loft, rounded_rectangle, slab
 from processing.layout.furniture.textures import noise
 

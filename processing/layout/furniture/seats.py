@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import math
 
 import numpy as np
@@ -9,7 +11,7 @@ import numpy as np
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.soft import cushion, pad, pillow, wrinkled
 from processing.layout.furniture.solids import box, loft, rounded_rectangle
-from processing.layout.furniture.surface import Points, Solid
+from processing.layout.furniture.surface import Solid
 
 LEG_M = 0.13
 SEAT_M = 0.43
@@ -107,7 +109,7 @@ def _leg_between(foot: tuple[float, float, float], hip: tuple[float, float, floa
 def _arm(x: float, y0: float, y1: float, top: float) -> Solid:
     """Return an arm rest: a board that widens to the front and rises a little."""
     steps = np.linspace(0, 1, 11)
-    rows: list[Points] = []
+    rows: list[Doubles] = []
     for t in steps:
         wide = 0.052 + 0.026 * math.sin(math.pi * min(t, 0.75) / 1.5)
         ends = min(1.0, math.sin(math.pi * min(max(min(t, 1 - t), 0.0) * 6 + 0.12, 0.5)) + 0.0)

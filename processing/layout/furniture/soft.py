@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles
+
 import numpy as np
 
 from processing.layout.furniture.solids import Spot, cleaned, cube_grid, rounded_rectangle, tube
-from processing.layout.furniture.surface import Points, Solid, corner_normals, joined, solid
+from processing.layout.furniture.surface import Solid, corner_normals, joined, solid
 
 
 def pad(low: Spot, high: Spot, edge_m: float, puff_m: float | Spot, *, inner: int = 8, steps: int = 3) -> Solid:
@@ -63,7 +65,7 @@ def cushion(
     return joined([body, *seams])
 
 
-def _dense(ring: Points, step_m: float) -> Points:
+def _dense(ring: Doubles, step_m: float) -> Doubles:
     """Return a closed line with points at least every step."""
     out = []
     for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
@@ -72,7 +74,7 @@ def _dense(ring: Points, step_m: float) -> Points:
     return np.concatenate(out)
 
 
-def sheets(upper: Points, lower: Points) -> Solid:
+def sheets(upper: Doubles, lower: Doubles) -> Solid:
     """Return the closed body between two (m, n, 3) sheets with a common rim; x grows with m, y with n."""
     m, n = upper.shape[:2]
     i, j = np.meshgrid(np.arange(m - 1), np.arange(n - 1), indexing="ij")
@@ -157,12 +159,12 @@ def hanging(
     return sheets(mid + lift * depth[..., None] / 2, mid - lift * depth[..., None] / 2)
 
 
-def _spread(q: Points) -> Points:
+def _spread(q: Doubles) -> Doubles:
     """Return positions in [-1, 1], a little denser towards the ends."""
     return np.asarray(np.sign(q) * (1 - (1 - np.abs(q)) ** 1.25), dtype=np.float64)
 
 
-def _over_edge(s: Points, flat: float, r: float) -> tuple[Points, Points, Points]:
+def _over_edge(s: Doubles, flat: float, r: float) -> tuple[Doubles, Doubles, Doubles]:
     """Return place, height and steepness (0 to 1) along a line that runs flat, bends down over radius r and hangs."""
     d = np.abs(s) - flat
     bend = np.clip(d / r, 0, np.pi / 2)

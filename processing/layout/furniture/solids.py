@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int64s
+
 import math
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.layout.furniture.surface import Corners, Points, Solid, solid
+from processing.layout.furniture.surface import Solid, solid
 
 Spot = tuple[float, float, float]
 
@@ -34,7 +36,7 @@ def loft(rings: npt.ArrayLike) -> Solid:
     return cleaned(np.concatenate(vertices), np.concatenate(faces))
 
 
-def cleaned(vertices: Points, faces: npt.NDArray[np.int64]) -> Solid:
+def cleaned(vertices: Doubles, faces: npt.NDArray[np.int64]) -> Solid:
     """Return a solid whose coinciding vertices are one and which has no face without area."""
     key = np.rint(vertices * 1e7).astype(np.int64)
     with np.errstate(over="ignore"):
@@ -53,7 +55,7 @@ def box(low: Spot, high: Spot, bevel_m: float = 0.003, steps: int = 1) -> Solid:
     return cube_grid(half, r, max(steps, 0), 1).moved(*((lo + hi) / 2))
 
 
-def cube_grid(half: Points, r: float, steps: int, inner: int) -> Solid:
+def cube_grid(half: Doubles, r: float, steps: int, inner: int) -> Solid:
     """Return a box of half extents with edges of radius r, its flat fields divided `inner` times; rest is itself."""
     lattice, faces = _lattice(steps, inner)
     core = half - r
@@ -75,10 +77,10 @@ def cube_grid(half: Points, r: float, steps: int, inner: int) -> Solid:
     return solid(points, faces)
 
 
-_LATTICES: dict[tuple[int, int], tuple[Corners, Corners]] = {}
+_LATTICES: dict[tuple[int, int], tuple[Int64s, Int64s]] = {}
 
 
-def _lattice(steps: int, inner: int) -> tuple[Corners, Corners]:
+def _lattice(steps: int, inner: int) -> tuple[Int64s, Int64s]:
     """Return the surface points (integers) and triangles of a cube of 2 steps + inner cells a side."""
     if (steps, inner) in _LATTICES:
         return _LATTICES[steps, inner]
@@ -102,13 +104,13 @@ def _lattice(steps: int, inner: int) -> tuple[Corners, Corners]:
     return _LATTICES[steps, inner]
 
 
-def circle(radius_m: float, sides: int, z: float = 0.0, start_rad: float = 0.0) -> Points:
+def circle(radius_m: float, sides: int, z: float = 0.0, start_rad: float = 0.0) -> Doubles:
     """Return (sides, 3): a ring about the z axis, counter-clockwise seen from above; extents are exact for 4k sides."""
     a = start_rad + 2 * np.pi * np.arange(sides) / sides
     return np.stack([radius_m * np.cos(a), radius_m * np.sin(a), np.full(sides, z)], axis=1)
 
 
-def rounded_rectangle(width_m: float, depth_m: float, radius_m: float, z: float = 0.0, steps: int = 5) -> Points:
+def rounded_rectangle(width_m: float, depth_m: float, radius_m: float, z: float = 0.0, steps: int = 5) -> Doubles:
     """Return a ring of 4 (steps + 1) points about the z axis."""
     r = min(radius_m, width_m / 2 - 1e-4, depth_m / 2 - 1e-4)
     ring = []
@@ -167,7 +169,7 @@ def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12
     return loft(np.concatenate([head[None], rings, tail[None]]))
 
 
-def _frames(tangents: Points) -> Points:
+def _frames(tangents: Doubles) -> Doubles:
     """Return (m, 2, 3): two directions across each tangent, turning as little as they can."""
     first = np.cross(tangents[0], [0.0, 0.0, 1.0])
     if np.linalg.norm(first) < 1e-6:
@@ -180,7 +182,7 @@ def _frames(tangents: Points) -> Points:
     return np.stack(frames)
 
 
-def _ring_tube(p: Points, radius_m: float, sides: int) -> Solid:
+def _ring_tube(p: Doubles, radius_m: float, sides: int) -> Solid:
     tangents = np.roll(p, -1, axis=0) - np.roll(p, 1, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     up = np.linalg.svd(p - p.mean(axis=0))[2][2]
@@ -217,7 +219,7 @@ def square_leg(foot: Spot, hip: Spot, foot_m: float, hip_m: float, bevel_m: floa
     return loft(rows)
 
 
-def curve(points: Sequence[Spot], steps: int = 8) -> Points:
+def curve(points: Sequence[Spot], steps: int = 8) -> Doubles:
     """Return a smooth line through points (Catmull and Rom's)."""
     p = np.asarray(points, dtype=np.float64)
     if len(p) < 3:

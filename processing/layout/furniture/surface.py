@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int64s
+
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -10,8 +12,6 @@ import numpy.typing as npt
 
 from processing.layout.furniture.model import Material, Part
 
-Points: TypeAlias = npt.NDArray[np.float64]
-Corners: TypeAlias = npt.NDArray[np.int64]
 CREASE_RAD = np.radians(50.0)
 
 
@@ -19,9 +19,9 @@ CREASE_RAD = np.radians(50.0)
 class Solid:
     """A closed surface of shared vertices, and where its vertices lay when it was made (for textures)."""
 
-    vertices: Points
-    faces: Corners
-    rest: Points
+    vertices: Doubles
+    faces: Int64s
+    rest: Doubles
 
     def moved(self, x: float, y: float, z: float) -> Solid:
         """Return the solid, moved."""
@@ -46,7 +46,7 @@ def solid(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
     return Solid(points, np.asarray(faces, dtype=np.int64), points)
 
 
-def rotation(axis: str, angle_rad: float) -> Points:
+def rotation(axis: str, angle_rad: float) -> Doubles:
     """Return the matrix of a right-handed turn about x, y or z."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
@@ -66,19 +66,19 @@ def joined(solids: list[Solid]) -> Solid:
     )
 
 
-def signed_volume_m3(vertices: Points, faces: Corners) -> float:
+def signed_volume_m3(vertices: Doubles, faces: Int64s) -> float:
     """Return the volume enclosed; negative where triangles wind inwards."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
-def crosses(vertices: Points, faces: Corners) -> Points:
+def crosses(vertices: Doubles, faces: Int64s) -> Doubles:
     """Return (m, 3): normals of the faces, as long as twice their area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
 
-def corner_normals(vertices: Points, faces: Corners, crease_rad: float = CREASE_RAD) -> Points:
+def corner_normals(vertices: Doubles, faces: Int64s, crease_rad: float = CREASE_RAD) -> Doubles:
     """Return (m, 3, 3): each corner's normal, the area-weighted mean of the faces around it within a crease."""
     cross = crosses(vertices, faces)
     unit = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
@@ -99,7 +99,7 @@ def corner_normals(vertices: Points, faces: Corners, crease_rad: float = CREASE_
     return np.asarray(total.reshape(-1, 3, 3), dtype=np.float64)
 
 
-def box_uv(rest: Points, faces: Corners, grain: int) -> Points:
+def box_uv(rest: Doubles, faces: Int64s, grain: int) -> Doubles:
     """Return (m, 3, 2): the corners' places in metres, seen along the axis each face looks to; v is the grain."""
     facing = np.argmax(np.abs(crosses(rest, faces)) + np.array([3e-12, 2e-12, 1e-12]), axis=1)
     others = np.array([[a for a in range(3) if a != f] for f in range(3)])[facing]
@@ -112,7 +112,7 @@ def box_uv(rest: Points, faces: Corners, grain: int) -> Points:
     return np.asarray(np.stack([u, v], axis=2), dtype=np.float64)
 
 
-def part_of(body: Solid, material: Material, uv: Points | None = None, crease_rad: float = CREASE_RAD) -> Part:
+def part_of(body: Solid, material: Material, uv: Doubles | None = None, crease_rad: float = CREASE_RAD) -> Part:
     """Return a solid as a part: its vertices divided where normals or texture coordinates (m, 3, 2) differ."""
     normals = corner_normals(body.vertices, body.faces, crease_rad).reshape(-1, 3)
     owner = body.faces.ravel()

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Bytes, Doubles
+
 from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from processing.layout.furniture.model import Bytes, Colour, srgb_of_linear
+from processing.layout.furniture.model import Colour, srgb_of_linear
 
-Field = npt.NDArray[np.float64]
 SIDE = 384
 WOOD_M = (0.40, 1.20)
 CLOTH_M = (0.16, 0.16)
 LEATHER_M = (0.30, 0.30)
 
 
-def noise(shape: tuple[int, int], wave: tuple[float, float], seed: int) -> Field:
+def noise(shape: tuple[int, int], wave: tuple[float, float], seed: int) -> Doubles:
     """Return periodic Gaussian noise of unit deviation; `wave` is its grain in pixels down and across."""
     rng = np.random.default_rng(seed)
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
@@ -28,7 +29,7 @@ def noise(shape: tuple[int, int], wave: tuple[float, float], seed: int) -> Field
     return np.asarray(field / max(float(field.std()), 1e-12))
 
 
-def _coloured(tone: Field, colour: Colour, tint: Colour = (0.0, 0.0, 0.0)) -> Bytes:
+def _coloured(tone: Doubles, colour: Colour, tint: Colour = (0.0, 0.0, 0.0)) -> Bytes:
     """Return colour x exp(tone), each channel's tone weighed by 1 + tint; the mean colour stays."""
     channels = []
     for c, t in zip(colour, tint, strict=True):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int32s
+
 from dataclasses import dataclass
 
 import numpy as np
 
-from processing.layout.preview.raster import Ids, Reals, nearest_faces, seen_share
+from processing.layout.preview.raster import nearest_faces, seen_share
 
 MAP_PX = 360
 KEY = np.array([-0.62, 0.50, 0.72])
@@ -17,7 +19,7 @@ KEY = np.array([-0.62, 0.50, 0.72])
 class Light:
     """One of the parallel lights."""
 
-    towards: Reals
+    towards: Doubles
     power: float
 
 
@@ -43,7 +45,7 @@ def lights(turn_rad: float, dome: int = 48, key: int = 32) -> list[Light]:
     return made
 
 
-def lit(points: Reals, normals: Reals, vertices: Reals, faces: Ids, turn_rad: float) -> tuple[Reals, Reals]:
+def lit(points: Doubles, normals: Doubles, vertices: Doubles, faces: Int32s, turn_rad: float) -> tuple[Doubles, Doubles]:
     """Return irradiance / pi at (n, 3) points with normals, and the share of the lights they see past the triangles."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2 * 1.02
@@ -60,7 +62,7 @@ def lit(points: Reals, normals: Reals, vertices: Reals, faces: Ids, turn_rad: fl
     return total, open_share / len(every)
 
 
-def _frame(towards: Reals, centre: Reals, scale: float) -> Reals:
+def _frame(towards: Doubles, centre: Doubles, scale: float) -> Doubles:
     """Return (3, 4): what takes a place to x and y in pixels and depth in metres, seen along a light's rays."""
     helper = np.array([0.0, 0.0, 1.0]) if abs(towards[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     right = np.cross(helper, towards)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int32s
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +14,7 @@ from PIL import Image
 
 from processing.layout.furniture.model import FurnitureModel, Material, Part, linear_of_srgb, srgb_of_linear
 from processing.layout.preview.light import lit
-from processing.layout.preview.raster import Ids, Reals, nearest_faces
+from processing.layout.preview.raster import nearest_faces
 
 GROUND = np.array([0.86, 0.85, 0.835])
 SUPER = 2
@@ -26,11 +28,11 @@ FIELD_RAD = math.radians(24.0)
 class Scene:
     """All triangles, and which part and place each comes from."""
 
-    vertices: Reals
-    normals: Reals
-    uv: Reals
-    faces: Ids
-    material: Ids
+    vertices: Doubles
+    normals: Doubles
+    uv: Doubles
+    faces: Int32s
+    material: Int32s
     materials: tuple[Material, ...]
 
 
@@ -38,14 +40,14 @@ class Scene:
 class Eye:
     """A pinhole camera."""
 
-    at: Reals
-    axes: Reals
+    at: Doubles
+    axes: Doubles
     """Rows: right, up, forward."""
     focal_px: float
     columns: int
     rows: int
 
-    def onto(self, points: Reals) -> Reals:
+    def onto(self, points: Doubles) -> Doubles:
         """Return (x, y, -1/distance) in pixels."""
         local = (points - self.at) @ self.axes.T
         away = np.maximum(local[:, 2], 1e-3)
@@ -53,7 +55,7 @@ class Eye:
         y = -self.focal_px * local[:, 1] / away + self.rows / 2
         return np.column_stack([x, y, -1 / away])
 
-    def rays(self) -> Reals:
+    def rays(self) -> Doubles:
         """Return (rows x columns, 3) directions, with unit step forward."""
         y, x = np.meshgrid(np.arange(self.rows) + 0.5, np.arange(self.columns) + 0.5, indexing="ij")
         local = np.stack(
@@ -76,7 +78,7 @@ def preview(
     return Image.fromarray(srgb_of_linear(_tone(colour)))
 
 
-def _tone(colour: Reals) -> Reals:
+def _tone(colour: Doubles) -> Doubles:
     """Return colours with a soft shoulder instead of clipping."""
     c = EXPOSURE * colour
     return np.asarray(np.where(c < 0.7, c, 0.7 + 0.3 * np.tanh((c - 0.7) / 0.3)), dtype=np.float64)
@@ -94,7 +96,7 @@ def _scene(parts: Sequence[Part]) -> Scene:
     )
 
 
-def _uv(part: Part) -> Reals:
+def _uv(part: Part) -> Doubles:
     uv = part.texture_coordinates()
     return np.zeros((len(part.vertices), 2)) if uv is None else uv.astype(np.float64)
 
@@ -116,7 +118,7 @@ def _eye(scene: Scene, size_px: tuple[int, int], azimuth: float, elevation: floa
     return Eye(centre - forward * float(np.max(need)), axes, focal, columns, rows)
 
 
-def _shaded(scene: Scene, eye: Eye, face: Ids, azimuth: float) -> Reals:
+def _shaded(scene: Scene, eye: Eye, face: Int32s, azimuth: float) -> Doubles:
     rays = eye.rays()
     colour = np.empty((len(face), 3))
     hit = np.flatnonzero(face >= 0)
@@ -136,7 +138,7 @@ def _shaded(scene: Scene, eye: Eye, face: Ids, azimuth: float) -> Reals:
     return colour
 
 
-def _surface(scene: Scene, eye: Eye, rays: Reals, face: Ids) -> tuple[Reals, Reals, Reals]:
+def _surface(scene: Scene, eye: Eye, rays: Doubles, face: Int32s) -> tuple[Doubles, Doubles, Doubles]:
     corner = scene.faces[face]
     a, b, c = (scene.vertices[corner[:, k]] for k in range(3))
     e1, e2 = b - a, c - a
@@ -155,8 +157,8 @@ def _surface(scene: Scene, eye: Eye, rays: Reals, face: Ids) -> tuple[Reals, Rea
 
 
 def _material_colours(
-    scene: Scene, material: Ids, uv: Reals, normal: Reals, eye: Reals, light: Reals, openness: Reals, grain_m: float
-) -> Reals:
+    scene: Scene, material: Int32s, uv: Doubles, normal: Doubles, eye: Doubles, light: Doubles, openness: Doubles, grain_m: float
+) -> Doubles:
     colour = np.empty((len(material), 3))
     mirror = 2 * np.einsum("ij,ij->i", normal, eye)[:, None] * normal - eye
     facing = np.clip(np.einsum("ij,ij->i", normal, eye), 0.0, 1.0)
@@ -176,13 +178,13 @@ def _material_colours(
     return colour
 
 
-def _surroundings(direction: Reals) -> Reals:
+def _surroundings(direction: Doubles) -> Doubles:
     """Return the luminance of a plain studio: light ground, darker walls, bright ceiling."""
     z = direction[:, 2]
     return np.asarray(np.where(z < 0, 0.55 + 0.2 * z, 0.45 + 0.75 * np.clip(z, 0, 1) ** 1.5), dtype=np.float64)
 
 
-def _base(material: Material, uv: Reals, grain_m: float) -> Reals:
+def _base(material: Material, uv: Doubles, grain_m: float) -> Doubles:
     """Return the base colour at texture coordinates; the texture is first averaged to about a pixel's size."""
     factor = np.array(material.base_colour)
     if material.texture is None:
@@ -205,20 +207,20 @@ def _coarser(texture: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.fl
     return np.asarray(texture[:tall, :wide].reshape(tall // step, step, wide // step, step, 3).mean(axis=(1, 3)))
 
 
-def _ground_grid(scene: Scene) -> tuple[Reals, float]:
+def _ground_grid(scene: Scene) -> tuple[Doubles, float]:
     """Return the middle of the ground around the furniture, and half its side in metres."""
     low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
     return (low + high)[:2] / 2, 1.6 * float(np.linalg.norm(high - low))
 
 
-def _ground_spots(scene: Scene) -> Reals:
+def _ground_spots(scene: Scene) -> Doubles:
     middle, reach = _ground_grid(scene)
     line = np.linspace(-reach, reach, GRID)
     gx, gy = np.meshgrid(line, line, indexing="ij")
     return np.column_stack([gx.ravel() + middle[0], gy.ravel() + middle[1], np.zeros(GRID * GRID)])
 
 
-def _ground(scene: Scene, eye: Eye, rays: Reals, light: Reals) -> Reals:
+def _ground(scene: Scene, eye: Eye, rays: Doubles, light: Doubles) -> Doubles:
     """Return the ground's colour, its shadow interpolated in a coarse grid and fading out away from the furniture."""
     middle, reach = _ground_grid(scene)
     gx, gy = np.meshgrid(*[np.linspace(-reach, reach, GRID)] * 2, indexing="ij")

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Int32s
+
 from typing import TypeAlias
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-Reals: TypeAlias = npt.NDArray[np.float64]
-Ids: TypeAlias = npt.NDArray[np.int32]
 
 
 @numba.njit(cache=True)
 def nearest_faces(
-    points: Reals, faces: Ids, rows: int, columns: int
-) -> tuple[Reals, Ids]:  # pragma: no cover (compiled)
+    points: Doubles, faces: Int32s, rows: int, columns: int
+) -> tuple[Doubles, Int32s]:  # pragma: no cover (compiled)
     """Return (rows, columns) depth (inf: none) and face (-1: none) of triangles; points are (x, y, depth) in pixels.
 
     Depth is interpolated linearly in the picture, which is right where it is a distance along parallel rays or the
@@ -49,7 +49,7 @@ def nearest_faces(
 
 
 @numba.njit(cache=True)
-def seen_share(points: Reals, frame: Reals, depth: Reals, bias: float) -> Reals:  # pragma: no cover (compiled)
+def seen_share(points: Doubles, frame: Doubles, depth: Doubles, bias: float) -> Doubles:  # pragma: no cover (compiled)
     """Return how much (0 to 1) of a light each place sees: the bilinear share of depths that do not lie before it.
 
     `frame` (3, 4) takes a place to (x, y, depth) in the light's picture.

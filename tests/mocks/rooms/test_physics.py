@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 from pathlib import Path
 
@@ -11,7 +13,6 @@ from scipy.integrate import dblquad
 
 from benchmarks import _analytic as analytic
 from benchmarks import _physics, _spot
-from mocks.light import Floats
 from mocks.rooms import engine as engines
 from mocks.rooms import llvm
 from mocks.rooms.engine import EngineError, environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter

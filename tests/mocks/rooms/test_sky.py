@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 import pickle
 from dataclasses import replace
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 
 from benchmarks._outdoor import linke_of, pvlib_clear_sky_lx
-from mocks.light import Floats, direction_of, luminance_cd_m2
+from mocks.light import direction_of, luminance_cd_m2
 from mocks.rooms import sky_light
 from mocks.rooms.clouds import CloudDrift
 from mocks.rooms.moment import Moment, draw_moment, sun_distance_au, sun_of

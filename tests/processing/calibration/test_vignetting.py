@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import math
 
 import numpy as np
@@ -15,7 +17,6 @@ from processing.calibration.vignetting import Vignetting, fit_flat, fit_rotated,
 from processing.errors import LensError
 from processing.sphere import Fisheye, LensMapping, directions
 
-Floats = npt.NDArray[np.float32]
 SIZE = (240, 160)
 RADIUS = 240 * 16 / 36 * math.sin(math.pi / 4)
 GEOMETRY = Fisheye(*SIZE, LensMapping.EQUISOLID, RADIUS)

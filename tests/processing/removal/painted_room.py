@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 import math
 from dataclasses import dataclass
 
@@ -18,8 +20,6 @@ from processing.surfaces.maps import SurfaceMaps, surface_maps
 from processing.surfaces.plane import CEILING, FLOOR
 from processing.surfaces.sun_geometry import sun_vector, wall_between, window_depth
 
-Flags = npt.NDArray[np.bool_]
-Floats = npt.NDArray[np.float32]
 
 ROWS = 128
 SUN = (math.pi, math.radians(35))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags
+
 import math
 from dataclasses import replace
 from functools import lru_cache
@@ -20,7 +22,6 @@ from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
 
-Flags = npt.NDArray[np.bool_]
 ROWS = 96
 GEOMETRY = Equirectangular(2 * ROWS, ROWS)
 

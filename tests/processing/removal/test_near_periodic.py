@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -13,7 +15,6 @@ from processing.removal.membrane import spread
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.near_periodic_lattice import reduced
 
-Floats = npt.NDArray[np.float32]
 
 
 def tiled(shape: tuple[int, int] = (120, 140), step: tuple[float, float] = (24, 20)) -> Floats:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Flags, Floats
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -9,8 +11,6 @@ import pytest
 from processing.removal.near_periodic import complete
 from processing.removal.sources import plane_sources
 
-Floats = npt.NDArray[np.float32]
-Flags = npt.NDArray[np.bool_]
 PX_PER_M = 40.0
 SHAPE = (160, 200)
 """4 x 5 m."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Doubles, Floats
+
 import math
 from dataclasses import dataclass
 
@@ -11,8 +13,6 @@ import numpy.typing as npt
 from processing.images import RelativeImage, Validity
 from processing.sphere import Equirectangular
 
-Floats = npt.NDArray[np.float32]
-Doubles = npt.NDArray[np.float64]
 
 FACES = {"floor": 0.25, "ceiling": 0.8, "front": 0.5, "right": 0.42, "back": 0.55, "left": 0.47}
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from processing.ground.arrays import Floats
+
 import json
 import math
 from pathlib import Path
@@ -17,7 +19,6 @@ from processing.segmentation.evidence import SceneEvidence
 from processing.segmentation.segmenters import OnnxSegmenter, open_segmenter
 from processing.sphere import Equirectangular, directions
 
-Floats = npt.NDArray[np.float32]
 COLOURS = np.array(
     [[0, 0, 0], [0, 255, 0], [0, 0, 255], [255, 0, 0], [255, 255, 0], [255, 0, 255], [0, 255, 255], [255, 255, 255]],
     np.uint8,

@@ -1,0 +1,24 @@
+"""One set of names for the array types of the whole project.
+
+The name states the dtype; the docstring of a function states the shape, unit and range of each array. Pictures are
+`Floats` (float32); accumulation, solves and geometry are `Doubles` (float64).
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Halves: TypeAlias = npt.NDArray[np.float16]
+Floats: TypeAlias = npt.NDArray[np.float32]
+Doubles: TypeAlias = npt.NDArray[np.float64]
+Flags: TypeAlias = npt.NDArray[np.bool_]
+Bytes: TypeAlias = npt.NDArray[np.uint8]
+Int8s: TypeAlias = npt.NDArray[np.int8]
+Int16s: TypeAlias = npt.NDArray[np.int16]
+Int32s: TypeAlias = npt.NDArray[np.int32]
+Int64s: TypeAlias = npt.NDArray[np.int64]
+Indices: TypeAlias = npt.NDArray[np.intp]
+UInt16s: TypeAlias = npt.NDArray[np.uint16]
