@@ -20,20 +20,20 @@ class Entry(NamedTuple):
 
 COMMANDS: dict[str, dict[str, Entry]] = {
     "On site": {
-        "doctor": Entry("station.commands.doctor", "doctor", "Check computer, instruments and rig file."),
+        "doctor": Entry("station.commands.instruments", "doctor", "Check computer, instruments and rig file."),
         "capture": Entry("station.commands.capture", "capture", "Capture a room: meter, brackets, meter."),
         "verify": Entry("station.commands.verify", "verify", "Check that a session is whole."),
         "import": Entry("station.commands.import_", "import_session", "Make a session from folders of JPEGs."),
-        "meter": Entry("station.commands.meter", "meter", "Read or probe a luminance meter."),
-        "conform": Entry("station.commands.conform", "conform", "Test an instrument against its contract."),
+        "meter": Entry("station.commands.instruments", "meter", "Read or probe a luminance meter."),
+        "conform": Entry("station.commands.instruments", "conform", "Test an instrument against its contract."),
     },
     "Offline": {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
-        "inspect": Entry("processing.commands.inspect", "inspect", "Say what a picture holds: unit, values, metadata."),
+        "inspect": Entry("processing.commands.results", "inspect", "Say what a picture holds: unit, values, metadata."),
         "dataset": Entry("processing.commands.dataset", "dataset", "Sessions as a data set: index, splits, Croissant."),
-        "export": Entry("processing.commands.export", "export", "Write results for other programs: JPEG, HDR, glTF."),
+        "export": Entry("processing.commands.results", "export", "Write results for other programs: JPEG, HDR, glTF."),
         "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),
-        "view": Entry("processing.commands.view", "view", "Open a session's report."),
+        "view": Entry("processing.commands.results", "view", "Open a session's report."),
         "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
         "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),

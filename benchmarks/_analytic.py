@@ -6,14 +6,13 @@ S 011 type 16 (Moon and Spencer), ``L = Lz (1 + 2 sin elevation) / 3``, 7 pi / 9
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
+
+from processing.ground.arrays import Doubles
 
 Triple: TypeAlias = tuple[float, float, float]
 SkyLuminance: TypeAlias = Callable[[Doubles], Doubles]

@@ -20,10 +20,10 @@ import shapely
 from ortools.sat.python import cp_model
 from shapely.geometry import Polygon, box
 
-from processing.layout.canonical import canonical_plan
 from processing.layout.items import Item
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet
+from processing.layout.solver.canonical import canonical_plan
 from processing.layout.verify import Judge, Piece
 
 Rect = tuple[int, int, int, int]

@@ -21,8 +21,7 @@ from benchmarks._arrange_scene import scene_eval
 from processing.errors import LayoutError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements
-from processing.layout.item_list import set_items
-from processing.layout.item_table import KINDS
+from processing.layout.items import KINDS, set_items
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet, built_in_rules
 from processing.layout.verify import Judge, Piece

@@ -15,8 +15,8 @@ from zoneinfo import ZoneInfo
 
 from benchmarks._sessions import Taken, write_session
 from benchmarks.seeds import seeds
-from mocks.simple_room import SimpleRoom
-from station.session import Site, folder_name
+from mocks.worlds.simple_room import SimpleRoom
+from station.session.session import Site, folder_name
 
 ZONE = "America/New_York"
 PLACE = Site(name="Pittsburgh", latitude_deg=40.44, longitude_deg=-79.99)

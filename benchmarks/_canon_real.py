@@ -10,8 +10,6 @@ second in a gauge of 1 at code 255) times 87 x 5.6^2 / 100 x 1.18 is cd/m2. The 
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 import re
 import subprocess
@@ -24,10 +22,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
-from processing.calibration.lens import ImageCircle, LensModel, find_image_circle
-from processing.calibration.merge import MergeOptions, merge
-from processing.calibration.noise import NoiseModel
-from processing.calibration.outdoor import (
+from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.outdoor.lens import ImageCircle, LensModel, find_image_circle
+from processing.calibration.outdoor.outdoor import (
     OutdoorOptics,
     OutdoorView,
     correct_vignetting,
@@ -35,16 +32,17 @@ from processing.calibration.outdoor import (
     project,
     with_lens,
 )
-from processing.calibration.photometry import illuminance_lx
-from processing.calibration.response import Bracket8, estimate_noise, recover_response
-from processing.calibration.response_curve import ResponseCurve
-from processing.calibration.shutter import ShutterRule, true_time_s
-from processing.calibration.vignetting import published_vignetting
-from processing.frames import array_frame, jpeg_frame
-from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.radiance_files import RADIANCE_WEIGHTS, read_radiance_hdr, write_radiance_hdr
-from processing.resampling import resample
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.response import Bracket8, estimate_noise, recover_response
+from processing.calibration.response.shutter import ShutterRule, true_time_s
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.vignetting import published_vignetting
+from processing.ground.arrays import Doubles
+from processing.pictures.frames import array_frame, jpeg_frame
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.pictures.radiance import RADIANCE_WEIGHTS, read_radiance_hdr, write_radiance_hdr
 from processing.sphere import Fisheye, LensMapping, directions, solid_angles
+from processing.sphere.resampling import resample
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "data" / "brackets" / "canon5d2_8mm_bracket"
 NOMINAL_S = (13.0, 3.2, 0.8, 0.2, 0.05, 0.0125, 1 / 320, 0.0008, 0.0002)

@@ -5,24 +5,21 @@ penn_bed is furnished, coda_320 empty but for a patch of sun, a meter board and 
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags
-
 import json
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._detect_truth import DATA, photograph, picture_of, score, share
 from benchmarks._room_run import told
 from benchmarks._room_scores import score_room
+from processing.ground.arrays import Flags
 from processing.removal.masks import Masks, find_masks
 from processing.removal.round_masks import resized
 from processing.room.model import OpeningKind, RoomModel
 from processing.room.readers import panoannotator_room
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
-from processing.surfaces.plane import FLOOR
-
+from processing.surfaces.planes import FLOOR
 
 PAPER = DATA / "paper"
 SHAPE = (512, 1024)

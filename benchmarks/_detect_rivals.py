@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags
-
 import json
 import tempfile
 from functools import lru_cache
@@ -14,19 +12,18 @@ import numpy.typing as npt
 
 from benchmarks._detect_truth import DATA
 from processing.errors import SegmenterError
-from processing.images import RelativeImage
-from processing.picture_preview import preview_rgb8
+from processing.ground.arrays import Flags
+from processing.pictures.images import RelativeImage
+from processing.pictures.preview import preview_rgb8
 from processing.removal.round_masks import resized
 from processing.removal.tripod import strangeness
 from processing.room.model import RoomModel
 from processing.segmentation.around import ViewPlan, segment_around
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.segmentation.segmenters import Segmenter, open_segmenter
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
-from processing.surfaces.plane import CEILING
-
+from processing.surfaces.planes import CEILING
 
 VOC_CONTRACT = {
     "name": "DeepLab v3, MobileNet v2, Pascal VOC",

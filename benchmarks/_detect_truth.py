@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,12 +12,12 @@ from benchmarks._truth_rooms import room_model_of
 from mocks.rooms.model import Item, Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
-from processing.images import RelativeImage
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, directions, solid_angles
 from processing.surfaces.maps import surface_maps
-from processing.surfaces.plane import CEILING
-from processing.surfaces.sun_geometry import wall_between, window_depth
-
+from processing.surfaces.planes import CEILING
+from processing.surfaces.sun import wall_between, window_depth
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 HUNG = frozenset({"picture", "wall clock", "wall shelf"})

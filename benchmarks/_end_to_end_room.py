@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import hashlib
 import json
 import math
@@ -12,16 +10,17 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from mocks.light import LUMINANCE_WEIGHTS, Site
 from mocks.rooms.mesh import Mesh
 from mocks.rooms.mesh import Part as TruePart
 from mocks.rooms.model import Material, Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
+from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
+from processing.ground.arrays import Floats
 from processing.layout.arrangement import PlacedItem
-from processing.layout.catalogue import Catalogue
-from processing.rendering.scene import Part
+from processing.layout.models.catalogue import Catalogue
+from processing.light.scene.scene import Part
 from processing.stages.furnishing import furniture_parts
 
 MATTE = 0.6

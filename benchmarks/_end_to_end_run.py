@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags
-
 import json
 import math
 import shutil
@@ -14,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._detect_truth import score, simulated_masks
 from benchmarks._end_to_end_room import staged_luminance, staged_room
@@ -25,19 +22,20 @@ from mocks.rooms.model import Use
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
 from mocks.rooms.world import RoomWorld
-from processing.image_files import read_exr
-from processing.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.ground.arrays import Doubles, Flags
 from processing.layout.arrangement import Arrangements
-from processing.picture_masks import read_mask
-from processing.rendering.scene_file import read_scene
-from processing.rendering.sight import albedo_of, sight_of
-from processing.rendering.stage import Stage
+from processing.light.scene.scene_file import read_scene
+from processing.light.solver.sight import albedo_of, sight_of
+from processing.light.solver.stage import Stage
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.pictures.masks import read_mask
 from processing.room.model import RoomModel
 from processing.running.requests import RunRequest
 from processing.running.runner import process
 from processing.sphere import Equirectangular, solid_angles
 from processing.stages.contract import Quality
-from station.session import Site as Place
+from station.session.session import Site as Place
 
 CHANGED = 0.02
 """Relative change of luminance by furniture from which a pixel counts as changed."""

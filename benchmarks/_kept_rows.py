@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mocks.picture_cache import default_folder
+from mocks.optics.picture_cache import default_folder
 
 ROOT = Path(__file__).resolve().parents[1]
 

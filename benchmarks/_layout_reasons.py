@@ -24,8 +24,7 @@ import shapely
 from benchmarks._arrange_oracle import FOLLOWS, SIDEWAYS_M2, ask
 from benchmarks._arrange_rows import pieces_of
 from processing.layout.arrange import arrange
-from processing.layout.item_list import set_items
-from processing.layout.items import Item
+from processing.layout.items import Item, set_items
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet, built_in_rules
 from processing.layout.verify import Judge, Piece

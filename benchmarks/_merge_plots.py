@@ -14,10 +14,10 @@ from benchmarks._merge_truth import summary, true_curve, true_noise, well_expose
 from benchmarks._paired import cost_of
 from benchmarks._plots import IMAGES, Point, time_against_error
 from benchmarks.seeds import seeds
-from mocks.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
-from processing.calibration.merge import Merged, MergeOptions, merge
-from processing.calibration.response import Bracket8, recover_response
-from processing.frames import array_frame
+from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
+from processing.calibration.merge.merge import Merged, MergeOptions, merge
+from processing.calibration.response.response import Bracket8, recover_response
+from processing.pictures.frames import array_frame
 from processing.sphere import Equirectangular
 
 SIZE = (1680, 840)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,7 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.response_curve import ResponseCurve
+from processing.calibration.response.curve import ResponseCurve
+from processing.ground.arrays import Floats
 
 Frames = Sequence[npt.NDArray[np.uint8]]
 ROBERTSON_STEP_PX = 8

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import luminance_cd_m2
-from mocks.sensor import Exposure
-from mocks.synthetic_bracket import SyntheticBracket
-from processing.calibration.noise import NoiseModel
-from processing.calibration.response_curve import ResponseCurve
+from mocks.optics.sensor import Exposure
+from mocks.optics.synthetic_bracket import SyntheticBracket
+from mocks.worlds.light import luminance_cd_m2
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
 
 RANGE_CD_M2 = (0.13, 2e5)
 SCALE_AT_CD_M2 = (50.0, 200.0)

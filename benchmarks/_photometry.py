@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,21 +12,21 @@ import numpy.typing as npt
 
 from benchmarks._sessions import STOPS_S, Taken, write_session
 from benchmarks._sky_floor import SkyErrors, sky_all_known, sky_errors
-from mocks.chart import ChartRoom
-from mocks.light import Site, UniformWorld, World, luminance_cd_m2
-from mocks.optics import scene_rows
-from mocks.simple_room import SimpleRoom
-from processing.calibration.luminance import ScaleFactor, combined, scale_from_reading, scaled
-from processing.calibration.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
-from processing.calibration.photometry import illuminance_lx
-from processing.images import Validity
+from mocks.optics.chart import ChartRoom
+from mocks.optics.optics import scene_rows
+from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
+from mocks.worlds.simple_room import SimpleRoom
+from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
+from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
 from processing.rig.session_side import SessionSide, read_side
 from processing.sphere import solid_angles
-from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.outdoor_optics import veil_taken_off
-from station.session import Side
-
+from processing.stages.parameters import CalibrateParameters
+from station.session.session import Side
 
 DENSE_STOPS_S = (
     4.0,

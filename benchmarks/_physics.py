@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _analytic as analytic
-from mocks.rooms.engine import environment_emitter, irradiance_at, irradiance_over, mesh_shape, mitsuba
+from mocks.rooms.light.engine import environment_emitter, irradiance_at, irradiance_over, mesh_shape, mitsuba
 from mocks.rooms.mesh import Mesh, box, merge, quad
 
 Errors = dict[str, float]

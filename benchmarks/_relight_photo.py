@@ -16,21 +16,21 @@ import numpy as np
 
 from benchmarks._truth_rooms import QUALITY, room_model_of, truth_of
 from benchmarks.albedo import REVEAL_M, outdoors_of_room, picture
-from mocks.light import Site
 from mocks.rooms.model import Use
-from mocks.rooms.moment import LOWEST_SUN_RAD, Moment, sun_of
 from mocks.rooms.room import Room, make_room
+from mocks.rooms.sky.moment import LOWEST_SUN_RAD, Moment, sun_of
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
-from processing.calibration.clear_sky import Place
-from processing.images import LUMINANCE_WEIGHTS
-from processing.relighting.weather import captured_weather, daylight_at, level_illuminance
-from processing.rendering.albedo import albedo_of_room
-from processing.rendering.relight import RelightView, Relit
-from processing.rendering.relight_basis import BASIS_EFFORTS, basis_of
-from processing.rendering.relight_land import with_captured_land
-from processing.rendering.relight_photo import photograph_under
-from processing.rendering.stage import Stage
+from mocks.worlds.light import Site
+from processing.calibration.outdoor.clear_sky import Place
+from processing.light.relighting.relight_land import with_captured_land
+from processing.light.relighting.relight_photo import photograph_under
+from processing.light.relighting.weather import captured_weather, daylight_at, level_illuminance
+from processing.light.scene.albedo import albedo_of_room
+from processing.light.solver.relight import RelightView, Relit
+from processing.light.solver.relight_basis import BASIS_EFFORTS, basis_of
+from processing.light.solver.stage import Stage
+from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 
 ROWS, QUICK_ROWS = 256, 128

@@ -14,7 +14,7 @@ from benchmarks._remove_edges import smooth_error
 from benchmarks._remove_real import encoded, image_of
 from benchmarks._remove_rivals import SLOW, Rival, timed
 from benchmarks._remove_scores import scored
-from processing.images import luminance_cd_m2
+from processing.pictures.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 from processing.removal.masks import MARGIN_RAD, Masks, find_masks
 from processing.removal.round_masks import grown

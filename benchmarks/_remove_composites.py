@@ -1,13 +1,11 @@
 """Real empty rooms into which rendered furniture with its shadows is put: the untouched picture is the exact truth.
 
 ZInD rooms with their drawn layouts, and an HDR panorama of an empty flat (CC0) with the room that we tell from it.
-Furniture is arranged and rendered by the program (`processing.rendering.composite.differential`), which plays no part
-in what is measured: filling sees the composed picture and the mask alone. Composites are kept in the cache.
+Furniture is arranged and rendered by the program (`processing.light.picture.composite.differential`), which plays no
+part in what is measured: filling sees the composed picture and the mask alone. Composites are kept in the cache.
 """
 
 from __future__ import annotations
-
-from processing.ground.arrays import Flags, Floats
 
 import hashlib
 import json
@@ -18,16 +16,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._detect_truth import photograph, picture_of
 from benchmarks._remove_real import DATA, WHITE_CD_M2, image_of
-from mocks.picture_cache import default_folder
+from mocks.optics.picture_cache import default_folder
 from processing.errors import DaylitError
-from processing.images import luminance_cd_m2
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import luminance_cd_m2
 from processing.room.model import RoomModel
 from processing.room.readers import zind_pictures, zind_room
-
 
 ROWS = 512
 VERSION = 1
@@ -134,10 +131,10 @@ def _told(light: Floats) -> RoomModel:
 
 def _furnished(empty: Floats, room: RoomModel) -> tuple[Floats, Flags] | None:
     """Return the room with furniture, and where that is seen; None where hardly any fits."""
-    from processing.layout.catalogue import Catalogue
-    from processing.rendering.albedo import albedo_of_room
-    from processing.rendering.composite import differential
-    from processing.rendering.irradiance import EFFORTS
+    from processing.layout.models.catalogue import Catalogue
+    from processing.light.picture.composite import differential
+    from processing.light.scene.albedo import albedo_of_room
+    from processing.light.solver.irradiance import EFFORTS
     from processing.stages.furnishing import furniture_parts
 
     items = _arranged(room)
@@ -152,9 +149,9 @@ def _furnished(empty: Floats, room: RoomModel) -> tuple[Floats, Flags] | None:
 def _arranged(room: RoomModel) -> tuple:  # type: ignore[type-arg]
     """Return the placed items of the set of which the room holds most."""
     from processing.layout.arrange import arrange
-    from processing.layout.item_list import set_items
-    from processing.layout.plan_room import from_room_model
-    from processing.stages.arrange_choice import with_door
+    from processing.layout.items import set_items
+    from processing.layout.plan import from_room_model
+    from processing.stages.arrange import with_door
 
     best: tuple = ()  # type: ignore[type-arg]
     for name in SETS:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats, Int16s
-
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import luminance_cd_m2
-from processing.removal.membrane import spread
-
+from processing.ground.arrays import Flags, Floats, Int16s
+from processing.pictures.images import luminance_cd_m2
+from processing.removal.smooth import spread
 
 REACH_PX = 3
 LEAST_STEP = 0.2

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.model import Texture
-from mocks.rooms.textures import tile
-
+from mocks.rooms.textures.catalogue import tile
+from processing.ground.arrays import Flags, Floats
 
 PICTURE_PX = (480, 640)
 FLAT_PX = 440

@@ -8,15 +8,12 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Flags
-
 import sys
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._remove_composed import Case
 from benchmarks._remove_composites import composites
@@ -24,7 +21,8 @@ from benchmarks._remove_real import WHITE_CD_M2, encoded, image_of, penn_bed
 from benchmarks._remove_rivals import rivals
 from benchmarks._remove_rooms import MIDDLE, target_of
 from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
-from processing.images import luminance_cd_m2
+from processing.ground.arrays import Bytes, Flags
+from processing.pictures.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 
 WIDTH_PX, BAND_PX = 760, 22

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Flags
-
 import time
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -12,7 +10,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._kept_rows import Rows
 from benchmarks._remove_floors import SORTS, blob, flat_floor
@@ -20,6 +17,7 @@ from benchmarks._remove_real import DATA, encoded, linear
 from benchmarks._remove_rivals import Rival, timed
 from benchmarks._remove_scores import Scores, scored
 from benchmarks.seeds import seeds
+from processing.ground.arrays import Bytes, Flags
 from processing.removal.near_periodic import complete
 
 Case = tuple[str, Bytes, Flags, Flags]

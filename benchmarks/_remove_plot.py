@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._plots import Point, time_against_error
 from benchmarks._remove_real import encoded, image_of, linear
 from benchmarks._remove_rivals import Rival
-from processing.images import luminance_cd_m2
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 from processing.removal.regions import TEXELS
 from processing.room.model import RoomModel

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import json
 from pathlib import Path
 from typing import Any
@@ -12,10 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import LuminanceImage
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import LuminanceImage
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
-
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 WHITE_CD_M2 = 200.0

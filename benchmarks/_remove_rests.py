@@ -7,14 +7,11 @@ with the truly emptied room, with the check of sources (`processing.removal.sour
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags
-
 import sys
 from unittest.mock import patch
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._detect_truth import LYING
 from benchmarks._remove_real import encoded, image_of
@@ -23,11 +20,12 @@ from benchmarks._remove_scores import scored
 from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
-from processing.images import luminance_cd_m2
+from processing.ground.arrays import Flags
+from processing.pictures.images import luminance_cd_m2
 from processing.removal import plane_fill
 from processing.removal.fill import empty_room
 from processing.surfaces.maps import surface_maps
-from processing.surfaces.plane import FLOOR
+from processing.surfaces.planes import FLOOR
 
 ERODED_PX = 7
 HALF_M = 0.5

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Flags
-
 import os
 import subprocess
 import tempfile
@@ -14,7 +12,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+
+from processing.ground.arrays import Bytes, Flags
 
 Rival = Callable[[Bytes, Flags], Bytes]
 

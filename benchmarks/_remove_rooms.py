@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import math
 import time
 from collections.abc import Iterator
@@ -24,10 +22,10 @@ from benchmarks._remove_scores import scored
 from benchmarks._truth_rooms import ROWS, is_kept, kept_list, room_model_of, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.truth import WINDOWPANE, TruthPictures
-from processing.images import luminance_cd_m2
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 from processing.surfaces.maps import plane_map
-
 
 LISTED = 16
 QUICK_ROOMS, FULL_ROOMS, SLOW_ROOMS = 2, 8, 1

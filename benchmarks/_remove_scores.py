@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Doubles, Flags
-
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from processing.ground.arrays import Bytes, Doubles, Flags
 
 SCALES = 4
 DIRECTIONS = 4

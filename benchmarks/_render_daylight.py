@@ -13,11 +13,11 @@ import numpy as np
 
 from benchmarks import _analytic
 from benchmarks._render_scenes import room_model
-from processing.rendering.daylight import skylight
-from processing.rendering.outdoor import sky_outdoors
-from processing.rendering.scene import Outdoors, Pane, Scene
-from processing.rendering.shell import shell_of
-from processing.rendering.stage import Stage
+from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.scene import Outdoors, Pane, Scene
+from processing.light.scene.shell import shell_of
+from processing.light.solver.daylight import skylight
+from processing.light.solver.stage import Stage
 
 HEAD_ON, INDEX, GROUND = 0.88, 1.526, 0.3
 UP, IN, ASIDE = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)

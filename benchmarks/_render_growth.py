@@ -6,8 +6,6 @@ light for all sizes (256 rows, 16 rays): what grows with pixels are sight, sun, 
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,16 +17,17 @@ from benchmarks._memory import MemoryWatch
 from benchmarks._paired import cost_of
 from benchmarks._plots import IMAGES
 from benchmarks._render_scenes import EYE, boxes, clear_sky, plain_room, room_model
+from processing.ground.arrays import Floats
 from processing.layout.arrange import arrange
-from processing.layout.catalogue import Catalogue
-from processing.layout.item_list import set_items
-from processing.layout.plan_room import from_room_model
-from processing.rendering.composite import Bare, differential
-from processing.rendering.irradiance import Effort
-from processing.rendering.render import render
-from processing.rendering.scene import Part
+from processing.layout.items import set_items
+from processing.layout.models.catalogue import Catalogue
+from processing.layout.plan import from_room_model
+from processing.light.picture.composite import Bare, differential
+from processing.light.picture.render import render
+from processing.light.scene.scene import Part
+from processing.light.solver.irradiance import Effort
 from processing.sphere import Equirectangular
-from processing.stages.arrange_choice import with_door
+from processing.stages.arrange import with_door
 from processing.stages.furnishing import furniture_parts
 
 WIDTHS, QUICK_WIDTHS = (512, 1024, 2048, 6720), (128, 256)

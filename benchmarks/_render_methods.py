@@ -8,8 +8,6 @@ its pixels are those that count, as it is all that is known without a calibrated
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import math
 import time
 from dataclasses import replace
@@ -23,19 +21,20 @@ from benchmarks._end_to_end_room import StagedRoom, staged_room
 from benchmarks._plots import IMAGES
 from benchmarks._truth_rooms import QUALITY, room_model_of, truth_of
 from benchmarks.albedo import REVEAL_M, outdoors_of_room, picture
-from mocks.light import Site
 from mocks.rooms.model import Use
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
-from processing.images import LUMINANCE_WEIGHTS
+from mocks.worlds.light import Site
+from processing.ground.arrays import Floats
 from processing.layout.arrange import arrange
-from processing.layout.catalogue import Catalogue
-from processing.layout.item_list import set_items
-from processing.layout.plan_room import from_room_model
-from processing.rendering.albedo import albedo_of_room
-from processing.rendering.composite import differential, ibl, inverse_tone_curve
-from processing.rendering.irradiance import EFFORTS, Effort
-from processing.rendering.render import render
+from processing.layout.items import set_items
+from processing.layout.models.catalogue import Catalogue
+from processing.layout.plan import from_room_model
+from processing.light.picture.composite import differential, ibl, inverse_tone_curve
+from processing.light.picture.render import render
+from processing.light.scene.albedo import albedo_of_room
+from processing.light.solver.irradiance import EFFORTS, Effort
+from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 from processing.stages.furnishing import furniture_parts
 

@@ -13,9 +13,9 @@ import numpy as np
 from benchmarks._render_scenes import _box
 from benchmarks._truth_rooms import room_model_of, truth_list
 from mocks.rooms.room import make_room
-from processing.rendering.outdoor import sky_outdoors
-from processing.rendering.scene import Material, Outdoors, Part, Scene, Sun, plain
-from processing.rendering.shell import shell_of
+from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain
+from processing.light.scene.shell import shell_of
 from processing.room.model import OpeningKind, RoomModel
 
 KINDS = ("sun", "overcast", "lamps")

@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks._paired import cost_of
 from benchmarks._render_scenes import emissions_of, triangles_of
-from processing.rendering.scene import Outdoors, Scene
+from processing.light.scene.scene import Outdoors, Scene
 from processing.sphere import Equirectangular, directions
 
 SETTINGS = ("-ab", "5", "-ad", "512", "-as", "128", "-aa", "0.15", "-ar", "64", "-lw", "1e-4")

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from processing.rendering.engine import usable_variant, with_variant
-from processing.rendering.outdoor import sky_outdoors
-from processing.rendering.scene import Material, Outdoors, Part, Scene, Sun, plain
-from processing.rendering.shell import shell_of
-from processing.rendering.triangles import surface_triangles
+from processing.light.scene.engine import usable_variant, with_variant
+from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain
+from processing.light.scene.shell import shell_of
+from processing.light.scene.triangles import surface_triangles
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.sphere import Perspective
 

@@ -25,13 +25,13 @@ from benchmarks._paired import cost_of
 from benchmarks._render_race import RaceRoom
 from benchmarks._render_radiance import radiance_pixels
 from benchmarks._render_scenes import PlainPath, emissions_of, triangles_of
-from processing.images import LUMINANCE_WEIGHTS
-from processing.rendering.irradiance import Effort, gathered
-from processing.rendering.lightmap import light_map
-from processing.rendering.render import render
-from processing.rendering.sight import Sight, albedo_of, emission_of, sight_of
-from processing.rendering.stage import Stage
-from processing.rendering.sun_picture import sun_of
+from processing.light.picture.render import render
+from processing.light.solver.irradiance import Effort, gathered
+from processing.light.solver.lightmap import light_map
+from processing.light.solver.sight import Sight, albedo_of, emission_of, sight_of
+from processing.light.solver.stage import Stage
+from processing.light.solver.sun_picture import sun_of
+from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 
 ROWS, PIXELS = 256, 1500

@@ -6,8 +6,6 @@ cameras at ease, beside walls and in doorways; some tilted, dark and noisy, or c
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +13,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._detect_truth import picture_of
 from benchmarks._room_level import random_turn, tilted
@@ -23,7 +20,8 @@ from benchmarks._room_run import told
 from benchmarks._room_scores import score_room
 from benchmarks.seeds import seeds
 from mocks.rooms.room import make_room
-from processing.images import RelativeImage
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import RelativeImage
 from processing.room.level import find_upright
 from processing.room.model import RoomModel
 from training.camera import add_foot
@@ -32,7 +30,6 @@ from training.pieces import Piece, built_in_pieces, pieces_of
 from training.props import furnish_house
 from training.render import Stage, radiance, see
 from training.textures import Tile, make_bank
-
 
 HOUSES = 45
 TEXTURES, FURNISHED = 4, 3

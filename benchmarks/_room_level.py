@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 import math
 import time
 from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks._truth_rooms import kept_list, truth_of
 from benchmarks.seeds import Split
-from processing.images import RelativeImage, Validity
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import RelativeImage, Validity
 from processing.room.level import Upright, find_upright
 from processing.room.vanishing import rotation_about
 from processing.sphere import Equirectangular
-
 
 MOST_TILT_RAD = math.radians(15)
 

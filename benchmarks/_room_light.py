@@ -7,8 +7,6 @@ can enter, sun patches as lamps, components apart, masks, noise removal). It is 
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,18 +17,19 @@ import numpy as np
 
 from benchmarks._paired import Cost, cost_of
 from benchmarks.seeds import seeds
-from mocks.light import LUMINANCE_WEIGHTS, Vector
-from mocks.picture_cache import PictureCache, content_key
-from mocks.rooms.cube import Cube
-from mocks.rooms.engine import irradiance_at
-from mocks.rooms.geometry import Geometry
-from mocks.rooms.light import ENVIRONMENT_ROWS, QUALITIES, Baked, Quality, bake, lightings
+from mocks.optics.picture_cache import PictureCache, content_key
+from mocks.rooms.light.cube import Cube
+from mocks.rooms.light.engine import irradiance_at
+from mocks.rooms.light.geometry import Geometry
+from mocks.rooms.light.light import ENVIRONMENT_ROWS, QUALITIES, Baked, Quality, bake, lightings
+from mocks.rooms.light.sunlight import enters
+from mocks.rooms.light.transport import Lighting, Sampling, load_scene, render_cube
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.sunlight import enters
-from mocks.rooms.transport import Lighting, Sampling, load_scene, render_cube
 from mocks.rooms.view import RoomView, Surface
 from mocks.rooms.world import LIGHT_VERSION
+from mocks.worlds.light import LUMINANCE_WEIGHTS, Vector
+from processing.ground.arrays import Doubles, Floats
 
 POINTS, RAYS, CANDIDATES = 40, 4000, 200
 SAMPLES, BATCHES = 2**15, 4

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -12,14 +10,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from benchmarks._room_level import as_image
 from benchmarks._truth_rooms import kept_list, room_model_of, truth_of
 from benchmarks.seeds import Split
 from mocks.rooms.truth import TruthPictures
-from processing.images import RelativeImage
+from processing.ground.arrays import Doubles
+from processing.pictures.images import RelativeImage
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.room.openings import find_openings
 from processing.segmentation.embedded import scene_evidence

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks._detect_truth import photograph
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.room.model import RoomModel
 from processing.room.readers import panoannotator_room, zind_pictures
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.errors import DaylitError, NoRoomError
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.room.columns import columns_of
 from processing.room.estimate import RoomEstimate, estimate_room
 from processing.room.hypotheses import hypotheses

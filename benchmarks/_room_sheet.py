@@ -5,8 +5,6 @@ All rooms are of training seeds. Each panorama is exposed and balanced by itself
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Floats
-
 from itertools import cycle, islice
 from pathlib import Path
 from typing import get_args
@@ -14,16 +12,16 @@ from typing import get_args
 import click
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.seeds import seeds
-from mocks.light import Site, luminance_cd_m2
-from mocks.rooms.light import QUALITIES
+from mocks.rooms.light.light import QUALITIES
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.sky import Kind
+from mocks.rooms.sky.sky import Kind
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
+from mocks.worlds.light import Site, luminance_cd_m2
+from processing.ground.arrays import Bytes, Floats
 
 COLUMNS, ROWS, TILE_ROWS_PX, GAP_PX = 4, 6, 240, 6
 SHEET_SEED = 3
@@ -35,7 +33,6 @@ BALANCE = 0.7
 MIDDLE, WHITE, CONTRAST = 0.5, 16.0, 1.25
 """What the logarithmic mean and white are before the highlights are compressed (Reinhard et al. 2002, equation 4),
 and the power that gives back the contrast this takes."""
-
 
 
 def sheet_rooms(seed: int = SHEET_SEED) -> list[Room]:

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from mocks.light import Site, Vector, World
-from mocks.optics import CANON_5D2, THETA_Z1, CameraOptics, Filter
-from mocks.pictures import RenderedShots
-from mocks.sensor import Exposure
-from mocks.shots import ShotRequest
-from mocks.world import meter_luminance_cd_m2
-from station.session import (
+from mocks.instruments.exposures import ShotRequest
+from mocks.optics.optics import CANON_5D2, THETA_Z1, CameraOptics, Filter
+from mocks.optics.pictures import RenderedShots
+from mocks.optics.sensor import Exposure
+from mocks.worlds.light import Site, Vector, World
+from mocks.worlds.world import meter_luminance_cd_m2
+from station.session.session import (
     BracketRecord,
     DeviceRecord,
     FrameRecord,
@@ -25,7 +25,7 @@ from station.session import (
     SettingRecord,
     Side,
 )
-from station.session import Site as Place
+from station.session.session import Site as Place
 
 STOPS_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
 NOWHERE = Place()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags, Floats
-
 import math
 from dataclasses import dataclass, replace
 
@@ -12,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks._sessions import Taken
-from mocks.light import Site, luminance_cd_m2
-from processing.calibration.merge import merge
-from processing.calibration.noise import NoiseModel
-from processing.calibration.response_curve import ResponseCurve
+from mocks.worlds.light import Site, luminance_cd_m2
+from processing.calibration.merge.merge import merge
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.rig.camera_fit import CameraFit
 from processing.rig.session_side import SessionSide
-from station.session import Side
+from station.session.session import Side
 
 SPOT_RAD = math.radians(1 / 3)
 """The meter's spot: the scale on which the paper measures luminance."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing.resampling import resample
 from processing.sphere import (
     Equirectangular,
     Fisheye,
@@ -21,6 +20,7 @@ from processing.sphere import (
     projected_solid_angles,
     solid_angles,
 )
+from processing.sphere.resampling import resample
 
 SUN_RADIUS_RAD = math.radians(0.25)
 SUN_CD_M2 = 1.6e9

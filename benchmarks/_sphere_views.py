@@ -16,8 +16,7 @@ import py360convert
 
 from benchmarks._paired import Comparison, compare
 from processing.sphere import Equirectangular, Geometry, Perspective, cube_views, directions, pixels
-from processing.views import covering_views, cut_view, view_at
-from processing.views_stitch import stitch_views
+from processing.sphere.views import covering_views, cut_view, stitch_views, view_at
 
 PANORAMA = Equirectangular(6720, 3360)
 VIEW_PX, FOV_DEG = 1024, 90

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import math
 import tempfile
 from collections.abc import Callable
@@ -13,8 +11,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mocks.light import Site, UniformWorld, Vector, World, direction_of, unit
-from mocks.world import HdrWorld, SimpleRoom, meter_luminance_cd_m2
+from mocks.worlds.light import Site, UniformWorld, Vector, World, direction_of, unit
+from mocks.worlds.world import HdrWorld, SimpleRoom, meter_luminance_cd_m2
+from processing.ground.arrays import Floats
 
 SPOT_RAD = math.radians(1 / 3)
 RINGS, SECTORS = 256, 512

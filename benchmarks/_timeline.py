@@ -13,10 +13,10 @@ COLOURS = {"exposure": "#d98e04", "transfer": "#2a6f97", "reading": "#6a994e"}
 
 def record() -> tuple[dict[str, list[tuple[float, float]]], float]:
     """Capture once and return the bars of each lane (start, length; seconds) and the total."""
-    from mocks.bench import make_bench
-    from station.capture import Capture, CaptureRequest
-    from station.rig import open_simulated_rig, wanted_cameras
-    from station.rig_file import PAPER_RIG
+    from mocks.instruments.bench import make_bench
+    from station.capture.capture import Capture, CaptureRequest
+    from station.capture.rig import open_simulated_rig, wanted_cameras
+    from station.capture.rig_file import PAPER_RIG
 
     bench = make_bench("room", wanted_cameras(PAPER_RIG), PAPER_RIG.bracket.stops_s())
     rig = open_simulated_rig(PAPER_RIG, bench)

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.seeds import Split, seeds
-from mocks.picture_cache import content_key, default_folder
+from mocks.optics.picture_cache import content_key, default_folder
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.truth import TruthPictures, truth_pictures

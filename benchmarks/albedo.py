@@ -19,17 +19,17 @@ import numpy as np
 
 from benchmarks._kept_rows import Rows
 from benchmarks._truth_rooms import QUALITY, kept_list, room_model_of, truth_of
-from mocks.light import Site
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
-from processing.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
-from processing.rendering.albedo import RoomAlbedo, albedo_of_room
-from processing.rendering.irradiance import EFFORTS
-from processing.rendering.outdoor import outdoors_of
-from processing.rendering.render import render
-from processing.rendering.scene import Outdoors
+from mocks.worlds.light import Site
+from processing.light.picture.render import render
+from processing.light.scene.albedo import RoomAlbedo, albedo_of_room
+from processing.light.scene.outdoor import outdoors_of
+from processing.light.scene.scene import Outdoors
+from processing.light.solver.irradiance import EFFORTS
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.sphere import Equirectangular, directions, solid_angles
 
 CODE = {"ours": ("processing/rendering/*.py",)}

@@ -26,7 +26,7 @@ from benchmarks._arrange_rows import MIN_AREA_M2, rows_of
 from benchmarks._layout_plot import time_plot
 from benchmarks._layout_reasons import add_answers
 from processing.layout.arrange import arrange
-from processing.layout.item_list import set_items
+from processing.layout.items import set_items
 from processing.layout.plan import FloorPlan
 
 QUICK_ROOMS, QUICK_GENERATED = 16, 1

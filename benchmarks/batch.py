@@ -22,12 +22,12 @@ from typing import Any
 import psutil
 
 from benchmarks._batch_sessions import ZONE, make_sessions
+from processing.batch.croissant import Description
+from processing.batch.dataset import build, check
 from processing.batch.run import BatchReport, BatchRequest, run_batch
 from processing.batch.work import Outcome, Task, work
-from processing.dataset.build import build, check
-from processing.dataset.croissant import Description
 from processing.running.requests import RunRequest
-from processing.running.run_report import Action
+from processing.running.results import Action
 from processing.running.runner import process
 from processing.stages.contract import Quality
 

@@ -95,9 +95,9 @@ def _help_s() -> float:
 
 
 def _capture_once(how: str, seed: int, samples: int) -> dict[str, Any]:
-    from mocks.bench import BenchOptions, make_bench
-    from station.rig import open_simulated_rig, wanted_cameras
-    from station.rig_file import PAPER_RIG, MeterTable
+    from mocks.instruments.bench import BenchOptions, make_bench
+    from station.capture.rig import open_simulated_rig, wanted_cameras
+    from station.capture.rig_file import PAPER_RIG, MeterTable
 
     file = PAPER_RIG.model_copy(update={"meter": MeterTable(samples=samples)})
     bench = make_bench("room", wanted_cameras(file), file.bracket.stops_s(), BenchOptions(seed=seed))
@@ -119,8 +119,8 @@ def _capture_once(how: str, seed: int, samples: int) -> dict[str, Any]:
 
 
 def _together(rig: Any, folder: Path) -> dict[str, Any]:
-    from station.capture import Capture, CaptureRequest
-    from station.session import SessionStatus
+    from station.capture.capture import Capture, CaptureRequest
+    from station.session.session import SessionStatus
 
     job = Capture.new(rig, CaptureRequest(room="benchmark", into=folder))
     for _ in job.events():
@@ -167,11 +167,10 @@ def _script(rig: Any, side: Any, sizes: dict[tuple[str, int], int]) -> None:
 
 def _limit_s(bench: Any, sizes: dict[tuple[str, int], int], samples: int) -> float:
     """Return the least time that the simulated latencies allow."""
-    from mocks.exposures import true_time_s
-    from station.bracket import plan_bracket
-    from station.rig_file import PAPER_RIG
-    from station.session import Side
-    from station.timing import CameraCost, estimate_bracket
+    from mocks.instruments.exposures import true_time_s
+    from station.capture.bracket import CameraCost, estimate_bracket, plan_bracket
+    from station.capture.rig_file import PAPER_RIG
+    from station.session.session import Side
 
     stops_s = PAPER_RIG.bracket.stops_s()
     plan = plan_bracket(stops_s, "full", tuple(Side))

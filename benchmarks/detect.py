@@ -46,7 +46,7 @@ from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
 from mocks.rooms.world import RoomWorld
 from processing.errors import ProcessingError
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.removal.masks import Masks, find_masks
 from processing.room.estimate import estimate_room
 from processing.room.model import RoomModel

@@ -31,7 +31,7 @@ from benchmarks._end_to_end_run import measured
 from benchmarks._photometry import calibrated_rig
 from benchmarks._truth_rooms import truth_list
 from benchmarks.seeds import seeds
-from mocks.picture_cache import default_folder
+from mocks.optics.picture_cache import default_folder
 from processing.calibration.profile import save_profile
 from processing.errors import ProcessingError
 

@@ -20,10 +20,11 @@ import OpenEXR
 
 from benchmarks._paired import cost_of
 from benchmarks.seeds import seeds
-from processing.calibration.photometry import illuminance_lx
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import PictureFileError
-from processing.image_files import read_exr, read_exr_rgb, read_radiance_hdr, write_exr, write_radiance_hdr
-from processing.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.exr import read_exr, read_exr_rgb, write_exr
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.radiance import read_radiance_hdr, write_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
 FULL, QUICK = (6720, 3360), (1680, 840)

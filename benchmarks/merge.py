@@ -25,11 +25,11 @@ from benchmarks._merge_plots import draw_all
 from benchmarks._merge_truth import Summary, summary, true_curve, true_noise, well_exposed
 from benchmarks._paired import compare, cost_of
 from benchmarks.seeds import seeds
-from mocks.sensor import TrueShutter
-from mocks.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
-from processing.calibration.merge import Merged, MergeOptions, merge
-from processing.calibration.response import Bracket8, recover_response
-from processing.frames import FrameSource, array_frame, jpeg_frame
+from mocks.optics.sensor import TrueShutter
+from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
+from processing.calibration.merge.merge import Merged, MergeOptions, merge
+from processing.calibration.response.response import Bracket8, recover_response
+from processing.pictures.frames import FrameSource, array_frame, jpeg_frame
 from processing.sphere import Equirectangular
 
 FULL_SIZE, QUICK_SIZE, SMALL_SIZE, TINY_SIZE = (6720, 3360), (1680, 840), (1680, 840), (210, 105)

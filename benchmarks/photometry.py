@@ -19,7 +19,7 @@ from typing import Any
 
 from benchmarks._photometry import calibrated_rig, measured
 from benchmarks.seeds import seeds
-from mocks.simple_room import SimpleRoom
+from mocks.worlds.simple_room import SimpleRoom
 
 QUICK_DIVISOR, FULL_DIVISOR = 4, 1
 QUICK_ROOMS, FULL_ROOMS = 1, 3

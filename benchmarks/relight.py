@@ -32,24 +32,24 @@ from benchmarks._render_scenes import _box
 from benchmarks._truth_rooms import QUALITY, room_model_of, truth_list, truth_of
 from benchmarks.albedo import outdoors_of_room, picture
 from benchmarks.seeds import seeds
-from mocks.light import Site
 from mocks.rooms.room import make_room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
-from processing.calibration.clear_sky import Place
-from processing.images import LUMINANCE_WEIGHTS
-from processing.relighting.weather import daylight_at, sun_direction, usual_weather
-from processing.rendering.albedo import albedo_of_room
-from processing.rendering.irradiance import Effort
-from processing.rendering.outdoor import sky_outdoors
-from processing.rendering.relight import RelightView
-from processing.rendering.relight_basis import BASIS_EFFORTS, basis_of
-from processing.rendering.render import render
-from processing.rendering.scene import Outdoors, Scene, Vector, plain
-from processing.rendering.shell import shell_of
-from processing.rendering.sight import sight_of
-from processing.rendering.stage import Stage
-from processing.rendering.viewpoint import seen_from
+from mocks.worlds.light import Site
+from processing.calibration.outdoor.clear_sky import Place
+from processing.light.picture.render import render
+from processing.light.picture.viewpoint import seen_from
+from processing.light.relighting.weather import daylight_at, sun_direction, usual_weather
+from processing.light.scene.albedo import albedo_of_room
+from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.scene import Outdoors, Scene, Vector, plain
+from processing.light.scene.shell import shell_of
+from processing.light.solver.irradiance import Effort
+from processing.light.solver.relight import RelightView
+from processing.light.solver.relight_basis import BASIS_EFFORTS, basis_of
+from processing.light.solver.sight import sight_of
+from processing.light.solver.stage import Stage
+from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
@@ -267,7 +267,7 @@ def sun_error_deg(count: int, seed: int) -> float:
     import pandas as pd
     from pvlib.solarposition import spa_python
 
-    from processing.calibration.clear_sky import sun_place
+    from processing.calibration.outdoor.clear_sky import sun_place
 
     rng = np.random.default_rng([seed, 7])
     start = datetime(2000, 1, 1, tzinfo=UTC)

@@ -39,18 +39,18 @@ from benchmarks._render_scenes import EYE, boxes, clear_sky, plain_room, radianc
 from benchmarks._render_time import ours as timed
 from benchmarks._render_time import plain_path, race_row, seconds_to, truth_of_room
 from benchmarks._truth_rooms import is_kept, truth_list
-from mocks.picture_cache import default_folder
-from processing.images import LUMINANCE_WEIGHTS
-from processing.rendering.composite import differential, ibl
-from processing.rendering.daylight import skylight
-from processing.rendering.irradiance import Effort, gathered
-from processing.rendering.lightmap import light_map
-from processing.rendering.outdoor import sky_outdoors
-from processing.rendering.render import render
-from processing.rendering.scene import Outdoors, Scene, plain
-from processing.rendering.shell import shell_of
-from processing.rendering.stage import Stage
-from processing.rendering.transport import links_of, patch_points
+from mocks.optics.picture_cache import default_folder
+from processing.light.picture.composite import differential, ibl
+from processing.light.picture.render import render
+from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.scene import Outdoors, Scene, plain
+from processing.light.scene.shell import shell_of
+from processing.light.solver.daylight import skylight
+from processing.light.solver.irradiance import Effort, gathered
+from processing.light.solver.lightmap import light_map
+from processing.light.solver.stage import Stage
+from processing.light.solver.transport import links_of, patch_points
+from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 
 CODE = {"ours": ("processing/rendering/*.py",), "theirs": ()}

@@ -7,13 +7,11 @@ those codes, for us and for the rivals alike. Brackets are the reference's: nine
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import statistics
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,10 +19,10 @@ import numpy.typing as npt
 from benchmarks._paired import cost_of
 from benchmarks._response_plot import error_over_codes
 from benchmarks.seeds import seeds
-from mocks.sensor import TrueShutter
-from mocks.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
-from processing.calibration.response import Bracket8, ResponseFit, recover_response
-
+from mocks.optics.sensor import TrueShutter
+from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
+from processing.calibration.response.response import Bracket8, ResponseFit, recover_response
+from processing.ground.arrays import Doubles
 
 FULL_SIZE, QUICK_SIZE = (6720, 3360), (1680, 840)
 FULL_BRACKETS, QUICK_BRACKETS = 2, 2

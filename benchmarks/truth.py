@@ -21,7 +21,7 @@ from benchmarks._room_light import OURS, Outcome, room_light
 from benchmarks._sky_anchor import DAYS, QUICK_DAYS, outdoor_errors
 from benchmarks._spot import spot_errors
 from benchmarks.seeds import seeds
-from mocks.rooms.engine import variant
+from mocks.rooms.light.engine import variant
 
 FULL_SPP = {"furnace": 2**20, "sphere": 2**18, "form_factor": 2**20, "daylight": 2**20}
 QUICK_SPP = {"furnace": 2**16, "sphere": 2**14, "form_factor": 2**18, "daylight": 2**15}

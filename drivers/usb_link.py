@@ -27,8 +27,7 @@ from drivers.errors import (
 )
 from drivers.links import Pipe
 from drivers.ptp.codes import STILL_IMAGE_CLASS
-from drivers.usb_errors import typed_error
-from drivers.usb_holder import find_holder
+from drivers.usb_errors import find_holder, typed_error
 
 CLASS_OUT, CLASS_IN = 0x21, 0xA1
 PACKET_MASK = 0x07FF

@@ -131,7 +131,7 @@ STAGES: tuple[Stage, ...] = (
             Artifact("outdoor", "picture", optional=True),
             Artifact("calibration", "json"),
         ),
-        parameters="processing.stages.calibrate_parameters:CalibrateParameters",
+        parameters="processing.stages.parameters:CalibrateParameters",
         options=(
             CALIBRATION,
             Option("--k1", "parameter", "k1", "Scale of the indoor picture, instead of meter and target."),
@@ -158,10 +158,10 @@ STAGES: tuple[Stage, ...] = (
         reads=("camera_height_m", "site", "heading_rad", "frames"),
         makes=(
             Artifact("panorama", "picture", optional=True),
-            Artifact("room", "json", optional=True, check="processing.room.model_file:check_room"),
+            Artifact("room", "json", optional=True, check="processing.room.model:check_room"),
             Artifact("evidence", "file", optional=True, file_name="evidence.npz"),
         ),
-        parameters="processing.stages.room_parameters:RoomParameters",
+        parameters="processing.stages.parameters:RoomParameters",
         trades=("quality",),
         options=(
             Option(
@@ -200,7 +200,7 @@ STAGES: tuple[Stage, ...] = (
             Artifact("sunlight", "mask", optional=True),
             Artifact("shadow", "mask", optional=True),
         ),
-        parameters="processing.stages.detect_parameters:DetectParameters",
+        parameters="processing.stages.parameters:DetectParameters",
         skip_rule="processing.stages.detect:nothing_to_go_by",
         trades=("quality",),
         options=(
@@ -240,7 +240,7 @@ STAGES: tuple[Stage, ...] = (
             Artifact("filled", "mask"),
             Artifact("surfaces", "file", file_name="surfaces.npz"),
         ),
-        parameters="processing.stages.remove_parameters:RemoveParameters",
+        parameters="processing.stages.parameters:RemoveParameters",
         skip_rule="processing.stages.remove:nothing_to_remove",
         trades=("quality",),
         options=(
@@ -264,7 +264,7 @@ STAGES: tuple[Stage, ...] = (
         needs=("calibrate", "room", "detect", "remove"),
         reads=("heading_rad",),
         makes=(Artifact("materials", "json"), Artifact("scene", "file", file_name="scene.npz")),
-        parameters="processing.stages.materials_parameters:MaterialsParameters",
+        parameters="processing.stages.parameters:MaterialsParameters",
         skip_rule="processing.stages.materials:nothing_to_stage",
         trades=("quality",),
         options=(
@@ -291,7 +291,7 @@ STAGES: tuple[Stage, ...] = (
             Artifact("contact-sheet", "file", optional=True, file_name="contact-sheet.png"),
             *(Artifact(f"plan-{k}", "file", optional=True, file_name=f"plan-{k}.svg") for k in range(1, 8)),
         ),
-        parameters="processing.stages.arrange_parameters:ArrangeParameters",
+        parameters="processing.stages.parameters:ArrangeParameters",
         skip_rule="processing.stages.arrange:nothing_to_arrange",
         options=(
             Option("--arrangement", "answer", "arrangement", "arrangement.json of `daylit arrange`, instead."),
@@ -314,7 +314,7 @@ STAGES: tuple[Stage, ...] = (
             *(Artifact(f"{name}-model", "file", optional=True, file_name=f"{name}.glb") for name in STAGED),
             Artifact("staged", "json"),
         ),
-        parameters="processing.stages.render_parameters:RenderParameters",
+        parameters="processing.stages.parameters:RenderParameters",
         skip_rule="processing.stages.render:nothing_to_render",
         trades=("quality", "max_error", "time_budget"),
         options=(
@@ -332,7 +332,7 @@ STAGES: tuple[Stage, ...] = (
         needs=("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render"),
         reads=("name", "site", "frames", "devices", "relight"),
         makes=(Artifact("page", "file", file_name="index.html"),),
-        parameters="processing.report.parameters:ReportParameters",
+        parameters="processing.stages.parameters:ReportParameters",
         options=(
             Option(
                 "--no-staged-label", "parameter", "no_staged_label", "Staged pictures without visible label.", "flag"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Floats
 from training.recoat import recoated
 from training.shards import Examples
 from training.stretch import stretched, wall_direction_rad

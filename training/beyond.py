@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Doubles, Floats
 from training.house import Portal
-
 
 
 def outdoors(rng: np.random.Generator, rays: Floats) -> Floats:

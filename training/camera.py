@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats, Int8s
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.network_input import HEIGHT_PX, WIDTH_PX, network_picture
-
+from processing.ground.arrays import Floats, Int8s
+from processing.segmentation.embedded import HEIGHT_PX, WIDTH_PX, network_picture
+from processing.segmentation.evidence import SceneClass
 
 
 def add_foot(rng: np.random.Generator, light: Floats, label: Int8s, eye_m: float) -> tuple[Floats, Int8s]:

@@ -9,7 +9,7 @@ from mocks.rooms.mesh import Part
 from mocks.rooms.model import Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 from training.soup import Soup
 
 _BY_SURFACE = {

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import numpy as np
 import numpy.typing as npt
 
-from processing.segmentation.classes import SceneClass
+from processing.ground.arrays import Floats
+from processing.segmentation.evidence import SceneClass
 from training.pieces import Piece, joined
 from training.soup import WORLD, Soup
 

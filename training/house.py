@@ -6,21 +6,18 @@ are right. Behind passages and open doors lies another room, seen through a port
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import itertools
 from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from shapely.errors import GEOSException
 from shapely.geometry import Polygon
 
-from processing.segmentation.classes import SceneClass
+from processing.ground.arrays import Doubles
+from processing.segmentation.evidence import SceneClass
 from training.outlines import draw_cameras, draw_eye_m, draw_height_m, draw_outline
 from training.soup import WORLD, Frame, Soup
-
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.seeds import Split
-from processing.images import LuminanceImage
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.embedded import scene_evidence
-from processing.segmentation.evidence import SceneEvidence
-from processing.segmentation.network_input import WIDTH_PX
+from processing.pictures.images import LuminanceImage
+from processing.segmentation.embedded import WIDTH_PX, scene_evidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
 from training.camera import small_labels
 from training.classes_of_rooms import class_picture

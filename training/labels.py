@@ -5,10 +5,10 @@ Column i of n looks at longitude ((i + 0.5) / n - 0.5) * 2 pi, longitude 0 along
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 import numpy as np
 import numpy.typing as npt
+
+from processing.ground.arrays import Doubles, Floats
 
 CORNER_SPREAD_RAD = np.radians(2.2)
 

@@ -6,14 +6,13 @@ patches of sun where the sun can shine.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from mocks.rooms.geometry import Geometry
+from mocks.rooms.light.geometry import Geometry
+from processing.ground.arrays import Doubles, Floats
 
 Panes = list[tuple[Doubles, Doubles, Doubles]]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 from training.house import House, Portal
 from training.soup import Frame
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 
 import numpy as np
-import numpy.typing as npt
 from shapely import box
 from shapely.affinity import rotate
 from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
+
+from processing.ground.arrays import Doubles
 
 LEAST_SIDE_M = 0.5
 

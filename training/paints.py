@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Floats
 from training.soup import Paint
 from training.textures import Tile
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from shapely.geometry import Polygon
 from mocks.rooms.mesh import Part
 from mocks.rooms.model import Item, Role
 from mocks.rooms.room import Room
+from processing.ground.arrays import Floats
 
 _ON_WALL = ("picture", "wall clock", "wall shelf", "rug", "curtain")
 _NOT_STANDING = ("kitchen", "bathroom", "rug", "lamp", "other")
@@ -95,7 +94,7 @@ def _piece(item: Item, parts: list[Part]) -> Piece:
 
 def built_in_pieces() -> list[Piece]:
     """Return the furniture that daylit arranges, in its usual sizes, one style of each."""
-    from processing.layout.catalogue import Catalogue
+    from processing.layout.models.catalogue import Catalogue
 
     catalogue = Catalogue.builtin()
     return [_of_model(catalogue.mesh(name)) for name in catalogue.ids[::3]]
@@ -104,7 +103,7 @@ def built_in_pieces() -> list[Piece]:
 def folder_pieces(folders: Iterable[Path]) -> list[Piece]:
     """Return the standing furniture of folders of model files, those that are not too fine; skips what is unsound."""
     from processing.errors import ModelFileError
-    from processing.layout.catalogue import Catalogue
+    from processing.layout.models.catalogue import Catalogue
 
     found = []
     for folder in folders:

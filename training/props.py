@@ -10,7 +10,7 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon, box
 
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 from training.forms import draw_form, heap, laden
 from training.house import House
 from training.pieces import SMALL, Piece

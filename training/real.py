@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,8 +11,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import RelativeImage
-from processing.segmentation.network_input import WIDTH_PX
+from processing.ground.arrays import Floats
+from processing.pictures.images import RelativeImage
+from processing.segmentation.embedded import WIDTH_PX
 from processing.sphere import Equirectangular
 from training.camera import decoded
 from training.labels import boundary_latitudes

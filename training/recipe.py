@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +10,8 @@ import numpy.typing as npt
 
 from mocks.rooms.mesh import Part
 from mocks.rooms.room import Room, make_room
-from processing.segmentation.network_input import WIDTH_PX
+from processing.ground.arrays import Floats
+from processing.segmentation.embedded import WIDTH_PX
 from training.camera import add_foot, photographed, small_labels
 from training.classes_of_rooms import room_soup
 from training.house import draw_house

@@ -5,13 +5,12 @@ Done in the picture, over the light that is there. Shapes and shadows stay, so a
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.segmentation.classes import SceneClass
+from processing.ground.arrays import Floats
+from processing.segmentation.evidence import SceneClass
 
 HALF_LEVEL = np.float32(0.35)
 """Of the network's picture: the linear level that it shows as the root of one half."""

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from mocks.rooms.ade import ADE20K
-from mocks.rooms.geometry import Geometry
+from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.mesh import Mesh, Part
-from mocks.rooms.model import Material, Role
+from mocks.rooms.model import ADE20K, Material, Role
 from mocks.rooms.truth import equirectangular
-from processing.segmentation.classes import SceneClass
+from processing.ground.arrays import Floats
+from processing.segmentation.evidence import SceneClass
 from training.beyond import Home, other_room, outdoors
 from training.house import Portal
 from training.light import Gathered, Panes, Points, Spread, coarse, gather, smoothed, spread_of, sunlit

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from shapely.geometry import Polygon
 
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 from training.labels import column_longitudes
 
 Floats = npt.NDArray[np.floating]

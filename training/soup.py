@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.segmentation.classes import SceneClass
+from processing.ground.arrays import Doubles, Floats
+from processing.segmentation.evidence import SceneClass
 
 Vec = tuple[float, float, float]
 

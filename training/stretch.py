@@ -6,14 +6,13 @@ known for every pixel, and its boundaries stay exact (the augmentation that Hori
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Doubles
 from training.labels import column_longitudes
 
 Arrays = dict[str, npt.NDArray[Any]]

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.finish import draw_finish
 from mocks.rooms.materials import picture_material
 from mocks.rooms.model import Material, Use
-from mocks.rooms.textures import tile
+from mocks.rooms.textures.catalogue import tile
+from processing.ground.arrays import Floats
 
 SIDE = 128
 LEVELS = (128, 64, 32, 16, 8, 4)

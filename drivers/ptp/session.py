@@ -1,6 +1,7 @@
 """A PTP session: opening, closing, recovering, and the standard operations with typed arguments and results.
 
-One thread owns a session. Nothing here knows a camera model; see `drivers.theta_z1` and `drivers.canon_5d2`.
+One thread owns a session. Nothing here knows a camera model; see `drivers.theta_z1.camera` and
+`drivers.canon_5d2.camera`.
 """
 
 from __future__ import annotations
@@ -22,9 +23,8 @@ from drivers.ptp.codes import Operation, Response
 from drivers.ptp.container import violation
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo, StorageInfo
 from drivers.ptp.pipes import MIN_CALL_S
-from drivers.ptp.refusals import refusal
 from drivers.ptp.resync import CANCEL_LIMIT_S, DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
-from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transactions
+from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transactions, refusal
 from drivers.ptp.values import Value, decode_ids, decode_value, encode_value
 
 __all__ = ["PtpEvent", "PtpSession", "Reply"]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocks.light import Vector
-from mocks.rooms.floors import draw_floor
 from mocks.rooms.materials import (
+    WOODS,
+    Style,
     a_seed,
     cloth,
+    draw_style,
     linear,
     of_luminance,
     pick,
@@ -19,7 +20,121 @@ from mocks.rooms.materials import (
     veneer,
 )
 from mocks.rooms.model import Finish, Material, Texture, Use
-from mocks.rooms.styles import Style, draw_style
+from mocks.worlds.light import Vector
+
+# Floors, drawn as often as people have them: planks, laminate, parquet, carpet, tiles, stone.
+
+
+_SORTS = ("planks", "laminate", "parquet", "carpet", "tiles", "stone")
+_USUAL = (0.40, 0.15, 0.15, 0.15, 0.10, 0.05)
+_SHARES = {
+    Use.BEDROOM: (0.36, 0.14, 0.12, 0.30, 0.05, 0.03),
+    Use.DINING: (0.40, 0.15, 0.17, 0.04, 0.18, 0.06),
+    Use.OFFICE: (0.32, 0.18, 0.12, 0.26, 0.05, 0.07),
+}
+_GLOSSY = 0.45
+
+_TILE_COLOURS = ("#cfc5b5", "#b5afa6", "#8f8b86", "#d9d4ca", "#b98a6a", "#a8593f", "#5a5b5d", "#c3b79f")
+_GROUTS = ("#8a857c", "#a8a299", "#6f6b66")
+_MARBLES = ("#dedad2", "#d3cdc0", "#4a4d4f", "#a9a49a")
+_CONCRETES: tuple[Vector, ...] = ((0.30, 0.295, 0.285), (0.38, 0.37, 0.35), (0.22, 0.218, 0.212))
+_CHIPS = ("#8a7a6a", "#4a4a4a", "#b98a6a", "#efe9dd", "#6f7f78", "#9a5a4a")
+
+
+def draw_floor(rng: np.random.Generator, style: Style, use: Use) -> Material:
+    """Return a floor; carpets are matte, other floors are glossy (roughness 0.12 to 0.35) in 45 of 100 rooms."""
+    sort = str(rng.choice(_SORTS, p=_SHARES.get(use, _USUAL)))
+    roughness = rng.uniform(0.12, 0.35) if rng.random() < _GLOSSY else None
+    if sort == "carpet":
+        return _carpet(rng, style)
+    if sort == "tiles":
+        return _tiles(rng, roughness)
+    if sort == "stone":
+        return _stone(rng, roughness)
+    return _wooden(rng, style, sort, roughness)
+
+
+def _wooden(rng: np.random.Generator, style: Style, sort: str, roughness: float | None) -> Material:
+    wood = pick(rng, style.floors)
+    colour = scaled(WOODS[wood], rng.uniform(0.85, 1.15))
+    kind, options = {"planks": _planks, "laminate": _laminate, "parquet": _parquet}[sort](rng)
+    texture = Texture(kind, a_seed(rng), (colour, scaled(colour, rng.uniform(0.12, 0.35))), options)
+    floor = textured(f"{wood} {kind}", texture, roughness)
+    return turned(floor) if rng.random() < 0.5 else floor
+
+
+_Drawn = tuple[str, tuple[tuple[str, float], ...]]
+
+
+def _planks(rng: np.random.Generator) -> _Drawn:
+    board_m = rng.uniform(0.07, 0.22)
+    return "planks", (
+        ("board_m", board_m),
+        ("length_m", rng.uniform(0.9, 2.2) if board_m > 0.1 else rng.uniform(0.6, 1.2)),
+        ("gap_m", rng.uniform(0.001, 0.004)),
+        ("variation", rng.uniform(0.05, 0.14)),
+        ("figure", rng.uniform(0.06, 0.14)),
+        ("knots", 0.0 if rng.random() < 0.6 else rng.uniform(0.05, 0.4)),
+    )
+
+
+def _laminate(rng: np.random.Generator) -> _Drawn:
+    return "laminate", (
+        ("strips", float(rng.choice([1, 1, 2, 3]))),
+        ("board_m", rng.uniform(0.18, 0.22)),
+        ("length_m", rng.uniform(1.2, 1.4)),
+        ("prints", float(rng.integers(3, 6))),
+    )
+
+
+def _parquet(rng: np.random.Generator) -> _Drawn:
+    if rng.random() < 0.7:
+        sizes = (("block_m", rng.uniform(0.06, 0.11)), ("ratio", float(rng.integers(4, 7))))
+        return "herringbone", (*sizes, ("variation", rng.uniform(0.05, 0.13)))
+    return "blocks", (("block_m", rng.uniform(0.12, 0.3)), ("ratio", float(rng.integers(4, 7))))
+
+
+def _carpet(rng: np.random.Generator, style: Style) -> Material:
+    colour = scaled(pick(rng, style.rugs), rng.uniform(0.8, 1.1))
+    kind = pick(rng, ("carpet loop", "carpet pile"))
+    shades = (colour, scaled(colour, rng.uniform(0.5, 1.4))) if rng.random() < 0.5 else (colour,)
+    return textured("carpet", Texture(kind, a_seed(rng), shades))
+
+
+def _tiles(rng: np.random.Generator, roughness: float | None) -> Material:
+    colours = (linear(pick(rng, _TILE_COLOURS)), linear(pick(rng, _GROUTS)))
+    draw = rng.random()
+    if draw < 0.15:
+        return textured("hexagon tiles", Texture("hexagons", a_seed(rng), colours), roughness)
+    if draw < 0.3:
+        chequered = (linear("#dcd7cc"), linear("#77736d"), linear(pick(rng, ("#333436", "#7a3a2c", "#6f8078"))))
+        side = rng.uniform(0.2, 0.4)
+        squares = (("tile_u_m", side), ("tile_v_m", side), ("chequered", 1.0))
+        return textured("chequered tiles", Texture("tiles", a_seed(rng), chequered, squares), roughness)
+    width_m, height_m = ((0.3, 0.3), (0.45, 0.45), (0.6, 0.6), (0.6, 0.3), (0.9, 0.45))[int(rng.integers(5))]
+    options = (
+        ("tile_u_m", width_m),
+        ("tile_v_m", height_m),
+        ("offset", float(rng.choice([0.0, 0.5])) if width_m > height_m else 0.0),
+        ("gap_m", rng.uniform(0.002, 0.006)),
+        ("variation", rng.uniform(0.01, 0.05)),
+        ("clouding", rng.uniform(0.01, 0.06)),
+    )
+    return textured("tiles", Texture("tiles", a_seed(rng), colours, options), roughness)
+
+
+def _stone(rng: np.random.Generator, roughness: float | None) -> Material:
+    draw = rng.random()
+    if draw < 0.45:
+        colour = _CONCRETES[int(rng.integers(len(_CONCRETES)))]
+        return textured("concrete", Texture("concrete", a_seed(rng), (colour,)), roughness)
+    if draw < 0.7:
+        colours = (linear("#d6d1c7"), *(linear(pick(rng, _CHIPS)) for _ in range(3)))
+        return textured("terrazzo", Texture("terrazzo", a_seed(rng), colours), roughness)
+    slab, joint = pick(rng, _MARBLES), pick(rng, _GROUTS)
+    sizes = (("tile_u_m", 0.6), ("tile_v_m", 0.6), ("gap_m", 0.002), ("veins", rng.uniform(0.2, 0.5)))
+    return textured("marble", Texture("tiles", a_seed(rng), (linear(slab), linear(joint)), sizes), roughness)
+
 
 _WHITE = "#fbfaf6"
 _CREAM: Vector = (0.70, 0.62, 0.47)

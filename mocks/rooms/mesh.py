@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Int32s
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
-from mocks.light import Vector
 from mocks.rooms.model import Material, Role
-
+from mocks.worlds.light import Vector
+from processing.ground.arrays import Doubles, Int32s
 
 
 @dataclass(frozen=True)
@@ -46,7 +42,7 @@ class Part:
     surface: str
     """floor, ceiling, wall, reveal, window frame, door, radiator, ... or the item's kind."""
     ade: int
-    """ADE20K class, see `mocks.rooms.ade`."""
+    """ADE20K class, see `mocks.rooms.model`."""
     role: Role
     instance: int = 0
     wall: int = -1

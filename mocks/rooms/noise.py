@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from functools import lru_cache
 
 import cv2
 import numpy as np
 
-from mocks.light import Reals
+from mocks.worlds.light import Reals
+from processing.ground.arrays import Floats
 
 CELLS = 64
 """Lattice cells after which an octave repeats."""

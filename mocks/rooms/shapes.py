@@ -6,8 +6,6 @@ surface, v along the longest side (the grain of wood).
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Int32s
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,8 +13,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from mocks.light import Vector
 from mocks.rooms.mesh import Mesh, merge
+from mocks.worlds.light import Vector
+from processing.ground.arrays import Doubles, Int32s
 
 CREASE_RAD = math.radians(35.0)
 """A turned profile that bends more than this has a sharp edge there."""

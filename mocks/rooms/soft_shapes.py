@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 
 import numpy as np
 
-from mocks.light import Vector
 from mocks.rooms.mesh import Mesh, merge
 from mocks.rooms.shapes import deformed, grid_faces, rounded_box, smooth
+from mocks.worlds.light import Vector
+from processing.ground.arrays import Doubles
 
 
 def pad(low: Vector, high: Vector, radius_m: float, crown_m: float, cells: int = 5) -> Mesh:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import math
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -11,15 +9,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mocks.light import LUMINANCE_WEIGHTS, Site, Vector
-from mocks.rooms.engine import irradiance_at
-from mocks.rooms.geometry import Geometry
-from mocks.rooms.light import lightings
+from mocks.rooms.light.engine import irradiance_at
+from mocks.rooms.light.geometry import Geometry
+from mocks.rooms.light.light import lightings
+from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role
 from mocks.rooms.room import Room
-from mocks.rooms.transport import load_scene
 from mocks.rooms.view import RoomView, Surface
 from mocks.rooms.world import RoomWorld
+from mocks.worlds.light import LUMINANCE_WEIGHTS, Site, Vector
+from processing.ground.arrays import Floats
 
 NOTHING = -1
 """Of class, instance and wall pictures: the ray leaves through a window (class), or nothing of that kind is there."""

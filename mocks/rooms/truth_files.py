@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import json
 import os
 from dataclasses import asdict, dataclass
@@ -17,6 +15,7 @@ from drivers.errors import DaylitError
 from mocks.rooms.room import Room
 from mocks.rooms.truth import PointLight, TruthPictures, description, point_lights, truth_pictures
 from mocks.rooms.world import RoomWorld
+from processing.ground.arrays import Floats
 
 FORMAT = 1
 TRUTH_NAME = "truth.json"

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import io
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
-from mocks.light import BrightDisc, Site, Vector, unit
-from mocks.picture_cache import PictureCache, content_key
-from mocks.rooms.clouds import CloudDrift
-from mocks.rooms.furniture.equipment import BOARD_SIDE_M
-from mocks.rooms.geometry import Geometry
-from mocks.rooms.light import QUALITIES, Baked, bake, components, lightings
+from mocks.optics.picture_cache import PictureCache, content_key
+from mocks.rooms.furniture.devices import BOARD_SIDE_M
+from mocks.rooms.light.geometry import Geometry
+from mocks.rooms.light.light import QUALITIES, Baked, bake, components, lightings
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
+from mocks.rooms.sky.clouds import CloudDrift
 from mocks.rooms.view import RoomView, outdoors
+from mocks.worlds.light import BrightDisc, Site, Vector, unit
+from processing.ground.arrays import Floats
 
 # Raise when baking or looking up changes.
 LIGHT_VERSION = 6
@@ -26,7 +25,7 @@ LIGHT_VERSION = 6
 
 @dataclass(frozen=True)
 class RoomWorld:
-    """A room and its sky (a `mocks.light.World`). ``quality`` names the work that goes into its light."""
+    """A room and its sky (a `mocks.worlds.light.World`). ``quality`` names the work that goes into its light."""
 
     room: Room
     quality: str = "standard"
@@ -50,7 +49,7 @@ class RoomWorld:
         return tuple({"sky": sky, "sun": sun, "lamps": 1.0}[name] for name in self._lights)
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
-        """Return radiance at time 0 without the sun's disc; see `mocks.light.World`."""
+        """Return radiance at time 0 without the sun's disc; see `mocks.worlds.light.World`."""
         chosen = self._lights if component is None or self.components == ("light",) else (self._lights[component],)
         flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)
         if site is Site.OUTDOOR:
@@ -100,7 +99,7 @@ class RoomWorld:
 
 
 def room_world(use: str, seed: int, quality: str = "standard") -> RoomWorld:
-    """Return a room by name, for `mocks.world.open_world`."""
+    """Return a room by name, for `mocks.worlds.world.open_world`."""
     return RoomWorld(make_room(seed, None if use == "any" else Use(use)), quality)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from processing.batch.cluster import connected, thread_settings, threads_each
 from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, WorkerLostError
-from station.session import MANIFEST_NAME
+from station.session.session import MANIFEST_NAME
 
 LOOK_S = 10.0
 """Between looks at whether any worker is left."""

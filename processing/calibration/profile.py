@@ -25,10 +25,10 @@ from processing.calibration.profile_records import (
     VignettingRecord,
 )
 from processing.errors import ProfileError
-from station import strict_json
 from station.errors import IntegrityError
-from station.folder import Folder, write_file
-from station.session import DeviceRecord, FrameRecord, Model, SafeText, Side
+from station.session import strict_json
+from station.session.folder import Folder, write_file
+from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, Side
 
 PROFILE_SCHEMA_VERSION = 1
 MAX_PROFILE_BYTES = 32 << 20

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import hashlib
 from dataclasses import fields
 from itertools import pairwise
 from typing import Annotated, Any, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from processing.calibration.image_circle import ImageCircle
-from processing.calibration.lens import LensModel
-from processing.calibration.nd_filter import NdFilter
-from processing.calibration.noise import NoiseModel
-from processing.calibration.response_curve import ResponseCurve
-from processing.calibration.shutter import ShutterRule, true_time_s
-from processing.calibration.vignetting import Vignetting
+from processing.calibration.outdoor.image_circle import ImageCircle
+from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.nd_filter import NdFilter
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.shutter import ShutterRule, true_time_s
+from processing.calibration.scale.vignetting import Vignetting
+from processing.ground.arrays import Doubles
 from processing.sphere import LensMapping
-from station.session import Model, SafeText
+from station.session.session import Model, SafeText
 
 Channels = tuple[float, float, float]
 NonNegative = Annotated[float, Field(ge=0)]

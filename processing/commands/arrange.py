@@ -56,7 +56,7 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
     folder.mkdir(parents=True, exist_ok=True)
     result.write(folder / "arrangement.json")
     if not no_pictures:
-        from processing.layout.drawing import write_drawings
+        from processing.layout.drawn.drawing import write_drawings
 
         write_drawings(result, folder, _rule_set(options))
     complete = bool(result.arrangements) and result.arrangements[0].complete
@@ -98,9 +98,8 @@ def _solve(room: Path, **options: Any) -> Arrangements:
 
 def _items(options: dict[str, Any]) -> list[Item]:
     """Return the items asked for; with a catalogue, in the sizes of its models (kinds that it lacks stay)."""
-    from processing.layout.catalogue import Catalogue
-    from processing.layout.item_list import parse_items, set_items, set_list
-    from processing.layout.item_table import KINDS
+    from processing.layout.items import KINDS, parse_items, set_items, set_list
+    from processing.layout.models.catalogue import Catalogue
 
     if options["catalogue"] is None:
         return parse_items(options["items"]) if options["items"] is not None else set_items(options["set_name"])
@@ -111,9 +110,9 @@ def _items(options: dict[str, Any]) -> list[Item]:
 def _plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
     """Return the plan of a plan.json, a room.json, or a session's folder (its room corrected by hand goes first)."""
     from processing.errors import PlanError
+    from processing.layout.plan import from_room_model
     from processing.layout.plan_files import read_plan
-    from processing.layout.plan_room import from_room_model
-    from processing.room.model_file import read_json, read_room
+    from processing.room.model import read_json, read_room
 
     if path.is_dir():
         for inner in IN_A_SESSION:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
@@ -15,6 +17,78 @@ if TYPE_CHECKING:
     from processing.batch.run import BatchReport
     from processing.batch.work import Outcome
     from processing.running.requests import RunRequest
+
+
+# What a user sees of a batch: a bar and the failures on a terminal, a line a session elsewhere, and the summary.
+
+
+class QuietView:
+    """Shows nothing: for --json."""
+
+    def show(self, outcome: Outcome, over: int, total: int) -> None:
+        """Show what became of a session."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+
+class BarsView(QuietView):
+    """A bar for all sessions with the time left, and a line for each; without a terminal lines alone."""
+
+    def __init__(self, *, terminal: bool) -> None:
+        self._bars: Any = None
+        self._task: Any = None
+        if terminal:
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+            columns = (TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            self._bars = Progress(*columns, transient=True)
+            self._task = self._bars.add_task("", total=None)
+
+    def show(self, outcome: Outcome, over: int, total: int) -> None:
+        """Write a line and move the bar."""
+        from processing.commands.process_views import printable
+
+        line = printable(f"{over}/{total}  {outcome_line(outcome)}")
+        if self._bars is None:
+            click.echo(line)
+            return
+        from rich.markup import escape
+
+        self._bars.update(self._task, total=total, completed=over)
+        self._bars.console.print(escape(line), highlight=False, style="red" if outcome.state == "failed" else None)
+
+    def __enter__(self) -> Self:
+        if self._bars is not None:
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+
+def summary_lines(report: BatchReport) -> Iterator[str]:
+    """Yield the failures, then the totals."""
+    from processing.commands.process_views import printable
+
+    for one in report.failed:
+        yield printable(outcome_line(one))
+    done = len(report.outcomes) - len(report.failed)
+    spent = sum(one.cpu_seconds for one in report.outcomes)
+    again = sum(1 for one in report.outcomes if one.tries > 1)
+    retried = f", {again} of them tried twice" if again else ""
+    yield (
+        f"{done} of {len(report.outcomes)} sessions done{retried}, {len(report.failed)} failed, "
+        f"in {report.seconds:.1f} s ({spent:.1f} CPU s)"
+    )
 
 
 @click.command(cls=ProcessCommand)
@@ -48,9 +122,8 @@ def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
     Exit code: 0 all done · 5 some failed (they are listed).
     """
     from processing.batch.cluster import usual_workers
+    from processing.batch.rows import write_table
     from processing.batch.run import BatchRequest, run_batch
-    from processing.batch.table import write_table
-    from processing.commands.batch_views import BarsView, QuietView, summary_lines
 
     if asked["cluster"] is not None and asked["workers"] is not None:
         from processing.errors import ParameterError

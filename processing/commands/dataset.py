@@ -46,10 +46,10 @@ def build(folder: Path, *, split: str, zone: str, as_json: bool, **about: str) -
     \b
     Example: daylit dataset build rooms --name "Rooms of 2023" --licence CC-BY-4.0 --zone America/New_York
     """
+    from processing.batch.croissant import Description
+    from processing.batch.dataset import build as make
+    from processing.batch.dataset import summary as sum_up
     from processing.commands.batch import known_zone
-    from processing.dataset.build import build as make
-    from processing.dataset.build import summary as sum_up
-    from processing.dataset.croissant import Description
 
     description = Description(version=about.pop("release"), **about)
     made = make(folder, description, shares=_shares(split), zone=known_zone(zone))
@@ -72,7 +72,7 @@ def check(folder: Path, *, as_json: bool) -> int:
     Example: daylit dataset check rooms
     Exit code: 0 all as it was built · 1 something is missing, changed, new or contradicts itself.
     """
-    from processing.dataset.build import check as compare
+    from processing.batch.dataset import check as compare
 
     report = compare(folder)
     if as_json:
@@ -97,7 +97,7 @@ def summary(folder: Path, *, as_json: bool) -> int:
     \b
     Example: daylit dataset summary rooms --json
     """
-    from processing.dataset.build import summary as sum_up
+    from processing.batch.dataset import summary as sum_up
 
     found = sum_up(folder)
     if as_json:

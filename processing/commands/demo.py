@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from processing.running.cost import Meter
-    from processing.running.run_report import RunReport
-    from station.session import SessionManifest
+    from processing.running.progress import Meter
+    from processing.running.results import RunReport
+    from station.session.session import SessionManifest
 
 RIG_SIZE = "quarter"
 """Of the rig's sessions: a chart needs some hundred pixels."""
@@ -73,7 +73,7 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
       daylit demo --room bedroom.jpg
       daylit demo --room apartment.hdr --sky meadow.hdr
     """
-    from processing.running.cost import Meter
+    from processing.running.progress import Meter
 
     meter = Meter()
     size, rate, quality = _effort(asked)
@@ -133,10 +133,10 @@ def _captured(
     world: str, size: str, room: str, into: Path, *, as_json: bool, rate: float = 1.0, **changes: object
 ) -> tuple[Path, SessionManifest, bool]:
     """Capture and verify one session; return its folder, its manifest, and whether it is whole."""
-    from station.capture import Capture, CaptureRequest
+    from station.capture.capture import Capture, CaptureRequest
+    from station.capture.rig import open_named_rig
     from station.commands.views import JsonView, PlainView, Rendering, TerminalView
-    from station.rig import open_named_rig
-    from station.verify import verify_session
+    from station.session.verify import verify_session
 
     with Rendering() as rendering:
         rig = open_named_rig(None, world, size=size, rate=rate, on_progress=rendering, in_its_place=True, **changes)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from processing.layout.catalogue import Catalogue
     from processing.layout.furniture.model import FurnitureModel
+    from processing.layout.models.catalogue import Catalogue
 
 _FOLDER = click.option(
     "--catalogue", type=click.Path(path_type=Path), metavar="FOLDER", help="Of glTF, GLB or OBJ files, or 3D-FUTURE's."
@@ -83,7 +83,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
       daylit furniture show "bookshelf/white" --size 1.2,0.3,2.1
       daylit furniture show --style black --output black.png
     """
-    from processing.layout.preview.sheet import model_sheet, two_sides
+    from processing.layout.drawn.sheet import model_sheet, two_sides
 
     found = _catalogue(where["catalogue"], where["style"])
     if model is None:
@@ -116,7 +116,7 @@ def export(what: str, rank: int, size: str | None, output: Path | None, *, as_js
     """
     from processing.errors import CatalogueError
     from processing.layout.arrangement import read_arrangements
-    from processing.layout.scene_files import write_arrangement, write_model
+    from processing.layout.models.scene_files import write_arrangement, write_model
 
     found = _catalogue(where["catalogue"], where["style"])
     if what.endswith(".json"):
@@ -135,7 +135,7 @@ def export(what: str, rank: int, size: str | None, output: Path | None, *, as_js
 
 def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
     from processing.errors import ParameterError
-    from processing.layout.catalogue import Catalogue
+    from processing.layout.models.catalogue import Catalogue
 
     if folder is not None and style is not None:
         raise ParameterError("--style is of the built-in furniture: give it or --catalogue")

@@ -139,7 +139,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
 
 def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:
     """Return the session that is there of a panorama; else check the picture, say what would be made, return None."""
-    from processing.picture_panorama import read_panorama
+    from processing.pictures.panorama import read_panorama
     from processing.running.panorama_session import existing_session
 
     found = existing_session(panorama, into)

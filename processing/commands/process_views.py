@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from processing.running.requests import RunRequest
-    from processing.running.run_report import RunEvent, RunReport, StageReport
+    from processing.running.results import RunEvent, RunReport, StageReport
 
 
 class SilentView:
@@ -113,7 +113,7 @@ def _stage_lines(stage: StageReport, *, explain: bool) -> Iterator[str]:
 
 def _by_reason(left_out: Mapping[str, str]) -> dict[str, list[str]]:
     """Return what was left out by the reason; alternatives that nobody asked for are no news."""
-    from processing.stages.arrange_parameters import NO_SUCH
+    from processing.stages.parameters import NO_SUCH
 
     found: dict[str, list[str]] = {}
     for name, why in left_out.items():

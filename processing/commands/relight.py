@@ -12,10 +12,10 @@ import click
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from processing.calibration.clear_sky import Place
-    from processing.relighting.relit_session import Relighting, RelitRoom
-    from processing.relighting.session_room import SessionRoom
-    from processing.relighting.weather import Weather
+    from processing.calibration.outdoor.clear_sky import Place
+    from processing.light.relighting.relit_session import Relighting, RelitRoom
+    from processing.light.relighting.session_room import SessionRoom
+    from processing.light.relighting.weather import Weather
 
 SHEET_ROWS, ANIMATION_ROWS = 192, 384
 
@@ -58,9 +58,9 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sky other/stages/calibrate/outdoor.exr
     """
     _check(asked)
-    from processing.relighting.relit_session import FOLDER, Relighting
-    from processing.relighting.session_room import check_sky, read_session_room
-    from processing.rendering.relight_basis import BASIS_EFFORTS
+    from processing.light.relighting.relit_session import FOLDER, Relighting
+    from processing.light.relighting.session_room import check_sky, read_session_room
+    from processing.light.solver.relight_basis import BASIS_EFFORTS
 
     room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
     check_sky(room)
@@ -107,10 +107,10 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     from datetime import timedelta
     from math import radians
 
-    from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
-    from processing.relighting.session_room import heading_of, other_sky, place_of
-    from processing.relighting.weather import daylight_at
-    from processing.rendering.relight_land import with_captured_land
+    from processing.light.relighting.relight_land import with_captured_land
+    from processing.light.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
+    from processing.light.relighting.session_room import heading_of, other_sky, place_of
+    from processing.light.relighting.weather import daylight_at
 
     if asked["sky"] is not None:
         outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
@@ -150,7 +150,7 @@ def _caption(local: datetime, facts: dict[str, Any]) -> str:
 
 
 def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
-    from processing.relighting.weather import captured_weather, usual_weather
+    from processing.light.relighting.weather import captured_weather, usual_weather
 
     if kind == "captured":
         return captured_weather(room.scene.outdoors, room.time_utc, place)
@@ -179,8 +179,8 @@ def _step(text: str) -> Any:
 
 
 def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
-    from processing.exr_files import write_exr
-    from processing.picture_preview import auto_exposure
+    from processing.pictures.exr import write_exr
+    from processing.pictures.preview import auto_exposure
 
     stem, _, outdoors, said = moments["lights"][0]
     relit = ready.under(outdoors, said, modelled_sky=moments["modelled"])
@@ -192,7 +192,7 @@ def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) ->
 
 
 def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
-    from processing.relighting.sheet import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
+    from processing.light.relighting.sheet import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
 
     relits = [ready.under(outdoors, said) for _, _, outdoors, said in moments["lights"]]
     exposure = common_exposure([r.picture.rgb for r in relits])
@@ -221,14 +221,14 @@ def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, A
 
 
 def _marked(rgb8: Any, ready: Relighting) -> Any:
-    from processing.exchange.label import labelled
+    from processing.exchange.jpeg_files import labelled
 
     return rgb8 if ready.room.staged is None else labelled(rgb8)
 
 
 def _jpeg(path: Path, relit: RelitRoom, ready: Relighting, exposure: float) -> None:
     from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
-    from processing.picture_preview import preview_rgb8
+    from processing.pictures.preview import preview_rgb8
 
     rgb8 = _marked(preview_rgb8(relit.picture.rgb, exposure), ready)
     high, wide = rgb8.shape[:2]

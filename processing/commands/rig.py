@@ -11,9 +11,9 @@ import click
 
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
-    from processing.calibration.shutter import ShutterRule
+    from processing.calibration.response.shutter import ShutterRule
     from processing.rig.calibrate import RigRequest, RigResult
-    from station.session import Side
+    from station.session.session import Side
 
 _SESSION = click.Path(path_type=Path, file_okay=False)
 
@@ -67,7 +67,7 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
 
 
 def _request(options: dict[str, Any]) -> RigRequest:
-    from processing.calibration.shutter import ShutterRule
+    from processing.calibration.response.shutter import ShutterRule
     from processing.rig.calibrate import RigRequest
 
     first, *rest = options["sessions"]
@@ -88,7 +88,7 @@ def _request(options: dict[str, Any]) -> RigRequest:
 def _sided(text: str) -> tuple[Side, str]:
     """Return the side and the rest of SIDE:REST."""
     from processing.errors import ParameterError
-    from station.session import Side
+    from station.session.session import Side
 
     name, colon, rest = text.partition(":")
     if not colon or name not in tuple(Side):
@@ -118,8 +118,8 @@ def _rule(text: str, rules: tuple[ShutterRule, ...]) -> ShutterRule:
 
 
 def _save_pictures(out: Path, result: RigResult) -> list[str]:
-    from processing.rig.chart_picture import chart_png
-    from station.folder import Folder, write_file
+    from processing.rig.session_side import chart_png
+    from station.session.folder import Folder, write_file
 
     folder = Folder.open(out.parent)
     try:

@@ -51,7 +51,7 @@ def room(
     Exit code: 0 the room can be used · 1 something is wrong with it.
     """
     from processing.errors import ParameterError
-    from station.store import load_manifest
+    from station.session.store import load_manifest
 
     if edit == (check is not None) or (start and not edit):
         raise ParameterError("give either --edit (with --from if wanted) or --check FILE")
@@ -71,8 +71,7 @@ def _beginning(
     session: Path, start: Path | None, imported: tuple[str | None, str | None], camera_height_m: float
 ) -> RoomModel:
     """Return the room to begin with: the one given, the one that the stage room has told, or a rectangle."""
-    from processing.room.model import starter_room
-    from processing.room.model_file import read_room
+    from processing.room.model import read_room, starter_room
 
     layout_format, panorama = imported
     if start and layout_format:
@@ -88,7 +87,7 @@ def _beginning(
 def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
     """Put a room to edit in its place, unless there is one already."""
     from processing.errors import ParameterError
-    from processing.room.model_file import write_room
+    from processing.room.model import write_room
 
     if start and path.exists() and start.resolve() != path.resolve():
         raise ParameterError(
@@ -99,7 +98,7 @@ def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
 
 
 def _tell(path: Path, *, as_json: bool) -> int:
-    from processing.room.model_file import read_json, room_problems
+    from processing.room.model import read_json, room_problems
 
     found, problems = room_problems(read_json(path))
     if as_json:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from processing.relighting.session_room import SessionRoom
-    from processing.rendering.viewpoint import Elsewhere
+    from processing.light.picture.viewpoint import Elsewhere
+    from processing.light.relighting.session_room import SessionRoom
 
 MOST_PX = 4096
 
@@ -47,9 +47,9 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit view-from sessions/2023-05-19T1554Z_coda-320 --eye 0.5,1,1.6 --panorama --staged 1
     """
     _check(asked)
-    from processing.relighting.session_room import read_session_room
-    from processing.rendering.irradiance import EFFORTS
-    from processing.rendering.viewpoint import check_place, seen_from
+    from processing.light.picture.viewpoint import check_place, seen_from
+    from processing.light.relighting.session_room import read_session_room
+    from processing.light.solver.irradiance import EFFORTS
 
     eye = _numbers(asked["eye"], 3, "--eye")
     geometry = _geometry(asked)
@@ -108,8 +108,8 @@ def _write(
     folder: Path, stem: str, room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float]
 ) -> dict[str, Any]:
     """Write picture, JPEG and mask; return the facts."""
-    from processing.exr_files import write_exr
-    from processing.picture_masks import write_mask
+    from processing.pictures.exr import write_exr
+    from processing.pictures.masks import write_mask
 
     solid = ~found.glass
     write_exr(folder / f"{stem}.exr", _picture(room, found, geometry, eye))
@@ -129,8 +129,8 @@ def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float
 
     import numpy as np
 
-    from processing.images import Validity
-    from processing.relighting.session_room import MODELLED
+    from processing.light.relighting.session_room import MODELLED
+    from processing.pictures.images import Validity
 
     return replace(
         room.picture,
@@ -144,9 +144,8 @@ def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float
 
 
 def _jpeg(path: Path, room: SessionRoom, found: Elsewhere, geometry: Any) -> None:
-    from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
-    from processing.exchange.label import labelled
-    from processing.picture_preview import preview_rgb8
+    from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
+    from processing.pictures.preview import preview_rgb8
     from processing.sphere import Equirectangular
 
     rgb8 = preview_rgb8(found.rgb)

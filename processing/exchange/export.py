@@ -11,14 +11,13 @@ from pathlib import Path
 
 from processing.errors import ParameterError, PictureFileError, ProcessingError
 from processing.exchange.gltf import write_scene_glb
-from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
-from processing.exchange.label import labelled
-from processing.exr_files import read_exr, write_exr
-from processing.images import LuminanceImage
-from processing.picture_preview import auto_exposure, preview_rgb8
-from processing.picture_writing import write_bytes
-from processing.radiance_files import write_radiance_hdr
-from processing.rendering.scene_file import read_scene
+from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
+from processing.light.scene.scene_file import read_scene
+from processing.pictures.exr import read_exr, write_exr
+from processing.pictures.images import LuminanceImage
+from processing.pictures.preview import auto_exposure, preview_rgb8
+from processing.pictures.radiance import write_radiance_hdr
+from processing.pictures.writing import write_bytes
 from processing.sphere import Equirectangular
 
 KINDS = ("jpeg", "hdr", "exr", "gltf")

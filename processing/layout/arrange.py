@@ -8,23 +8,22 @@ from functools import cached_property
 
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError
 from processing.layout.arrangement import Arrangement, Arrangements, NotPlaced, PlacedItem
-from processing.layout.canonical import Frame, Pose, canonical_plan
-from processing.layout.choose import Candidate, Chosen, choose
-from processing.layout.field import make_field
-from processing.layout.grouping import host_role
 from processing.layout.items import Item
-from processing.layout.last_places import with_last_places
 from processing.layout.pins import in_frame, pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
-from processing.layout.poses import Stand, anchor, in_room, stands
-from processing.layout.reach import reachable_doors
-from processing.layout.reached_sides import with_reached_sides
-from processing.layout.refusals import host_lost, not_placed, outline_rows, refuse_too_small
 from processing.layout.rules import Rules, RuleSet, built_in_rules
-from processing.layout.scores import make_floor, soft_scores, weighted
-from processing.layout.search import Search
-from processing.layout.tries import Final, run_search
+from processing.layout.solver.canonical import Frame, Pose, canonical_plan
+from processing.layout.solver.choose import Candidate, Chosen, choose
+from processing.layout.solver.field import make_field
+from processing.layout.solver.grouping import host_role
+from processing.layout.solver.last_places import with_last_places
+from processing.layout.solver.poses import Stand, anchor, in_room, stands, with_reached_sides
+from processing.layout.solver.reach import reachable_doors
+from processing.layout.solver.refusals import host_lost, not_placed, outline_rows, refuse_too_small
+from processing.layout.solver.scores import make_floor, soft_scores, weighted
+from processing.layout.solver.search import Search
+from processing.layout.solver.tries import Final, run_search
 from processing.layout.verify import Judge, Piece
 
 MOST_ALTERNATIVES = 50

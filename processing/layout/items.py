@@ -6,7 +6,10 @@ the wall it stands at), z up. Its footprint is the rectangle |x| <= width/2, |y|
 
 from __future__ import annotations
 
+import difflib
 import math
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -87,3 +90,142 @@ class Item:
 
     id: str
     spec: ItemSpec
+
+
+# The built-in kinds of furniture and the sets made of them. Sizes are common ones of the trade, in metres.
+
+
+_BED_ZONES = (UseZone("left", "bed_side"), UseZone("right", "bed_side"), UseZone("front", "bed_foot"))
+
+
+def _bed(name: str, width_m: float, length_m: float, sides_rule: str) -> ItemSpec:
+    return ItemSpec(name, (width_m, length_m, 0.85), zones=_BED_ZONES, sides_rule=sides_rule)
+
+
+def _front(rule: str, less_m: float = 0.0) -> tuple[UseZone, ...]:
+    return (UseZone("front", rule, less_m),)
+
+
+_ALL = (
+    _bed("bed", 1.4, 2.0, "bed_sides"),
+    _bed("single bed", 0.9, 2.0, "bed_single_sides"),
+    _bed("king bed", 1.8, 2.0, "bed_sides"),
+    ItemSpec("nightstand", (0.45, 0.40, 0.50), group_with="bed", bound=True),
+    ItemSpec("wardrobe", (1.2, 0.60, 2.0), zones=_front("wardrobe_front")),
+    ItemSpec("chest", (0.9, 0.45, 0.85), zones=_front("chest_front")),
+    ItemSpec("bookshelf", (0.8, 0.30, 1.8), zones=_front("shelf_front")),
+    ItemSpec("desk", (1.2, 0.60, 0.74), zones=_front("desk_back")),
+    ItemSpec("desk chair", (0.55, 0.55, 0.95), placement="free", group_with="desk", bound=True),
+    ItemSpec("sofa", (1.8, 0.85, 0.80), zones=_front("seat_front")),
+    ItemSpec("armchair", (0.80, 0.80, 0.85), zones=_front("seat_front"), group_with="sofa"),
+    ItemSpec("coffee table", (1.0, 0.55, 0.42), placement="free", group_with="sofa", bound=True),
+    ItemSpec("tv stand", (1.4, 0.40, 0.50), zones=_front("tv_front")),
+    ItemSpec("tv", (1.10, 0.08, 0.65), base_m=0.50, placement="on", group_with="tv stand"),
+    ItemSpec("dining table", (1.4, 0.80, 0.74), placement="free"),
+    ItemSpec(
+        "dining chair",
+        (0.45, 0.50, 0.85),
+        placement="free",
+        zones=(UseZone("back", "dining_edge", less_m=0.50),),
+        group_with="dining table",
+        bound=True,
+    ),
+    ItemSpec("rug", (2.0, 1.4, 0.012), placement="free"),
+    ItemSpec("floor lamp", (0.35, 0.35, 1.6), placement="wall"),
+    ItemSpec("plant", (0.40, 0.40, 0.8), placement="wall"),
+)
+
+KINDS: dict[str, ItemSpec] = {spec.category: spec for spec in _ALL}
+
+SETS: dict[str, str] = {
+    "bedroom": "bed, 2 nightstand, wardrobe, chest, desk, desk chair, plant",
+    "living": "sofa, armchair, coffee table, tv stand, tv, bookshelf, floor lamp, rug",
+    "dining": "dining table, 4 dining chair, chest, bookshelf, plant",
+    "office": "desk, desk chair, 2 bookshelf, armchair, chest, floor lamp, plant",
+}
+
+OTHER_NAMES = {
+    "couch": "sofa",
+    "double bed": "bed",
+    "queen bed": "bed",
+    "shelf": "bookshelf",
+    "bookcase": "bookshelf",
+    "bedside table": "nightstand",
+    "night stand": "nightstand",
+    "closet": "wardrobe",
+    "dresser": "chest",
+    "chest of drawers": "chest",
+    "sideboard": "chest",
+    "television": "tv",
+    "tv cabinet": "tv stand",
+    "office chair": "desk chair",
+    "chair": "dining chair",
+    "table": "dining table",
+    "carpet": "rug",
+    "lamp": "floor lamp",
+}
+
+
+# Lists of furniture as people write them: ``"bed, 2 nightstand, desk"``.
+
+
+MAX_ITEMS = 40
+_ENTRY = re.compile(r"^(?:(\d{1,3})\s*(?:x|×)?\s+)?(.+?)$")
+
+
+def parse_items(text: str, kinds: Mapping[str, ItemSpec] = KINDS) -> list[Item]:
+    """Return the items of a list; ids are the kind, numbered where there are several (`nightstand-2`).
+
+    Raises `ItemError` for names that are not known, with the nearest that are.
+    """
+    specs: list[ItemSpec] = []
+    for part in (p.strip() for p in re.split(r"[,;\n]", text)):
+        if not part:
+            continue
+        match = _ENTRY.match(part)
+        assert match is not None  # the second group takes anything
+        count = int(match[1] or 1)
+        if count < 1:
+            raise ItemError(f"'{part}': none asked for; leave it out instead")
+        specs += [_kind(match[2], kinds)] * min(count, MAX_ITEMS + 1)
+    return number_items(specs)
+
+
+def set_items(name: str) -> list[Item]:
+    """Return the items of a built-in set; raise `ItemError` naming those there are."""
+    return parse_items(set_list(name))
+
+
+def set_list(name: str) -> str:
+    """Return a built-in set as a list; raise `ItemError` naming those there are."""
+    if name not in SETS:
+        raise ItemError(f"no set '{name}'; there are: {', '.join(SETS)}")
+    return SETS[name]
+
+
+def number_items(specs: Sequence[ItemSpec]) -> list[Item]:
+    """Return the specs as items with ids of their own; raise `ItemError` for none, too many, or impossible sizes."""
+    if not specs:
+        raise ItemError("no items", advice="name some, such as 'bed, 2 nightstand, desk'")
+    if len(specs) > MAX_ITEMS:
+        raise ItemError(f"more than {MAX_ITEMS} items")
+    seen: dict[str, int] = {}
+    items = []
+    for spec in specs:
+        spec.checked()
+        name = spec.category.replace(" ", "-")
+        seen[name] = seen.get(name, 0) + 1
+        items.append(Item(f"{name}-{seen[name]}", spec))
+    single = {name for name, count in seen.items() if count == 1}
+    return [Item(item.id[:-2], item.spec) if item.id[:-2] in single else item for item in items]
+
+
+def _kind(name: str, kinds: Mapping[str, ItemSpec]) -> ItemSpec:
+    plain = re.sub(r"[\s_-]+", " ", name.strip().lower())
+    for tried in (plain, plain.removesuffix("s"), plain.removesuffix("es"), re.sub("ves$", "f", plain)):
+        found = kinds.get(OTHER_NAMES.get(tried, tried)) or kinds.get(tried)
+        if found:
+            return found
+    near = difflib.get_close_matches(plain, [*kinds, *OTHER_NAMES], n=3, cutoff=0.5)
+    hint = f"nearest: {', '.join(near)}" if near else f"there are: {', '.join(kinds)}"
+    raise ItemError(f"unknown item '{name.strip()[:40]}'; {hint}")

@@ -17,16 +17,15 @@ from shapely.geometry import LineString
 from shapely.geometry.base import BaseGeometry
 
 from processing.errors import PinError
-from processing.layout.canonical import Pose, wrapped
-from processing.layout.field import PERSON_M, make_field
-from processing.layout.free_region import free_region
-from processing.layout.free_sets import BODY, RUG, ZONE
 from processing.layout.items import Item
 from processing.layout.pins import pinned_stands
 from processing.layout.plan import FloorPlan
-from processing.layout.refusals import outline_rows
 from processing.layout.rules import RuleSet
-from processing.layout.units import zone_choices
+from processing.layout.solver.canonical import Pose, wrapped
+from processing.layout.solver.field import PERSON_M, free_region, make_field
+from processing.layout.solver.free_sets import BODY, RUG, ZONE
+from processing.layout.solver.refusals import outline_rows
+from processing.layout.solver.units import zone_choices
 
 INSIDE_M = 1e-6
 """Positions are taken this far inside the free set, so that rounding cannot carry them out."""

@@ -8,12 +8,12 @@ from dataclasses import replace
 from shapely.geometry import Polygon
 
 from processing.errors import PinError
-from processing.layout.canonical import Frame, Pose
 from processing.layout.items import Item
 from processing.layout.plan import FloorPlan
-from processing.layout.poses import Stand
 from processing.layout.rules import RuleSet
-from processing.layout.units import Rect, zone_choices
+from processing.layout.solver.canonical import Frame, Pose
+from processing.layout.solver.poses import Stand
+from processing.layout.solver.units import Rect, zone_choices
 
 TOUCH_M2 = 1e-5
 

@@ -6,8 +6,6 @@ left (docs/coordinates.md). An opening lies on an edge between `start_m` and `en
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +14,9 @@ from typing import Literal, TypeAlias, TypeVar
 import numpy as np
 
 from processing.errors import PlanError
-from processing.layout.polygons import repaired_ring, signed_area
+from processing.ground.arrays import Doubles
+from processing.layout.solver.polygons import repaired_ring, signed_area
+from processing.room.model import OpeningKind, RoomModel
 
 Hinge: TypeAlias = Literal["left", "right", "unknown"]
 """Where a door hangs, seen from inside the room looking at it."""
@@ -191,3 +191,33 @@ def _inside(ring: Doubles, point: Doubles) -> bool:
     with np.errstate(divide="ignore", invalid="ignore"):
         x = a[:, 0] + (point[1] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
     return bool(np.count_nonzero(spans & (x > point[0])) % 2)
+
+
+# A floor plan from a room's model.
+
+
+def from_room_model(room: RoomModel, *, keep_camera_free: bool = False, name: str = "room") -> FloorPlan:
+    """Return the plan of a room's model; a passage is a door without a leaf."""
+    doors = [
+        Door(
+            opening.wall,
+            opening.start_m,
+            opening.end_m,
+            swing="sliding" if opening.kind is OpeningKind.PASSAGE else "unknown",
+        )
+        for opening in room.openings
+        if opening.kind is not OpeningKind.WINDOW
+    ]
+    windows = [
+        Window(opening.wall, opening.start_m, opening.end_m, opening.sill_m, opening.head_m)
+        for opening in room.openings
+        if opening.kind is OpeningKind.WINDOW
+    ]
+    return make_plan(
+        room.floor,
+        ceiling_height_m=room.ceiling_height_m,
+        doors=doors,
+        windows=windows,
+        keep_free=[(0.0, 0.0)] if keep_camera_free else [],
+        name=name,
+    )

@@ -9,8 +9,6 @@ else.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Floats
-
 import math
 from collections.abc import Iterator
 
@@ -18,8 +16,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Bytes, Floats
 from processing.removal.round_masks import resized
-
 
 WINDOWS_RAD = (math.radians(56), math.radians(90))
 """Widths of windows along the equator; each overlaps the next by half."""

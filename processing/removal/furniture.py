@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Flags, Floats
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Bytes, Flags, Floats
 from processing.removal.edges import snapped
-from processing.removal.outliers import surface_outliers
-from processing.removal.round_masks import components, grown, row_solid_angles, smoothed
-from processing.segmentation.classes import SceneClass
+from processing.removal.round_masks import components, grown, row_solid_angles, smoothed, surface_outliers
+from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import SurfaceMaps
-from processing.surfaces.plane import CEILING, FLOOR
-
+from processing.surfaces.planes import CEILING, FLOOR
 
 FLOOR_SLACK_RAD = math.radians(2.5)
 """Errors of the floor's boundary."""

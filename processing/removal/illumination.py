@@ -7,18 +7,15 @@ into one robust least-squares fit of a coarse grid of values that bends little.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags, Floats
-
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.removal.blurs import blurred
-from processing.removal.membrane import spread
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.near_periodic_lattice import Lattice
-from processing.removal.tone import grey
+from processing.removal.smooth import blurred, grey, spread
 
 CELLS = 7
 """Of the grid along the longer side."""

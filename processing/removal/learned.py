@@ -7,8 +7,6 @@ No network is shipped.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,8 @@ import cv2
 import numpy as np
 
 from processing.errors import FillerError
-from processing.images import luminance_cd_m2
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import luminance_cd_m2
 from processing.removal.plane_fill import FilledPlane
 from processing.segmentation.onnx_session import open_session
 

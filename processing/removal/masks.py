@@ -5,17 +5,15 @@ All is found at a working size and brought to full size, where furniture's edges
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.picture_preview import preview_rgb8
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound, find_furniture, islands_in
 from processing.removal.meter_board import meter_board
@@ -24,13 +22,11 @@ from processing.removal.shadows import ShadowFound, find_shadows
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod
 from processing.room.model import RoomModel
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
-from processing.surfaces.plane import CEILING, FLOOR
-from processing.surfaces.sun_colour import coloured_as_behind
-
+from processing.surfaces.planes import CEILING, FLOOR
+from processing.surfaces.sun import coloured_as_behind
 
 WORKING_ROWS = 512
 MARGIN_RAD = math.radians(0.6)

@@ -6,16 +6,14 @@ lower edge, and reaches down from there. A sheet on a wall or on furniture has n
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import math
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Flags, Floats
 from processing.removal.round_masks import row_latitudes, row_solid_angles
-
 
 STEPS_STOPS = (0.03, 0.06, 0.10, 0.20)
 """Between neighbours of one even surface, more is an edge: a dim board before a white wall needs the least."""

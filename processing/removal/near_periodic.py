@@ -9,22 +9,30 @@ that fit their surroundings.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags, Floats
-
 from dataclasses import dataclass
 from enum import StrEnum
 
 import cv2
 import numpy as np
 
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import fit_illumination, local_light
-from processing.removal.membrane import spread
-from processing.removal.near_periodic_blend import blend, met_to_rim
-from processing.removal.near_periodic_correlation import SelfCorrelation, high_passed, oriented, self_correlation
-from processing.removal.near_periodic_fill import Manner, Weights, solve_weights
-from processing.removal.near_periodic_lattice import ORIENTED_NCC, Lattice, find_lattice
-from processing.removal.near_periodic_offsets import Line, find_line, lattice_offsets, line_offsets, loose_offsets
-from processing.removal.tone import ToneScale, grey
+from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights
+from processing.removal.near_periodic_lattice import (
+    ORIENTED_NCC,
+    Lattice,
+    Line,
+    SelfCorrelation,
+    find_lattice,
+    find_line,
+    high_passed,
+    lattice_offsets,
+    line_offsets,
+    loose_offsets,
+    oriented,
+    self_correlation,
+)
+from processing.removal.smooth import ToneScale, grey, spread
 
 SEARCH_PX = 400
 """Of the longer side of the picture on which the lattice is sought."""

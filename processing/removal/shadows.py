@@ -7,20 +7,16 @@ A narrow band along its foot always counts: contact shadow, and light that bounc
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from processing.ground.arrays import Flags, Floats
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
-from processing.surfaces.plane import CEILING, FLOOR
-from processing.surfaces.planes import planes_of
+from processing.surfaces.planes import CEILING, FLOOR, planes_of
 from processing.surfaces.textures import unwrap, wrap
-
 
 PX_PER_M = 20.0
 CONTACT_M = 0.10

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from processing.ground.arrays import Flags, Floats
 from processing.removal.regions import opening_regions
-from processing.removal.tone import ToneScale, grey
+from processing.removal.smooth import ToneScale, grey
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
-from processing.surfaces.plane import FIRST_WALL, Plane
-from processing.surfaces.planes import planes_of
+from processing.surfaces.planes import FIRST_WALL, Plane, planes_of
 from processing.surfaces.textures import Texture, unwrap
 
 PX_PER_M = 80.0

@@ -9,13 +9,12 @@ stay: the light's fit needs them.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags, Floats
-
 import cv2
 import numpy as np
 
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import fit_illumination
-from processing.removal.tone import ToneScale, grey
+from processing.removal.smooth import ToneScale, grey
 
 CELL_M = 0.03
 MOST_CELLS = 110

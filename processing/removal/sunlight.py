@@ -8,25 +8,23 @@ between its light and the shade beside it. A glossy floor's reflections and lamp
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags, Floats
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.room.model import RoomModel
-from processing.surfaces.sun_colour import LEAST_RATIO
-from processing.surfaces.sun_geometry import (
+from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
+    LEAST_RATIO,
     glazed,
     sun_vector,
     wall_between,
     window_depth,
 )
-
 
 SURE_RATIO = 2.5
 """The same, where no window is known that could confirm it."""

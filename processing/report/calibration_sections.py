@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from processing.false_colour import validity_overlay
-from processing.frames import jpeg_frame
-from processing.images import LuminanceImage, luminance_cd_m2
-from processing.picture_preview import jpeg_bytes, png_bytes, preview_rgb8
+from processing.pictures.false_colour import validity_overlay
+from processing.pictures.frames import jpeg_frame
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.preview import jpeg_bytes, png_bytes, preview_rgb8
 from processing.report.data import Picture, Quantity, Section, Table, number_text
 from processing.report.plots import (
     cct_picture,
@@ -25,7 +25,7 @@ from processing.report.plots import (
     uncertainty_map,
 )
 from processing.sphere import Equirectangular
-from station.session import FrameRecord, Side, shutter_label
+from station.session.session import FrameRecord, Side, shutter_label
 
 SPOT_RAD = math.radians(1 / 3)
 WIDTH_PX = 1200

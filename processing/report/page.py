@@ -11,7 +11,7 @@ import hashlib
 import math
 from pathlib import Path
 
-from processing.picture_writing import write_bytes
+from processing.pictures.writing import write_bytes
 from processing.report.data import ReportData, size_text
 
 TEMPLATES = Path(__file__).parent / "templates"

@@ -5,19 +5,17 @@ Colours of the channels are told apart by line style, too. No plot touches matpl
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Doubles, Floats
-
 import io
 import itertools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.false_colour import display_range, false_colour, legend, uncertainty_picture, with_legend
-from processing.picture_preview import png_bytes, preview_rgb8
+from processing.ground.arrays import Bytes, Doubles, Floats
+from processing.pictures.false_colour import display_range, false_colour, legend, uncertainty_picture, with_legend
+from processing.pictures.preview import png_bytes, preview_rgb8
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -148,7 +146,7 @@ def uncertainty_map(uncertainty: Floats, *, width_px: int = 1200) -> bytes:
 
 def cct_picture(rgb: Floats, *, width_px: int = 1200) -> bytes:
     """Return a PNG of correlated colour temperature (H, W, 3 linear RGB) with its scale; grey: no meaningful CCT."""
-    from processing.calibration.colour_maps import cct_map
+    from processing.calibration.scale.colour_maps import cct_map
 
     step = max(1, -(-rgb.shape[1] // width_px))
     found = cct_map(rgb[step // 2 :: step, step // 2 :: step])

@@ -11,14 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from processing.exchange.jpeg_files import jpeg_bytes
-from processing.exchange.label import TIMES, labelled
+from processing.exchange.jpeg_files import TIMES, jpeg_bytes, labelled
 from processing.report.data import Quantity, Section, Table
 from processing.report.states import small_direction, small_height_px
 from processing.report.tone import Look
 from processing.report.widgets import Card, Cards
-from processing.views import Panorama, cut_view
-from station import strict_json
+from processing.sphere.views import Panorama, cut_view
+from station.session import strict_json
 
 FOLDER = "relight"
 MOST = 24

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.exchange.label import TEXT
-from processing.images import LuminanceImage, luminance_cd_m2
+from processing.exchange.jpeg_files import TEXT
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.report.data import Section
-from processing.report.parameters import ReportParameters
 from processing.report.states import FIELD_DEG, State, comparison, viewer
 from processing.report.tone import Look
 from processing.report.widgets import Model, Models
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
+from processing.stages.parameters import ReportParameters
 
 MOST_STAGED = 7
 HALF_FIELD = math.radians(FIELD_DEG / 2)

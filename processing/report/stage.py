@@ -9,18 +9,16 @@ from typing import Any
 
 from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
-from processing.report.detect_sections import TINTS, detect_section
 from processing.report.light_figures_section import light_figures_section
 from processing.report.page import write_page
-from processing.report.remove_sections import remove_section
-from processing.report.room_sections import floor_area_m2, room_section
 from processing.report.room_states import MOST_STAGED
+from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import staging_sections
 from processing.room.model import RoomModel
-from processing.stages.arrange_parameters import NO_SUCH
 from processing.stages.contract import StageContext, StageOutput
+from processing.stages.parameters import NO_SUCH
 from processing.stages.upright import upright_panorama
-from station.session import SessionManifest, Side
+from station.session.session import SessionManifest, Side
 
 BEFORE = ("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render")
 """Stages that the report tells of; each of them is also in its row's ``needs``."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Floats
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from processing.exchange.label import TEXT
-from processing.images import LuminanceImage, luminance_cd_m2
-from processing.picture_preview import auto_exposure
+from processing.exchange.jpeg_files import TEXT
+from processing.ground.arrays import Bytes, Floats
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.preview import auto_exposure
 
 BRIGHTER = 1.8
 """Than a preview: rooms for people to like are shown airy."""

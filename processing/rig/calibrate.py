@@ -11,17 +11,17 @@ from pathlib import Path
 
 import numpy as np
 
-from processing.calibration.chart import ChartScale, scale_from_charts
-from processing.calibration.chart_views import ChartView, chart_at, find_chart_around
-from processing.calibration.meter_spot import Spot
 from processing.calibration.profile import Correction, K2Record, PatchRecord, RigProfile
 from processing.calibration.profile_records import ResponseRecord
-from processing.calibration.shutter import ShutterRule
-from processing.calibration.vignetting import published_vignetting
+from processing.calibration.response.shutter import ShutterRule
+from processing.calibration.scale.chart import ChartScale, scale_from_charts
+from processing.calibration.scale.chart_views import ChartView, chart_at, find_chart_around
+from processing.calibration.scale.meter_spot import Spot
+from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, ParameterError
 from processing.rig.camera_fit import CameraFit, fit_camera, with_filter, with_flat_field
 from processing.rig.session_side import SessionSide, read_side
-from station.session import Side
+from station.session.session import Side
 
 _INDOOR_DATA = ("theta_z1",)
 """Published fall-offs that belong to the indoor camera."""

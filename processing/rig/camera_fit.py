@@ -9,12 +9,10 @@ from datetime import datetime
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.chart_views import chart_at, find_chart_around
-from processing.calibration.lens import LensModel
-from processing.calibration.merge import merge
-from processing.calibration.nd_filter import NdFilter, fit_nd_filter
-from processing.calibration.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
-from processing.calibration.panorama_falloff import correct_panorama
+from processing.calibration.merge.merge import merge
+from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
+from processing.calibration.outdoor.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
 from processing.calibration.profile import CameraProfile
 from processing.calibration.profile_records import (
     LensRecord,
@@ -24,14 +22,15 @@ from processing.calibration.profile_records import (
     ShutterRecord,
     VignettingRecord,
 )
-from processing.calibration.response import ResponseFit, recover_response
-from processing.calibration.shutter import ShutterRule, camera_rule
-from processing.calibration.vignetting import Vignetting, fit_flat
+from processing.calibration.response.response import ResponseFit, recover_response
+from processing.calibration.response.shutter import ShutterRule, camera_rule
+from processing.calibration.scale.chart_views import chart_at, find_chart_around
+from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import ProfileError, ResponseError
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.rig.session_side import SessionSide, outdoor_lens
 from processing.sphere import Equirectangular, Fisheye, Geometry
-from station.session import Side
+from station.session.session import Side
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
 _FLAT_POWERS = (2, 4, 6, 8)

@@ -10,16 +10,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.image_circle import ImageCircle, find_image_circle
-from processing.calibration.lens import LensModel
+from processing.calibration.outdoor.image_circle import ImageCircle, find_image_circle
+from processing.calibration.outdoor.lens import LensModel
 from processing.calibration.profile import CameraState, camera_state
 from processing.calibration.profile_records import ShutterRecord
-from processing.calibration.response_samples import Bracket8
+from processing.calibration.response.samples import Bracket8
+from processing.calibration.scale.chart_patches import WHITE, WINDOW, chart_points, homography
+from processing.calibration.scale.chart_views import ChartView
 from processing.errors import BracketError, LensError
-from processing.frames import FrameSource, frame_of
+from processing.ground.arrays import Bytes
+from processing.pictures.frames import FrameSource, frame_of
 from processing.sphere import LensMapping
-from station.session import FrameRecord, MeterTarget, ReadingRecord, SessionManifest, Side
-from station.store import load_manifest
+from station.session.session import FrameRecord, MeterTarget, ReadingRecord, SessionManifest, Side
+from station.session.store import load_manifest
 
 
 @dataclass(frozen=True)
@@ -120,3 +123,37 @@ def _stated_circle(manifest: SessionManifest, side: Side) -> tuple[float, float,
         return None
     x, y, radius = (float(v) for v in stated)
     return x, y, radius
+
+
+# The found chart as a picture, so that a person can check that it is the chart and the right way up.
+
+
+_CORNER = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * WINDOW / 2
+
+
+def chart_png(found: ChartView) -> bytes:
+    """Return a PNG: the view with white at 90 %, the windows that were averaged, the white patch's in red."""
+    import cv2
+
+    picture = _shown(found)
+    mapping = homography(found.chart.corners_px)
+    width = max(1, picture.shape[1] // 600)
+    middles = chart_points(mapping, 0.0, 1)[:, 0]
+    for number in range(24):
+        window = np.array((number % 6 + 0.5, number // 6 + 0.5)) + _CORNER
+        flat = np.column_stack([window, np.ones(4)]) @ mapping.T
+        outline = np.rint(flat[:, :2] / flat[:, 2:]).astype(np.int32)
+        colour = (0, 0, 255) if number == WHITE else (0, 255, 0)
+        cv2.polylines(picture, [outline[:, None]], True, colour, width, cv2.LINE_AA)
+    x, y = middles[WHITE]
+    cv2.putText(picture, "white", (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, 0.4 * width, (0, 0, 255), width)
+    done, data = cv2.imencode(".png", picture)
+    assert done
+    return bytes(data)
+
+
+def _shown(found: ChartView) -> Bytes:
+    """Return the view in 8 bits, blue first as cv2 wants it."""
+    white = max(float(found.chart.rgb[WHITE].mean()), 1e-30)
+    values = 0.9 * np.clip(found.view.rgb / np.float32(white), 0, 1 / 0.9)
+    return np.ascontiguousarray((255 * values ** (1 / 2.2))[..., ::-1].astype(np.uint8))

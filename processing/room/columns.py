@@ -7,8 +7,6 @@ fitting is done in these inverse distances: linear, finite, and with errors that
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 from dataclasses import dataclass
 
@@ -16,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
+from processing.ground.arrays import Doubles
 from processing.segmentation.evidence import BoundaryEvidence
-
 
 COLUMNS = 192
 """Columns that are fitted: 1.9 degrees each; networks see no more."""

@@ -6,8 +6,6 @@ log differences are contrasts of the surfaces, in the darkest corner and beside 
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags
-
 import math
 from dataclasses import dataclass
 
@@ -15,10 +13,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.resampling_linear import linear_samples
+from processing.ground.arrays import Doubles, Flags
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.sphere import Equirectangular
-
+from processing.sphere.resampling import linear_samples
 
 REACH_RAD = math.radians(2.6)
 """Of a strip to both sides."""

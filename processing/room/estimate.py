@@ -7,27 +7,57 @@ columns, pixels of classes that cannot be where the room puts them, and the numb
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import NoRoomError, ParameterError
-from processing.images import LuminanceImage, RelativeImage
+from processing.ground.arrays import Doubles
+from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.room.columns import Columns, columns_of
-from processing.room.confidence import Diagnostics, confidence_of, diagnose, doubts, wall_confidences
-from processing.room.hypotheses import Hypothesis, hypotheses
-from processing.room.joint import ClassTable, class_entropy, overhead_share
+from processing.room.confidence import Diagnostics, check_picture, confidence_of, diagnose, doubts, wall_confidences
+from processing.room.hypotheses import ClassTable, Hypothesis, class_entropy, hypotheses, overhead_share
 from processing.room.model import RoomModel, geometry_problems
 from processing.room.outline import Outline
-from processing.room.picture_doubts import check_picture
 from processing.room.refine import Refined, refine
-from processing.room.tidy import tidied
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
+
+# Floor polygons without what is no wall: corners on top of each other or on a straight line.
+
+
+SHORTEST_M = 0.06
+STRAIGHT_RAD = math.radians(2.0)
+
+
+def tidied(floor_m: Doubles) -> Doubles | None:
+    """Return a polygon (n, 2) without walls shorter than 6 cm and corners of less than 2 degrees; None if none is left.
+
+    A short wall's two corners become the one in their middle.
+    """
+    corners = [np.asarray(c, dtype=np.float64) for c in floor_m]
+    changed = True
+    while changed and len(corners) > 3:
+        changed = False
+        for i in range(len(corners)):
+            following = (i + 1) % len(corners)
+            if math.dist(corners[i], corners[following]) < SHORTEST_M:
+                corners[i] = (corners[i] + corners[following]) / 2
+                del corners[following]
+                changed = True
+                break
+            if _straight(corners[i - 1], corners[i], corners[following]):
+                del corners[i]
+                changed = True
+                break
+    return np.array(corners) if len(corners) >= 3 else None
+
+
+def _straight(before: Doubles, corner: Doubles, after: Doubles) -> bool:
+    one, other = corner - before, after - corner
+    turn = math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))
+    return abs(turn) < STRAIGHT_RAD
 
 
 EDGE_WEIGHT = 500.0

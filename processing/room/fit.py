@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from processing.ground.arrays import Doubles
 from processing.room.columns import Columns
 from processing.room.outline import Outline, polygon_of, values_of, with_values
 from processing.surfaces.sight import wall_ranges
-
 
 CAP = 3.0
 """Standard deviations beyond which a column counts as unexplained."""

@@ -24,11 +24,10 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import LayoutNetworkError, ParameterError
-from processing.images import LuminanceImage, RelativeImage
-from processing.picture_preview import preview_rgb8
+from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.preview import preview_rgb8
 from processing.segmentation.evidence import BoundaryEvidence
 from processing.segmentation.onnx_session import open_session
 from processing.sphere import Equirectangular

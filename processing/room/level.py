@@ -7,24 +7,19 @@ no larger than its own uncertainty.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import math
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage, RelativeImage, Validity
-from processing.resampling import PAD_PX, padded_sphere
-from processing.resampling_linear import linear_samples
-from processing.room.lines import find_arcs
-from processing.room.vanishing import Axes, find_axes, rotation_about, rotation_vector
+from processing.ground.arrays import Doubles
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
+from processing.room.vanishing import Axes, find_arcs, find_axes, rotation_about, rotation_vector
 from processing.sphere import Equirectangular, directions, pixels
-from processing.sphere_cubic import cubic_samples
+from processing.sphere.resampling import PAD_PX, cubic_samples, linear_samples, padded_sphere
 
 Image = TypeVar("Image", RelativeImage, LuminanceImage)
 

@@ -9,8 +9,6 @@ Rectangles are (u0, v0, u1, v1) in metres of the wall's plane, v down.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +16,11 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from processing.ground.arrays import Doubles, Floats
 from processing.room.opening_kernels import box_scores, edge, region
 from processing.room.wall_views import WallView
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 
 Box = tuple[float, float, float, float]
 

@@ -6,32 +6,29 @@ shows the outdoors. What is told so becomes evidence of a wall, and the openings
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import math
 from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.ground.arrays import Flags, Floats
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.room.model import Opening, RoomModel
 from processing.room.openings import find_openings
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
-from processing.surfaces.plane import CEILING, FIRST_WALL
-from processing.surfaces.sun_colour import LEAST_RATIO, coloured_as_behind
-from processing.surfaces.sun_geometry import (
+from processing.surfaces.planes import CEILING, FIRST_WALL
+from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
+    LEAST_RATIO,
+    coloured_as_behind,
     sun_vector,
     wall_between,
     window_depth,
 )
-
 
 ROWS = 512
 AZIMUTHS, ELEVATIONS = 5, 3

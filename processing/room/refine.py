@@ -8,23 +8,20 @@ nothing is to be seen, the network's boundary stands.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags
-
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import LuminanceImage, RelativeImage
+from processing.ground.arrays import Doubles, Flags
+from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.room.columns import Columns
 from processing.room.edges import Strip, peaks_near, strip_along
 from processing.room.fit import Fit, fitted
 from processing.room.outline import Outline
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.surfaces.sight import wall_ranges
-
 
 AZIMUTHS = 768
 SHIFTS = np.linspace(-0.08, 0.08, 81)

@@ -5,8 +5,6 @@ Places on a wall are (u, v) in metres of its `Plane`: u to the right, v down fro
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,14 +13,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.ground.arrays import Floats
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.room.model import RoomModel
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.plane import FIRST_WALL, Plane
-from processing.surfaces.planes import planes_of
+from processing.surfaces.planes import FIRST_WALL, Plane, planes_of
 from processing.surfaces.textures import unwrap
-
 
 MOST_PX_PER_M, LEAST_PX_PER_M = 120.0, 30.0
 LARGEST_TEXELS = 2_000_000

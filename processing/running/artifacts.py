@@ -15,16 +15,16 @@ from typing import Any
 
 from processing.errors import ProcessingError
 from processing.pipeline import Artifact, Stage, resolve
-from station import strict_json
+from station.session import strict_json
 
 MAX_JSON_BYTES = 64 << 20
 WRITTEN = True
 """Instead of an artifact's value: the stage has written the file."""
 _SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
-_READ_PICTURE = "processing.image_files:read_exr"
-_WRITE_PICTURE = "processing.image_files:write_exr"
-_READ_MASK = "processing.picture_masks:read_mask"
-_WRITE_MASK = "processing.picture_masks:write_mask"
+_READ_PICTURE = "processing.pictures:read_exr"
+_WRITE_PICTURE = "processing.pictures:write_exr"
+_READ_MASK = "processing.pictures.masks:read_mask"
+_WRITE_MASK = "processing.pictures.masks:write_mask"
 
 
 def file_name(artifact: Artifact) -> str:

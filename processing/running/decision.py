@@ -7,8 +7,7 @@ from typing import Any
 
 from processing.running.fingerprint import Ingredients, changes, digest
 from processing.running.result_store import Stored
-from processing.running.results import StageResult
-from processing.running.run_report import Change
+from processing.running.results import Change, StageResult
 
 MAX_SHOWN = 60
 

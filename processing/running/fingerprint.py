@@ -7,10 +7,95 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
-from station.session import SessionManifest
+from drivers.errors import DaylitError
+from station.session import strict_json
+from station.session.folder import READ_BYTES, Folder, write_file
+from station.session.session import SessionManifest
+
+# SHA-256 of files, remembered as long as size, times and inode are the same.
+#
+# The memory is a cache beside the results (stages/.digests.json): losing it costs one reading of the files, and a copy
+# of
+# the session starts anew (other inodes). A file changed in place gets a new change time (ctime), which no program can
+# set back; a disk that corrupts a file silently changes no time: `--recheck` reads everything.
+
+
+MEMORY_NAME = ".digests.json"
+MAX_MEMORY_BYTES = 4 << 20
+TICK_NS = 20_000_000
+"""Times of files have the grain of the kernel's clock; a digest counts only when the file is older than that."""
+
+Signature = str
+"""Size, time of change of the content and of the file, inode."""
+
+
+class DigestMemory:
+    """Digests by the file's name inside the session."""
+
+    def __init__(self, folder: Folder | None, *, trust: bool = True) -> None:
+        """``folder``: where the memory is kept; None: nowhere. ``trust`` False: every file is read once more."""
+        self._folder = folder
+        self._known: dict[str, tuple[Signature, str]] = {}
+        self._changed = False
+        if folder and trust:
+            self._known = _load(folder)
+
+    def sha256(self, folder: Folder, name: str, key: str) -> str:
+        """Return the digest of an ordinary file, "" if there is none; links and devices are `IntegrityError`."""
+        try:
+            fd = folder.open_file(name)
+        except FileNotFoundError:
+            return ""
+        try:
+            signature = _signature(fd)
+            known = self._known.get(key)
+            if known and known[0] == signature:
+                return known[1]
+            _let_the_clock_pass(fd)
+            digest = hashlib.sha256()
+            while block := os.read(fd, READ_BYTES):
+                digest.update(block)
+            if _signature(fd) == signature:
+                self._known[key] = (signature, digest.hexdigest())
+                self._changed = True
+            return digest.hexdigest()
+        finally:
+            os.close(fd)
+
+    def save(self) -> None:
+        """Keep what is known for the next run; failing to do so is no harm."""
+        if self._folder and self._changed:
+            with suppress(DaylitError):
+                write_file(self._folder, MEMORY_NAME, json.dumps(self._known, sort_keys=True).encode())
+                self._changed = False
+
+
+def _signature(fd: int) -> Signature:
+    info = os.fstat(fd)
+    return f"{info.st_size} {info.st_mtime_ns} {info.st_ctime_ns} {info.st_ino}"
+
+
+def _let_the_clock_pass(fd: int) -> None:
+    """Wait until a later change of the file would show in its times (at most one tick; new files only)."""
+    age_ns = time.time_ns() - os.fstat(fd).st_ctime_ns
+    if 0 <= age_ns < TICK_NS:
+        time.sleep((TICK_NS - age_ns) / 1e9)
+
+
+def _load(folder: Folder) -> dict[str, tuple[Signature, str]]:
+    """Return what an earlier run kept; anything odd about it and it is forgotten."""
+    try:
+        data = strict_json.loads(folder.read_file(MEMORY_NAME, MAX_MEMORY_BYTES) or b"{}")
+        return {str(key): (str(signature), str(digest)) for key, (signature, digest) in data.items()}
+    except (DaylitError, ValueError, TypeError, AttributeError):
+        return {}
+
 
 ALWAYS = ("schema_version", "session_id", "created_utc", "bracket", "simulated")
 """Fields of the manifest that every stage sees."""

@@ -9,9 +9,9 @@ from uuid import uuid4
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DaylitError
 from processing.errors import PictureFileError
-from processing.picture_panorama import panorama_format, read_panorama
-from station.folder import Folder, write_file
-from station.session import (
+from processing.pictures.panorama import panorama_format, read_panorama
+from station.session.folder import Folder, write_file
+from station.session.session import (
     PANORAMA_FOLDER,
     BracketRecord,
     PanoramaRecord,
@@ -19,7 +19,7 @@ from station.session import (
     Site,
     WarningRecord,
 )
-from station.store import SessionStore, load_manifest
+from station.session.store import SessionStore, load_manifest
 
 ENDINGS = {"jpeg": "jpg", "png": "png", "exr": "exr", "hdr": "hdr"}
 MAX_FILE_BYTES = 1 << 30

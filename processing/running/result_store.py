@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from processing.running.digest_memory import DigestMemory
+from processing.running.fingerprint import DigestMemory
 from processing.running.results import (
     MAX_RESULT_BYTES,
     RESULT_NAME,
@@ -26,9 +26,9 @@ from processing.running.results import (
     parse_result,
     result_bytes,
 )
-from station import durable
 from station.errors import IntegrityError
-from station.folder import PART_PREFIX, Folder, write_file
+from station.session import durable
+from station.session.folder import PART_PREFIX, Folder, write_file
 
 STAGES = "stages"
 _OLD_PREFIX = ".old-"

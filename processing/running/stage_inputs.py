@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from processing.pipeline import Stage
-from processing.running.digest_memory import DigestMemory
-from processing.running.fingerprint import FOLDER, RELIGHT, Ingredients, session_ingredients, visible_part
+from processing.running.fingerprint import FOLDER, RELIGHT, DigestMemory, Ingredients, session_ingredients, visible_part
 from processing.running.requests import RunRequest, given_answers, given_files, parameters, trade_values
 from processing.running.results import StageResult
 from processing.stages.contract import Fetch, Progress, Quality, StageContext
 from station.errors import IntegrityError
-from station.folder import Folder
-from station.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
+from station.session.folder import Folder
+from station.session.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
 
 READ_FOLDER_BYTES = 1 << 30
 """Of a folder that the user gives, up to which all of it is read; a larger one counts by names and sizes."""

@@ -10,13 +10,12 @@ from pathlib import Path
 from processing.errors import ProcessingError
 from processing.pipeline import Artifact, Stage, resolve
 from processing.running.artifacts import WRITTEN, file_name, load, save
-from processing.running.cost import Cost
-from processing.running.digest_memory import DigestMemory
-from processing.running.fingerprint import Ingredients, digest
+from processing.running.fingerprint import DigestMemory, Ingredients, digest
+from processing.running.progress import Cost
 from processing.running.result_store import Building
 from processing.running.results import RunRecord, StageResult
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from station import durable
+from station.session import durable
 
 GIVEN = "given by the user"
 

@@ -7,8 +7,6 @@ what does not fit its contract is refused by name.
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Floats
-
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -19,9 +17,10 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from processing.errors import SegmenterError
-from processing.segmentation.classes import SceneClass
+from processing.ground.arrays import Bytes, Floats
+from processing.segmentation.evidence import SceneClass
 from processing.segmentation.tables import KNOWN, class_matrix
-from station import strict_json
+from station.session import strict_json
 
 Array = npt.NDArray[Any]
 

@@ -7,26 +7,21 @@ count less). Class numbers are never interpolated: they have become probabilitie
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Floats
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage, RelativeImage
-from processing.picture_preview import preview_rgb8
-from processing.resampling import resample
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.ground.arrays import Bytes, Floats
+from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.preview import preview_rgb8
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.segmentation.segmenters import Segmenter
 from processing.sphere import Equirectangular, Perspective
-from processing.views import Panorama, cut_view, view_at, view_ring
-from processing.views_stitch import stitch_views
-
+from processing.sphere.resampling import resample
+from processing.sphere.views import Panorama, cut_view, stitch_views, view_at, view_ring
 
 COARSE_FOV_RAD = math.radians(110)
 COARSE_WORTH = 0.02

@@ -2,15 +2,42 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
+import io
+import json
+import tokenize
+import zipfile
+import zlib
 from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from processing.segmentation.classes import SceneClass
+from processing.errors import SegmenterError
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.writing import write_bytes
 
+# The classes that daylit tells apart.
+
+
+class SceneClass(IntEnum):
+    """What a pixel shows, as far as room and removal need to know; also the channel of `SceneEvidence`."""
+
+    FLOOR = 0
+    """Rugs lie on it and are FIXTURE."""
+    WALL = 1
+    """With skirting, columns and reveals."""
+    CEILING = 2
+    WINDOW = 3
+    """Glass, frame and what is seen through it; glass doors too."""
+    DOOR = 4
+    """Leaf and frame; an open doorway and what is seen through it."""
+    FURNITURE = 5
+    """What is to be removed: whatever stands on the floor, and clutter on it."""
+    FIXTURE = 6
+    """What stays: built-ins, radiators, curtains, blinds, rugs, pictures, mirrors, lamps on ceiling and wall."""
+    TRIPOD = 7
+    """The photographer's own: tripod, its shadowless foot, meter board."""
 
 
 @dataclass(frozen=True)
@@ -47,3 +74,66 @@ class SceneEvidence:
     def share(self, *classes: SceneClass) -> Floats:
         """Return the summed probability (H, W) of some classes."""
         return np.asarray(self.probabilities[list(classes)].sum(axis=0), dtype=np.float32)
+
+
+# Scene evidence on disk: one compressed NumPy archive without pickles, probabilities in half precision.
+
+
+FORMAT = 1
+_BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
+LARGEST_PIXELS = 8 << 20
+
+
+_DAMAGED = (OSError, ValueError, KeyError, TypeError, EOFError, NotImplementedError, SyntaxError)
+"""What reading a damaged archive raises, beside errors of its parts."""
+
+
+def write_evidence(path: Path, evidence: SceneEvidence) -> None:
+    """Write evidence; probabilities are kept to about three digits."""
+    facts = {
+        "format": FORMAT,
+        "source": evidence.source,
+        "views_used": evidence.views_used,
+        "views_skipped": evidence.views_skipped,
+        "notes": list(evidence.notes),
+    }
+    arrays = {"probabilities": evidence.probabilities.astype(np.float16)}
+    if evidence.boundary is not None:
+        arrays |= {name: np.asarray(getattr(evidence.boundary, name)) for name in _BOUNDARY}
+    out = io.BytesIO()
+    np.savez_compressed(out, allow_pickle=False, facts=np.array(json.dumps(facts)), **arrays)
+    write_bytes(path, out.getvalue())
+
+
+def read_evidence(path: Path) -> SceneEvidence:
+    """Read what `write_evidence` wrote.
+
+    Raises
+    ------
+    SegmenterError
+        The file is missing, damaged, or holds what evidence cannot be.
+    """
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            facts = json.loads(str(file["facts"]))
+            found = file["probabilities"].astype(np.float32)
+            boundary = {name: file[name] for name in _BOUNDARY} if "floor_rad" in file.files else None
+        if facts["format"] != FORMAT or found.ndim != 3 or found.shape[0] != len(SceneClass):
+            raise SegmenterError("is not evidence of this version", where=str(path), advice="make it anew")
+        if found[0].size > LARGEST_PIXELS or not np.isfinite(found).all():
+            raise SegmenterError("holds probabilities that cannot be", where=str(path), advice="make it anew")
+        return SceneEvidence(
+            probabilities=found / np.maximum(found.sum(axis=0), 1e-3),
+            source=str(facts["source"]),
+            boundary=None if boundary is None else _boundary(boundary),
+            views_used=int(facts["views_used"]),
+            views_skipped=int(facts["views_skipped"]),
+            notes=tuple(str(note) for note in facts["notes"]),
+        )
+    except (*_DAMAGED, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as exc:
+        raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="make it anew") from exc
+
+
+def _boundary(arrays: dict[str, np.ndarray]) -> BoundaryEvidence:
+    doubles = {name: np.asarray(arrays[name], np.float64) for name in _BOUNDARY[:4]}
+    return BoundaryEvidence(**doubles, corner=np.asarray(arrays["corner"], np.float32))

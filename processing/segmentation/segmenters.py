@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Floats
-
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import SegmenterError
+from processing.ground.arrays import Bytes, Floats
 from processing.segmentation.adapters import Array, NetworkContract, network_input, read_contract, scene_probabilities
 from processing.segmentation.onnx_session import open_session
-
 
 THREADS = 2
 

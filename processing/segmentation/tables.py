@@ -6,16 +6,13 @@ Zhi et al. 2022). A class that may be several of ours spreads its probability ev
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import SegmenterError
-from processing.segmentation.classes import SceneClass
-
+from processing.ground.arrays import Floats
+from processing.segmentation.evidence import SceneClass
 
 ADE20K = tuple(
     """wall, building, sky, floor, tree, ceiling, road, bed, windowpane, grass, cabinet, sidewalk, person, earth, door,

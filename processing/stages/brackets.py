@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from processing.errors import BracketError
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
-from station.session import DeviceRecord, FrameRecord, Side
+from station.session.session import DeviceRecord, FrameRecord, Side
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from processing.calibration.response_samples import Codes as Codes8
-    from processing.frames import FrameSource, Reduce
-    from station.session import SessionManifest
+    from processing.calibration.response.samples import Bytes as Codes8
+    from processing.pictures.frames import FrameSource, Reduce
+    from station.session.session import SessionManifest
 
 DECODERS = 2
 COARSE_PX = 800
@@ -49,7 +49,7 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
 
     Raises `BracketError` for frames of different settings: only the time may differ within a bracket.
     """
-    from processing.frames import jpeg_frame
+    from processing.pictures.frames import jpeg_frame
 
     found = [frame for frame in manifest.frames if frame.side == side and frame.format == "jpeg"]
     if not found:

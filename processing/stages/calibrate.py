@@ -11,9 +11,9 @@ from processing.errors import LensError
 from processing.stages.calibrate_indoor import Calibrated, calibrate_indoor
 from processing.stages.calibrate_outdoor import calibrate_outdoor, why_no_scale
 from processing.stages.calibrate_panorama import calibrate_panorama
-from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from station.session import Side
+from processing.stages.parameters import CalibrateParameters
+from station.session.session import Side
 
 
 def run(context: StageContext) -> StageOutput:

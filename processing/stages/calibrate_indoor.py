@@ -6,17 +6,16 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from processing.calibration.board import find_board
-from processing.calibration.luminance import ScaleFactor, scale_from_reading, scaled
-from processing.calibration.panorama_falloff import correct_panorama
-from processing.calibration.photometry import illuminance_lx
 from processing.calibration.profile import RigProfile
-from processing.calibration.veiling_glare import veil_bound_from_darkest
-from processing.calibration.vignetting import Vignetting, published_vignetting
+from processing.calibration.scale.board import find_board
+from processing.calibration.scale.luminance import ScaleFactor, scale_from_reading, scaled
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
+from processing.calibration.scale.vignetting import Vignetting, correct_panorama, published_vignetting
 from processing.errors import LensError
-from processing.images import LuminanceImage, RelativeImage
-from processing.stages.calibrate_parameters import CalibrateParameters
-from station.session import SessionManifest, Side
+from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.stages.parameters import CalibrateParameters
+from station.session.session import SessionManifest, Side
 
 PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
 """Published fall-off by kind of camera."""

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
-from processing.calibration.clear_sky import Place, clear_beam
-from processing.calibration.lens import LensModel
-from processing.calibration.luminance import ScaleFactor, combined, scaled
-from processing.calibration.north import North, north_from_heading, north_from_sun, oriented
-from processing.calibration.outdoor import (
+from processing.calibration.outdoor.clear_sky import Place, clear_beam
+from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.north import North, north_from_heading, north_from_sun, oriented
+from processing.calibration.outdoor.outdoor import (
     OutdoorOptics,
     OutdoorView,
     correct_colour,
@@ -21,18 +20,19 @@ from processing.calibration.outdoor import (
     project,
     with_lens,
 )
-from processing.calibration.photometry import UP, compare_illuminance, illuminance_lx
+from processing.calibration.outdoor.sun_disc import Sun, find_sun
+from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
 from processing.calibration.profile_records import ResponseRecord
-from processing.calibration.sun_disc import Sun, find_sun
-from processing.calibration.sun_repair import repair_sun
+from processing.calibration.scale.luminance import ScaleFactor, combined, scaled
+from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx
 from processing.errors import ScaleError, SunError
-from processing.images import LuminanceImage, RelativeImage
+from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Fisheye
 from processing.stages.calibrate_indoor import Calibrated, given_scale, illuminances
-from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.outdoor_optics import find_optics, veil_taken_off
-from station.session import FrameRecord, SessionManifest, Side
+from processing.stages.parameters import CalibrateParameters
+from station.session.session import FrameRecord, SessionManifest, Side
 
 NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
 

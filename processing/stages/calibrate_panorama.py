@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from processing.images import LuminanceImage
-from processing.picture_panorama import GivenPanorama, read_panorama
+from processing.pictures.images import LuminanceImage
+from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.stages.calibrate_indoor import PLANES, illuminances
-from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.parameters import CalibrateParameters
 
 MUCH_CLIPPED = 0.001
 """Share of all directions."""

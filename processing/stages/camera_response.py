@@ -11,11 +11,10 @@ from processing.stages.brackets import SideBracket, coarse, decoded
 from processing.stages.contract import StageWarning
 
 if TYPE_CHECKING:
-    from processing.calibration.noise import NoiseModel
     from processing.calibration.profile import CameraProfile, RigProfile
-    from processing.calibration.response_curve import ResponseCurve
-    from processing.calibration.response_samples import Codes as Codes8
-    from processing.frames import FrameSource
+    from processing.calibration.response.curve import NoiseModel, ResponseCurve
+    from processing.calibration.response.samples import Bytes as Codes8
+    from processing.pictures.frames import FrameSource
 
 DRIFTED = "drifted"
 
@@ -69,7 +68,7 @@ def camera_response(
     camera = profile.cameras.get(bracket.side) if profile else None
     if profile and camera and camera.response:
         return _from_profile(bracket, profile, camera), bracket.frames
-    from processing.frames import array_frame
+    from processing.pictures.frames import array_frame
 
     codes = decoded(bracket.frames)
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
@@ -78,8 +77,8 @@ def camera_response(
 
 def _recovered(bracket: SideBracket, codes: Sequence[Codes8], method: str) -> CameraResponse:
     """Take what the bracket tells; its times too, unless the camera's rule is known."""
-    from processing.calibration.response import Bracket8, recover_response
-    from processing.calibration.shutter import camera_rule, true_time_s
+    from processing.calibration.response.response import Bracket8, recover_response
+    from processing.calibration.response.shutter import camera_rule, true_time_s
 
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
@@ -96,7 +95,7 @@ def _recovered(bracket: SideBracket, codes: Sequence[Codes8], method: str) -> Ca
 def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
     from processing.calibration.profile import profile_matches
-    from processing.calibration.response import Bracket8, check_response, estimate_noise
+    from processing.calibration.response.response import Bracket8, check_response, estimate_noise
 
     assert camera.response
     curve = camera.response.curve()
@@ -124,9 +123,9 @@ def code_residuals(codes: Sequence[Codes8], times_s: Sequence[float], curve: Res
 
     ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no patch has such a code; empty where none are told.
     """
-    from processing.calibration.response import Bracket8
-    from processing.calibration.response_residuals import residuals_by_code
-    from processing.calibration.response_samples import take_samples
+    from processing.calibration.response.quality import residuals_by_code
+    from processing.calibration.response.response import Bracket8
+    from processing.calibration.response.samples import take_samples
 
     try:
         found = residuals_by_code(take_samples([Bracket8(codes, times_s)]), curve)
@@ -149,7 +148,7 @@ def profile_times(camera: CameraProfile, nominal_s: Sequence[float]) -> tuple[tu
     """Return true times and their relative uncertainties: as measured where the profile has them, else by its rule."""
     import math
 
-    from processing.calibration.shutter import RULE_SIGMA_STOPS, ShutterRule, true_time_s
+    from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule, true_time_s
 
     measured = {round(math.log2(time.nominal_s), 3): time for time in camera.shutter.times}
     times, sigmas = [], []

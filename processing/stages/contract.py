@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, JsonValue
 
 from processing.errors import ProcessingError
-from station.session import SafeText, SessionManifest
+from station.session.session import SafeText, SessionManifest
 
 
 class Quality(StrEnum):

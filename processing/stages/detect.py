@@ -6,17 +6,15 @@ import math
 from typing import Any
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage
+from processing.pictures.images import LuminanceImage
 from processing.removal.masks import Masks, find_masks
 from processing.segmentation.around import segment_around
 from processing.segmentation.embedded import scene_evidence
-from processing.segmentation.evidence import SceneEvidence
-from processing.segmentation.evidence_file import read_evidence
+from processing.segmentation.evidence import SceneEvidence, read_evidence
 from processing.segmentation.segmenters import open_segmenter
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from processing.stages.detect_parameters import DetectParameters
-from processing.stages.sun_known import sky_without_sun, sun_direction
-from processing.stages.upright import known_room, upright_panorama
+from processing.stages.parameters import DetectParameters
+from processing.stages.upright import known_room, sky_without_sun, sun_direction, upright_panorama
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 MUCH = 0.5

@@ -5,14 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from processing.images import LuminanceImage
-from processing.light_figures.figures import (
-    camera_figures,
-    level_ratio,
-    meter_figures,
-    outdoor_figures,
-    surface_figures,
-)
+from processing.figures.figures import camera_figures, level_ratio, meter_figures, outdoor_figures, surface_figures
+from processing.pictures.images import LuminanceImage
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.upright import upright_panorama

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from processing.layout.arrangement import PlacedItem
-from processing.layout.catalogue import Catalogue
 from processing.layout.furniture.model import Material as LookedUp
 from processing.layout.furniture.model import Part as MeshPart
 from processing.layout.furniture.model import linear_of_srgb
-from processing.rendering.scene import Material, Part
+from processing.layout.models.catalogue import Catalogue
+from processing.light.scene.scene import Material, Part
 
 LIFT_M = 0.001
 """By which everything stands above the floor, so that undersides do not lie in it."""

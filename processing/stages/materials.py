@@ -11,17 +11,17 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import SceneError
-from processing.images import LUMINANCE_WEIGHTS, LuminanceImage
-from processing.rendering.albedo import RoomAlbedo, albedo_of_room
-from processing.rendering.facing import facing_sunlight, outdoors_facing
-from processing.rendering.irradiance import Effort
-from processing.rendering.outdoor import outdoors_of
-from processing.rendering.scene import Outdoors, Surface
-from processing.rendering.scene_file import write_scene
-from processing.rendering.shell import REVEAL_M
+from processing.light.scene.albedo import RoomAlbedo, albedo_of_room
+from processing.light.scene.facing import facing_sunlight, outdoors_facing
+from processing.light.scene.outdoor import outdoors_of
+from processing.light.scene.scene import Outdoors, Surface
+from processing.light.scene.scene_file import write_scene
+from processing.light.scene.shell import REVEAL_M
+from processing.light.solver.irradiance import Effort
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from processing.stages.materials_parameters import MaterialsParameters
+from processing.stages.parameters import MaterialsParameters
 from processing.stages.upright import known_room, upright_panorama
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}

@@ -11,10 +11,10 @@ from processing.stages.brackets import SideBracket, merge_geometry, side_bracket
 from processing.stages.camera_response import CameraResponse, camera_response
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
-from station.session import Side, shutter_label
+from station.session.session import Side, shutter_label
 
 if TYPE_CHECKING:
-    from processing.calibration.merge import Merged
+    from processing.calibration.merge.merge import Merged
     from processing.calibration.profile import RigProfile
 
 _STEPS = 2 * 2
@@ -100,7 +100,7 @@ def _merge_side(
     gathered: _Gathered,
     step: int,
 ) -> None:
-    from processing.calibration.merge import MergeOptions, merge
+    from processing.calibration.merge.merge import MergeOptions, merge
 
     side = bracket.side.value
     context.progress((step + 0.1) / _STEPS, f"{side}: response curve")

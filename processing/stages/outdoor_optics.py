@@ -8,20 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from processing.calibration.image_circle import ImageCircle, find_image_circle
-from processing.calibration.lens import LensModel
-from processing.calibration.nd_filter import NdFilter
-from processing.calibration.outdoor import OutdoorOptics
+from processing.calibration.outdoor.image_circle import ImageCircle, find_image_circle
+from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.nd_filter import NdFilter
+from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.profile import Correction, K2Record, RigProfile
-from processing.calibration.veiling_glare import subtract_veil, veil_from_surround
-from processing.calibration.vignetting import Vignetting, published_vignetting
+from processing.calibration.scale.veiling_glare import subtract_veil, veil_from_surround
+from processing.calibration.scale.vignetting import Vignetting, published_vignetting
 from processing.errors import LensError
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.sphere import LensMapping
 from processing.stages.brackets import stated_circle
 from processing.stages.calibrate_indoor import indoor_falloff
-from processing.stages.calibrate_parameters import CalibrateParameters
-from station.session import SessionManifest, Side
+from processing.stages.parameters import CalibrateParameters
+from station.session.session import SessionManifest, Side
 
 LENS_MAPPINGS = {"canon_5d2": LensMapping.EQUISOLID}
 """Of the paper's outdoor lens (EF 8-15 mm at 8 mm); others are equidistant until calibrated."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags
-
 import math
 from pathlib import Path
 from typing import Any
@@ -11,16 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import LuminanceImage
+from processing.ground.arrays import Flags
+from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.round_masks import grown, resized
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence_file import read_evidence
+from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from processing.stages.remove_parameters import RemoveParameters
+from processing.stages.parameters import RemoveParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama
-
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""

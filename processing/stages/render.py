@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import json
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,22 +10,22 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
-from processing.image_files import write_exr
-from processing.images import LuminanceImage, Validity
+from processing.ground.arrays import Floats
 from processing.layout.arrangement import Arrangement, Arrangements
-from processing.layout.catalogue import Catalogue
 from processing.layout.furniture.styles import STYLES, style_named
-from processing.rendering.composite import Bare, Staged, differential, ibl
-from processing.rendering.irradiance import EFFORTS, Effort
-from processing.rendering.render import render
-from processing.rendering.scene import Part, Vector
-from processing.rendering.scene_file import read_scene
+from processing.layout.models.catalogue import Catalogue
+from processing.light.picture.composite import Bare, Staged, differential, ibl
+from processing.light.picture.render import render
+from processing.light.scene.scene import Part, Vector
+from processing.light.scene.scene_file import read_scene
+from processing.light.solver.irradiance import EFFORTS, Effort
+from processing.pictures.exr import write_exr
+from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
-from processing.stages.arrange_parameters import MOST_STAGED, NO_SUCH
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
 from processing.stages.materials import EmptyRoom, emptied
-from processing.stages.render_parameters import RenderParameters
+from processing.stages.parameters import MOST_STAGED, NO_SUCH, RenderParameters
 from processing.stages.upright import known_room
 
 QUALITY = {

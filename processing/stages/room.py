@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import NoRoomError
-from processing.images import LuminanceImage
+from processing.pictures.images import LuminanceImage
+from processing.room.confidence import check_picture
 from processing.room.estimate import RoomEstimate, estimate_room
 from processing.room.layout_networks import layout_boundary, load_layout_network
 from processing.room.level import Upright, find_upright, make_upright
-from processing.room.model import RoomModel
-from processing.room.model_file import read_room
+from processing.room.model import RoomModel, read_room
 from processing.room.opening_sun import find_openings_in_sun
-from processing.room.picture_doubts import check_picture
 from processing.segmentation.embedded import scene_evidence
-from processing.segmentation.evidence import SceneEvidence
-from processing.segmentation.evidence_file import write_evidence
+from processing.segmentation.evidence import SceneEvidence, write_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from processing.stages.room_parameters import RoomParameters
-from processing.stages.sun_known import sky_without_sun, sun_direction
+from processing.stages.parameters import RoomParameters
+from processing.stages.upright import sky_without_sun, sun_direction
 
 EVIDENCE_FILE = "evidence.npz"
 LEAST_SQUARE = 0.3

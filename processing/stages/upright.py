@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
+from datetime import datetime
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.calibration.outdoor.clear_sky import Place, sun_place
 from processing.errors import ParameterError
-from processing.images import LuminanceImage
+from processing.pictures.images import LuminanceImage
 from processing.room.model import RoomModel
 from processing.stages.contract import StageContext
+from station.session.session import FrameRecord, SessionManifest, Side
 
 
 def upright_panorama(context: StageContext) -> LuminanceImage:
@@ -35,3 +40,40 @@ def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:
             likely="a mask of another picture, or one that a drawing program has made smaller",
             advice="give a mask of the panorama's size: stages/detect/target.png has it",
         )
+
+
+# What a session tells of the sun: where it stood when the panorama was taken, and whether the sky had one.
+
+
+def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
+    """Return the sun's azimuth (from the panorama's +y towards +x) and elevation; None where not all is recorded.
+
+    Both are of the upright world, so a panorama that was levelled shows the sun just there.
+    """
+    moment = _moment(session)
+    site = session.site
+    known = site.latitude_deg is not None and site.longitude_deg is not None and session.heading_rad is not None
+    if moment is None or not known:
+        return None
+    assert site.latitude_deg is not None
+    assert site.longitude_deg is not None
+    assert session.heading_rad is not None
+    there = sun_place(moment, Place(site.latitude_deg, site.longitude_deg, site.altitude_m or 0.0))
+    return math.remainder(there.azimuth_rad - session.heading_rad, 2 * math.pi), there.elevation_rad
+
+
+def _moment(session: SessionManifest) -> datetime | None:
+    """Return when the shortest indoor frame was taken, which shows sunlit places best."""
+
+    def seconds(frame: FrameRecord) -> float:
+        return frame.camera_s
+
+    frames = sorted((f for f in session.frames if f.side is Side.INDOOR and f.taken_utc), key=seconds)
+    return frames[0].taken_utc if frames else None
+
+
+def sky_without_sun(context: StageContext) -> bool:
+    """Return whether the session's outdoor picture shows that no sun shone; False where there is none to ask."""
+    facts: dict[str, Any] | None = context.optional_artifact("calibrate", "calibration")
+    outdoor = facts.get("outdoor") if facts else None
+    return outdoor is not None and str(outdoor["sun"]["found"]).startswith("no")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from station.verify import verify_session
+from station.session.verify import verify_session
 
 
 def run(context: StageContext) -> StageOutput:

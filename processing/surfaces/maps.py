@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats, Int16s
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from processing.ground.arrays import Doubles, Floats, Int16s
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
-from processing.surfaces.plane import CEILING, FIRST_WALL, FLOOR
-from processing.surfaces.planes import planes_of
+from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR, planes_of
 from processing.surfaces.sight import boundary_latitudes, check_stands, wall_ranges
-
 
 ROWS_AT_ONCE = 256
 NONE = -1

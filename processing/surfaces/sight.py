@@ -6,14 +6,12 @@ no farther: this alone decides all occlusion in a room of vertical walls, convex
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Flags, Int16s
-
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import RoomError
+from processing.ground.arrays import Doubles, Flags, Int16s
 from processing.room.model import RoomModel, geometry_problems
-
 
 TOUCH = 1e-9
 """Relative: a place this much behind a wall lies on it."""

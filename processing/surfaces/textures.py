@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import math
 from dataclasses import dataclass
 
@@ -11,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
+from processing.ground.arrays import Flags, Floats
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map
-from processing.surfaces.plane import FIRST_WALL, Plane
+from processing.surfaces.planes import FIRST_WALL, Plane
 from processing.surfaces.sight import check_stands, in_sight
 from processing.surfaces.texture_kernels import unwrapped, wrapped
-
 
 MOST_TEXELS = 64_000_000
 

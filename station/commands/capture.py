@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 if TYPE_CHECKING:
-    from station.capture import Capture
-    from station.rig import Rig
-    from station.rig_file import RigFile
-    from station.session import MeterTarget, SessionManifest
+    from station.capture.capture import Capture
+    from station.capture.rig import Rig
+    from station.capture.rig_file import RigFile
+    from station.session.session import MeterTarget, SessionManifest
 
 
 @click.command()
@@ -74,7 +74,7 @@ def capture(**options: Any) -> int:
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
       daylit capture test --simulate bedroom-7 --size quarter
     """
-    from station.readings import check_typed
+    from station.capture.readings import check_typed
 
     _refuse_what_would_do_nothing(options)
     for reading in options["readings"]:
@@ -102,13 +102,13 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
 
 
 def _run(rig: Rig, options: dict[str, Any]) -> int:
-    from station.store import SessionStore
+    from station.session.store import SessionStore
 
     if options["resume_path"] is None:
         job = _new_capture(rig, options)
         return _follow(job, rig, options)
     with SessionStore.open(options["resume_path"], writable=True, clock=rig.clock) as store:
-        from station.capture import Capture
+        from station.capture.capture import Capture
 
         if store.manifest.status == "complete" and not store.recovery.damaged:
             # Nothing to take; session.json may still be behind the journal.
@@ -117,8 +117,8 @@ def _run(rig: Rig, options: dict[str, Any]) -> int:
 
 
 def _new_capture(rig: Rig, options: dict[str, Any]) -> Capture:
-    from station.bracket import parse_shutter
-    from station.capture import Capture, CaptureRequest
+    from station.capture.bracket import parse_shutter
+    from station.capture.capture import Capture, CaptureRequest
     from station.errors import UsageError
 
     room = options["room"] or options["simulate"]
@@ -139,7 +139,7 @@ def _new_capture(rig: Rig, options: dict[str, Any]) -> Capture:
 def parse_target(text: str | None) -> MeterTarget | None:
     """Return the point given as ``LON,LAT`` in degrees (None for None); UsageError for anything else."""
     from station.errors import UsageError
-    from station.session import MeterTarget
+    from station.session.session import MeterTarget
 
     if text is None:
         return None
@@ -229,8 +229,8 @@ def _changes(options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _rig_file(options: dict[str, Any]) -> RigFile:
-    from station.rig import find_rig_file
-    from station.rig_file import PAPER_RIG, load_rig
+    from station.capture.rig import find_rig_file
+    from station.capture.rig_file import PAPER_RIG, load_rig
 
     simulated = options["simulate"] and options["rig_path"] is None
     file = PAPER_RIG if simulated else load_rig(find_rig_file(options["rig_path"]))
@@ -252,7 +252,7 @@ def _need_camera(file: RigFile, options: dict[str, Any]) -> None:
 
 
 def _open_rig(options: dict[str, Any]) -> Rig:
-    from station.rig import open_named_rig
+    from station.capture.rig import open_named_rig
 
     _rig_file(options)  # refuses a rig without a camera
     path, world, changes = options["rig_path"], options["simulate"], _changes(options)
@@ -265,9 +265,8 @@ def _open_rig(options: dict[str, Any]) -> Rig:
 
 
 def _dry_run(options: dict[str, Any]) -> int:
-    from station.bracket import parse_shutter, plan_bracket
-    from station.session import shutter_label
-    from station.timing import TYPICAL_READING_S, estimate_bracket, typical_cost
+    from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, parse_shutter, plan_bracket, typical_cost
+    from station.session.session import shutter_label
 
     file = _rig_file(options)
     tables = file.cameras()

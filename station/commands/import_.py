@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from station.importer import ImportReport
-    from station.session import Site
+    from station.frames.importer import ImportReport
+    from station.session.session import Site
 
 _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 
@@ -50,11 +50,11 @@ def import_session(**options: Any) -> int:
       daylit import coda-320 --indoor theta --outdoor canon --reading 34.63
       daylit import attic --indoor attic --shutter 4,1,1/4,1/15 --site 40.44,-79.99 --heading 120
     """
-    from station.bracket import parse_shutter
+    from station.capture.bracket import parse_shutter
     from station.commands.capture import parse_target
-    from station.importer import ImportRequest
-    from station.importer import import_session as run_import
-    from station.session import SessionStatus, Side
+    from station.frames.importer import ImportRequest
+    from station.frames.importer import import_session as run_import
+    from station.session.session import SessionStatus, Side
 
     folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
     heading_deg = options["heading"]
@@ -82,7 +82,7 @@ def parse_site(text: str | None) -> Site:
     """Return the place given as ``LAT,LON`` in degrees (an empty one for None); UsageError for anything
     else."""
     from station.errors import UsageError
-    from station.session import Site
+    from station.session.session import Site
 
     if text is None:
         return Site()
@@ -98,7 +98,7 @@ def parse_site(text: str | None) -> Site:
 def parse_zone(text: str | None) -> int | None:
     """Return minutes east of UTC of ``+HH:MM`` (None for None); UsageError for anything else."""
     from station.errors import UsageError
-    from station.exif import parse_offset
+    from station.frames.exif import parse_offset
 
     minutes = None if text is None else parse_offset(text)
     if text is not None and minutes is None:
@@ -126,7 +126,7 @@ def summary(report: ImportReport) -> dict[str, Any]:
 
 
 def _show(report: ImportReport) -> None:
-    from station.frame_rules import seconds_text
+    from station.frames.rules import seconds_text
 
     manifest = report.manifest
     for frame in manifest.frames:

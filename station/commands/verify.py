@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from station.verify_report import VerifyReport
+    from station.session.verify import VerifyReport
 
 
 @click.command()
@@ -28,8 +28,8 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
       daylit verify --look --json sessions/2023-05-19T1554Z_coda-320
     Exit code: 0 intact and complete · 4 damaged, or something is missing.
     """
-    from station.frame_check import FrameChecker
-    from station.verify import repair_session, verify_session
+    from station.frames.check import FrameChecker
+    from station.session.verify import repair_session, verify_session
 
     if repair:
         repair_session(session)

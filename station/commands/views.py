@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 
 import click
 
-from station.events import CaptureEvent, EventKind
+from station.capture.events import CaptureEvent, EventKind
 
 if TYPE_CHECKING:
     from rich.progress import TaskID

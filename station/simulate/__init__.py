@@ -1,1 +1,1 @@
-"""Data sets of simulated sessions; beside `station.rig` the only place here that knows the mocks."""
+"""Data sets of simulated sessions; beside `station.capture.rig` the only place here that knows the mocks."""

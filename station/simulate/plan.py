@@ -2,25 +2,91 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from station.errors import ConditionsError
-from station.session import SessionManifest, Site, folder_name
-from station.simulate.conditions import DAYLIGHT_ONLY, WITH_LAMPS, Condition, load_conditions, orientation
-from station.simulate.ledger import Row
+from station.errors import ConditionsError, SessionError, SessionExistsError
+from station.session.folder import Folder, write_file
+from station.session.session import SessionManifest, Site, folder_name
+from station.simulate.conditions import COLUMNS, DAYLIGHT_ONLY, WITH_LAMPS, Condition, load_conditions, orientation
 
 if TYPE_CHECKING:
-    from mocks.rooms.moment import Moment
     from mocks.rooms.room import Room
+    from mocks.rooms.sky.moment import Moment
     from mocks.rooms.world import RoomWorld
-    from station.rig_file import RigFile
+    from station.capture.rig_file import RigFile
+
+
+# dataset.csv: what a data set of simulated sessions holds, a row a session, in the columns of the conditions.
+
+
+LEDGER_NAME = "dataset.csv"
+MADE_WITH = ("size", "quality", "clouds", "seed")
+"""Options that are the same for all sessions of one data set."""
+LEDGER_COLUMNS = (*COLUMNS, "utc", "latitude_deg", "longitude_deg", "room_seed", "room", "sky", *MADE_WITH, "session")
+
+Row = dict[str, str]
+
+
+class Ledger:
+    """The rows of dataset.csv by session folder; every change is on disk when it returns."""
+
+    def __init__(self, folder: Path) -> None:
+        """Read what is there.
+
+        Raises
+        ------
+        SessionError
+            A dataset.csv that is not ours or is damaged.
+        """
+        self.path = folder / LEDGER_NAME
+        self.rows: dict[str, Row] = {}
+        try:
+            text = self.path.read_text("utf-8")
+        except FileNotFoundError:
+            return
+        except (OSError, UnicodeDecodeError) as error:
+            raise SessionError(f"cannot be read: {error}", where=str(self.path)) from error
+        reader = csv.DictReader(io.StringIO(text, newline=""), restkey="")
+        if tuple(reader.fieldnames or ()) != LEDGER_COLUMNS:
+            raise SessionError("has other columns than ours", where=str(self.path), advice="choose another folder")
+        for row in reader:
+            if None in row.values() or "" in row:
+                raise SessionError(f"line {reader.line_num} is damaged", where=str(self.path), advice="delete it")
+            self.rows[row["session"]] = dict(row)
+
+    def require_same(self, made_with: Mapping[str, str]) -> None:
+        """Refuse to mix sessions made with other options (`SessionExistsError`)."""
+        for row in self.rows.values():
+            for key in MADE_WITH:
+                if row[key] != made_with[key]:
+                    raise SessionExistsError(
+                        f"holds sessions made with {key} {row[key]}, not {made_with[key]}",
+                        where=str(self.path.parent),
+                        advice="use the same options as before, or another folder",
+                    )
+
+    def put(self, row: Row) -> None:
+        """Add or replace the row of a session."""
+        self.rows[row["session"]] = row
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, LEDGER_COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(sorted(self.rows.values(), key=lambda r: (int(r["index"]), r["session"])))
+        folder = Folder.open(self.path.parent)
+        try:
+            write_file(folder, LEDGER_NAME, text.getvalue().encode())
+        finally:
+            folder.close()
+
 
 SITE_DEG = (40.44, -79.99)
 """Pittsburgh, where the paper's sessions were taken."""
@@ -36,7 +102,7 @@ class DatasetRequest:
     """What to make. Without ``conditions`` rooms are drawn by seed, from ``seed`` upwards.
 
     ``sessions`` None makes one of each condition, or `SESSIONS`. ``size`` and ``quality`` are keys of
-    `station.rig.SIZE_STEPS` and `mocks.rooms.light.QUALITIES`.
+    `station.capture.rig.SIZE_STEPS` and `mocks.rooms.light.light.QUALITIES`.
     """
 
     into: Path
@@ -150,13 +216,13 @@ def _zoned(local: datetime) -> datetime:
 
 
 def _moment(condition: Condition) -> Moment:
-    from mocks.rooms.moment import Moment
+    from mocks.rooms.sky.moment import Moment
 
     return Moment(*SITE_DEG, _zoned(condition.local).astimezone(UTC), math.radians(condition.heading_deg))
 
 
 def _require_daylight(conditions: list[Condition], path: Path) -> None:
-    from mocks.rooms.moment import sun_of
+    from mocks.rooms.sky.moment import sun_of
 
     night = [c for c in conditions if sun_of(_moment(c))[1] <= 0]
     if night:
@@ -166,7 +232,7 @@ def _require_daylight(conditions: list[Condition], path: Path) -> None:
 
 def rig_file(plan: Planned) -> RigFile:
     """Return the paper's rig as it stood there."""
-    from station.rig_file import PAPER_OUTDOOR, PAPER_RIG
+    from station.capture.rig_file import PAPER_OUTDOOR, PAPER_RIG
 
     moment = plan.room.moment
     site = Site(latitude_deg=moment.latitude_deg, longitude_deg=moment.longitude_deg)

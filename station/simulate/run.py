@@ -16,12 +16,20 @@ from typing import TYPE_CHECKING
 
 from drivers.errors import DaylitError, DeviceError
 from station.errors import ResourceError, SessionError, SessionExistsError
-from station.session import SessionManifest, SessionStatus
-from station.simulate.ledger import Ledger
-from station.simulate.plan import DatasetRequest, Draft, Planned, ledger_row, plan_sessions, rig_file, room_world
+from station.session.session import SessionManifest, SessionStatus
+from station.simulate.plan import (
+    DatasetRequest,
+    Draft,
+    Ledger,
+    Planned,
+    ledger_row,
+    plan_sessions,
+    rig_file,
+    room_world,
+)
 
 if TYPE_CHECKING:
-    from station.rig import Rig
+    from station.capture.rig import Rig
 
 TRUTH_FOLDER = "truth"
 _UNFINISHED = ".unfinished"
@@ -129,8 +137,8 @@ def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, tell: Tell) ->
 
 def _kept(plan: Planned, path: Path, request: DatasetRequest, ledger: Ledger) -> SessionManifest | None:
     """Return the manifest of a session that an earlier run completed, None where there is none."""
-    from station.manifest import load_manifest
-    from station.rig import simulated_rig_file
+    from station.capture.rig import simulated_rig_file
+    from station.session.manifest import load_manifest
 
     if not path.exists():
         return None
@@ -171,8 +179,8 @@ def _capture(plan: Planned, request: DatasetRequest, tell: Tell) -> SessionManif
 
 def _take(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> tuple[SessionManifest, Path]:
     """Run the station's own capture; returns the session's manifest and where it is."""
-    from station.capture import Capture, CaptureRequest
-    from station.events import EventKind
+    from station.capture.capture import Capture, CaptureRequest
+    from station.capture.events import EventKind
 
     rig = _rig(plan, request, rate, tell)
     try:
@@ -190,9 +198,9 @@ def _take(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> tu
 
 def _rig(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> Rig:
     """Return simulated instruments in the room; their time begins when all pictures are there."""
-    from mocks.bench import BenchOptions, make_bench, render_shots
-    from mocks.clock import ScaledClock
-    from station.rig import open_simulated_rig, planned_times_s, simulated_rig_file, wanted_cameras
+    from mocks.instruments.bench import BenchOptions, make_bench, render_shots
+    from mocks.instruments.clock import ScaledClock
+    from station.capture.rig import open_simulated_rig, planned_times_s, simulated_rig_file, wanted_cameras
 
     def on_progress(what: str, done: int, total: int) -> None:
         tell(DatasetEvent("rendering", plan.folder, what, done, total))
@@ -208,8 +216,8 @@ def _rig(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> Rig
 @contextmanager
 def _only_one(folder: Path) -> Iterator[None]:
     """Let one process work on a data set."""
-    from station.folder import Folder
-    from station.lock import SessionLock
+    from station.session.folder import Folder
+    from station.session.lock import SessionLock
 
     opened = Folder.open(folder)
     try:

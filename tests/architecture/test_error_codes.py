@@ -16,11 +16,11 @@ def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
     """Return the error classes of all modules that define some."""
     for module in (
         "station.errors",
-        "station.preflight",
-        "drivers.meter_dialect",
-        "mocks.light",
-        "mocks.picture_cache",
-        "mocks.rooms.engine",
+        "station.capture.preflight",
+        "drivers.meter.dialect",
+        "mocks.worlds.light",
+        "mocks.optics.picture_cache",
+        "mocks.rooms.light.engine",
         "mocks.rooms.truth_files",
         "processing.errors",
     ):

@@ -21,14 +21,14 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         "processing",
         "drivers.errors",
         "drivers.clock",
-        "station.session",
-        "station.store",
+        "station.session.session",
+        "station.session.store",
         "station.errors",
-        "station.verify",
-        "station.durable",
-        "station.folder",
-        "station.lock",
-        "station.strict_json",
+        "station.session.verify",
+        "station.session.durable",
+        "station.session.folder",
+        "station.session.lock",
+        "station.session.strict_json",
     ),
 }
 BASE = (
@@ -41,10 +41,10 @@ ROOMS = ("calibration", "room", "removal", "layout", "rendering")
 """Of equal rank: none imports another, but the small types of `room.model`."""
 TOP = 5
 """The rank of what may import all of processing: pipeline, running, commands."""
-MOCKS_MAY_SHARE_OF_PTP = ("drivers.ptp.codes", "drivers.ptp.canon_codes", "drivers.ptp.ricoh_codes")
+MOCKS_MAY_SHARE_OF_PTP = ("drivers.ptp.codes", "drivers.canon_5d2.codes", "drivers.theta_z1.codes")
 ONLY_IN = {
     "serial": ("drivers/serial_link.py",),
-    "usb": ("drivers/usb_link.py", "mocks/usb_bus.py", "mocks/usb_descriptors.py"),
+    "usb": ("drivers/usb_link.py", "mocks/instruments/usb/bus.py", "mocks/instruments/usb/descriptors.py"),
     "libusb_package": ("drivers/usb_link.py",),
     "click": ("station/commands/", "processing/commands/", "daylit.py"),
     "rich": ("station/commands/", "processing/commands/"),
@@ -52,21 +52,21 @@ ONLY_IN = {
         *("processing/calibration/", "processing/sphere_", "processing/layout/"),
         *("processing/surfaces/", "processing/removal/", "processing/room/", "processing/rendering/"),
     ),
-    "simplejpeg": ("processing/frames.py", "processing/frames_"),
+    "simplejpeg": ("processing/pictures/frames.py", "processing/frames_"),
     "colour": ("processing/calibration/",),
     "matplotlib": ("processing/report/",),
     "jinja2": ("processing/report/",),
-    "mitsuba": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py", "processing/rendering/"),
-    "drjit": ("mocks/rooms/engine.py", "mocks/rooms/llvm_probe.py", "processing/rendering/"),
-    "embreex": ("mocks/rooms/geometry.py", "processing/rendering/"),
-    "pyoidn": ("mocks/rooms/light.py", "processing/rendering/"),
+    "mitsuba": ("mocks/rooms/light/engine.py", "mocks/rooms/light/llvm_probe.py", "processing/rendering/"),
+    "drjit": ("mocks/rooms/light/engine.py", "mocks/rooms/light/llvm_probe.py", "processing/rendering/"),
+    "embreex": ("mocks/rooms/light/geometry.py", "processing/rendering/"),
+    "pyoidn": ("mocks/rooms/light/light.py", "processing/rendering/"),
     "onnxruntime": ("processing/segmentation/",),
     "ai_edge_litert": ("processing/segmentation/",),
     "distributed": ("processing/batch/",),
     "dask": ("processing/batch/",),
     "trimesh": ("processing/layout/", "processing/rendering/", "processing/room/"),
-    "pvlib": ("mocks/rooms/moment.py", "processing/calibration/"),
-    "pandas": ("mocks/rooms/moment.py", "processing/calibration/"),
+    "pvlib": ("mocks/rooms/sky/moment.py", "processing/calibration/"),
+    "pandas": ("mocks/rooms/sky/moment.py", "processing/calibration/"),
     "shapely": (
         "mocks/rooms/plan_",
         "mocks/rooms/shell_",
@@ -81,9 +81,9 @@ BINDS_BOTH = ("processing/commands/demo.py",)
 """Commands that run the station and then processing."""
 FRONT_DOOR_ANEW = "processing/batch/child.py"
 """The program of its own in which a batch runs each session: it is the command line, begun once more."""
-LIGHT_AT_IMPORT = ("station.events", "processing.commands.process")
+LIGHT_AT_IMPORT = ("station.capture.events", "processing.commands.process")
 """What command modules may import at once: a plain list of names, and another command module (checked likewise)."""
-MOCKS_FROM_STATION = ("station/rig.py", "station/simulate/")
+MOCKS_FROM_STATION = ("station/capture/rig.py", "station/simulate/")
 
 
 def python_files(*folders: str) -> Iterator[Path]:

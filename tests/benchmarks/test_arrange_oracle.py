@@ -8,7 +8,7 @@ from benchmarks._arrange_oracle import ask, first_solution_s
 from benchmarks._arrange_raster import Raster
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement
-from processing.layout.item_list import parse_items
+from processing.layout.items import parse_items
 from processing.layout.plan import Door, FloorPlan, make_plan
 from processing.layout.rules import built_in_rules
 

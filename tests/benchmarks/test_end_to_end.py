@@ -17,7 +17,7 @@ from mocks.rooms.room import make_room
 from processing.errors import BracketError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import PlacedItem
-from processing.layout.item_list import parse_items
+from processing.layout.items import parse_items
 from processing.layout.plan_files import read_plan
 
 

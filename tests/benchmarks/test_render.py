@@ -9,7 +9,7 @@ from benchmarks._render_daylight import HEAD_ON, _glass
 from benchmarks._render_race import KINDS, race_rooms
 from benchmarks._render_time import seconds_to
 from benchmarks.render import race_figures
-from processing.rendering.glass import transmittance_at
+from processing.light.scene.scene import transmittance_at
 
 ROW = {
     "room": "bedroom-1",

@@ -13,8 +13,8 @@ from benchmarks import _room_light
 from benchmarks._paired import Cost
 from benchmarks._room_light import Run, cost_ratio, summary, sunny_rooms
 from benchmarks.seeds import TEST
+from mocks.rooms.light.sunlight import enters
 from mocks.rooms.model import Use
-from mocks.rooms.sunlight import enters
 
 
 def run(method: str, cpu_s: float, errors: list[float], bias: float = 0.0) -> Run:

@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from processing.exr_files import read_exr
-from processing.images import luminance_cd_m2
-from processing.report.encoding import LARGEST_ERROR
+from processing.pictures.exr import read_exr
+from processing.pictures.images import luminance_cd_m2
 from processing.report.stage import run
-from processing.report.states import map_pixels
+from processing.report.states import LARGEST_ERROR, map_pixels
 from processing.sphere import Perspective, directions
 from tests.processing.report.made_up import SIZE_PX, context, results
 

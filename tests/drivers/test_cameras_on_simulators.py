@@ -13,19 +13,20 @@ from dataclasses import dataclass
 import pytest
 
 from drivers.camera import CameraSettings, FrameFormat, FrameRef
-from drivers.canon_5d2 import Canon5D2
+from drivers.canon_5d2 import codes as canon_codes
+from drivers.canon_5d2.camera import Canon5D2
 from drivers.clock import Deadline
 from drivers.errors import DeviceBusyError, DeviceError, SettingRefusedError
-from drivers.ptp import canon_codes, ricoh_codes
-from drivers.theta_z1 import ThetaZ1
+from drivers.theta_z1 import codes as ricoh_codes
+from drivers.theta_z1.camera import ThetaZ1
 from drivers.usb_link import UsbLink
-from mocks.canon_5d2 import SimulatedCanon5D2
-from mocks.canon_settings import CanonOptions
-from mocks.clock import VirtualClock
-from mocks.faults import Fault, FaultKind, FaultSchedule, Phase
-from mocks.shots import ShotRequest
-from mocks.theta_z1 import SimulatedThetaZ1, ThetaOptions
-from mocks.usb_bus import SimulatedUsbBackend
+from mocks.instruments.canon_5d2 import SimulatedCanon5D2
+from mocks.instruments.canon_records import CanonOptions
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.exposures import ShotRequest
+from mocks.instruments.faults import Fault, FaultKind, FaultSchedule, Phase
+from mocks.instruments.theta_z1 import SimulatedThetaZ1, ThetaOptions
+from mocks.instruments.usb.bus import SimulatedUsbBackend
 
 NINE_STOPS = (4, 1, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
 CHUNK_BYTES = 64 * 1024

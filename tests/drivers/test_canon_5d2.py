@@ -10,7 +10,8 @@ from typing import Self
 import pytest
 
 from drivers.camera import Camera, CameraSettings, FrameFormat, FrameRef
-from drivers.canon_5d2 import Canon5D2
+from drivers.canon_5d2.camera import Canon5D2
+from drivers.canon_5d2.codes import DEVICE_OPERATIONS, SHUTTER_CODES
 from drivers.errors import (
     DeviceBusyError,
     DeviceError,
@@ -24,7 +25,6 @@ from drivers.errors import (
     StoreFullError,
     UnsupportedError,
 )
-from drivers.ptp.canon_codes import DEVICE_OPERATIONS, SHUTTER_CODES
 from tests.drivers.dialogue import BUSY, OK, Dialogue, device_info, object_info, u32_array
 from tests.drivers.scripted import (
     ControlIn,

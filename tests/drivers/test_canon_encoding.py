@@ -11,8 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolViolationError
-from drivers.ptp.canon import (
+from drivers.canon_5d2.codes import (
+    APERTURE_CODES,
+    ISO_CODES,
+    SHUTTER_CODES,
+    SHUTTER_CODES_HALF,
+    CanonEvent,
+    CanonProp,
+)
+from drivers.canon_5d2.operations import (
     END_OF_STREAM,
     JPEG_LARGE_FINE,
     RAW_FULL,
@@ -28,15 +35,7 @@ from drivers.ptp.canon import (
     encode_number,
     encode_property,
 )
-from drivers.ptp.canon_codes import (
-    APERTURE_CODES,
-    ISO_CODES,
-    SHUTTER_CODES,
-    SHUTTER_CODES_HALF,
-    CanonEvent,
-    CanonProp,
-)
-from drivers.ptp.canon_values import (
+from drivers.canon_5d2.values import (
     aperture_code,
     aperture_text,
     camera_time_utc,
@@ -47,6 +46,7 @@ from drivers.ptp.canon_values import (
     release_problem,
     shutter_codes_known,
 )
+from drivers.errors import ProtocolViolationError
 
 PAPER_STOPS = {4: 0x28, 1: 0x38, 1 / 4: 0x48, 1 / 15: 0x58, 1 / 60: 0x68, 1 / 250: 0x78, 1 / 1000: 0x88,
                1 / 4000: 0x98, 1 / 8000: 0xA0}  # fmt: skip

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from drivers.clock import SystemClock
 from drivers.errors import BatteryLowError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
-from drivers.ls160 import FROZEN_EQUALS, KonicaMinoltaMeter
-from drivers.meter import Meter, MeterReading, ReadingStatus
-from drivers.meter_dialect import SHIPPED, load_dialect
-from drivers.meter_dialogue import interpret
+from drivers.meter.dialect import SHIPPED, load_dialect
+from drivers.meter.dialogue import interpret
+from drivers.meter.interface import Meter, MeterReading, ReadingStatus
+from drivers.meter.ls160 import FROZEN_EQUALS, KonicaMinoltaMeter
 from drivers.serial_link import SerialLink
-from mocks.clock import VirtualClock
-from mocks.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.serial_port import MemoryLine, SerialPort
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import MemoryLine, SerialPort
 
 LS100 = load_dialect("ls100")
 

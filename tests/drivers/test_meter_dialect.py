@@ -8,11 +8,11 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.errors import DaylitError
-from drivers.ls160 import KonicaMinoltaMeter
-from drivers.meter import ReadingStatus
-from drivers.meter_dialect import MAX_DIALECT_BYTES, SHIPPED, DialectError, load_dialect
-from drivers.meter_dialogue import interpret
-from mocks.serial_port import MemoryLine, Piece
+from drivers.meter.dialect import MAX_DIALECT_BYTES, SHIPPED, DialectError, load_dialect
+from drivers.meter.dialogue import interpret
+from drivers.meter.interface import ReadingStatus
+from drivers.meter.ls160 import KonicaMinoltaMeter
+from mocks.instruments.serial_port import MemoryLine, Piece
 
 MINE = r"""
 name = "mine"

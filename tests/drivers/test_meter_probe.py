@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from drivers.errors import DeviceClaimedError, DeviceLostError
-from drivers.meter_dialect import SHIPPED, load_dialect
-from drivers.meter_probe import HARMLESS, MAX_ANSWER_BYTES, Exchange, probe, transcript_lines
+from drivers.meter.dialect import SHIPPED, load_dialect
+from drivers.meter.probe import HARMLESS, MAX_ANSWER_BYTES, Exchange, probe, transcript_lines
 from drivers.serial_link import PortSettings
-from mocks.clock import VirtualClock
-from mocks.ls160 import SimulatedMeter
-from mocks.serial_port import MemoryLine, Piece
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.ls160 import SimulatedMeter
+from mocks.instruments.serial_port import MemoryLine, Piece
 
 DIALECTS = tuple(load_dialect(name) for name in SHIPPED)
 SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)

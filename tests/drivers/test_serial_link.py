@@ -21,13 +21,12 @@ from drivers.errors import (
     DevicePermissionError,
     DeviceTimeoutError,
 )
-from drivers.ls160 import KonicaMinoltaMeter
-from drivers.meter_dialect import load_dialect
+from drivers.meter.dialect import load_dialect
+from drivers.meter.ls160 import KonicaMinoltaMeter
 from drivers.port_finder import PortOpener, find_port
-from drivers.serial_errors import find_holder, open_error
-from drivers.serial_link import PortInfo, PortSettings, SerialLink, list_ports
-from mocks.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.serial_port import Piece, SerialPort
+from drivers.serial_link import PortInfo, PortSettings, SerialLink, find_holder, list_ports, open_error
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import Piece, SerialPort
 
 IDS = [(0x132B, 0x210D)]
 SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)

@@ -20,7 +20,7 @@ from drivers.errors import (
     StoreFullError,
     UnsupportedError,
 )
-from drivers.theta_z1 import ThetaZ1
+from drivers.theta_z1.camera import ThetaZ1
 from tests.drivers.dialogue import BUSY, OK, Dialogue, device_info, enumeration, object_info, ptp_string, u32_array
 from tests.drivers.scripted import FakeClock, Reopen, Reset, ScriptedTransport, Step, command, data, event
 

@@ -28,8 +28,7 @@ from drivers.errors import (
     UnsupportedError,
 )
 from drivers.ptp.session import PtpSession
-from drivers.usb_errors import typed_error
-from drivers.usb_holder import find_holder
+from drivers.usb_errors import find_holder, typed_error
 from drivers.usb_link import UsbDeviceInfo, UsbLink, list_cameras
 from tests.drivers.scripted import FakeClock, command, data, event, response
 

@@ -163,7 +163,7 @@ def test_conform_reports_each_check(cache: Path, tmp_path: Path) -> None:
 def test_two_stations_on_one_session_exclude_each_other(cache: Path, tmp_path: Path) -> None:
     session = daylit(cache, *CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
     holder = (
-        "import sys, time; from pathlib import Path; from station.store import SessionStore;"
+        "import sys, time; from pathlib import Path; from station.session.store import SessionStore;"
         "store = SessionStore.open(Path(sys.argv[1]), writable=True); print('held', flush=True); time.sleep(60)"
     )
     with subprocess.Popen(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from drivers.clock import Clock
-from mocks.exposures import CameraTiming
-from mocks.faults import Fault, FaultSchedule
-from mocks.ptp_messages import Answer, DeviceIdentity, Request, Rule
-from mocks.ptp_responder import PtpResponder
+from mocks.instruments.exposures import CameraTiming
+from mocks.instruments.faults import Fault, FaultSchedule
+from mocks.instruments.ptp.messages import Answer, DeviceIdentity, Request, Rule
+from mocks.instruments.ptp.responder import PtpResponder
 
 KEEP, GIVE, SIGNAL, SLOW = 0x9000, 0x9001, 0x9002, 0x9003
 IDENTITY = DeviceIdentity(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import usb.core
 
-from mocks.usb_bus import SimulatedUsbBackend
+from mocks.instruments.usb.bus import SimulatedUsbBackend
 
 PACKET_BYTES = 512
 FIRST_READ_BYTES = 4096

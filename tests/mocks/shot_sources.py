@@ -7,7 +7,7 @@ import io
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
-from mocks.shots import ShotRequest
+from mocks.instruments.exposures import ShotRequest
 
 
 class TinyShots:

@@ -7,9 +7,9 @@ import io
 import pytest
 from PIL import Image
 
-from drivers.ptp.canon_codes import CanonEvent, CanonOperation, CanonProp, CanonResponse
+from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonProp, CanonResponse
 from drivers.ptp.codes import Event, Operation, Prop, Response
-from mocks.faults import Fault, FaultKind
+from mocks.instruments.faults import Fault, FaultKind
 from tests.mocks import test_canon_5d2, test_theta_z1
 from tests.mocks.shot_sources import exposure_time
 

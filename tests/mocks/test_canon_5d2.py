@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.ptp import canon_codes
-from drivers.ptp.canon_codes import CanonEvent, CanonOperation, CanonProp, CanonResponse
+from drivers.canon_5d2 import codes as canon_codes
+from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonProp, CanonResponse
 from drivers.ptp.codes import Event, Operation, Response
-from mocks.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
-from mocks.canon_records import object_added, transfer_requested
-from mocks.clock import VirtualClock
-from mocks.faults import Fault, FaultSchedule
-from mocks.ptp_objects import StoredObject
-from mocks.usb_bus import SimulatedUsbBackend
+from mocks.instruments.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
+from mocks.instruments.canon_records import object_added, transfer_requested
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.faults import Fault, FaultSchedule
+from mocks.instruments.ptp.datasets import StoredObject
+from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.raw_host import RawHost, Reply
 from tests.mocks.shot_sources import TinyShots, exposure_time
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocks.chart import PATCHES, WHITE, ChartRoom, patch_albedos
-from mocks.light import LightDrift, Site, luminance_cd_m2
-from mocks.optics import CANON_5D2, THETA_Z1, image_rows
-from mocks.world import meter_luminance_cd_m2, open_world
+from mocks.optics.chart import PATCHES, WHITE, ChartRoom, patch_albedos
+from mocks.optics.optics import CANON_5D2, THETA_Z1, image_rows
+from mocks.worlds.light import LightDrift, Site, luminance_cd_m2
+from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
 SITES = {Site.INDOOR: THETA_Z1, Site.OUTDOOR: CANON_5D2}
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from mocks.clock import NOMINAL_START, ScaledClock, VirtualClock
+from mocks.instruments.clock import NOMINAL_START, ScaledClock, VirtualClock
 
 
 def test_virtual_time_passes_only_in_sleep() -> None:

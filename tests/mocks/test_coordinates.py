@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocks.lenses import EquirectangularLens, EquisolidFisheye
-from mocks.light import Site, UniformWorld, direction_of, luminance_cd_m2
+from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
+from mocks.rooms.light.transport import Lighting, load_scene
 from mocks.rooms.mesh import Part, quad
 from mocks.rooms.model import Material, Role, Use
-from mocks.rooms.moment import Moment, sun_of
 from mocks.rooms.room import make_room
-from mocks.rooms.sky import SUN_RADIUS_RAD, Sky
-from mocks.rooms.transport import Lighting, load_scene
+from mocks.rooms.sky.moment import Moment, sun_of
+from mocks.rooms.sky.sky import SUN_RADIUS_RAD, Sky
 from mocks.rooms.truth import equirectangular
+from mocks.worlds.light import Site, UniformWorld, direction_of, luminance_cd_m2
 
 SIZE = (400, 200)
 
@@ -106,8 +106,8 @@ def test_9_rgb_weighs_to_luminance():
 
 def test_10_albedo_times_irradiance_over_pi():
     """A level plane under a uniform sky of 1000 cd/m2, E = 1000 pi lx, seen by the renderer."""
-    from mocks.rooms.cube import Cube
-    from mocks.rooms.transport import Sampling, render_cube
+    from mocks.rooms.light.cube import Cube
+    from mocks.rooms.light.transport import Sampling, render_cube
 
     ground = Part(
         quad((-50, -50, 0), (100, 0, 0), (0, 100, 0)), Material("grey", (0.4, 0.4, 0.4)), "floor", 3, Role.SHELL
@@ -130,7 +130,7 @@ def test_11_the_sun_is_half_a_degree_wide():
 
 
 def _overcast_view():
-    from mocks.rooms.geometry import Geometry
+    from mocks.rooms.light.geometry import Geometry
     from mocks.rooms.view import RoomView
 
     room = make_room(3, Use.EMPTY, sky="overcast", lamps_on=False)

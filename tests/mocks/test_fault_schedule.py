@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mocks.faults import CONDITIONS, Fault, FaultKind, FaultRunner, FaultSchedule, Moment, Phase
+from mocks.instruments.faults import CONDITIONS, Fault, FaultKind, FaultRunner, FaultSchedule, Moment, Phase
 
 faults = st.builds(
     Fault,

@@ -7,7 +7,7 @@ import errno
 import pytest
 
 from drivers.ptp.codes import Response
-from mocks.faults import Fault, FaultKind, Phase
+from mocks.instruments.faults import Fault, FaultKind, Phase
 from tests.mocks.echo import GIVE, KEEP, SIGNAL, Echo
 from tests.mocks.test_usb_bus import EVENT, OPEN_SESSION, Bench, failing
 

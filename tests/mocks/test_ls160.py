@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from mocks.clock import VirtualClock
-from mocks.ls160 import MeterFault, MeterFaultKind, Piece, SimulatedMeter
-from mocks.serial_port import MemoryLine
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SimulatedMeter
+from mocks.instruments.serial_port import MemoryLine
 
 
 def said(pieces: list[Piece]) -> bytes:

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks.lenses import EquirectangularLens, EquisolidFisheye
-from mocks.light import BrightDisc, LightDrift, Site, UniformWorld, direction_of, luminance_cd_m2
-from mocks.optics import CANON_5D2, THETA_Z1, Filter, image_rows, scene_rows
-from mocks.picture_jobs import ImageJob, PictureJob, bands, finish_image, mosaic, render_band
-from mocks.picture_jobs import _signals as signals
-from mocks.sensor import Exposure, Sensor, ToneCurve, TrueShutter, white_balance_gains
+from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
+from mocks.optics.optics import CANON_5D2, THETA_Z1, Filter, image_rows, scene_rows
+from mocks.optics.picture_jobs import ImageJob, PictureJob, bands, finish_image, mosaic, render_band
+from mocks.optics.picture_jobs import _signals as signals
+from mocks.optics.sensor import Exposure, Sensor, ToneCurve, TrueShutter, white_balance_gains
+from mocks.worlds.light import BrightDisc, LightDrift, Site, UniformWorld, direction_of, luminance_cd_m2
 
 CAMERAS = [THETA_Z1, CANON_5D2]
 SIZES = {"theta_z1": (160, 80), "canon_5d2": (168, 112)}

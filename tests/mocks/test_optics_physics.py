@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from mocks.lenses import EquirectangularLens, EquisolidFisheye
-from mocks.light import UniformWorld, direction_of
-from mocks.optics import CANON_5D2, ND3_TINT, THETA_Z1, Filter
-from mocks.picture_cache import PictureCache
-from mocks.picture_jobs import ImageJob, PictureJob, bands, finish_image, mosaic, render_band
-from mocks.picture_jobs import _signals as signals
-from mocks.pictures import RenderedShots
-from mocks.sensor import Exposure, ToneCurve
-from mocks.world import open_world
+from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
+from mocks.optics.optics import CANON_5D2, ND3_TINT, THETA_Z1, Filter
+from mocks.optics.picture_cache import PictureCache
+from mocks.optics.picture_jobs import ImageJob, PictureJob, bands, finish_image, mosaic, render_band
+from mocks.optics.picture_jobs import _signals as signals
+from mocks.optics.pictures import RenderedShots
+from mocks.optics.sensor import Exposure, ToneCurve
+from mocks.worlds.light import UniformWorld, direction_of
+from mocks.worlds.world import open_world
 from tests.mocks.test_pictures import request_for
 
 CAMERAS = [THETA_Z1, CANON_5D2]

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from mocks import bench as bench_module
-from mocks import pictures as pictures_module
-from mocks.bench import WantedCamera, make_bench
-from mocks.light import LightDrift, UniformWorld, mean_weights
-from mocks.optics import CANON_5D2, THETA_Z1
-from mocks.picture_cache import PictureCache, PictureCacheError, content_key, default_folder
-from mocks.picture_files import is_whole_jpeg
-from mocks.pictures import RenderedShots
-from mocks.sensor import Exposure
-from mocks.shots import ShotRequest
+from mocks.instruments import bench as bench_module
+from mocks.instruments.bench import WantedCamera, make_bench
+from mocks.instruments.exposures import ShotRequest
+from mocks.optics import pictures as pictures_module
+from mocks.optics.optics import CANON_5D2, THETA_Z1
+from mocks.optics.picture_cache import PictureCache, PictureCacheError, content_key, default_folder
+from mocks.optics.picture_jobs import is_whole_jpeg
+from mocks.optics.pictures import RenderedShots
+from mocks.optics.sensor import Exposure
+from mocks.worlds.light import LightDrift, UniformWorld, mean_weights
 
 SIZES = {"theta_z1": (160, 80), "canon_5d2": (168, 112)}
 

@@ -10,8 +10,8 @@ import pytest
 
 from drivers.clock import SystemClock
 from drivers.ptp.codes import Event, Operation, Response
-from mocks.faults import Fault, FaultKind
-from mocks.ptp_ip import LOOPBACK, PtpIpServer
+from mocks.instruments.faults import Fault, FaultKind
+from mocks.instruments.ptp.ip import LOOPBACK, PtpIpServer
 from tests.mocks.echo import GIVE, KEEP, Echo
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from drivers.ptp.codes import Event, Operation, Response
-from mocks.clock import VirtualClock
-from mocks.ptp_messages import Answer, Request
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.ptp.messages import Answer, Request
 from tests.mocks.echo import GIVE, KEEP, SIGNAL, Echo
 
 

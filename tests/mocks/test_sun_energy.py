@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mocks.light import BrightDisc, UniformWorld, direction_of
-from mocks.optics import CANON_5D2, ND3_TINT, THETA_Z1, image_rows, scene_rows
+from mocks.optics.optics import CANON_5D2, ND3_TINT, THETA_Z1, image_rows, scene_rows
+from mocks.worlds.light import BrightDisc, UniformWorld, direction_of
 
 
 class Sun(UniformWorld):

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.ptp import ricoh_codes
 from drivers.ptp.codes import Event, Operation, Prop, Response
-from drivers.ptp.ricoh_codes import RicohProp
-from mocks.clock import VirtualClock
-from mocks.faults import Fault, FaultSchedule
-from mocks.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
-from mocks.usb_bus import SimulatedUsbBackend
+from drivers.theta_z1 import codes as ricoh_codes
+from drivers.theta_z1.codes import RicohProp
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.faults import Fault, FaultSchedule
+from mocks.instruments.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
+from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.raw_host import RawHost
 from tests.mocks.shot_sources import TinyShots, exposure_time
 

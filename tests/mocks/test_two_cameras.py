@@ -5,12 +5,13 @@ from __future__ import annotations
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-from drivers.ptp import canon_codes, ricoh_codes
+from drivers.canon_5d2 import codes as canon_codes
 from drivers.ptp.codes import Operation
-from mocks.canon_5d2 import SimulatedCanon5D2
-from mocks.clock import ScaledClock, VirtualClock
-from mocks.theta_z1 import SimulatedThetaZ1
-from mocks.usb_bus import SimulatedUsbBackend
+from drivers.theta_z1 import codes as ricoh_codes
+from mocks.instruments.canon_5d2 import SimulatedCanon5D2
+from mocks.instruments.clock import ScaledClock, VirtualClock
+from mocks.instruments.theta_z1 import SimulatedThetaZ1
+from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.raw_host import RawHost
 from tests.mocks.shot_sources import TinyShots
 

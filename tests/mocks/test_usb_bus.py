@@ -10,8 +10,8 @@ import pytest
 import usb.core
 import usb.util
 
-from mocks.clock import VirtualClock
-from mocks.usb_bus import SimulatedUsbBackend
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.echo import GIVE, KEEP, SIGNAL, SLOW, Echo
 
 OPEN_SESSION = "10 00 00 00 01 00 02 10 00 00 00 00 01 00 00 00"

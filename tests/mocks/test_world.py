@@ -13,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks import room_light
-from mocks.room_light import bake
-from mocks.room_plan import Box, WallRect, plan_room
-from mocks.room_rays import blocked, pane_distance_m, room_faces
 from mocks.rooms.model import Use
-from mocks.textures import PlankFloor
-from mocks.world import (
+from mocks.worlds import room_light
+from mocks.worlds.room_light import bake
+from mocks.worlds.room_plan import Box, WallRect, plan_room
+from mocks.worlds.room_rays import blocked, pane_distance_m, room_faces
+from mocks.worlds.textures import PlankFloor
+from mocks.worlds.world import (
     BrightDisc,
     HdrWorld,
     LightDrift,

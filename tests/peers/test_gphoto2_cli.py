@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
+from drivers.canon_5d2.codes import CanonProp
 from drivers.clock import SystemClock
-from drivers.ptp.canon_codes import CanonProp
 from drivers.ptp.codes import Operation, Prop
-from drivers.ptp.ricoh_codes import RicohProp
-from mocks.canon_5d2 import SimulatedCanon5D2
-from mocks.ptp_ip import LOOPBACK, PtpIpServer
-from mocks.theta_z1 import SimulatedThetaZ1
+from drivers.theta_z1.codes import RicohProp
+from mocks.instruments.canon_5d2 import SimulatedCanon5D2
+from mocks.instruments.ptp.ip import LOOPBACK, PtpIpServer
+from mocks.instruments.theta_z1 import SimulatedThetaZ1
 from tests.mocks.shot_sources import TinyShots
 
 GPHOTO2 = shutil.which("gphoto2")

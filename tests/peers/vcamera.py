@@ -21,7 +21,7 @@ from typing import Any, Self
 import usb.core
 from usb.backend import IBackend
 
-from mocks.usb_descriptors import (
+from mocks.instruments.usb.descriptors import (
     ConfigurationDescriptor,
     DeviceDescriptor,
     EndpointDescriptor,

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from processing.images import LuminanceImage, RelativeImage
+from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Equirectangular, Fisheye, LensMapping
 
 LIGHT = st.floats(0, 1.6e9, width=32, allow_subnormal=True)

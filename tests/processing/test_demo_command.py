@@ -10,7 +10,7 @@ from PIL import Image
 
 import daylit
 from processing.commands import demo as command
-from station.store import load_manifest
+from station.session.store import load_manifest
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from processing.errors import ParameterError
-from processing.false_colour import (
+from processing.pictures.false_colour import (
     GHOST_COLOUR,
     NO_DATA,
     VALIDITY_COLOURS,
@@ -24,9 +24,8 @@ from processing.false_colour import (
     validity_overlay,
     with_legend,
 )
-from processing.image_files import jpeg_bytes, png_bytes, preview_rgb8, write_jpeg, write_png
-from processing.images import Validity, luminance_cd_m2
-from processing.picture_preview import KEY
+from processing.pictures.images import Validity, luminance_cd_m2
+from processing.pictures.preview import KEY, jpeg_bytes, png_bytes, preview_rgb8, write_jpeg, write_png
 from processing.sphere import Equirectangular
 
 ENDS = st.tuples(st.floats(1e-6, 1e8), st.floats(1.01, 1e9)).map(lambda pair: (pair[0], pair[0] * pair[1]))

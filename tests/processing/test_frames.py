@@ -14,10 +14,18 @@ import simplejpeg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks.picture_files import RawFrame, dng_file
-from mocks.shots import ShotRequest
+from mocks.instruments.exposures import ShotRequest
+from mocks.optics.picture_jobs import RawFrame, dng_file
 from processing.errors import ParameterError, PictureFileError
-from processing.frames import FrameSource, array_frame, frame_of, jpeg_frame, lossless_frame, raw_frame, same_file
+from processing.pictures.frames import (
+    FrameSource,
+    array_frame,
+    frame_of,
+    jpeg_frame,
+    lossless_frame,
+    raw_frame,
+    same_file,
+)
 
 DAMAGED = Path(__file__).resolve().parents[3] / "shared" / "data" / "damaged" / "jpeg"
 

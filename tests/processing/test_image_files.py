@@ -14,11 +14,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from processing.errors import PictureFileError
-from processing.image_files import read_exr, read_exr_rgb, write_exr
-from processing.images import LuminanceImage, RelativeImage
+from processing.pictures.exr import read_exr, read_exr_rgb, write_exr
+from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Equirectangular
-from station import durable
 from station.errors import DiskError, DiskFullError
+from station.session import durable
 from tests.processing.picture_strategies import images, luminance_image
 
 SUN_CD_M2 = 1.6e9

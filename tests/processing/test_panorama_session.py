@@ -11,15 +11,15 @@ from PIL import Image
 
 import daylit
 from processing.errors import PanoramaError
-from processing.image_files import read_exr
-from processing.images import LuminanceImage
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage
 from processing.running.panorama_session import panorama_session
 from processing.running.requests import RunRequest
-from processing.running.run_report import Action
+from processing.running.results import Action
 from processing.running.runner import process
-from station.session import SessionStatus, Site
-from station.store import load_manifest
-from station.verify import verify_session
+from station.session.session import SessionStatus, Site
+from station.session.store import load_manifest
+from station.session.verify import verify_session
 
 
 @pytest.fixture

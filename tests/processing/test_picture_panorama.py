@@ -12,9 +12,10 @@ import pytest
 from PIL import Image, ImageCms
 
 from processing.errors import PanoramaError, PictureFileError
-from processing.image_files import write_exr, write_radiance_hdr
-from processing.images import RelativeImage, Validity
-from processing.picture_panorama import MIDDLE, WHITE, linear_from_srgb, read_panorama
+from processing.pictures.exr import write_exr
+from processing.pictures.images import RelativeImage, Validity
+from processing.pictures.panorama import MIDDLE, WHITE, linear_from_srgb, read_panorama
+from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Fisheye, LensMapping
 from tests.processing.picture_strategies import luminance_image
 

@@ -16,11 +16,10 @@ from processing.running.decision import decide
 from processing.running.fingerprint import digest
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import Stored
-from processing.running.results import StageResult
-from processing.running.run_report import Action, RunEvent, RunEventKind, RunReport
+from processing.running.results import Action, RunEvent, RunEventKind, RunReport, StageResult
 from processing.running.runner import process
 from processing.stages.contract import Quality, StageContext, StageOutput, StageParameters
-from station.session import SessionManifest
+from station.session.session import SessionManifest
 from tests.processing import toy_stages
 from tests.processing.toy_stages import BROKEN_LAST, FRAMES, HALF, TOTAL, TOYS
 from tests.station.sessions import complete_session

@@ -12,20 +12,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.pipeline import Artifact, Stage
 from processing.running.artifacts import Shelf, load, save
-from processing.running.digest_memory import DigestMemory
+from processing.running.fingerprint import DigestMemory
 from processing.running.requests import RunRequest
 from processing.running.result_store import ResultStore
-from processing.running.results import parse_result
-from processing.running.run_report import Action, RunReport
+from processing.running.results import Action, RunReport, parse_result
 from processing.running.runner import process
 from processing.sphere import Equirectangular
-from station import durable
 from station.errors import DiskFullError, IntegrityError, SessionLockedError, SessionNotFoundError
-from station.folder import Folder
-from station.lock import SessionLock
+from station.session import durable
+from station.session.folder import Folder
+from station.session.lock import SessionLock
 from tests.processing.toy_stages import TOYS
 from tests.station.sessions import complete_session
 from tests.torture.os_faults import Counting, installed
@@ -146,7 +145,7 @@ def test_no_session_there(tmp_path: Path) -> None:
 def test_two_processes_do_not_work_at_once(session: Path) -> None:
     code = (
         "import sys; from pathlib import Path\n"
-        "from station.folder import Folder; from station.lock import SessionLock\n"
+        "from station.session.folder import Folder; from station.session.lock import SessionLock\n"
         "lock = SessionLock(Folder.open(Path(sys.argv[1]))); print('held', flush=True); sys.stdin.read()"
     )
     arguments = [sys.executable, "-c", code, str(session)]

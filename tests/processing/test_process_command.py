@@ -12,7 +12,7 @@ import daylit
 import processing.pipeline
 from processing.commands.process import process
 from processing.commands.process_views import PlainView, TerminalView, plain_or_terminal, printable
-from processing.running.run_report import RunEvent, RunEventKind
+from processing.running.results import RunEvent, RunEventKind
 from tests.processing.toy_stages import TOTAL, TOYS
 from tests.station.sessions import complete_session
 

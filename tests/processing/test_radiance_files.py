@@ -14,13 +14,21 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from processing.calibration.photometry import illuminance_lx
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import PictureFileError
-from processing.image_files import read_radiance_hdr, write_radiance_hdr
-from processing.images import LuminanceImage, luminance_cd_m2
-from processing.radiance_files import RADIANCE_WEIGHTS, WHITE_EFFICACY_LM_W
-from processing.radiance_rgbe import RunLengthError, decode_rows, encode_rows, from_rgbe, to_rgbe
-from processing.radiance_views import geometry_of, view_of
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.radiance import (
+    RADIANCE_WEIGHTS,
+    WHITE_EFFICACY_LM_W,
+    RunLengthError,
+    decode_rows,
+    encode_rows,
+    from_rgbe,
+    read_radiance_hdr,
+    to_rgbe,
+    write_radiance_hdr,
+)
+from processing.pictures.radiance_views import geometry_of, view_of
 from processing.sphere import (
     Equirectangular,
     Fisheye,

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 
 from processing.errors import ParameterError
-from processing.resampling import padded_sphere, resample, resample_labels, resample_uncertainty
 from processing.sphere import (
     Equirectangular,
     LensMapping,
@@ -15,6 +14,7 @@ from processing.sphere import (
     projected_solid_angles,
     solid_angles,
 )
+from processing.sphere.resampling import padded_sphere, resample, resample_labels, resample_uncertainty
 from tests.processing.sphere_pictures import fisheye, geometries, one_of_each, smooth
 
 PAIRS = list(itertools.permutations(one_of_each(), 2))

@@ -10,10 +10,10 @@ import pytest
 import daylit
 from benchmarks._photometry import CHART_STOPS_S, DENSE_STOPS_S
 from benchmarks._sessions import Taken, write_session
-from mocks.chart import ChartRoom
-from mocks.simple_room import SimpleRoom
+from mocks.optics.chart import ChartRoom
+from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.profile import load_profile
-from station.session import Side
+from station.session.session import Side
 
 SMALL = 16
 

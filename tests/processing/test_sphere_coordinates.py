@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mocks.lenses import EquirectangularLens, EquisolidFisheye
+from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, pixels, point_directions, solid_angles
 
 SIZE = (180, 120)

@@ -5,9 +5,8 @@ import pytest
 
 from processing.errors import ParameterError
 from processing.sphere import Equirectangular, Perspective
-from processing.views import Panorama, covering_views, cut_view, view_at, view_ring
-from processing.views_maps import CutMap, MapCache, map_bytes
-from processing.views_stitch import stitch_labels, stitch_views
+from processing.sphere.view_maps import CutMap, MapCache, map_bytes
+from processing.sphere.views import Panorama, covering_views, cut_view, stitch_labels, stitch_views, view_at, view_ring
 from tests.processing.sphere_pictures import smooth
 
 PANORAMA = Equirectangular(360, 180)

@@ -6,9 +6,9 @@ import hashlib
 from datetime import UTC, datetime
 from pathlib import Path
 
-from station.frame_part import StoredFrame
-from station.session import BracketRecord, FrameRecord, SessionManifest, Side
-from station.store import SessionStore
+from station.frames.part import StoredFrame
+from station.session.session import BracketRecord, FrameRecord, SessionManifest, Side
+from station.session.store import SessionStore
 
 CREATED_UTC = datetime(2023, 5, 19, 15, 54, tzinfo=UTC)
 STOPS_S = (4.0, 1 / 4, 1 / 60)

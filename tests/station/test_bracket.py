@@ -8,10 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from station.bracket import PAPER_STOPS_S, parse_shutter, plan_bracket, useless_because
+from station.capture.bracket import (
+    PAPER_STOPS_S,
+    CameraCost,
+    estimate_bracket,
+    parse_shutter,
+    plan_bracket,
+    useless_because,
+)
 from station.errors import UsageError
-from station.session import FrameStatistics, Side, shutter_label
-from station.timing import CameraCost, estimate_bracket
+from station.session.session import FrameStatistics, Side, shutter_label
 
 BOTH = (Side.INDOOR, Side.OUTDOOR)
 

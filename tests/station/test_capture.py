@@ -24,16 +24,16 @@ from drivers.errors import (
     ProtocolViolationError,
     StoreFullError,
 )
-from drivers.meter import MeterIdentity, MeterReading, ReadingStatus
-from station.capture import Capture, CaptureRequest
+from drivers.meter.interface import MeterIdentity, MeterReading, ReadingStatus
+from station.capture.capture import Capture, CaptureRequest
+from station.capture.events import CaptureEvent, EventKind
+from station.capture.preflight import PreflightError
+from station.capture.rig import Rig
+from station.capture.rig_file import CameraTable, LimitsTable, MeterTable, RigFile
 from station.errors import SessionError, UsageError
-from station.events import CaptureEvent, EventKind
-from station.preflight import PreflightError
-from station.rig import Rig
-from station.rig_file import CameraTable, LimitsTable, MeterTable, RigFile
-from station.session import SessionManifest, SessionStatus, Side
-from station.store import SessionStore
-from station.verify import verify_session
+from station.session.session import SessionManifest, SessionStatus, Side
+from station.session.store import SessionStore
+from station.session.verify import verify_session
 from tests.station.fake_camera import SIZE, FakeCamera
 
 STOPS_S = (0.25, 1 / 15, 1 / 60, 1 / 250)

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import daylit
+from station.capture.bracket import typical_cost
+from station.capture.rig_file import PAPER_INDOOR, PAPER_OUTDOOR
 from station.commands.views import printable
-from station.rig_file import PAPER_INDOOR, PAPER_OUTDOOR
-from station.timing import typical_cost
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-import station.conductor
+import station.capture.conductor
 from drivers.camera import FrameRef
 from drivers.clock import SystemClock
 from drivers.errors import DeviceLostError
-from station.capture import Capture, CaptureRequest
+from station.capture.capture import Capture, CaptureRequest
+from station.capture.events import EventKind
 from station.errors import DiskFullError
-from station.events import EventKind
-from station.store import SessionStore
+from station.session.store import SessionStore
 from tests.station.fake_camera import FakeCamera
 from tests.station.test_capture import STOPS_S, TABLE, FakeMeter, make_rig, run
 
@@ -41,15 +41,15 @@ def test_the_second_ctrl_c_ends_at_once(tmp_path: Path, monkeypatch: pytest.Monk
     camera = FakeCamera(SystemClock(), chunk_s=0.05, chunk_bytes=200)
     job = Capture.new(make_rig(camera), CaptureRequest(room="x", into=tmp_path, stops_s=STOPS_S))
     told: list[EventKind] = []
-    pump = station.conductor.Conductor._pump
+    pump = station.capture.conductor.Conductor._pump
 
-    def interrupted(self: station.conductor.Conductor) -> object:
+    def interrupted(self: station.capture.conductor.Conductor) -> object:
         if kind in told and EventKind.FAILED not in told:
             told.append(EventKind.FAILED)  # once
             raise KeyboardInterrupt
         return pump(self)
 
-    monkeypatch.setattr(station.conductor.Conductor, "_pump", interrupted)
+    monkeypatch.setattr(station.capture.conductor.Conductor, "_pump", interrupted)
 
     def watch() -> None:
         for event in job.events():

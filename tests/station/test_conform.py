@@ -7,22 +7,23 @@ from collections.abc import Callable
 import pytest
 
 from drivers.camera import CameraSettings
-from drivers.canon_5d2 import Canon5D2
+from drivers.canon_5d2 import codes as canon_codes
+from drivers.canon_5d2.camera import Canon5D2
 from drivers.clock import Clock
 from drivers.errors import DeviceTimeoutError
-from drivers.ls160 import KonicaMinoltaMeter
-from drivers.meter_dialect import SHIPPED, load_dialect
-from drivers.ptp import canon_codes, ricoh_codes
-from drivers.theta_z1 import ThetaZ1
+from drivers.meter.dialect import SHIPPED, load_dialect
+from drivers.meter.ls160 import KonicaMinoltaMeter
+from drivers.theta_z1 import codes as ricoh_codes
+from drivers.theta_z1.camera import ThetaZ1
 from drivers.usb_link import UsbLink
-from mocks.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
-from mocks.clock import VirtualClock
-from mocks.exposures import CameraTiming
-from mocks.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.serial_port import MemoryLine
-from mocks.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
-from mocks.usb_bus import SimulatedUsbBackend
-from station.conform import CAMERA_CHECKS, METER_CHECKS, CameraBench, Outcome, run_camera, run_meter
+from mocks.instruments.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.exposures import CameraTiming
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import MemoryLine
+from mocks.instruments.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
+from mocks.instruments.usb.bus import SimulatedUsbBackend
+from station.capture.conform import CAMERA_CHECKS, METER_CHECKS, CameraBench, Outcome, run_camera, run_meter
 from tests.mocks.shot_sources import TinyShots
 from tests.station.fake_camera import FakeCamera
 

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from station import durable
 from station.errors import DiskError, DiskFullError, IntegrityError, ResourceError
-from station.folder import Folder, make_folders, write_file
-from station.session import Side
-from station.store import SessionStore
+from station.session import durable
+from station.session.folder import Folder, make_folders, write_file
+from station.session.session import Side
+from station.session.store import SessionStore
 from tests.station.sessions import frame_record, manifest
 
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from station.exif import ExifFacts, parse_offset, read_exif
-from station.frame_problem import FrameProblemError, Reason
+from station.frames.exif import ExifFacts, parse_offset, read_exif
+from station.frames.facts import FrameProblemError, Reason
 from tests.station.pictures import TAKEN, exif
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"

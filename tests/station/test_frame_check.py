@@ -16,8 +16,8 @@ import pytest
 from PIL import Image
 
 from station.errors import FrameRejectedError, ResourceError
-from station.frame_check import ExpectedFrame, FrameChecker, FrameFacts, Reason, check_order
-from station.session import FrameRecord, Side
+from station.frames.check import ExpectedFrame, FrameChecker, FrameFacts, Reason, check_order
+from station.session.session import FrameRecord, Side
 from tests.station.pictures import TAKEN, jpeg
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -218,7 +218,7 @@ def test_no_worker_outlives_its_station(tmp_path):
     """Killed, not closed: the worker reads the end of its requests and goes."""
     psutil = pytest.importorskip("psutil")
     script = (
-        "import os, sys\nfrom station.frame_check import FrameChecker\nc = FrameChecker()\nc.start()\n"
+        "import os, sys\nfrom station.frames.check import FrameChecker\nc = FrameChecker()\nc.start()\n"
         "print(c._worker.pid, flush=True)\nsys.stdin.read()"
     )
     with subprocess.Popen(

@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from station.errors import FrameRejectedError
-from station.frame_facts import ExifRecord, ExpectedFrame, FrameFacts
-from station.frame_problem import Reason
-from station.frame_rules import check_not_too_dark, check_order, judge, same_stop, seconds_text, stops_between
+from station.frames.facts import ExifRecord, ExpectedFrame, FrameFacts, Reason
+from station.frames.rules import check_not_too_dark, check_order, judge, same_stop, seconds_text, stops_between
 
 NOMINAL = (
     "30 25 20 15 13 10 8 6 5 4 3.2 2.5 2 1.6 1.3 1 0.8 0.6 0.5 0.4 0.3 1/4 1/5 1/6 1/8 1/10 1/13 1/15 1/20 1/25 1/30 "

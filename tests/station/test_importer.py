@@ -15,11 +15,11 @@ from click.testing import CliRunner
 import daylit
 from station.commands.import_ import import_session as command
 from station.errors import FrameRejectedError, IncompleteBracketError, SessionNotFoundError, UsageError
-from station.frame_check import FrameChecker
-from station.importer import ImportReport, ImportRequest, import_session
-from station.session import SessionStatus, Side
-from station.store import load_manifest
-from station.verify import verify_session
+from station.frames.check import FrameChecker
+from station.frames.importer import ImportReport, ImportRequest, import_session
+from station.session.session import SessionStatus, Side
+from station.session.store import load_manifest
+from station.session.verify import verify_session
 from tests.station.pictures import jpeg
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "brackets"

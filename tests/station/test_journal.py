@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.clock import SystemClock
-from station import durable
 from station.errors import DiskError, JournalError
-from station.folder import Folder
-from station.journal import Journal, JournalEntry, decode_line, encode_line, parse_journal, read_journal
-from station.session import Side
-from station.store import SessionStore
+from station.session import durable
+from station.session.folder import Folder
+from station.session.journal import Journal, JournalEntry, decode_line, encode_line, parse_journal, read_journal
+from station.session.session import Side
+from station.session.store import SessionStore
 from tests.station.sessions import manifest, put
 
 JSON = st.recursive(

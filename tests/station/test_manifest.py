@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from station import manifest as manifest_module
-from station import strict_json
 from station.errors import DaylitError, ManifestError, SchemaTooNewError, SessionNotFoundError
-from station.manifest import load_manifest, manifest_bytes, parse_manifest, schema_text
-from station.session import FrameRecord, SessionManifest
+from station.session import manifest as manifest_module
+from station.session import strict_json
+from station.session.manifest import load_manifest, manifest_bytes, parse_manifest, schema_text
+from station.session.session import FrameRecord, SessionManifest
 from tests.station.sessions import complete_session, manifest
 
 ROOT = Path(__file__).resolve().parents[2]

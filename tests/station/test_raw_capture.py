@@ -12,10 +12,10 @@ import pytest
 from drivers.camera import ExposureProgress, FrameFormat, FrameRef
 from drivers.clock import SystemClock
 from drivers.errors import DeviceError, DeviceTimeoutError
-from station.capture import Capture
-from station.session import SessionManifest, SessionStatus, Side
-from station.store import SessionStore
-from station.verify import verify_session
+from station.capture.capture import Capture
+from station.session.session import SessionManifest, SessionStatus, Side
+from station.session.store import SessionStore
+from station.session.verify import verify_session
 from tests.station.fake_camera import FakeCamera
 from tests.station.test_capture import STOPS_S, TABLE, make_rig, run
 from tests.station.test_frame_check import raw_file

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from station.bracket import PAPER_STOPS_S
+from station.capture.bracket import PAPER_STOPS_S
+from station.capture.rig import SIZE_STEPS, find_rig_file, planned_times_s, simulated_rig_file
+from station.capture.rig_file import EXAMPLE, PAPER_RIG, load_rig
 from station.errors import RigError
-from station.rig import SIZE_STEPS, find_rig_file, planned_times_s, simulated_rig_file
-from station.rig_file import EXAMPLE, PAPER_RIG, load_rig
-from station.session import Side, Site
+from station.session.session import Side, Site
 
 
 def write(folder: Path, text: str) -> Path:
@@ -93,7 +93,7 @@ def test_stops_are_planned_one_after_another_from_the_first_reading_on() -> None
 
 def test_a_simulated_rig_stands_where_its_generated_room_does() -> None:
     from mocks.rooms.room import make_room
-    from station.rig import _place_of
+    from station.capture.rig import _place_of
 
     room = make_room(7, "bedroom")
     tables, begins_utc = _place_of("bedroom-7")

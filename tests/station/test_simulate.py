@@ -15,19 +15,18 @@ import pytest
 
 import daylit
 from drivers.errors import DeviceTimeoutError
-from mocks.rooms import light
+from mocks.rooms.light import light
 from mocks.rooms.room import make_room
 from mocks.rooms.truth_files import load_truth
-from mocks.world import SimpleRoom
+from mocks.worlds.world import SimpleRoom
 from station.errors import ConditionsError, SessionExistsError
-from station.manifest import load_manifest
-from station.session import SessionManifest, SessionStatus, Side
+from station.session.manifest import load_manifest
+from station.session.session import SessionManifest, SessionStatus, Side
+from station.session.verify import verify_session
 from station.simulate import run
 from station.simulate.conditions import COLUMNS, load_conditions
-from station.simulate.ledger import LEDGER_COLUMNS
-from station.simulate.plan import SITE_DEG, DatasetRequest, Planned, plan_sessions
+from station.simulate.plan import LEDGER_COLUMNS, SITE_DEG, DatasetRequest, Planned, plan_sessions
 from station.simulate.run import DatasetEvent, Summary, simulate
-from station.verify import verify_session
 
 ROWS = (
     "4,20221006,1f_bed,13:33,47.70,13:35,,328°NW,YES,YES",

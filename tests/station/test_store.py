@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from station import folder as folder_module
-from station import frame_part
 from station.errors import (
     FrameRejectedError,
     IntegrityError,
@@ -20,8 +18,10 @@ from station.errors import (
     SessionLockedError,
     SessionNotFoundError,
 )
-from station.frame_part import frame_name
-from station.session import (
+from station.frames import part as frame_part
+from station.frames.part import frame_name
+from station.session import folder as folder_module
+from station.session.session import (
     DeviceRecord,
     ReadingRecord,
     RejectedFrame,
@@ -30,7 +30,7 @@ from station.session import (
     SkippedStop,
     WarningRecord,
 )
-from station.store import SessionStore, load_manifest
+from station.session.store import SessionStore, load_manifest
 from tests.station.sessions import CREATED_UTC, STOPS_S, complete_session, frame_record, manifest, put
 
 

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from station.errors import IntegrityError, JournalError, SessionLockedError, SessionNotFoundError
-from station.manifest import load_manifest
-from station.session import Side
-from station.store import SessionStore
-from station.verify import repair_session, verify_session
+from station.session.manifest import load_manifest
+from station.session.session import Side
+from station.session.store import SessionStore
+from station.session.verify import repair_session, verify_session
 from tests.station.sessions import complete_session, manifest, put
 
 FRAME = "indoor/01_1-4s.jpg"
@@ -280,5 +280,6 @@ def test_a_flipped_bit_anywhere_is_noticed(tmp_path_factory: pytest.TempPathFact
 
 
 def test_verify_runs_where_only_the_store_is_imported() -> None:
-    code = "import sys, station.verify; sys.exit(any(m.split('.')[0] in ('mocks', 'cv2', 'usb') for m in sys.modules))"
+    heavy = "{'mocks', 'cv2', 'usb'}"
+    code = f"import sys, station.session.verify; sys.exit(any(m.split('.')[0] in {heavy} for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

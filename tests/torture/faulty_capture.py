@@ -21,19 +21,19 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from drivers.errors import DaylitError
-from mocks.bench import BenchOptions, make_bench
-from mocks.clock import ScaledClock
-from mocks.faults import Fault, FaultKind, FaultSchedule
-from mocks.ls160 import MeterFault, MeterFaultKind
-from mocks.shots import ShotRequest
-from station.capture import Capture, CaptureRequest
-from station.conductor import LAST_TRANSFERS_LIMIT_S, SET_UP_LIMIT_S
-from station.events import EventKind
-from station.rig import Rig, open_simulated_rig, wanted_cameras
-from station.rig_file import CameraTable, LimitsTable, MeterTable, RigFile
-from station.session import FrameRecord, SessionManifest, SessionStatus, Side
-from station.store import SessionStore
-from station.verify import verify_session
+from mocks.instruments.bench import BenchOptions, make_bench
+from mocks.instruments.clock import ScaledClock
+from mocks.instruments.exposures import ShotRequest
+from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind
+from station.capture.capture import Capture, CaptureRequest
+from station.capture.conductor import LAST_TRANSFERS_LIMIT_S, SET_UP_LIMIT_S
+from station.capture.events import EventKind
+from station.capture.rig import Rig, open_simulated_rig, wanted_cameras
+from station.capture.rig_file import CameraTable, LimitsTable, MeterTable, RigFile
+from station.session.session import FrameRecord, SessionManifest, SessionStatus, Side
+from station.session.store import SessionStore
+from station.session.verify import verify_session
 
 STOPS_S = (1 / 4, 1 / 15, 1 / 60, 1 / 250)
 RIG = RigFile(

@@ -1,4 +1,4 @@
-"""Stand-ins for `station.durable.os_calls` that die, fail or cut short at the Nth call."""
+"""Stand-ins for `station.session.durable.os_calls` that die, fail or cut short at the Nth call."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from station import durable
+from station.session import durable
 
 CALLS = ("open", "write", "fsync", "fdatasync", "fchmod", "rename", "unlink", "mkdir", "rmdir")
 CREATES_OR_CHANGES = {"open", "write", "fchmod", "rename", "unlink", "mkdir", "rmdir"}

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from station import durable
+from station.session import durable
 from tests.torture.os_faults import Counting
 
 SECTOR_BYTES = 512

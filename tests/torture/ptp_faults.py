@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import cycle
 
 from drivers.ptp.codes import HEADER_BYTES, Operation
-from mocks.faults import Fault, FaultKind, Phase
+from mocks.instruments.faults import Fault, FaultKind, Phase
 from tests.torture.ptp_flavours import Flavour
 from tests.torture.ptp_session import Sitting
 

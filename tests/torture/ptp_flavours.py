@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from drivers.canon_5d2 import Canon5D2
-from drivers.ptp import canon_codes, ricoh_codes
-from drivers.theta_z1 import ThetaZ1
+from drivers.canon_5d2 import codes as canon_codes
+from drivers.canon_5d2.camera import Canon5D2
+from drivers.theta_z1 import codes as ricoh_codes
+from drivers.theta_z1.camera import ThetaZ1
 from drivers.usb_link import UsbLink
-from mocks.canon_5d2 import CanonOptions, SimulatedCanon5D2
-from mocks.clock import VirtualClock
-from mocks.faults import FaultSchedule
-from mocks.shots import ShotRequest
-from mocks.theta_z1 import SimulatedThetaZ1, ThetaOptions
-from mocks.usb_bus import SimulatedUsbBackend
+from mocks.instruments.canon_5d2 import CanonOptions, SimulatedCanon5D2
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.exposures import ShotRequest
+from mocks.instruments.faults import FaultSchedule
+from mocks.instruments.theta_z1 import SimulatedThetaZ1, ThetaOptions
+from mocks.instruments.usb.bus import SimulatedUsbBackend
 
 MAX_CLOCK_READS = 400_000
 """A fault-free sitting reads the clock some thousands of times; a loop that never ends is stopped here."""

@@ -17,10 +17,10 @@ from drivers.clock import Deadline
 from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError
 from drivers.ptp.resync import DRAIN_LIMIT_S, RESYNC_LIMIT_S
 from drivers.ptp.session import OPEN_LIMIT_S
-from drivers.theta_z1 import READY_LIMIT_S, WAKE_LIMIT_S
-from mocks.faults import Fault, FaultKind, FaultSchedule
-from mocks.usb_bus import SimulatedUsbBackend
-from station.conductor import MAX_DEVICE_FAILURES, NEEDS_A_PERSON
+from drivers.theta_z1.camera import READY_LIMIT_S, WAKE_LIMIT_S
+from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
+from mocks.instruments.usb.bus import SimulatedUsbBackend
+from station.capture.conductor import MAX_DEVICE_FAILURES, NEEDS_A_PERSON
 from tests.torture.ptp_flavours import CountedClock, EndlessError, Flavour, RecordedShots
 
 SHUTTERS_S = (1 / 60, 1 / 4, 1 / 250)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from station.errors import ResourceError
-from station.session import (
+from station.session.session import (
     JOURNAL_NAME,
     MANIFEST_NAME,
     BracketRecord,
@@ -30,7 +30,7 @@ from station.session import (
     SkippedStop,
     WarningRecord,
 )
-from station.store import SessionStore
+from station.session.store import SessionStore
 
 T = TypeVar("T")
 Ack = dict[str, object]

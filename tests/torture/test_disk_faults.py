@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from station.errors import DiskError, DiskFullError, ResourceError
-from station.store import load_manifest
-from station.verify import verify_session
+from station.session.store import load_manifest
+from station.session.verify import verify_session
 from tests.torture import small_capture
 from tests.torture.ledger import record
 from tests.torture.os_faults import APPLIES, FaultAt, installed

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from mocks.faults import Fault, FaultKind, FaultSchedule
+from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
 from tests.torture.faulty_capture import SILENCE_LIMIT_S, FaultyCapture, Outcome, Trouble, draw_trouble
 from tests.torture.ledger import record
 from tests.torture.ptp_faults import single_faults

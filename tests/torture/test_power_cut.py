@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from station.errors import DaylitError
-from station.store import SessionStore
-from station.verify import verify_session
+from station.session.store import SessionStore
+from station.session.verify import verify_session
 from tests.torture import small_capture
 from tests.torture.ledger import record
 from tests.torture.os_faults import FaultAt, installed

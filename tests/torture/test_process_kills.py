@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from processing.running.digest_memory import DigestMemory
+from processing.running.fingerprint import DigestMemory
 from processing.running.result_store import ResultStore
-from station.folder import Folder
+from station.session.folder import Folder
 from tests.station.sessions import complete_session
 from tests.torture.ledger import record
 

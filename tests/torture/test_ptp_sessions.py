@@ -14,7 +14,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from mocks.faults import Fault, FaultKind
+from mocks.instruments.faults import Fault, FaultKind
 from tests.torture.ledger import record
 from tests.torture.ptp_faults import evenly, single_faults
 from tests.torture.ptp_flavours import FLAVOURS, Flavour

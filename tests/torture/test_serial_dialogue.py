@@ -17,12 +17,12 @@ from dataclasses import dataclass, field
 import pytest
 
 from drivers.errors import DeviceError, DeviceTimeoutError, ProtocolViolationError
-from drivers.ls160 import MAX_SPREAD_FRAC, KonicaMinoltaMeter
-from drivers.meter import MeterReading, ReadingStatus
-from drivers.meter_dialect import Dialect, load_dialect
-from mocks.clock import VirtualClock
-from mocks.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.serial_port import MemoryLine, Piece
+from drivers.meter.dialect import Dialect, load_dialect
+from drivers.meter.interface import MeterReading, ReadingStatus
+from drivers.meter.ls160 import MAX_SPREAD_FRAC, KonicaMinoltaMeter
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import MemoryLine, Piece
 from tests.torture.ledger import record
 
 LINES = 1_000_000 if os.environ.get("DAYLIT_TORTURE") else 20_000

@@ -12,9 +12,9 @@ import random
 import re
 import time
 
-from drivers.meter import ReadingStatus
-from drivers.meter_dialect import load_dialect
-from drivers.meter_dialogue import interpret
+from drivers.meter.dialect import load_dialect
+from drivers.meter.dialogue import interpret
+from drivers.meter.interface import ReadingStatus
 from tests.torture.ledger import record
 
 LINES = 1_000_000 if os.environ.get("DAYLIT_TORTURE") else 20_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shapely.errors import GEOSException
 
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 from training.forms import bed, block, couch, heap, laden, shelf, wardrobe
 from training.house import draw_house, triangulated
 from training.labels import boundary_latitudes

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 from training.augment import drawn_batch, recoloured, turned
 from training.camera import add_foot, small_labels
 from training.house import draw_house

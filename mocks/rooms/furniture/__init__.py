@@ -7,23 +7,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocks.rooms.ade import ADE20K, NO_CLASS
 from mocks.rooms.furniture import (
     beds,
-    books,
     devices,
-    equipment,
     pictures,
     plants,
     seating,
     small,
     storage,
     tables,
-    textiles,
+)
+from mocks.rooms.furniture import (
+    beds as textiles,
+)
+from mocks.rooms.furniture import (
+    devices as equipment,
+)
+from mocks.rooms.furniture import (
+    storage as books,
 )
 from mocks.rooms.furniture.build import Build
 from mocks.rooms.mesh import Mesh, Part, merge
-from mocks.rooms.model import Finish, Item, Material
+from mocks.rooms.model import ADE20K, NO_CLASS, Finish, Item, Material
 
 _CHANCE = 7301
 """Sets these generators apart from all others of the same seed."""

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from mocks.light import Vector
 from mocks.rooms.furniture.build import BLACK_PLASTIC, WHITE_PLASTIC, Build
 from mocks.rooms.mesh import Mesh, box
 from mocks.rooms.model import Material
 from mocks.rooms.shapes import beam, disc, moved, tube, turned
+from mocks.worlds.light import Vector
 
 MOUNT = Material("passe-partout", (0.80, 0.79, 0.76))
 PAINTS: tuple[tuple[Vector, ...], ...] = (

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from mocks.light import Vector
 from mocks.rooms.furniture.build import CERAMIC, FOLIAGE, SOIL, Build
 from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Material
 from mocks.rooms.shapes import cylinder, lathe, moved, tube, turned
 from mocks.rooms.soft_shapes import blade, leaf
+from mocks.worlds.light import Vector
 
 BARK = Material("bark", (0.16, 0.115, 0.075))
 

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from mocks.light import Vector
 from mocks.rooms.furniture.build import CERAMIC, PAPER, Build
 from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Material
 from mocks.rooms.shapes import ball, cylinder, lathe, moved, rounded_box, tube, turned
+from mocks.worlds.light import Vector
 
 
 def _vessel(outside: list[tuple[float, float]], wall: float) -> Mesh:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from processing.ground.arrays import Doubles
 from processing.layout.furniture.model import Material, Part, Size
 from processing.layout.furniture.solids import Spot, box, leg, square_leg, tube
 from processing.layout.furniture.styles import Style

@@ -9,11 +9,32 @@ from functools import lru_cache
 import numpy as np
 
 from processing.errors import CatalogueError
-from processing.layout.furniture import beds, chairs, lamps, plants, rugs, screens, seats, shelves, storage, tables
+from processing.layout.furniture import (
+    beds,
+    lamps,
+    plants,
+    storage,
+    tables,
+)
+from processing.layout.furniture import (
+    lamps as screens,
+)
+from processing.layout.furniture import (
+    plants as rugs,
+)
+from processing.layout.furniture import (
+    seating as chairs,
+)
+from processing.layout.furniture import (
+    seating as seats,
+)
+from processing.layout.furniture import (
+    storage as shelves,
+)
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import FurnitureModel, Size
 from processing.layout.furniture.styles import style_named
-from processing.layout.item_table import KINDS
+from processing.layout.items import KINDS
 
 LICENCE = "Apache-2.0 (part of daylit)"
 

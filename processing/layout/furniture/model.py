@@ -6,8 +6,6 @@ width, +y to the front, z up, metres. Triangles wind counter-clockwise seen from
 
 from __future__ import annotations
 
-from processing.ground.arrays import Bytes, Floats, Int32s
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -15,6 +13,8 @@ from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+
+from processing.ground.arrays import Bytes, Floats, Int32s
 
 Colour: TypeAlias = tuple[float, float, float]
 Size: TypeAlias = tuple[float, float, float]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles
-
 import numpy as np
 
+from processing.ground.arrays import Doubles
 from processing.layout.furniture.solids import Spot, cleaned, cube_grid, rounded_rectangle, tube
 from processing.layout.furniture.surface import Solid, corner_normals, joined, solid
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Int64s
-
 import math
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Doubles, Int64s
 from processing.layout.furniture.surface import Solid, solid
 
 Spot = tuple[float, float, float]

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Int64s
-
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from processing.ground.arrays import Doubles, Int64s
 from processing.layout.furniture.model import Material, Part
 
 CREASE_RAD = np.radians(50.0)

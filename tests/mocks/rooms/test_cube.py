@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mocks.rooms.cube import FACES, Cube
+from mocks.rooms.light.cube import FACES, Cube
 
 
 def random_directions(count, seed=0):

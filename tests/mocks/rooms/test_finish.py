@@ -7,12 +7,10 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from mocks.rooms.finish import draw_finish
-from mocks.rooms.floors import draw_floor
-from mocks.rooms.materials import book_colours, linear, picture_material, plain, rattan, scaled, turned, veneer
+from mocks.rooms.finish import draw_finish, draw_floor
+from mocks.rooms.materials import RENTAL, book_colours, linear, picture_material, plain, rattan, scaled, turned, veneer
 from mocks.rooms.model import Finish, Material, Use
-from mocks.rooms.styles import RENTAL
-from mocks.rooms.textures import mean_albedo, tile
+from mocks.rooms.textures.catalogue import mean_albedo, tile
 
 
 def finish_of(seed: int, use: Use = Use.LIVING) -> Finish:

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from mocks.rooms.finish import draw_finish
-from mocks.rooms.furnish import check_items, furnish
+from mocks.rooms.furnish.furnish import check_items, furnish
 from mocks.rooms.furniture import item_parts
 from mocks.rooms.model import Door, Finish, Item, Plan, Role, Use, Window
-from mocks.rooms.plan import draw_plan
+from mocks.rooms.room import draw_plan
 
 USES = (Use.BEDROOM, Use.LIVING, Use.DINING, Use.OFFICE)
 PLANS_EACH, FURNISHED_EACH = 10, 3

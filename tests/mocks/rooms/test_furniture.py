@@ -8,11 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from mocks.rooms.ade import ADE20K, NO_CLASS
 from mocks.rooms.finish import draw_finish
 from mocks.rooms.furniture import MODELS, item_parts
 from mocks.rooms.mesh import Mesh, Part, merge
-from mocks.rooms.model import Item, Role, Use
+from mocks.rooms.model import ADE20K, NO_CLASS, Item, Role, Use
 from mocks.rooms.shapes import ball, beam, cylinder, lathe, rounded_box, tube
 from mocks.rooms.soft_shapes import blade, leaf, pad, pillow
 

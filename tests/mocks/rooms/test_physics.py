@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import math
 from pathlib import Path
 
@@ -13,10 +11,11 @@ from scipy.integrate import dblquad
 
 from benchmarks import _analytic as analytic
 from benchmarks import _physics, _spot
-from mocks.rooms import engine as engines
-from mocks.rooms import llvm
-from mocks.rooms.engine import EngineError, environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter
+from mocks.rooms.light import engine as engines
+from mocks.rooms.light import llvm
+from mocks.rooms.light.engine import EngineError, environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter
 from mocks.rooms.mesh import quad
+from processing.ground.arrays import Floats
 
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 DOWN = (0.0, 0.0, -1.0)

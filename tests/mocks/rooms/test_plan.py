@@ -12,11 +12,11 @@ import pytest
 from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
 
-from mocks.rooms import plan as plan_module
+from mocks.rooms import room as plan_module
 from mocks.rooms.model import Door, Fixture, Plan, Use, Window
-from mocks.rooms.plan import check_plan, draw_plan
-from mocks.rooms.plan_forms import AREA_M2, floor_seen, inner_angle_rad
-from mocks.rooms.plan_space import reveal_floor
+from mocks.rooms.plan.forms import AREA_M2, floor_seen, inner_angle_rad
+from mocks.rooms.plan.space import reveal_floor
+from mocks.rooms.room import check_plan, draw_plan
 
 SEEDS = range(300)
 USES = tuple(Use)

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocks.rooms import ade
-from mocks.rooms import engine as engines
-from mocks.rooms.engine import LLVM, SCALAR, Engine, EngineError
-from mocks.rooms.geometry import Geometry
+from mocks.rooms import model as ade
+from mocks.rooms.light import engine as engines
+from mocks.rooms.light.engine import LLVM, SCALAR, Engine, EngineError
+from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.mesh import Part, quad
 from mocks.rooms.model import Material, Role
-from station import doctor
+from station.capture import doctor
 
 
 def test_the_renderer_says_what_it_is_and_what_would_make_it_faster(

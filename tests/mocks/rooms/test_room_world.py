@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocks.light import LUMINANCE_WEIGHTS, Site
-from mocks.picture_cache import PictureCache
+from mocks.optics.picture_cache import PictureCache
 from mocks.rooms import world as world_module
-from mocks.rooms.clouds import CloudDrift
-from mocks.rooms.engine import irradiance_at
-from mocks.rooms.geometry import Geometry
-from mocks.rooms.light import components, lightings
+from mocks.rooms.light.engine import irradiance_at
+from mocks.rooms.light.geometry import Geometry
+from mocks.rooms.light.light import components, lightings
+from mocks.rooms.light.sunlight import enters, sun_share
+from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role, Use
 from mocks.rooms.room import check_room, make_room
-from mocks.rooms.sunlight import enters, sun_share
-from mocks.rooms.transport import load_scene
+from mocks.rooms.sky.clouds import CloudDrift
 from mocks.rooms.truth import description, equirectangular, point_lights, truth_pictures
 from mocks.rooms.world import RoomWorld, baked_light, room_world
-from mocks.world import meter_luminance_cd_m2, open_world
+from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
+from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
 ROWS = 96
 
@@ -234,7 +234,7 @@ def test_an_overcast_room_has_no_sun_component():
 
 def test_noise_does_not_become_gloss(monkeypatch):
     """Two equally bright noisy pictures, matte and glossy: their difference is no light."""
-    from mocks.rooms import light as light_module
+    from mocks.rooms.light import light as light_module
 
     room = make_room(1, Use.EMPTY, sky="overcast", lamps_on=False)
     shiny = replace(room.finish, floor=replace(room.finish.floor, roughness=0.2))
@@ -266,14 +266,14 @@ def test_passing_clouds_only_dim_the_sun():
 def test_there_is_no_sky_of_the_night():
     from datetime import UTC, datetime
 
-    from mocks.rooms.moment import Moment
+    from mocks.rooms.sky.moment import Moment
 
     with pytest.raises(ValueError, match="below the horizon"):
         make_room(1, Use.EMPTY, moment=Moment(40.44, -79.99, datetime(2023, 6, 21, 5, tzinfo=UTC), 0.0))
 
 
 def test_a_sample_that_is_not_finite_spoils_only_itself() -> None:
-    from mocks.rooms.light import _whole
+    from mocks.rooms.light.light import _whole
 
     picture = np.ones((6, 4, 4, 3), np.float32)
     picture[2, 1, 3, 0] = np.nan

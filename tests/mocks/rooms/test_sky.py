@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import math
 import pickle
 from dataclasses import replace
@@ -13,11 +11,12 @@ import numpy as np
 import pytest
 
 from benchmarks._outdoor import linke_of, pvlib_clear_sky_lx
-from mocks.light import direction_of, luminance_cd_m2
-from mocks.rooms import sky_light
-from mocks.rooms.clouds import CloudDrift
-from mocks.rooms.moment import Moment, draw_moment, sun_distance_au, sun_of
-from mocks.rooms.sky import SUN_RADIUS_RAD, Sky, draw_sky
+from mocks.rooms.sky import daylight as sky_light
+from mocks.rooms.sky.clouds import CloudDrift
+from mocks.rooms.sky.moment import Moment, draw_moment, sun_distance_au, sun_of
+from mocks.rooms.sky.sky import SUN_RADIUS_RAD, Sky, draw_sky
+from mocks.worlds.light import direction_of, luminance_cd_m2
+from processing.ground.arrays import Floats
 
 PLAIN = Sky(skyline=False)
 OVERCAST = Sky("overcast", cie_type=16, sun_share=0.0, skyline=False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocks.rooms.model import Texture
-from mocks.rooms.textures import KINDS, Tile, mean_albedo, pattern, tile
+from mocks.rooms.textures.catalogue import KINDS, Tile, mean_albedo, pattern, tile
 
 OAK = (0.38, 0.245, 0.135)
 COLOURS = {

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocks.hdr_world import read_equirect
 from mocks.rooms.room import make_room
 from mocks.rooms.truth import PointLight, TruthPictures
 from mocks.rooms.truth_files import LIGHT, MASKS, NUMBERS, TRUTH_NAME, TruthFileError, load_truth, save_truth
+from mocks.worlds.hdr_world import read_equirect
 
 ROWS = 8
 ROOM = make_room(3, "empty")

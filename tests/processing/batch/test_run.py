@@ -15,9 +15,8 @@ import pytest
 
 import daylit
 from processing.batch.cluster import connected, put_away, thread_settings, threads_each, usual_workers
-from processing.batch.rows import orientation, session_row
+from processing.batch.rows import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, orientation, session_row, write_table
 from processing.batch.run import BatchReport, find_sessions
-from processing.batch.table import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, write_table
 from processing.batch.work import Outcome
 from processing.errors import ClusterError, ParameterError
 from tests.station.sessions import complete_session

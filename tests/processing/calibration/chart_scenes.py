@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from mocks.chart import ChartRoom
-from mocks.light import Site
-from processing.images import RelativeImage
+from mocks.optics.chart import ChartRoom
+from mocks.worlds.light import Site
+from processing.pictures.images import RelativeImage
 from processing.sphere import Perspective, directions
 
 

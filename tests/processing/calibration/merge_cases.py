@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mocks.sensor import ToneCurve
-from mocks.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
-from processing.calibration.merge import Merged, MergeOptions, merge
-from processing.calibration.noise import NoiseModel
-from processing.calibration.response_curve import ResponseCurve
-from processing.frames import array_frame
-from processing.images import luminance_cd_m2
+from mocks.optics.sensor import ToneCurve
+from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
+from processing.calibration.merge.merge import Merged, MergeOptions, merge
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.pictures.frames import array_frame
+from processing.pictures.images import luminance_cd_m2
 from processing.sphere import Equirectangular
 
 SIZE = (360, 180)

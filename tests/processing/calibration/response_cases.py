@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from mocks.sensor import ToneCurve, TrueShutter
-from mocks.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
-from processing.calibration.response import Bracket8, ResponseFit, recover_response
-from processing.calibration.response_curve import ResponseCurve
+from mocks.optics.sensor import ToneCurve, TrueShutter
+from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
+from processing.calibration.response.curve import ResponseCurve
+from processing.calibration.response.response import Bracket8, ResponseFit, recover_response
 
 SIZE = (1200, 600)
 TIMES_S = PAPER_TIMES_S

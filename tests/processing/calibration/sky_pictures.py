@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
-from mocks.light import luminance_cd_m2
-from mocks.optics import CANON_5D2, ND3_TINT, image_rows
-from mocks.simple_room import SimpleRoom
-from mocks.sky import SimpleSky
-from processing.calibration.lens import ImageCircle, LensModel
-from processing.calibration.nd_filter import NdFilter
-from processing.calibration.outdoor import OutdoorOptics
-from processing.calibration.vignetting import Vignetting
-from processing.images import LuminanceImage, RelativeImage, Validity
+from mocks.optics.optics import CANON_5D2, ND3_TINT, image_rows
+from mocks.worlds.light import luminance_cd_m2
+from mocks.worlds.simple_room import SimpleRoom
+from mocks.worlds.sky import SimpleSky
+from processing.calibration.outdoor.lens import ImageCircle, LensModel
+from processing.calibration.outdoor.nd_filter import NdFilter
+from processing.calibration.outdoor.outdoor import OutdoorOptics
+from processing.calibration.scale.vignetting import Vignetting
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.sphere import LensMapping
 
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from mocks.light import Site
-from mocks.simple_room import SimpleRoom
-from processing.calibration.board import find_board
+from mocks.worlds.light import Site
+from mocks.worlds.simple_room import SimpleRoom
+from processing.calibration.scale.board import find_board
 from processing.errors import ScaleError
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, Perspective, directions
 from tests.processing.calibration.chart_scenes import chart_view
 

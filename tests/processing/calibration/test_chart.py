@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocks.chart import ChartRoom
-from mocks.light import Site
-from processing.calibration.chart import find_chart, scale_from_charts
-from processing.calibration.chart_patches import WHITE, reflectances
+from mocks.optics.chart import ChartRoom
+from mocks.worlds.light import Site
+from processing.calibration.scale.chart import find_chart, scale_from_charts
+from processing.calibration.scale.chart_patches import WHITE, reflectances
 from processing.errors import ChartError
-from processing.images import Validity, luminance_cd_m2
+from processing.pictures.images import Validity, luminance_cd_m2
 from processing.sphere import pixels
 from tests.processing.calibration.chart_scenes import chart_view
 

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from processing.calibration.colour_maps import XYZ_OF_RGB, cct_map, chromaticity, uniform_chromaticity
+from processing.calibration.scale.colour_maps import XYZ_OF_RGB, cct_map, chromaticity, uniform_chromaticity
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

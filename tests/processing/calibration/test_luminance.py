@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.luminance import LS160, ScaleFactor, combined, scale_from_reading, scaled
-from processing.calibration.meter_spot import Spot, spot_luminance, spot_pixels
+from processing.calibration.scale.luminance import LS160, ScaleFactor, combined, scale_from_reading, scaled
+from processing.calibration.scale.meter_spot import Spot, spot_luminance, spot_pixels
 from processing.errors import ScaleError
-from processing.images import RelativeImage, Validity
+from processing.pictures.images import RelativeImage, Validity
 from processing.sphere import Equirectangular, Geometry, Perspective, directions
-from station.session import FrameRecord, ReadingRecord, Side
+from station.session.session import FrameRecord, ReadingRecord, Side
 
 BEGUN = datetime(2026, 6, 1, tzinfo=UTC)
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.merge import MergeOptions, merge
+from processing.calibration.merge.merge import MergeOptions, merge
 from processing.errors import BracketError, ParameterError
-from processing.frames import array_frame
-from processing.images import Validity
+from processing.pictures.frames import array_frame
+from processing.pictures.images import Validity
 from processing.sphere import Equirectangular
 from tests.processing.calibration.merge_cases import NOISE, SIZE, bracket, errors, merged, true_curve
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing.calibration.merge_tables import merge_tables
-from processing.calibration.motion import Planes, ghost_regions, settle_ghosts
+from processing.calibration.merge.motion import Planes, ghost_regions, settle_ghosts
+from processing.calibration.merge.tables import merge_tables
 from tests.processing.calibration.merge_cases import NOISE, true_curve
 
 TABLES = merge_tables(true_curve(), NOISE, np.array([4.0, 1.0, 0.25]), np.zeros(3), 0.02)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocks.sensor import Exposure
-from mocks.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR
-from processing.calibration.merge import merge
-from processing.frames import array_frame
-from processing.images import Validity, luminance_cd_m2
+from mocks.optics.sensor import Exposure
+from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR
+from processing.calibration.merge.merge import merge
+from processing.pictures.frames import array_frame
+from processing.pictures.images import Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
 from tests.processing.calibration.merge_cases import NOISE, true_curve
 

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mocks.synthetic_bracket import REFERENCE_SENSOR
-from processing.calibration.noise import NoiseModel
-from processing.calibration.response import Bracket8, estimate_noise
-from processing.calibration.response_curve import ResponseCurve
-from processing.calibration.response_gauge import neutral_factors, regauge, regauge_noise
+from mocks.optics.synthetic_bracket import REFERENCE_SENSOR
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.quality import neutral_factors, regauge, regauge_noise
+from processing.calibration.response.response import Bracket8, estimate_noise
 from processing.errors import ParameterError, ResponseError
 from tests.processing.calibration.response_cases import fitted, made, truth
 

@@ -10,13 +10,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks.light import luminance_cd_m2 as true_luminance
-from mocks.sky import SimpleSky
-from processing.calibration import outdoor
-from processing.calibration.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view, uncorrect_outdoor
-from processing.calibration.photometry import illuminance_lx
+from mocks.worlds.light import luminance_cd_m2 as true_luminance
+from mocks.worlds.sky import SimpleSky
+from processing.calibration.outdoor import outdoor
+from processing.calibration.outdoor.outdoor import (
+    OutdoorOptics,
+    OutdoorView,
+    correct_outdoor,
+    outdoor_view,
+    uncorrect_outdoor,
+)
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import LensError
-from processing.images import RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, directions, solid_angles
 from tests.processing.calibration.sky_pictures import in_cd_m2, optics_of, sky_picture, true_horizontal_lx
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.photometry import compare_illuminance, illuminance_lx, luminance_map
+from processing.calibration.scale.photometry import compare_illuminance, illuminance_lx, luminance_map
 from processing.errors import ParameterError
-from processing.images import LuminanceImage, Validity
+from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective, directions, solid_angles
 from tests.processing.picture_strategies import luminance_image
 

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processing.calibration.image_circle import ImageCircle
-from processing.calibration.lens import LensModel
-from processing.calibration.nd_filter import NdFilter
-from processing.calibration.noise import NoiseModel
+from processing.calibration.outdoor.image_circle import ImageCircle
+from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.profile import (
     CameraProfile,
     CameraState,
@@ -33,12 +32,12 @@ from processing.calibration.profile_records import (
     ShutterTime,
     VignettingRecord,
 )
-from processing.calibration.response_curve import ResponseCurve
-from processing.calibration.shutter import ShutterRule
-from processing.calibration.vignetting import Vignetting
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.shutter import ShutterRule
+from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import ProfileError
 from processing.sphere import LensMapping
-from station.session import DeviceRecord, SettingRecord, Side
+from station.session.session import DeviceRecord, SettingRecord, Side
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
 INDOOR = CameraState(kind="theta_z1", model="RICOH THETA Z1", serial="1", f_number=5.6, iso=100)

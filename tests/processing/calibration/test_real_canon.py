@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmarks import _canon_real as canon
-from processing.calibration.image_circle import find_image_circle
-from processing.calibration.photometry import illuminance_lx
-from processing.images import LuminanceImage
+from processing.calibration.outdoor.image_circle import find_image_circle
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.pictures.images import LuminanceImage
 
 pytestmark = [
     pytest.mark.shared,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocks.sensor import TrueShutter
-from processing.calibration.response import METHODS, Bracket8, recover_response
-from processing.calibration.response_residuals import residuals_by_code
-from processing.calibration.response_samples import take_samples
+from mocks.optics.sensor import TrueShutter
+from processing.calibration.response.quality import residuals_by_code
+from processing.calibration.response.response import METHODS, Bracket8, recover_response
+from processing.calibration.response.samples import take_samples
 from processing.errors import BracketError, ParameterError, ResponseError
 from tests.processing.calibration.response_cases import TIMES_S, bracket, errors, fitted, is_sound, made, rms, truth
 

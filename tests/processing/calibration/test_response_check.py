@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks.sensor import ToneCurve
-from mocks.synthetic_bracket import REFERENCE_SENSOR, synthetic_bracket
-from processing.calibration.response import METHODS, Bracket8, ResponseFit, check_response, recover_response
+from mocks.optics.sensor import ToneCurve
+from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, synthetic_bracket
+from processing.calibration.response.response import METHODS, Bracket8, ResponseFit, check_response, recover_response
 from processing.errors import BracketError, ResponseError
 from tests.processing.calibration.response_cases import bracket, fitted, is_sound, made
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.shutter import (
+from processing.calibration.response.shutter import (
     ShutterRule,
     TimeEvidence,
     camera_rule,

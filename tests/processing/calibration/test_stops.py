@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from mocks.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, expose
-from processing.calibration.merge import MergeOptions, merge
-from processing.calibration.stops import middle_out
+from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, expose
+from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.merge.report import middle_out
 from processing.errors import PictureFileError
-from processing.frames import Codes, Reduce, jpeg_frame
+from processing.pictures.frames import Codes, Reduce, jpeg_frame
 from processing.sphere import Equirectangular
 from tests.processing.calibration.merge_cases import NOISE, true_curve
 

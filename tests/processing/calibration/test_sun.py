@@ -9,24 +9,17 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from mocks.rooms.moment import Moment, sun_of
-from mocks.sky import SimpleSky
-from processing.calibration import outdoor
-from processing.calibration.clear_sky import direct_efficacy_lm_w
-from processing.calibration.lens import LensModel
-from processing.calibration.photometry import illuminance_lx
-from processing.calibration.sun import (
-    Place,
-    clear_beam,
-    find_sun,
-    north_from_heading,
-    north_from_sun,
-    oriented,
-    repair_sun,
-    sun_place,
-)
+from mocks.rooms.sky.moment import Moment, sun_of
+from mocks.worlds.sky import SimpleSky
+from processing.calibration.outdoor import outdoor
+from processing.calibration.outdoor.clear_sky import Place, clear_beam, direct_efficacy_lm_w, sun_place
+from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.north import north_from_heading, north_from_sun, oriented
+from processing.calibration.outdoor.sun_disc import find_sun
+from processing.calibration.outdoor.sun_repair import repair_sun
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, SunError
-from processing.images import LuminanceImage, RelativeImage, Validity
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.sphere import LensMapping
 from tests.processing.calibration.sky_pictures import in_cd_m2, optics_of, sky_picture, true_horizontal_lx
 

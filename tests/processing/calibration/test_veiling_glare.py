@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.calibration.veiling_glare import subtract_veil, veil_bound_from_darkest, veil_from_surround
+from processing.calibration.scale.veiling_glare import subtract_veil, veil_bound_from_darkest, veil_from_surround
 from processing.errors import LensError, ParameterError
-from processing.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from tests.processing.picture_strategies import luminance_image
 
 SIZE, RADIUS, VEIL = 120, 45.0, (2.0, 2.5, 3.0)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import math
 
 import numpy as np
@@ -12,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks.optics import CANON_5D2
-from processing.calibration.vignetting import Vignetting, fit_flat, fit_rotated, published_vignetting
+from mocks.optics.optics import CANON_5D2
+from processing.calibration.scale.vignetting import Vignetting, fit_flat, fit_rotated, published_vignetting
 from processing.errors import LensError
+from processing.ground.arrays import Floats
 from processing.sphere import Fisheye, LensMapping, directions
 
 SIZE = (240, 160)

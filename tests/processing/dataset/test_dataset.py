@@ -11,13 +11,11 @@ from pathlib import Path
 import pytest
 
 import daylit
-from processing.dataset.build import build, check, summary
-from processing.dataset.checksums import SUMS_NAME, read_sums
-from processing.dataset.croissant import MEANING, Description
-from processing.dataset.index import COLUMNS, read_index, split_of
+from processing.batch.croissant import MEANING, Description
+from processing.batch.dataset import COLUMNS, SUMS_NAME, build, check, read_index, read_sums, split_of, summary
 from processing.errors import ParameterError
-from station.session import MANIFEST_NAME, Site
-from station.store import SessionStore
+from station.session.session import MANIFEST_NAME, Site
+from station.session.store import SessionStore
 from tests.station.sessions import manifest, put
 
 ABOUT = Description("Small rooms", "CC-BY-4.0", creator="The testers", cite="Testers, 2026", date="2026-11-21")

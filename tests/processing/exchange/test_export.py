@@ -15,10 +15,10 @@ from PIL import Image
 import daylit
 from processing.errors import ParameterError
 from processing.exchange.export import export, pictures_of
-from processing.exr_files import write_exr
-from processing.images import LuminanceImage
-from processing.radiance_files import write_radiance_hdr
-from processing.rendering.scene_file import write_scene
+from processing.light.scene.scene_file import write_scene
+from processing.pictures.exr import write_exr
+from processing.pictures.images import LuminanceImage
+from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping
 from tests.processing.rendering.rooms import box_room, scene_of, uniform_sky
 from tests.station.sessions import complete_session
@@ -118,7 +118,7 @@ def test_what_cannot_be_is_refused(session: Path, tmp_path: Path) -> None:
 def test_as_a_user_meets_it(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import processing.light_figures.glare_views as module
+    import processing.figures.views as module
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")

@@ -12,12 +12,11 @@ import pytest
 
 import daylit
 from processing.errors import ParameterError, PictureFileError
-from processing.exchange.inspection import picture_facts, place_facts
+from processing.exchange.inspection import CODE_UNIT, open_picture, picture_facts, place_facts
 from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
-from processing.exchange.opening import CODE_UNIT, open_picture
-from processing.exr_files import write_exr
-from processing.images import LuminanceImage, RelativeImage, Validity
-from processing.radiance_files import write_radiance_hdr
+from processing.pictures.exr import write_exr
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
+from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping
 
 

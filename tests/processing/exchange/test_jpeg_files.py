@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from processing.errors import ParameterError
-from processing.exchange.jpeg_files import PanoramaTags, jpeg_bytes, write_jpeg
-from processing.exchange.xmp import STAGED_SOURCE
+from processing.exchange.jpeg_files import STAGED_SOURCE, PanoramaTags, jpeg_bytes, write_jpeg
 
 
 def picture(width: int = 64, height: int = 32) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.exchange.label import labelled
+from processing.exchange.jpeg_files import labelled
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])

@@ -17,17 +17,15 @@ from benchmarks._arrange_rooms import KINDS, generated
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError, RulesError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
-from processing.layout.canonical import mirrored_plan
-from processing.layout.drawing import write_drawings
-from processing.layout.item_list import parse_items, set_items
-from processing.layout.item_table import KINDS as ITEMS
-from processing.layout.item_table import SETS
+from processing.layout.drawn.drawing import write_drawings
+from processing.layout.items import KINDS as ITEMS
+from processing.layout.items import SETS, parse_items, set_items
 from processing.layout.paper_form import Place, placed_by_ratios
 from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.rules import built_in_rules, read_rules
+from processing.layout.solver.canonical import mirrored_plan
 from processing.layout.verify import Piece, verify
-from processing.room.model import RoomModel, starter_room
-from processing.room.model_file import write_room
+from processing.room.model import RoomModel, starter_room, write_room
 
 ROOM = make_plan(
     [[0, 0], [4.6, 0], [4.6, 3.9], [0, 3.4]], doors=[Door(0, 0.1, 0.95)], windows=[Window(1, 1.0, 2.6, 0.9, 2.1)]

@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
-from processing.layout.field import make_field, outlines
-from processing.layout.free_region import free_region
-from processing.layout.free_sets import BODY, MEETS, add_forbidden, add_walls, complement, merged, rects_inside
 from processing.layout.plan import FloorPlan, make_plan
 from processing.layout.rules import built_in_rules
+from processing.layout.solver.field import free_region, make_field, outlines
+from processing.layout.solver.free_sets import BODY, MEETS, add_forbidden, add_walls, complement, merged, rects_inside
 
 L_ROOM = [[0, 0], [5, 0], [5, 2.5], [3, 2.5], [2.6, 4], [0, 4]]
 LIMITS = {"max_examples": 30, "deadline": None}

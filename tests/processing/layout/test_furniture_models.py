@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from processing.errors import CatalogueError, ItemError
-from processing.layout.catalogue import Catalogue
 from processing.layout.furniture.builtin import BUILT_IN, build_model
 from processing.layout.furniture.model import FurnitureModel
-from processing.layout.furniture.styles import STYLES
+from processing.layout.furniture.styles import STYLES, noise, wood
 from processing.layout.furniture.surface import signed_volume_m3
-from processing.layout.furniture.textures import noise, wood
-from processing.layout.item_table import KINDS
-from processing.layout.items import ItemSpec
-from processing.layout.mesh_files import RawPart
-from processing.layout.mesh_repair import repaired
+from processing.layout.items import KINDS, ItemSpec
+from processing.layout.models.catalogue import Catalogue
+from processing.layout.models.mesh_files import RawPart
+from processing.layout.models.mesh_repair import repaired
 
 MOST_TRIANGLES = 20_000
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from processing.errors import ModelFileError
-from processing.layout.catalogue import Catalogue
+from processing.layout.models.catalogue import Catalogue
 
 DAMAGED = Path(__file__).resolve().parents[4] / "shared" / "data" / "damaged"
 TRIANGLE = struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 1, 0)

@@ -9,13 +9,13 @@ import pytest
 from shapely.geometry import box
 
 from processing.layout.arrange import arrange, pieces
-from processing.layout.field import make_field
-from processing.layout.item_list import parse_items
-from processing.layout.last_places import with_last_places
+from processing.layout.items import parse_items
 from processing.layout.plan import Door, make_plan
-from processing.layout.poses import Stand
 from processing.layout.rules import built_in_rules
-from processing.layout.search import Search
+from processing.layout.solver.field import make_field
+from processing.layout.solver.last_places import with_last_places
+from processing.layout.solver.poses import Stand
+from processing.layout.solver.search import Search
 from processing.layout.verify import Judge
 
 ROOM = make_plan([[0, 0], [4.0, 0], [4.0, 3.5], [0, 3.5]], doors=[Door(0, 0.2, 1.0)])

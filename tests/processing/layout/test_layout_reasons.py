@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from processing.layout.item_list import parse_items
-from processing.layout.items import Item
+from processing.layout.items import Item, parse_items
 from processing.layout.plan import Door, FloorPlan, make_plan
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece

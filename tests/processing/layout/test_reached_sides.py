@@ -6,14 +6,11 @@ import math
 
 from benchmarks._arrange_raster import Raster
 from processing.layout.arrange import arrange
-from processing.layout.item_list import parse_items
-from processing.layout.item_table import KINDS
-from processing.layout.items import Item
+from processing.layout.items import KINDS, Item, parse_items
 from processing.layout.plan import Door, FloorPlan, make_plan
-from processing.layout.poses import Stand
-from processing.layout.reached_sides import with_reached_sides
 from processing.layout.rules import built_in_rules
-from processing.layout.units import zone_choices
+from processing.layout.solver.poses import Stand, with_reached_sides
+from processing.layout.solver.units import zone_choices
 from processing.layout.verify import Judge
 
 TIGHT = built_in_rules().named("tight")

@@ -8,8 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from processing.layout.walk_bits import count_bits, lowest, packed, spread
-from processing.layout.walk_grid import connected, rect_distance2, stamp, touches
+from processing.layout.solver.walk_grid import (
+    connected,
+    count_bits,
+    lowest,
+    packed,
+    rect_distance2,
+    spread,
+    stamp,
+    touches,
+)
 
 CELL_M = 0.07
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage, Validity
-from processing.light_figures.figures import camera_figures, level_ratio, meter_figures, surface_figures
-from processing.light_figures.views import eye_view, reduced
+from processing.figures.figures import camera_figures, level_ratio, meter_figures, surface_figures
+from processing.figures.views import eye_view, reduced
+from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Fisheye, LensMapping
 from processing.stages.contract import StageContext, StageParameters
 from processing.stages.figures import run

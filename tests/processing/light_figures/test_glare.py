@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processing.calibration.photometry import illuminance_lx
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError
-from processing.images import LuminanceImage
-from processing.light_figures.glare import bright_spots, glare_of, linked, position_index, probability
-from processing.light_figures.views import eye_view
-from processing.radiance_files import write_radiance_hdr
+from processing.figures.glare import bright_spots, glare_of, linked, position_index, probability
+from processing.figures.views import eye_view
+from processing.pictures.images import LuminanceImage
+from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, directions, solid_angles
 
 

@@ -13,28 +13,27 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from processing.calibration.clear_sky import Place
+from processing.calibration.outdoor.clear_sky import Place
 from processing.commands.relight import relight
 from processing.commands.view_from import view_from
 from processing.errors import DaylightError, RelightError, ViewpointError
-from processing.exr_files import read_exr, write_exr
-from processing.images import LuminanceImage
 from processing.layout.arrange import arrange
-from processing.layout.catalogue import Catalogue
-from processing.layout.item_list import parse_items
-from processing.layout.item_table import KINDS
-from processing.layout.plan_room import from_room_model
-from processing.layout.scene_files import write_model
-from processing.relighting.session_room import read_session_room
-from processing.relighting.sheet import common_exposure, contact_sheet
-from processing.relighting.weather import daylight_at, usual_weather
-from processing.rendering.irradiance import Effort
-from processing.rendering.render import render
-from processing.rendering.scene import Outdoors
-from processing.rendering.scene_file import write_scene
+from processing.layout.items import KINDS, parse_items
+from processing.layout.models.catalogue import Catalogue
+from processing.layout.models.scene_files import write_model
+from processing.layout.plan import from_room_model
+from processing.light.picture.render import render
+from processing.light.relighting.session_room import read_session_room
+from processing.light.relighting.sheet import common_exposure, contact_sheet
+from processing.light.relighting.weather import daylight_at, usual_weather
+from processing.light.scene.scene import Outdoors
+from processing.light.scene.scene_file import write_scene
+from processing.light.solver.irradiance import Effort
+from processing.pictures.exr import read_exr, write_exr
+from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
-from processing.stages.arrange_choice import with_door
-from station.session import BracketRecord, SessionManifest, Side, Site
+from processing.stages.arrange import with_door
+from station.session.session import BracketRecord, SessionManifest, Side, Site
 from tests.processing.rendering.rooms import EYE, box_room, scene_of
 
 HERE = Place(40.44, -79.99)
@@ -124,7 +123,7 @@ def test_another_sky(session, tmp_path) -> None:
 
 def test_from_another_place(session, monkeypatch) -> None:
     # The denoiser loads torch where that is installed, which takes longer than this test.
-    monkeypatch.setattr("processing.rendering.denoise.available", lambda: False)
+    monkeypatch.setattr("processing.light.solver.denoise.available", lambda: False)
     found = run(view_from, session, "--eye", "-1,0.5,1.2", "--look", "20,-5", "--width", 96)
     assert found["seen_share"] > 0.95
     picture = read_exr(session / "views" / "empty-from--1_0.5_1.2.exr")
@@ -203,7 +202,7 @@ def own_furniture(session, tmp_path_factory) -> Path:
 
 
 def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("processing.rendering.denoise.available", lambda: False)
+    monkeypatch.setattr("processing.light.solver.denoise.available", lambda: False)
     small = ("--staged", 1, "--output", tmp_path)
     at = ("--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
     with pytest.raises(RelightError, match="give --furniture FOLDER"):

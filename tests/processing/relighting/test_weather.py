@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.clear_sky import Place, clear_beam, sun_place
+from processing.calibration.outdoor.clear_sky import Place, clear_beam, sun_place
 from processing.errors import DaylightError
-from processing.images import LUMINANCE_WEIGHTS
-from processing.relighting.relit_session import day_times, parse_time, zone_hours
-from processing.relighting.weather import (
+from processing.light.relighting.relit_session import day_times, parse_time, zone_hours
+from processing.light.relighting.weather import (
     captured_weather,
     daylight_at,
     level_illuminance,
     sun_direction,
     usual_weather,
 )
-from processing.rendering.scene import Outdoors
+from processing.light.scene.scene import Outdoors
+from processing.pictures.images import LUMINANCE_WEIGHTS
 
 PITTSBURGH = Place(40.44, -79.99)
 NOON = datetime(2023, 6, 21, 17, 20, tzinfo=UTC)

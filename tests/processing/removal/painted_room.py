@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import RelativeImage
+from processing.ground.arrays import Flags
+from processing.pictures.images import RelativeImage
 from processing.removal.round_masks import resized, smoothed
 from processing.room.model import Opening, OpeningKind, RoomModel
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
-from processing.surfaces.plane import CEILING, FLOOR
-from processing.surfaces.sun_geometry import sun_vector, wall_between, window_depth
-
+from processing.surfaces.planes import CEILING, FLOOR
+from processing.surfaces.sun import sun_vector, wall_between, window_depth
 
 ROWS = 128
 SUN = (math.pi, math.radians(35))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags
-
 import math
 from dataclasses import replace
 from functools import lru_cache
@@ -14,7 +12,8 @@ import numpy.typing as npt
 import pytest
 
 from processing.errors import FillerError, ParameterError, RemovalError
-from processing.images import LuminanceImage, Validity
+from processing.ground.arrays import Flags
+from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.plane_fill import SURE, FilledPlane

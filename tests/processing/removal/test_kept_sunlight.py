@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing.removal.kept_sunlight import sunlit
-from processing.removal.mixed_pixels import soften_edges
+from processing.removal.fill import sunlit
 from processing.removal.plain import fading_shadows
+from processing.removal.regions import soften_edges
 from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import boundary_rows, plane_map

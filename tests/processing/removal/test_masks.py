@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError, RoomError
-from processing.images import RelativeImage
-from processing.picture_preview import preview_rgb8
+from processing.pictures.images import RelativeImage
+from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, islands_in
 from processing.removal.masks import find_masks, target_of, with_islands
 from processing.removal.round_masks import grown, share_of_sphere
 from processing.removal.tripod import find_tripod, painted_disc
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.plane import CEILING, FLOOR
+from processing.surfaces.planes import CEILING, FLOOR
 from tests.processing.removal.painted_room import SUN, Painted, evidence_of, iou, paint
 
 

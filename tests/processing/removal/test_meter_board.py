@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from processing.images import luminance_cd_m2
+from processing.pictures.images import luminance_cd_m2
 from processing.removal.masks import find_masks
 from processing.removal.meter_board import meter_board
 from processing.removal.round_masks import share_of_sphere

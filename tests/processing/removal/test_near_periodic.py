@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import numpy as np
 import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from processing.ground.arrays import Floats
 from processing.removal.illumination import fit_illumination
-from processing.removal.membrane import spread
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.near_periodic_lattice import reduced
-
+from processing.removal.smooth import spread
 
 
 def tiled(shape: tuple[int, int] = (120, 140), step: tuple[float, float] = (24, 20)) -> Floats:

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from processing.removal.occlusion import away_from, rising_light
-from processing.removal.plain import fill_plain
+from processing.removal.plain import away_from, fill_plain, rising_light
 
 PX_PER_M = 40.0
 SHAPE = (110, 200)

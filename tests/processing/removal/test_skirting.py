@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.removal.fill import empty_room
 from processing.removal.skirting import find_skirting
 from processing.room.model import Opening, OpeningKind

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Flags, Floats
-
 import numpy as np
-import numpy.typing as npt
 import pytest
 
+from processing.ground.arrays import Flags, Floats
 from processing.removal.near_periodic import complete
 from processing.removal.sources import plane_sources
 

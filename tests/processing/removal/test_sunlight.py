@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from processing.images import luminance_cd_m2
+from processing.pictures.images import luminance_cd_m2
 from processing.removal.round_masks import row_solid_angles
 from processing.removal.sunlight import SunFound, find_sunlight
-from processing.surfaces.plane import CEILING
-from processing.surfaces.sun_geometry import (
+from processing.surfaces.planes import CEILING
+from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
     OUTSIDE,

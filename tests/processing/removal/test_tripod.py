@@ -5,8 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from processing.removal.nadir import SIZE_PX, onto_panorama
-from processing.removal.tripod import find_tripod, thin_and_dark
+from processing.removal.tripod import SIZE_PX, find_tripod, onto_panorama, thin_and_dark
 
 HEIGHT = 256
 LEGS = ((0.1, -0.35), (0.4, 0.1), (-0.3, 0.3))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing.rendering.outdoor import sky_outdoors
-from processing.rendering.scene import Material, Outdoors, Part, Scene, Sun, Vector, plain
-from processing.rendering.shell import shell_of
+from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, Vector, plain
+from processing.light.scene.shell import shell_of
 from processing.room.model import Opening, OpeningKind, RoomModel
 
 EYE: Vector = (0.0, 0.0, 1.6)

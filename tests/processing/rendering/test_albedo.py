@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from processing.errors import AlbedoError
-from processing.images import LuminanceImage, Validity
-from processing.rendering.albedo import MOST_ALBEDO, albedo_of_room
-from processing.rendering.irradiance import Effort
-from processing.rendering.render import render
-from processing.rendering.scene import Scene, Sun, plain
-from processing.rendering.sight import albedo_of, sight_of
-from processing.rendering.stage import Stage
+from processing.light.picture.render import render
+from processing.light.scene.albedo import MOST_ALBEDO, albedo_of_room
+from processing.light.scene.scene import Scene, Sun, plain
+from processing.light.solver.irradiance import Effort
+from processing.light.solver.sight import albedo_of, sight_of
+from processing.light.solver.stage import Stage
+from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from tests.processing.rendering.rooms import EYE, box_room, scene_of, uniform_sky
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from processing.errors import MaterialError, ParameterError, SceneError
-from processing.rendering.composite import differential, ibl, inverse_tone_curve
-from processing.rendering.irradiance import Effort
-from processing.rendering.render import render
-from processing.rendering.scene import Material, Outdoors, Part, Sun
+from processing.light.picture.composite import differential, ibl, inverse_tone_curve
+from processing.light.picture.render import render
+from processing.light.scene.scene import Material, Outdoors, Part, Sun
+from processing.light.solver.irradiance import Effort
 from processing.sphere import Equirectangular, Perspective
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from processing.images import LuminanceImage
-from processing.rendering.facing import facing_sunlight, outdoors_facing, turned
-from processing.rendering.irradiance import Effort
-from processing.rendering.outdoor import sky_outdoors
-from processing.rendering.render import render
-from processing.rendering.scene import Outdoors, Sun
+from processing.light.picture.render import render
+from processing.light.scene.facing import facing_sunlight, outdoors_facing, turned
+from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.scene import Outdoors, Sun
+from processing.light.solver.irradiance import Effort
+from processing.pictures.images import LuminanceImage
 from processing.room.model import Opening, OpeningKind
 from processing.sphere import Equirectangular
 from tests.processing.rendering.rooms import EYE, box_room, scene_of, uniform_sky

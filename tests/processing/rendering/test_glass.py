@@ -10,12 +10,11 @@ import pytest
 
 from benchmarks._analytic import through_opening_lux, uniform
 from processing.errors import MaterialError
-from processing.rendering.daylight import skylight, sunlight
-from processing.rendering.glass import INDEX, TABLE, transmittance_at, transmittance_table
-from processing.rendering.scene import Sun
-from processing.rendering.scene_file import read_scene, write_scene
-from processing.rendering.sight import GLASS, seen_outdoors, sight_of
-from processing.rendering.stage import Stage
+from processing.light.scene.scene import INDEX, TABLE, Sun, transmittance_at, transmittance_table
+from processing.light.scene.scene_file import read_scene, write_scene
+from processing.light.solver.daylight import skylight, sunlight
+from processing.light.solver.sight import GLASS, seen_outdoors, sight_of
+from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular
 from tests.processing.rendering.rooms import EYE, box_room, scene_of, uniform_sky
 

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from processing.errors import SceneError
-from processing.rendering.edges import edge_pixels
-from processing.rendering.highlights import _sun_glint, facet_rays, is_glossy
-from processing.rendering.lamps import find_lamps
-from processing.rendering.scene import Material, Part, Scene, plain
-from processing.rendering.sight import FIRST_PART, sight_of
-from processing.rendering.stage import Stage
+from processing.light.picture.edges import edge_pixels
+from processing.light.picture.highlights import _sun_glint, facet_rays, is_glossy
+from processing.light.scene.lamps import find_lamps
+from processing.light.scene.scene import Material, Part, Scene, plain
+from processing.light.solver.sight import FIRST_PART, sight_of
+from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -86,7 +86,7 @@ def test_lamps_are_what_gives_more_light_than_it_gets() -> None:
 
 
 def test_lamps_light_the_room() -> None:
-    from processing.rendering.lightmap import light_map
+    from processing.light.solver.lightmap import light_map
 
     dark = scene_of(box_room(window=None), uniform_sky(0.0), 0.5)
     ceiling = replace(dark.surfaces[1], emission_cd_m2=plain(100.0))

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from processing.rendering.perez import clearness, coefficients, relative_luminance
+from processing.light.relighting.weather import clearness, coefficients, relative_luminance
 
 
 @pytest.mark.parametrize(

@@ -8,23 +8,16 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError, RelightError
-from processing.rendering.irradiance import Effort
-from processing.rendering.relight import RelightView
-from processing.rendering.relight_basis import (
-    SKY_CELLS,
-    basis_of,
-    read_basis,
-    sky_cell,
-    sky_values,
-    write_basis,
-)
-from processing.rendering.relight_kernels import settle_onwards
-from processing.rendering.relight_photo import relit_photograph, veil_gains
-from processing.rendering.render import render
-from processing.rendering.scene import Outdoors, Sun, plain
-from processing.rendering.sight import GLASS, sight_of
-from processing.rendering.stage import Stage
-from processing.rendering.transport import settle
+from processing.light.picture.render import render
+from processing.light.relighting.relight_photo import relit_photograph, veil_gains
+from processing.light.scene.scene import Outdoors, Sun, plain
+from processing.light.solver.irradiance import Effort
+from processing.light.solver.relight import RelightView
+from processing.light.solver.relight_basis import SKY_CELLS, basis_of, read_basis, sky_cell, sky_values, write_basis
+from processing.light.solver.relight_kernels import settle_onwards
+from processing.light.solver.sight import GLASS, sight_of
+from processing.light.solver.stage import Stage
+from processing.light.solver.transport import settle
 from processing.sphere import Equirectangular
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 

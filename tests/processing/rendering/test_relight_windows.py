@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.rendering.relight_glass import clear_of_sun, panes_for_sun
-from processing.rendering.relight_land import bare_sky, land_of, level_lx, with_captured_land
-from processing.rendering.scene import Outdoors, Pane
+from processing.light.relighting.relight_land import bare_sky, land_of, level_lx, with_captured_land
+from processing.light.relighting.relight_photo import clear_of_sun, panes_for_sun
+from processing.light.scene.scene import Outdoors, Pane
 from tests.processing.rendering.rooms import uniform_sky
 from tests.processing.rendering.test_relight import sun_at
 

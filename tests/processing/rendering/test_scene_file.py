@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from processing.errors import SceneError
-from processing.rendering.scene import Sun
-from processing.rendering.scene_file import read_scene, write_scene
+from processing.light.scene.scene import Sun
+from processing.light.scene.scene_file import read_scene, write_scene
 from tests.processing.rendering.rooms import box, box_room, scene_of, uniform_sky
 
 SUN = Sun((0.0, -0.6, 0.8), (7e4, 6.5e4, 6e4))

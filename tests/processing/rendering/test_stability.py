@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from processing.errors import MaterialError, NoBalanceError, SceneError
-from processing.rendering.composite import differential
-from processing.rendering.irradiance import FIREFLY_TIMES, Effort, without_fireflies
-from processing.rendering.render import render
-from processing.rendering.scene import Outdoors, Pane, Scene, Sun, plain
-from processing.rendering.stage import Stage
+from processing.light.picture.composite import differential
+from processing.light.picture.render import render
+from processing.light.scene.scene import Outdoors, Pane, Scene, Sun, plain
+from processing.light.solver.irradiance import FIREFLY_TIMES, Effort, without_fireflies
+from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular, Perspective
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 

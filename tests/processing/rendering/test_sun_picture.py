@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from processing.rendering import sun_picture
-from processing.rendering.scene import Scene, Sun
-from processing.rendering.sight import FIRST_PART, sight_of
-from processing.rendering.stage import Stage
-from processing.rendering.sun_picture import sun_of
+from processing.light.scene.scene import Scene, Sun
+from processing.light.solver import sun_picture
+from processing.light.solver.sight import FIRST_PART, sight_of
+from processing.light.solver.stage import Stage
+from processing.light.solver.sun_picture import sun_of
 from processing.sphere import Perspective
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 

@@ -14,13 +14,13 @@ from benchmarks._analytic import (
     perpendicular_form_factor,
 )
 from processing.errors import NoBalanceError
-from processing.rendering.daylight import skylight, sunlight
-from processing.rendering.lightmap import light_map, relit
-from processing.rendering.patches import patches_of
-from processing.rendering.scene import Scene, Sun, plain
-from processing.rendering.stage import Stage
-from processing.rendering.tracer import EmbreeTracer, MitsubaTracer
-from processing.rendering.transport import links_of, patch_points
+from processing.light.scene.patches import patches_of
+from processing.light.scene.scene import Scene, Sun, plain
+from processing.light.scene.tracer import EmbreeTracer, MitsubaTracer
+from processing.light.solver.daylight import skylight, sunlight
+from processing.light.solver.lightmap import light_map, relit
+from processing.light.solver.stage import Stage
+from processing.light.solver.transport import links_of, patch_points
 from tests.processing.rendering.rooms import box, box_room, overcast, scene_of, uniform_sky
 
 

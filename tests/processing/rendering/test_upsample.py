@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.rendering.gloss import gloss_factor
-from processing.rendering.outdoor import sky_outdoors, without_sun
-from processing.rendering.scene import Sun
-from processing.rendering.sight import sight_of
-from processing.rendering.stage import Stage, area_means
-from processing.rendering.triangles import ears
-from processing.rendering.upsample import upsampled
+from processing.light.scene.gloss import gloss_factor
+from processing.light.scene.outdoor import sky_outdoors, without_sun
+from processing.light.scene.scene import Sun
+from processing.light.scene.triangles import ears
+from processing.light.solver.sight import sight_of
+from processing.light.solver.stage import Stage, area_means
+from processing.light.solver.upsample import upsampled
 from processing.sphere import Equirectangular, directions, solid_angles
 from tests.processing.rendering.rooms import EYE, box_room, scene_of, uniform_sky
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from processing.errors import ViewpointError
-from processing.rendering.irradiance import Effort
-from processing.rendering.render import render
-from processing.rendering.scene import plain
-from processing.rendering.viewpoint import check_place, own_pixels, seen_from
+from processing.light.picture.render import render
+from processing.light.picture.viewpoint import check_place, own_pixels, seen_from
+from processing.light.scene.scene import plain
+from processing.light.solver.irradiance import Effort
 from processing.sphere import Equirectangular, Perspective
 from tests.processing.rendering.rooms import EYE, box, box_room, scene_of, uniform_sky
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from processing.exchange.gltf import scene_glb
-from processing.exr_files import write_exr
-from processing.images import LuminanceImage, Validity
-from processing.light_figures.figures import camera_figures, outdoor_figures, surface_figures
-from processing.report.parameters import ReportParameters
+from processing.figures.figures import camera_figures, outdoor_figures, surface_figures
+from processing.pictures.exr import write_exr
+from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
-from station.session import SessionManifest
+from processing.stages.parameters import ReportParameters
+from station.session.session import SessionManifest
 from tests.processing.rendering.rooms import box, box_room, scene_of, uniform_sky
 from tests.station.sessions import manifest
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.report.encoding import (
+from processing.report.states import (
     LARGEST_ERROR,
     LEAST,
     NO_VALUE,

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.image_files import png_bytes
+from processing.pictures.preview import png_bytes
 from processing.report.data import (
     FileLine,
     Picture,

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Doubles, Floats
-
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.images import RelativeImage, Validity
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import RelativeImage, Validity
 from processing.sphere import Equirectangular
-
 
 FACES = {"floor": 0.25, "ceiling": 0.8, "front": 0.5, "right": 0.42, "back": 0.55, "left": 0.47}
 

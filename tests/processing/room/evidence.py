@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.room.model import RoomModel
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import BoundaryEvidence, SceneEvidence
+from processing.segmentation.evidence import BoundaryEvidence, SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map
 from processing.surfaces.sight import boundary_latitudes, in_sight

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from processing.room.confidence import LEAST, MOST, Diagnostics, confidence_of, doubts
 from processing.room.estimate import estimate_room
-from processing.room.joint import class_entropy
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import BoundaryEvidence, SceneEvidence
+from processing.room.hypotheses import class_entropy
+from processing.segmentation.evidence import BoundaryEvidence, SceneClass, SceneEvidence
 from tests.processing.room.evidence import BOX, COLUMNS, boundary_of, classes_of, evidence_of, painted, room_of
 
 SURE = Diagnostics(0.6, 0.0, 1.0, 0.01, 0.0, 0.01, 0.2, 1.0, 0.0, 0.9, 0.5, 4.0)

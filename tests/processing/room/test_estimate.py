@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from processing.errors import NoRoomError, ParameterError
 from processing.room.columns import columns_of
 from processing.room.confidence import diagnose, wall_confidences
-from processing.room.estimate import estimate_room, walls_azimuth
+from processing.room.estimate import estimate_room, tidied, walls_azimuth
 from processing.room.hypotheses import hypotheses
 from processing.room.model import geometry_problems
 from processing.room.outline import ALONG_X, ALONG_Y, Outline, Wall, corners_of, polygon_of, values_of, with_values
 from processing.room.refine import Refined
-from processing.room.tidy import tidied
 from processing.segmentation.evidence import SceneEvidence
 from tests.processing.room.evidence import (
     BOX,

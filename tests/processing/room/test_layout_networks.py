@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from processing.errors import LayoutNetworkError, ParameterError
-from processing.images import RelativeImage
+from processing.pictures.images import RelativeImage
 from processing.room.columns import columns_of
 from processing.room.hypotheses import hypotheses
 from processing.room.layout_networks import LayoutNetwork, layout_boundary, load_layout_network

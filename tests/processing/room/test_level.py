@@ -13,10 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage, RelativeImage, Validity
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.room.level import Upright, find_upright, make_upright
-from processing.room.lines import find_arcs, tone_mapped
-from processing.room.vanishing import rotation_about, rotation_vector
+from processing.room.vanishing import find_arcs, rotation_about, rotation_vector, tone_mapped
 from processing.sphere import Equirectangular, Fisheye, LensMapping, solid_angles
 from tests.processing.room.drawn_rooms import Patch, as_image, directions, draw
 

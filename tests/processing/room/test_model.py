@@ -12,8 +12,18 @@ from hypothesis import strategies as st
 
 import daylit
 from processing.errors import RoomError
-from processing.room.model import Opening, OpeningKind, RoomModel, geometry_problems, starter_room
-from processing.room.model_file import check_room, read_room, room_problems, room_text, write_room
+from processing.room.model import (
+    Opening,
+    OpeningKind,
+    RoomModel,
+    check_room,
+    geometry_problems,
+    read_room,
+    room_problems,
+    room_text,
+    starter_room,
+    write_room,
+)
 from tests.station.sessions import complete_session
 
 L_SHAPE = ((-2.0, -1.0), (3.0, -1.0), (3.0, 1.0), (1.0, 1.0), (1.0, 4.0), (-2.0, 4.0))

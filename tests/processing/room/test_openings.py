@@ -8,15 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from processing.images import LuminanceImage, RelativeImage
+from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.room.model import Opening, OpeningKind, RoomModel, geometry_problems
-from processing.room.opening_cover import uncovered
 from processing.room.opening_fit import WINDOW as KIND
 from processing.room.opening_fit import Candidate, Field, brighter_inside
-from processing.room.openings import find_openings
+from processing.room.openings import find_openings, uncovered
 from processing.room.wall_views import WallView, wall_views
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.surfaces.planes import planes_of
 from tests.processing.room.drawn_rooms import Drawn, Patch, as_image, draw
 

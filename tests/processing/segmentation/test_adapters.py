@@ -12,7 +12,7 @@ import pytest
 
 from processing.errors import SegmenterError
 from processing.segmentation.adapters import NetworkContract, network_input, read_contract, scene_probabilities
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 
 NAMES = ["wall", "floor", "bed", "curtain"]
 OURS = [SceneClass.WALL, SceneClass.FLOOR, SceneClass.FURNITURE, SceneClass.FIXTURE]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from processing.ground.arrays import Floats
-
 import json
 import math
 from pathlib import Path
@@ -13,9 +11,9 @@ import numpy.typing as npt
 import pytest
 
 from processing.errors import ParameterError, SegmenterError
+from processing.ground.arrays import Floats
 from processing.segmentation.around import ViewPlan, segment_around
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.segmentation.segmenters import OnnxSegmenter, open_segmenter
 from processing.sphere import Equirectangular, directions
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError, SegmenterError
-from processing.images import LuminanceImage, RelativeImage
-from processing.segmentation.classes import SceneClass
+from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.segmentation.embedded import SHIPPED, scene_evidence
+from processing.segmentation.evidence import SceneClass
 from processing.sphere import Equirectangular, Perspective
 
 ROWS = 128

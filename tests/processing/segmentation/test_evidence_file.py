@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from processing.errors import SegmenterError
-from processing.segmentation.evidence_file import read_evidence, write_evidence
+from processing.segmentation.evidence import read_evidence, write_evidence
 from tests.processing.room.evidence import BOX, evidence_of, room_of
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import ParameterError
-from processing.segmentation.network_input import HEIGHT_PX, MIDDLE, WIDTH_PX, curve, network_picture
+from processing.segmentation.embedded import HEIGHT_PX, MIDDLE, WIDTH_PX, curve, network_picture
 
 
 def room(rows: int = 64) -> np.ndarray:

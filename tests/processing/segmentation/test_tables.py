@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocks.rooms.ade import ADE20K as MOCK_NAMES
+from mocks.rooms.model import ADE20K as MOCK_NAMES
 from processing.errors import SegmenterError
-from processing.segmentation.classes import SceneClass
+from processing.segmentation.evidence import SceneClass
 from processing.segmentation.tables import ADE20K, ADE20K_TABLE, KNOWN, VOC, VOC_TABLE, class_matrix
 
 

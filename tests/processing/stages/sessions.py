@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from station.session import BracketRecord, DeviceRecord, FrameRecord, Side
-from station.store import SessionStore
+from station.session.session import BracketRecord, DeviceRecord, FrameRecord, Side
+from station.session.store import SessionStore
 from tests.station.sessions import manifest
 
 Frames = Sequence[npt.NDArray[np.uint8]]

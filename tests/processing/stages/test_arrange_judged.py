@@ -10,8 +10,8 @@ import pytest
 
 from processing.errors import LayoutError
 from processing.layout.arrange import arrange
-from processing.layout.item_list import parse_items
-from processing.layout.plan_room import from_room_model
+from processing.layout.items import parse_items
+from processing.layout.plan import from_room_model
 from processing.stages.arrange_judged import judged
 from processing.stages.contract import StageParameters
 from tests.processing.stages.test_staging import ROOM, context

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.images import LuminanceImage
+from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
 from processing.stages.calibrate_indoor import not_a_panorama
 

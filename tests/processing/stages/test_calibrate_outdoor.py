@@ -6,22 +6,22 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from mocks.sky import SimpleSky
-from processing.calibration.luminance import ScaleFactor
+from mocks.worlds.sky import SimpleSky
+from processing.calibration.outdoor.sun_disc import find_sun
 from processing.calibration.profile import CameraProfile, CameraState, K2Record, RigProfile
 from processing.calibration.profile_records import LensRecord, ResponseRecord, VignettingRecord
-from processing.calibration.sun_disc import find_sun
+from processing.calibration.scale.luminance import ScaleFactor
 from processing.errors import ScaleError
-from processing.images import RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
 from processing.stages.brackets import stated_circle
 from processing.stages.calibrate import run
 from processing.stages.calibrate_indoor import calibrate_indoor
 from processing.stages.calibrate_outdoor import calibrate_outdoor
-from processing.stages.calibrate_parameters import CalibrateParameters
 from processing.stages.contract import StageContext
 from processing.stages.outdoor_optics import corrections_unlike, find_optics, veil_taken_off
-from station.session import FrameRecord, Side
+from processing.stages.parameters import CalibrateParameters
+from station.session.session import FrameRecord, Side
 from tests.processing.calibration.sky_pictures import optics_of, sky_picture
 from tests.station.sessions import manifest
 

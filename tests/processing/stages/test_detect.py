@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage
+from processing.pictures.images import LuminanceImage
 from processing.pipeline import resolve, stage_named
-from processing.report.detect_sections import detect_section, tinted
-from processing.segmentation.evidence_file import write_evidence
+from processing.report.sections import detect_section, tinted
+from processing.segmentation.evidence import write_evidence
 from processing.stages.contract import StageContext
 from processing.stages.detect import MASKS, nothing_to_go_by, run
-from processing.stages.detect_parameters import DetectParameters
-from processing.stages.sun_known import sun_direction
-from station.session import FrameRecord, Side, Site
+from processing.stages.parameters import DetectParameters
+from processing.stages.upright import sun_direction
+from station.session.session import FrameRecord, Side, Site
 from tests.processing.removal.painted_room import Painted, iou, paint
 from tests.station.sessions import manifest
 

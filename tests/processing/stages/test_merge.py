@@ -13,22 +13,22 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from mocks.sensor import ToneCurve
-from mocks.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
+from mocks.optics.sensor import ToneCurve
+from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, save_profile
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
-from processing.calibration.response import METHODS, Bracket8, recover_response
+from processing.calibration.response.response import METHODS, Bracket8, recover_response
 from processing.errors import BracketError, ProcessingError
-from processing.image_files import read_exr
-from processing.images import RelativeImage, luminance_cd_m2
+from processing.pictures.exr import read_exr
+from processing.pictures.images import RelativeImage, luminance_cd_m2
 from processing.pipeline import STAGES
 from processing.running.requests import RunRequest
-from processing.running.run_report import Action, RunReport
+from processing.running.results import Action, RunReport
 from processing.running.runner import process
 from processing.sphere import Equirectangular, Fisheye
 from processing.stages.parameters import MergeParameters
 from station.errors import IntegrityError
-from station.session import Side
+from station.session.session import Side
 from tests.processing.stages.sessions import bracket_session
 
 SIZE = (384, 192)

@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
-from processing.images import LuminanceImage
+from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
 from processing.removal.round_masks import grown
-from processing.report.remove_sections import remove_section
+from processing.report.sections import remove_section
 from processing.room.model import RoomModel
-from processing.segmentation.classes import SceneClass
-from processing.segmentation.evidence import SceneEvidence
-from processing.segmentation.evidence_file import write_evidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
+from processing.stages.parameters import RemoveParameters
 from processing.stages.remove import nothing_to_remove, run
-from processing.stages.remove_parameters import RemoveParameters
 from processing.surfaces.maps import plane_map
-from processing.surfaces.plane import FLOOR
+from processing.surfaces.planes import FLOOR
 
 ROWS = 32
 MARGIN_DEG = 6.0

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from processing.errors import RoomError
-from processing.images import LuminanceImage
+from processing.pictures.images import LuminanceImage
 from processing.room.estimate import estimate_room
-from processing.room.model_file import check_room, write_room
-from processing.segmentation.evidence_file import read_evidence
+from processing.room.model import check_room, write_room
+from processing.segmentation.evidence import read_evidence
 from processing.stages.contract import Quality, StageContext
+from processing.stages.parameters import RoomParameters
 from processing.stages.room import run
-from processing.stages.room_parameters import RoomParameters
 from tests.processing.room.evidence import BOX, evidence_of, painted, picture_of, room_of, turned
 from tests.station.sessions import manifest
 

@@ -13,20 +13,18 @@ import numpy as np
 import pytest
 
 from processing.errors import ItemError, LayoutError
-from processing.image_files import read_exr
-from processing.images import LuminanceImage
-from processing.rendering.irradiance import Effort
-from processing.rendering.render import render
-from processing.rendering.scene_file import read_scene
+from processing.light.picture.render import render
+from processing.light.scene.scene_file import read_scene
+from processing.light.solver.irradiance import Effort
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage
 from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.sphere import Equirectangular
 from processing.stages import arrange, materials
 from processing.stages import render as rendering
-from processing.stages.arrange_choice import fitting_choice, named_choice, with_door
-from processing.stages.arrange_parameters import ArrangeParameters
+from processing.stages.arrange import fitting_choice, named_choice, with_door
 from processing.stages.contract import Quality, StageContext, StageParameters
-from processing.stages.materials_parameters import MaterialsParameters
-from processing.stages.render_parameters import RenderParameters
+from processing.stages.parameters import ArrangeParameters, MaterialsParameters, RenderParameters
 from tests.processing.rendering.rooms import EYE, box_room, scene_of, uniform_sky
 
 ROWS = 48
@@ -176,7 +174,7 @@ def test_the_sessions_name_tells_the_furniture(name: str, told: str | None) -> N
 
 
 def test_else_what_fits_tells(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
-    from processing.layout.plan_room import from_room_model
+    from processing.layout.plan import from_room_model
 
     found = fitting_choice(from_room_model(ROOM), "standard", 0)
     assert found.name in {"living", "bedroom"}

@@ -11,8 +11,7 @@ from shapely import LinearRing, LineString, Polygon
 from processing.errors import RoomError
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import latitudes, longitudes, plane_map, surface_maps
-from processing.surfaces.plane import CEILING, FIRST_WALL, FLOOR
-from processing.surfaces.planes import planes_of
+from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR, planes_of
 from processing.surfaces.sight import boundary_latitudes, in_sight, wall_ranges
 from tests.processing.surfaces.rooms import BOX, ELL, model, window
 
@@ -149,7 +148,7 @@ def test_planes_are_upright_seen_from_inside() -> None:
 
 
 def test_the_truth_of_a_simulated_room_is_met() -> None:
-    from mocks.rooms.geometry import Geometry
+    from mocks.rooms.light.geometry import Geometry
     from mocks.rooms.room import make_room
 
     simulated = make_room(5, "living").emptied()

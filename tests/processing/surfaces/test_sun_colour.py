@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing.surfaces.sun_colour import coloured_as_behind
+from processing.surfaces.sun import coloured_as_behind
 
 
 def test_what_is_coloured_as_the_plane_behind_it() -> None:

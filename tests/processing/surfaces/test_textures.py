@@ -6,8 +6,7 @@ import pytest
 from processing.errors import ParameterError, RoomError
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map, surface_maps
-from processing.surfaces.plane import CEILING, FIRST_WALL, FLOOR
-from processing.surfaces.planes import planes_of
+from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR, planes_of
 from processing.surfaces.textures import outline_mask, texel_places, texture_shape, unwrap, wrap
 from tests.processing.surfaces.rooms import BOX, ELL, model, pattern, points
 

@@ -1,0 +1,341 @@
+"""The Ricoh Theta Z1 over USB: manual exposures one at a time, everything read back.
+
+Source: Ricoh USB API specification, libgphoto2, and scripts that work with the real camera (devices.md section 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+from drivers.camera import (
+    CameraIdentity,
+    CameraSettings,
+    CameraStatus,
+    ExposureProgress,
+    FrameFormat,
+    FrameRef,
+    SettingReadback,
+    ShutterReadback,
+)
+from drivers.camera_link import CameraLink, CameraModel, FrameStore
+from drivers.clock import Clock, Deadline
+from drivers.errors import (
+    DeviceBusyError,
+    DeviceError,
+    DeviceTimeoutError,
+    ExposureFailedError,
+    OperationRefusedError,
+    ProtocolViolationError,
+    SettingRefusedError,
+    StoreFullError,
+)
+from drivers.links import PtpTransport
+from drivers.ptp.codes import DataType, Event, ObjectFormat, Operation, Prop
+from drivers.ptp.values import decode_date
+from drivers.theta_z1.codes import SHUTTER_FRACTIONS, VENDOR_EXTENSION_ID, RicohProp
+from drivers.theta_z1.exposure import ThetaExposure, ThetaShot, is_ready
+from drivers.theta_z1.operations import Fraction32, error_texts, nearest_shutter
+from drivers.theta_z1.settings import (
+    PROPERTY_PAUSE_S,
+    Setting,
+    ThetaProperties,
+    find_f_number,
+    mode_settings,
+    picture_settings,
+)
+
+MODEL = CameraModel(
+    "Theta Z1",
+    VENDOR_EXTENSION_ID,
+    (
+        Operation.GET_OBJECT_HANDLES,
+        Operation.GET_OBJECT_INFO,
+        Operation.GET_PARTIAL_OBJECT,
+        Operation.GET_DEVICE_PROP_DESC,
+        Operation.GET_DEVICE_PROP_VALUE,
+        Operation.SET_DEVICE_PROP_VALUE,
+        Operation.INITIATE_CAPTURE,
+    ),
+)
+FORMATS: dict[int, FrameFormat] = {ObjectFormat.EXIF_JPEG: FrameFormat.JPEG, ObjectFormat.DNG: FrameFormat.DNG}
+WAKE_LIMIT_S = 10.0
+WAKE_PAUSE_S = 1.0
+READY_LIMIT_S = 15.0
+READY_PAUSE_S = 0.05
+EVENT_DRAIN_WAIT_S = 0.001
+MAX_DRAINED_EVENTS = 256
+RELEASE_LAG_S = 0.12
+"""Assumed: Ricoh gives no figure. Measure it and put it into the rig file."""
+USB_SHOOTING_POSSIBLE = 0
+WITNESSES = (
+    Prop.EXPOSURE_PROGRAM_MODE,
+    Prop.WHITE_BALANCE,
+    RicohProp.COLOR_TEMPERATURE,
+    Prop.F_NUMBER,
+    Prop.EXPOSURE_INDEX,
+)
+"""Settings that are read again before every exposure: the camera forgets them in its sleep."""
+FULL_BATTERY = 100
+UNKNOWN_COUNT = 0xFFFFFFFF
+
+
+class ThetaZ1:
+    """`drivers.camera.Camera` of a Theta Z1.
+
+    Parameters
+    ----------
+    open_transport
+        Opens the link to the camera; called by `connect` and by `recover` after a lost connection.
+    clock
+        All time comes from it.
+    """
+
+    kind = "theta_z1"
+
+    def __init__(self, open_transport: Callable[[], PtpTransport], clock: Clock) -> None:
+        self.shutter_times_s: tuple[float, ...] = ()
+        self.can_transfer_while_exposing = True
+        self.release_lag_s = RELEASE_LAG_S
+        self._clock = clock
+        self._link = CameraLink(open_transport, clock, MODEL)
+        self._properties = ThetaProperties(self._link, clock)
+        self._store = FrameStore(self._link, FORMATS)
+        self._fractions: tuple[Fraction32, ...] = ()
+        self._kept: tuple[Setting, ...] = ()
+        self._formats: tuple[FrameFormat, ...] = (FrameFormat.JPEG,)
+        self._sleep_before: dict[int, int] = {}
+        self._shutter_s = 0.0
+        self._exposure: ThetaExposure | None = None
+        self._past_captures: set[int] = set()
+        self._read_since_poll = False
+
+    def connect(self) -> CameraIdentity:
+        """Open the session, wake the camera, wait for what it still does, and learn its shutter times."""
+        info = self._link.open()
+        self._past_captures.clear()
+        self._start_over(READY_LIMIT_S)
+        self._learn_shutter_times()
+        return CameraIdentity(info.manufacturer, info.model, info.serial, info.device_version)
+
+    def _start_over(self, ready_limit_s: float) -> None:
+        self._exposure = None
+        self._wake()
+        self._wait_until_ready(ready_limit_s)
+        self._wait_until_it_takes_settings(ready_limit_s)
+        self._drain_events()
+        self._store.remember()
+
+    def _wait_until_it_takes_settings(self, limit_s: float) -> None:
+        """Wait for a single exposure that older firmware does not tell of: it refuses settings meanwhile."""
+        if self._properties.has(RicohProp.EXPOSURE_STATUS):
+            return
+        mode = self._properties.number(Prop.STILL_CAPTURE_MODE)
+        self._properties.write(Prop.STILL_CAPTURE_MODE, mode, limit_s)
+
+    def _wake(self) -> None:
+        """Write "awake" until the camera takes it and answers for properties that a sleeping one keeps to itself."""
+        deadline = Deadline.after(self._clock, WAKE_LIMIT_S)
+        session = self._link.session
+        while True:
+            try:
+                self._properties.number(RicohProp.SLEEP_MODE)
+                session.set_prop_value(RicohProp.SLEEP_MODE, DataType.UINT8, 0)
+                self._properties.number(Prop.EXPOSURE_PROGRAM_MODE)
+                return
+            except DeviceBusyError as error:
+                if deadline.expired:
+                    error.likely = "it does not wake up, or is in a menu or recording"
+                    error.advice = "wake it by its power button, then resume"
+                    raise
+            self._clock.sleep(WAKE_PAUSE_S)
+
+    def _wait_until_ready(self, limit_s: float) -> None:
+        deadline = Deadline.after(self._clock, limit_s)
+        while not is_ready(self._properties):
+            if deadline.expired:
+                raise DeviceBusyError(
+                    f"still working after {limit_s:g} s",
+                    where=self._link.name,
+                    likely="it records, counts down, or converts a film",
+                    advice="stop it by its own button, then resume",
+                    limit_s=limit_s,
+                )
+            self._clock.sleep(READY_PAUSE_S)
+
+    def _drain_events(self) -> None:
+        """Take events of the past in; pictures that they tell of are none of the next exposure's."""
+        for _ in range(MAX_DRAINED_EVENTS):
+            event = self._link.session.poll_event(EVENT_DRAIN_WAIT_S)
+            if event is None:
+                return
+            if event.code == Event.OBJECT_ADDED:
+                self._store.known.update(event.params[:1])
+        raise DeviceTimeoutError("events without end", where=self._link.name, advice="switch the camera off and on")
+
+    def _learn_shutter_times(self) -> None:
+        """Take the camera's own list; outside manual mode it has none, and the specification's list stands in."""
+        try:
+            desc = self._link.session.get_prop_desc(RicohProp.SHUTTER_SPEED)
+            listed = {Fraction32.from_u64(v) for v in desc.choices if isinstance(v, int)}
+        except (OperationRefusedError, DeviceBusyError):
+            listed = set()
+        times = {f for f in listed if f.is_time}
+        if len(times) < 2:
+            times = {Fraction32(*pair) for pair in SHUTTER_FRACTIONS}
+        self._fractions = tuple(sorted(times, key=lambda f: -f.seconds))
+        self.shutter_times_s = tuple(f.seconds for f in self._fractions)
+
+    def status(self) -> CameraStatus:
+        """Return battery, space, clock and what forbids shooting."""
+        read = self._properties.number_or_none
+        problems, warnings = error_texts(read(RicohProp.ERROR_INFO) or 0)
+        mode = read(Prop.FUNCTIONAL_MODE)
+        if mode not in (None, USB_SHOOTING_POSSIBLE):
+            problems = (*problems, "shooting over USB is not possible now: leave the camera's menu or plug-in")
+        if read(RicohProp.SLEEP_MODE):
+            problems = (*problems, "the camera sleeps: wake it")
+        battery = read(Prop.BATTERY_LEVEL)
+        free_bytes, free_frames = self._free_space()
+        return CameraStatus(
+            battery_frac=None if battery is None else min(battery, FULL_BATTERY) / FULL_BATTERY,
+            free_bytes=free_bytes,
+            free_frames=free_frames,
+            clock_utc=self._clock_utc(),
+            ready=not problems and self._exposure is None and is_ready(self._properties),
+            problems=problems,
+            warnings=warnings,
+        )
+
+    def _clock_utc(self) -> datetime | None:
+        try:
+            date = decode_date(self._properties.text_or_none(Prop.DATE_TIME) or "")
+            return None if date is None else date.astimezone(UTC)
+        except (ProtocolViolationError, OverflowError):
+            return None  # a clock that was never set is no reason not to shoot; ErrorInfo tells of it
+
+    def _free_space(self) -> tuple[int | None, int | None]:
+        session = self._link.session
+        try:
+            infos = [session.get_storage_info(storage_id) for storage_id in session.get_storage_ids()]
+        except (DeviceBusyError, OperationRefusedError, StoreFullError):
+            return None, None
+        if not infos:
+            return None, None
+        frames = sum(i.free_images for i in infos) if all(i.free_images != UNKNOWN_COUNT for i in infos) else None
+        return sum(i.free_bytes for i in infos), frames
+
+    def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
+        """Make all fixed settings, each read back; see `drivers.theta_z1.settings` for which and why."""
+        self._wake()
+        self._wait_until_ready(READY_LIMIT_S)
+        self._keep_sleep_settings()
+        modes = mode_settings()
+        readbacks = self._apply(modes)
+        pictures = picture_settings(settings, find_f_number(self._link, settings.f_number))
+        readbacks += self._apply(pictures)
+        self._kept = tuple(s for s in (*modes, *pictures) if s.prop in WITNESSES)
+        self._formats = (FrameFormat.JPEG, FrameFormat.DNG) if settings.keep_raw else (FrameFormat.JPEG,)
+        self._learn_shutter_times()
+        self._store.remember()
+        return readbacks
+
+    def _apply(self, settings: tuple[Setting, ...]) -> tuple[SettingReadback, ...]:
+        readbacks = []
+        for setting in settings:
+            readbacks.append(self._properties.apply(setting))
+            self._clock.sleep(PROPERTY_PAUSE_S)
+        return tuple(readbacks)
+
+    def _keep_sleep_settings(self) -> None:
+        """Remember how the camera was to fall asleep, to leave it so."""
+        for prop in (RicohProp.SLEEP_DELAY, RicohProp.AUTO_POWER_OFF_DELAY):
+            if prop not in self._sleep_before:
+                self._sleep_before[prop] = self._properties.number(prop)
+
+    def set_shutter(self, shutter_s: float) -> ShutterReadback:
+        """Set the nearest exposure time and read it back, after checking that the camera kept its other settings."""
+        self.keep_alive()
+        self._wait_until_ready(READY_LIMIT_S)
+        for setting in self._kept:
+            # What the camera forgets, it forgets all at once: these few witnesses are enough.
+            self._properties.require(setting.name, setting.prop, setting.value)
+        try:
+            fraction = nearest_shutter(shutter_s, self._fractions)
+        except ValueError as error:
+            raise SettingRefusedError(f"no exposure time: {error}", where=self._link.name, asked=shutter_s) from error
+        self._properties.write_and_compare("shutter", RicohProp.SHUTTER_SPEED, fraction.to_u64())
+        self._shutter_s = fraction.seconds
+        return ShutterReadback(asked_s=shutter_s, nominal_s=fraction.seconds, raw=str(fraction))
+
+    def arm(self) -> None:
+        """Wait until the camera is ready and take in old events."""
+        self._exposure = None
+        self._wait_until_ready(READY_LIMIT_S)
+        self._drain_events()
+
+    def release(self) -> None:
+        """Start the exposure; `DeviceBusyError` where the camera is still saving."""
+        session, earlier_ids = self._link.session, frozenset(self._past_captures)
+        try:
+            session.transact(Operation.INITIATE_CAPTURE, (0, 0))
+        finally:
+            self._past_captures.add(session.last_transaction_id)
+        shot = ThetaShot(self._shutter_s, self._formats, session.last_transaction_id, earlier_ids)
+        self._exposure = ThetaExposure(self._link, self._store, self._clock, shot)
+
+    def poll_exposure(self) -> ExposureProgress:
+        """Look for the frames of the running exposure."""
+        if self._exposure is None:
+            raise ExposureFailedError("no exposure is running", where=self._link.name, advice="release first")
+        progress = self._exposure.poll(wait=not self._read_since_poll)
+        self._read_since_poll = False
+        if progress.done:
+            self._exposure = None
+        return progress
+
+    def read_chunk(self, frame: FrameRef, offset: int, max_bytes: int) -> bytes:
+        """Return a part of a frame; a camera that is busy exposing is not asked again during exposures."""
+        self._read_since_poll = True
+        try:
+            return self._link.session.get_partial_object(frame.handle, offset, max_bytes)
+        except DeviceBusyError:
+            if self._exposure is not None:
+                self.can_transfer_while_exposing = False
+            else:
+                self.keep_alive()  # a sleeping camera answers "busy" for ever
+            raise
+
+    def finish_frame(self, frame: FrameRef) -> None:
+        """Nothing to do: the frame stays on the camera's store."""
+
+    def delete(self, frame: FrameRef) -> None:
+        """Delete the frame from the camera's store."""
+        self._store.delete(frame)
+
+    def list_frames(self) -> tuple[FrameRef, ...]:
+        """Return the pictures on the camera, oldest first."""
+        return self._store.list_frames()
+
+    def keep_alive(self) -> None:
+        """Wake the camera should it have fallen asleep; `prepare` has switched its sleep off."""
+        if self._properties.number_or_none(RicohProp.SLEEP_MODE):
+            self._wake()
+
+    def recover(self) -> None:
+        """Resynchronise or reconnect, wake the camera, let a running exposure end, and forget it."""
+        running_s = self._shutter_s if self._exposure is not None else 0.0
+        if self._link.recover():
+            self._past_captures.clear()
+        self._start_over(READY_LIMIT_S + running_s)
+
+    def close(self) -> None:
+        """Give the camera its own sleep times back and close the session; never raises."""
+        try:
+            for prop, value in self._sleep_before.items():
+                self._properties.write(prop, value)
+        except DeviceError:
+            pass  # it is gone or out of step; it keeps awake until switched off
+        self._sleep_before.clear()
+        self._exposure = None
+        self._link.close()

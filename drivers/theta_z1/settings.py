@@ -1,0 +1,214 @@
+"""The Theta Z1's properties: how each is written and read back, and the fixed settings of a bracket as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from drivers.camera import CameraSettings, SettingReadback
+from drivers.camera_link import CameraLink
+from drivers.clock import Clock
+from drivers.errors import DeviceBusyError, OperationRefusedError, SettingRefusedError
+from drivers.ptp.codes import DataType, Prop
+from drivers.theta_z1.codes import (
+    EXPOSURE_PROGRAM_MANUAL,
+    STILL_CAPTURE_SINGLE,
+    STITCHING_STATIC,
+    WHITE_BALANCE_COLOR_TEMPERATURE,
+    RicohProp,
+)
+from drivers.theta_z1.operations import f_number_code, f_number_codes
+
+PROPERTY_PAUSE_S = 0.1
+"""Between two property writes; what scripts that work with the real camera leave."""
+BUSY_LIMIT_S = 5.0
+SETTING_ATTEMPTS = 2
+"""Settings sometimes do not take (seen by others on the real camera): write, compare, write once more."""
+TOP_BOTTOM_DISAPPLY = 4
+
+PROPERTY_TYPES: Mapping[int, DataType] = {
+    Prop.BATTERY_LEVEL: DataType.UINT8,
+    Prop.FUNCTIONAL_MODE: DataType.UINT16,
+    Prop.IMAGE_SIZE: DataType.STRING,
+    Prop.WHITE_BALANCE: DataType.UINT16,
+    Prop.F_NUMBER: DataType.UINT16,
+    Prop.EXPOSURE_PROGRAM_MODE: DataType.UINT16,
+    Prop.EXPOSURE_INDEX: DataType.UINT16,
+    Prop.DATE_TIME: DataType.STRING,
+    Prop.CAPTURE_DELAY: DataType.UINT32,
+    Prop.STILL_CAPTURE_MODE: DataType.UINT16,
+    RicohProp.ERROR_INFO: DataType.UINT32,
+    RicohProp.SHUTTER_SPEED: DataType.UINT64,
+    RicohProp.SLEEP_DELAY: DataType.UINT16,
+    RicohProp.CAPTURE_STATUS: DataType.UINT8,
+    RicohProp.FILTER: DataType.UINT8,
+    RicohProp.SLEEP_MODE: DataType.UINT8,
+    RicohProp.COLOR_TEMPERATURE: DataType.UINT16,
+    RicohProp.AUTO_POWER_OFF_DELAY: DataType.UINT32,
+    RicohProp.FUNCTION: DataType.UINT8,
+    RicohProp.TOP_BOTTOM_CORRECTION: DataType.UINT8,
+    RicohProp.IMAGE_FORMAT: DataType.UINT8,
+    RicohProp.IMAGE_STITCHING: DataType.UINT16,
+    RicohProp.EXPOSURE_STATUS: DataType.UINT8,
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One fixed setting: its name and value in words, and as the camera's property."""
+
+    name: str
+    prop: int
+    value: int | str
+    text: str
+    optional: bool = False
+    """Whether a camera whose firmware has no such property may be used, with a warning."""
+
+
+class ThetaProperties:
+    """Typed reading and writing of properties over a link."""
+
+    def __init__(self, link: CameraLink, clock: Clock) -> None:
+        self._link = link
+        self._clock = clock
+
+    def has(self, prop: int) -> bool:
+        """Whether the camera's firmware lists the property."""
+        return prop in self._link.info.properties
+
+    def read(self, prop: int) -> int | str:
+        """Return a property's value; `DeviceBusyError` where the camera sleeps or works."""
+        value = self._link.session.get_prop_value(prop, PROPERTY_TYPES[prop])
+        assert isinstance(value, int | str)
+        return value
+
+    def number(self, prop: int) -> int:
+        """Return the value of a numeric property."""
+        value = self.read(prop)
+        assert isinstance(value, int)
+        return value
+
+    def number_or_none(self, prop: int) -> int | None:
+        """Return the value of a numeric property, or None where the camera does not tell just now."""
+        value = self._read_or_none(prop)
+        return value if isinstance(value, int) else None
+
+    def text_or_none(self, prop: int) -> str | None:
+        """Return the value of a text property, or None where the camera does not tell just now."""
+        value = self._read_or_none(prop)
+        return value if isinstance(value, str) else None
+
+    def _read_or_none(self, prop: int) -> int | str | None:
+        try:
+            return self.read(prop) if self.has(prop) else None
+        except (DeviceBusyError, OperationRefusedError):
+            return None
+
+    def write(self, prop: int, value: int | str, busy_limit_s: float = BUSY_LIMIT_S) -> None:
+        """Write a property, waiting while the camera is busy."""
+        session = self._link.session
+        session.retry_busy(lambda: session.set_prop_value(prop, PROPERTY_TYPES[prop], value), busy_limit_s)
+
+    def write_and_compare(self, name: str, prop: int, value: int | str) -> None:
+        """Write a property and read it back; `SettingRefusedError` where it does not take, twice."""
+        got: int | str = ""
+        for _ in range(SETTING_ATTEMPTS):
+            try:
+                self.write(prop, value)
+            except OperationRefusedError as error:
+                raise self._refused(name, prop, value, f"response {error.response_code:#06x}") from error
+            got = self._link.session.retry_busy(lambda: self.read(prop), BUSY_LIMIT_S)
+            if got == value:
+                return
+            self._clock.sleep(PROPERTY_PAUSE_S)
+        raise self._refused(name, prop, value, str(got))
+
+    def require(self, name: str, prop: int, value: int | str) -> None:
+        """Check that a property still has the value it was given; `SettingRefusedError` where not."""
+        got = self.read(prop)
+        if got != value:
+            error = self._refused(name, prop, value, str(got))
+            error.likely = "the camera slept or was switched off and on, or somebody changed it by hand"
+            error.advice = "leave the camera alone and take the bracket again"
+            raise error
+
+    def _refused(self, name: str, prop: int, asked: int | str, got: str) -> SettingRefusedError:
+        return SettingRefusedError(
+            f"{name} cannot be set: asked {asked}, got {got}",
+            where=self._link.name,
+            likely="this firmware has no such value, or another setting excludes it",
+            advice="check the value in the rig file and the camera's firmware",
+            setting=name,
+            property=f"{prop:04X}",
+            asked=asked,
+            got=got,
+        )
+
+    def apply(self, setting: Setting) -> SettingReadback:
+        """Make one fixed setting and return what the camera then has."""
+        if setting.optional and not self.has(setting.prop):
+            return SettingReadback(setting.name, setting.text, "unknown: this firmware cannot set it", "")
+        self.write_and_compare(setting.name, setting.prop, setting.value)
+        return SettingReadback(setting.name, setting.text, setting.text, str(setting.value))
+
+
+def mode_settings() -> tuple[Setting, ...]:
+    """Return the settings that make the camera take single manual exposures and stay awake, in the order to make."""
+    return (
+        Setting("sleep", RicohProp.SLEEP_DELAY, 0, "never"),
+        Setting("automatic power off", RicohProp.AUTO_POWER_OFF_DELAY, 0, "never"),
+        Setting("capture mode", Prop.STILL_CAPTURE_MODE, STILL_CAPTURE_SINGLE, "single"),
+        Setting("self-timer", Prop.CAPTURE_DELAY, 0, "off", optional=True),
+        # Any filter would force the exposure program back to automatic.
+        Setting("filter", RicohProp.FILTER, 0, "off"),
+        Setting("exposure program", Prop.EXPOSURE_PROGRAM_MODE, EXPOSURE_PROGRAM_MANUAL, "manual"),
+    )
+
+
+def picture_settings(settings: CameraSettings, f_number: int) -> tuple[Setting, ...]:
+    """Return what a bracket keeps fixed; ``f_number`` is in the camera's own encoding.
+
+    Stitching is static: by default the camera stitches each frame anew by its content, so that the frames of a
+    bracket would not lie on each other. For the same reason the top/bottom correction is off: it turns each frame by
+    what the tilt sensor says at that moment; the tripod's level does not move between frames.
+    """
+    size = f"{settings.width_px}x{settings.height_px}"
+    raw, kelvin, iso = int(settings.keep_raw), settings.color_temperature_k, settings.iso
+    return (
+        Setting("image size", Prop.IMAGE_SIZE, size, size),
+        Setting("image format", RicohProp.IMAGE_FORMAT, raw, "JPEG + DNG" if raw else "JPEG"),
+        Setting("stitching", RicohProp.IMAGE_STITCHING, STITCHING_STATIC, "static", optional=True),
+        Setting("top/bottom correction", RicohProp.TOP_BOTTOM_CORRECTION, TOP_BOTTOM_DISAPPLY, "off", optional=True),
+        Setting("white balance", Prop.WHITE_BALANCE, WHITE_BALANCE_COLOR_TEMPERATURE, "colour temperature"),
+        Setting("colour temperature", RicohProp.COLOR_TEMPERATURE, kelvin, f"{kelvin} K"),
+        Setting("f-number", Prop.F_NUMBER, f_number, f"f/{settings.f_number:g}"),
+        Setting("ISO", Prop.EXPOSURE_INDEX, iso, str(iso)),
+    )
+
+
+def find_f_number(link: CameraLink, f_number: float) -> int:
+    """Return an f-number in the encoding that the camera's own list shows; the program must be manual already.
+
+    Raises
+    ------
+    SettingRefusedError
+        The list is of neither known encoding, or has no such f-number.
+    """
+    session = link.session
+    desc = session.retry_busy(lambda: session.get_prop_desc(Prop.F_NUMBER), BUSY_LIMIT_S)
+    listed = [v for v in desc.choices if isinstance(v, int)]
+    codes = f_number_codes(listed)
+    code = None if codes is None else f_number_code(f_number, codes)
+    if code is not None:
+        return code
+    raise SettingRefusedError(
+        f"f-number cannot be set: asked f/{f_number:g}, the camera lists {listed}",
+        where=link.name,
+        likely="the lens has no such aperture (2.1, 3.5, 5.6)"
+        if codes
+        else "a firmware whose f-number encoding is not known",
+        advice="correct f_number in the rig file" if codes else "report the camera's firmware and this list",
+        setting="f-number",
+        asked=f_number,
+        got=listed,
+    )

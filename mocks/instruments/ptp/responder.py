@@ -1,0 +1,226 @@
+"""A PTP responder (ISO 15740) as a state machine: sessions, transaction ids, parameters, conditions, events.
+
+It knows nothing of USB or TCP: `mocks.instruments.usb.device` and `mocks.instruments.ptp.ip` carry its requests and
+answers. It has no thread of its own; whoever touches it lets it catch up with the clock first (`advance`).
+"""
+
+from __future__ import annotations
+
+import random
+import threading
+from collections import deque
+from collections.abc import Sequence
+
+from drivers.clock import Clock
+from drivers.ptp.codes import Operation, Response
+from mocks.instruments.event_gate import Agenda, EventGate
+from mocks.instruments.exposures import CameraTiming, ExposureRecord
+from mocks.instruments.faults import CONDITIONS, Fault, FaultKind, FaultRunner, FaultSchedule
+from mocks.instruments.ptp import ptp_wire
+from mocks.instruments.ptp.messages import (
+    Answer,
+    DeviceIdentity,
+    OperationRecord,
+    PendingEvent,
+    Refusal,
+    Request,
+    ResponderStats,
+    Rule,
+)
+
+STALE_SESSION = 0x0DD
+"""Session that an earlier program left open, where a fault says so."""
+
+MAX_OPERATION_LOG = 200_000
+
+
+class PtpResponder:
+    """What every simulated camera shares; a camera adds rules, properties and manners."""
+
+    def __init__(
+        self, identity: DeviceIdentity, clock: Clock, timing: CameraTiming, faults: FaultSchedule | None, seed: int
+    ) -> None:
+        self.identity = identity
+        self.clock = clock
+        self.timing = timing
+        self.faults = FaultRunner(faults)
+        self.random = random.Random(seed)
+        self.lock = threading.RLock()
+        self.agenda = Agenda()
+        self.stats = ResponderStats()
+        self.exposure_log: list[ExposureRecord] = []
+        self.events: deque[PendingEvent] = deque()
+        self.rules: dict[int, Rule] = self.standard_rules()
+        self.attachment = 0
+        self._away_until_s = 0.0
+        self._session_id = 0
+        self._last_transaction_id = 0
+        self._any_transaction_id = False
+        self.gate = EventGate(self.faults, self.agenda, clock)
+
+    # ---- power and plug
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the camera is on and on the bus."""
+        return self.clock.monotonic_s() >= self._away_until_s
+
+    def unplug(self, replug_after_s: float | None = None) -> None:
+        """Pull the cable; it comes back after ``replug_after_s`` seconds, if given, at a new address."""
+        with self.lock:
+            forever = replug_after_s is None or replug_after_s < 0
+            self._away_until_s = float("inf") if forever else self.clock.monotonic_s() + float(replug_after_s or 0.0)
+            self.attachment += 1
+            self.link_reset()
+
+    def replug(self) -> None:
+        """Put the cable back."""
+        self._away_until_s = 0.0
+
+    def forget_session(self) -> None:
+        """Close the session as a reset or a pulled cable does."""
+        self._session_id = 0
+        self._last_transaction_id = 0
+        self._any_transaction_id = False
+        self.events.clear()
+
+    def link_reset(self) -> None:
+        """Lose what a reset or a pulled cable makes a camera lose: the session, at least."""
+        self.forget_session()
+
+    def excuse_transaction_id(self) -> None:
+        """Accept any transaction id once: a transaction was cut off and the two sides may count differently."""
+        self._any_transaction_id = True
+
+    # ---- time
+
+    def advance(self) -> None:
+        """Catch up with the clock."""
+        with self.lock:
+            self.agenda.run_until(self.clock.monotonic_s())
+
+    # ---- transactions
+
+    def standard_rules(self) -> dict[int, Rule]:
+        """Return the operations every responder has."""
+        return {
+            Operation.GET_DEVICE_INFO: Rule(self._get_device_info, sessionless=True),
+            Operation.OPEN_SESSION: Rule(self._open_session, 1, 1, sessionless=True),
+            Operation.CLOSE_SESSION: Rule(self._close_session),
+        }
+
+    def expects_data(self, operation: int) -> bool:
+        """Whether the host sends a data phase with this operation."""
+        rule = self.rules.get(operation)
+        return rule is not None and rule.data_out
+
+    def handle(self, request: Request, faults: Sequence[Fault] = ()) -> Answer:
+        """Carry out a request; ``faults`` are those its arrival triggered."""
+        with self.lock:
+            self.advance()
+            try:
+                answer = self._carry_out(request, faults)
+            except Refusal as refusal:
+                answer = Answer(refusal.code, refusal.params)
+            except ptp_wire.BadBytesError:
+                answer = Answer(Response.INVALID_DATASET)
+            self._log(request, answer)
+            return answer
+
+    def _carry_out(self, request: Request, faults: Sequence[Fault]) -> Answer:
+        self._begin_conditions(request, faults)
+        rule = self._check(request)
+        for fault in faults:
+            if fault.kind is FaultKind.BUSY:
+                self.faults.note(fault)
+                raise Refusal(Response.DEVICE_BUSY)
+            if fault.kind is FaultKind.ACCESS_DENIED:
+                self.faults.note(fault)
+                raise Refusal(Response.ACCESS_DENIED)
+        self.before(request)
+        return rule.handler(request)
+
+    def before(self, request: Request) -> None:
+        """Refuse what the camera's state forbids (asleep, busy); cameras override this."""
+
+    def begin_condition(self, fault: Fault) -> None:
+        """Let a lasting fault begin; cameras add those of their own."""
+        self.faults.begin(fault)
+
+    def fall_asleep(self) -> None:
+        """Go to sleep, in the camera's own way."""
+        raise NotImplementedError
+
+    def _begin_conditions(self, request: Request, faults: Sequence[Fault]) -> None:
+        for fault in faults:
+            if fault.kind is FaultKind.SESSION_ALREADY_OPEN and request.operation == Operation.OPEN_SESSION:
+                self.faults.note(fault)
+                self._session_id = self._session_id or STALE_SESSION
+                self.excuse_transaction_id()
+            elif fault.kind is FaultKind.ASLEEP:
+                self.faults.note(fault)
+                self.fall_asleep()
+            elif fault.kind in CONDITIONS:
+                self.begin_condition(fault)
+
+    def _check(self, request: Request) -> Rule:
+        rule = self.rules.get(request.operation)
+        sessionless = rule is not None and rule.sessionless
+        if not self._session_id and not sessionless:
+            raise Refusal(Response.SESSION_NOT_OPEN)
+        self._check_transaction_id(request)
+        if rule is None:
+            raise Refusal(Response.OPERATION_NOT_SUPPORTED)
+        if len(request.params) < rule.least_params:
+            raise Refusal(Response.INVALID_PARAMETER)
+        if any(request.params[rule.most_params :]):
+            raise Refusal(Response.PARAMETER_NOT_SUPPORTED)
+        return rule
+
+    def _check_transaction_id(self, request: Request) -> None:
+        got = request.transaction_id
+        if not self._session_id or request.operation == Operation.OPEN_SESSION:
+            expected = 0
+        else:
+            expected = self._last_transaction_id + 1
+            if expected >= 0xFFFFFFFF:
+                expected = 1
+        if got != expected and not self._any_transaction_id:
+            self.stats.violations.append(f"transaction id {got} instead of {expected} in {request.operation:04x}")
+            raise Refusal(Response.INVALID_TRANSACTION_ID)
+        if request.operation != Operation.OPEN_SESSION:
+            self._any_transaction_id = False
+            self._last_transaction_id = got
+
+    def _log(self, request: Request, answer: Answer) -> None:
+        if len(self.stats.operations) < MAX_OPERATION_LOG:
+            now_s, sent = self.clock.monotonic_s(), len(answer.data or b"")
+            entry = OperationRecord(
+                now_s, request.operation, request.transaction_id, request.params, answer.code, len(request.data), sent
+            )
+            self.stats.operations.append(entry)
+
+    def _get_device_info(self, _request: Request) -> Answer:
+        return Answer(data=self.identity.device_info())
+
+    def _open_session(self, request: Request) -> Answer:
+        if request.params[0] == 0:
+            raise Refusal(Response.INVALID_PARAMETER)
+        if self._session_id:
+            raise Refusal(Response.SESSION_ALREADY_OPEN, self._session_id)
+        self._session_id = request.params[0]
+        self._last_transaction_id = 0
+        self._any_transaction_id = False
+        return Answer()
+
+    def _close_session(self, _request: Request) -> Answer:
+        self.forget_session()
+        return Answer()
+
+    # ---- events
+
+    def emit(self, code: int, *params: int, transaction_id: int = 0) -> None:
+        """Send an event on the interrupt pipe of an open session, unless a fault says otherwise."""
+        if not self._session_id:
+            return
+        self.gate.deliver(code, PendingEvent(code, transaction_id, params), self.events.append)

@@ -1,0 +1,94 @@
+"""The Theta Z1's device properties (Ricoh USB API specification; forms as the specification lists them)."""
+
+from __future__ import annotations
+
+from drivers.ptp.codes import DataType, Prop
+from drivers.theta_z1.codes import (
+    DEVICE_PROPERTIES,
+    F_NUMBER_INDEX,
+    F_NUMBER_TIMES_100,
+    ISO_AUTO,
+    ISO_VALUES,
+    SHUTTER_FRACTIONS,
+    RicohProp,
+)
+from mocks.instruments.ptp.datasets import Property, u8, u16
+
+AUTO_SHUTTER = 0
+TAKES_COLOR_TEMPERATURE = 0x8007
+ISO_LIMITS = tuple(v for v in ISO_VALUES if v >= 200)
+WHITE_BALANCES = (2, 4, 0x8001, 0x8002, 6, 0x8020, 0x8003, 0x8004, 0x8005, 0x8006, TAKES_COLOR_TEMPERATURE, 0x8008)
+BIASES = (-2000, -1700, -1300, -1000, -700, -300, 0, 300, 700, 1000, 1300, 1700, 2000)
+PROGRAMS = (1, 2, 3, 4, 0x8003)
+STILL_MODES = (1, 3, 0x8002, 0x8003, 0x8004, 0x8005, 0x8006, 0x8007)
+LATER_PROPERTIES = (RicohProp.EXPOSURE_STATUS, RicohProp.MODE_MEMORY)
+"""Of firmware 3.10.2 and 3.60.3."""
+
+
+def shutter_value(fraction: tuple[int, int]) -> int:
+    """Return (numerator, denominator) as the integer whose little-endian bytes are numerator, then denominator."""
+    numerator, denominator = fraction
+    return denominator << 32 | numerator
+
+
+def shutter_fraction(value: int) -> tuple[int, int]:
+    """Return the (numerator, denominator) of a property value."""
+    return value & 0xFFFFFFFF, value >> 32
+
+
+def theta_properties(*, f_number_index: bool, later_firmware: bool, image_sizes: tuple[str, ...]) -> list[Property]:
+    """Return every property, in the defaults the camera wakes with.
+
+    Properties that the specification does not explain are there, read-only and 0.
+    """
+    f_numbers = tuple(F_NUMBER_INDEX if f_number_index else F_NUMBER_TIMES_100)
+    known = [*_standard(f_numbers, image_sizes), *_vendor()]
+    if later_firmware:
+        known += [u8(RicohProp.EXPOSURE_STATUS, 0, writable=False), u8(RicohProp.MODE_MEMORY, 0, 0, 1)]
+    explained = {p.code for p in known}
+    return known + [u8(code, 0, writable=False) for code in DEVICE_PROPERTIES if code not in explained]
+
+
+def _standard(f_numbers: tuple[int, ...], image_sizes: tuple[str, ...]) -> list[Property]:
+    text, u32 = DataType.STRING, DataType.UINT32
+    return [
+        Property(Prop.BATTERY_LEVEL, DataType.UINT8, 100, span=(0, 100, 1)),
+        u16(Prop.FUNCTIONAL_MODE, 0, writable=False),
+        Property(Prop.IMAGE_SIZE, text, image_sizes[0], writable=True, choices=image_sizes),
+        u16(Prop.WHITE_BALANCE, 2, *WHITE_BALANCES),
+        u16(Prop.F_NUMBER, 0, *f_numbers),
+        u16(Prop.EXPOSURE_PROGRAM_MODE, 2, *PROGRAMS),
+        u16(Prop.EXPOSURE_INDEX, ISO_AUTO, ISO_AUTO, *ISO_VALUES),
+        Property(Prop.EXPOSURE_BIAS, DataType.INT16, 0, writable=True, choices=BIASES),
+        Property(Prop.DATE_TIME, text, "", writable=True),
+        Property(Prop.CAPTURE_DELAY, u32, 0, writable=True, span=(0, 10000, 1000)),
+        u16(Prop.STILL_CAPTURE_MODE, 1, *STILL_MODES),
+        Property(Prop.TIMELAPSE_NUMBER, DataType.UINT16, 0, writable=True, span=(0, 9999, 1)),
+        Property(Prop.TIMELAPSE_INTERVAL, u32, 6000, writable=True, span=(6000, 3600000, 1000)),
+        Property(Prop.AUDIO_VOLUME, u32, 100, writable=True, span=(0, 100, 1)),
+    ]
+
+
+def _vendor() -> list[Property]:
+    u32 = DataType.UINT32
+    shutters = (AUTO_SHUTTER, *map(shutter_value, SHUTTER_FRACTIONS))
+    return [
+        Property(RicohProp.ERROR_INFO, u32, 0),
+        Property(RicohProp.SHUTTER_SPEED, DataType.UINT64, AUTO_SHUTTER, writable=True, choices=shutters),
+        Property(RicohProp.PERCEIVED_DEVICE_TYPE, u32, 1),
+        Property(RicohProp.GPS_INFO, DataType.STRING, "", writable=True),
+        Property(RicohProp.SLEEP_DELAY, DataType.UINT16, 180, writable=True, span=(0, 65534, 1)),
+        u8(RicohProp.CAPTURE_STATUS, 0, writable=False),
+        u8(RicohProp.FILTER, 0, 0, 1, 2, 3, 4),
+        u8(RicohProp.BATTERY_STATUS, 0, writable=False),
+        u8(RicohProp.SLEEP_MODE, 0, 0, 1),
+        Property(RicohProp.BRACKET_PARAMETERS, DataType.ARRAY | DataType.UINT128, (), writable=True),
+        Property(RicohProp.COLOR_TEMPERATURE, DataType.UINT16, 5000, writable=True, span=(2500, 10000, 100)),
+        Property(RicohProp.AUTO_POWER_OFF_DELAY, u32, 64800, writable=True, span=(0, 2592000, 60)),
+        u16(RicohProp.CAPTURED_PICTURES, 0, writable=False),
+        u8(RicohProp.FUNCTION, 0, 0, 1, 2),
+        u8(RicohProp.TOP_BOTTOM_CORRECTION, 0, 0, 1, 2, 3, 4),
+        u16(RicohProp.ISO_AUTO_HIGH_LIMIT, 3200, *ISO_LIMITS),
+        u8(RicohProp.IMAGE_FORMAT, 0, 0, 1),
+        u16(RicohProp.IMAGE_STITCHING, 1, 1, 2, 3, 4, 6, 7),
+    ]

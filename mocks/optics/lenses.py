@@ -1,0 +1,194 @@
+"""Lenses of the simulated cameras: pixel to direction and back, pixel sizes, and fall-off towards the edge.
+
+Pixel coordinates are continuous: the first pixel reaches from 0 to 1, its centre is 0.5. World axes: x right,
+y ahead, z up. Written for the simulation alone; processing has its own projections, so that each checks the other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from mocks.worlds.light import Vector
+from processing.ground.arrays import Floats
+
+Size: TypeAlias = tuple[int, int]
+"""Width and height in pixels."""
+
+
+class Lens(Protocol):
+    """How a camera maps directions to its picture."""
+
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """Return unit directions (..., 3) of picture points (broadcast), and which points see anything."""
+        ...
+
+    def pixel_of(self, direction: Vector, size: Size) -> tuple[float, float] | None:
+        """Return the picture point of a direction, None where the lens does not see it."""
+        ...
+
+    def rows_near(self, direction: Vector, angle_rad: float, size: Size) -> range:
+        """Return the rows in which anything within ``angle_rad`` of a direction can lie."""
+        ...
+
+    def solid_angle_sr(self, x: Floats, y: Floats, size: Size) -> Floats:
+        """Return the solid angle of the pixels around picture points (0 where nothing is seen)."""
+        ...
+
+    def pixel_rad(self, size: Size) -> float:
+        """Return the angle of a pixel at the picture's middle."""
+        ...
+
+    def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
+        """Return the transmittance relative to the middle (vignetting), 0 where nothing is seen."""
+        ...
+
+
+@dataclass(frozen=True)
+class EquirectangularLens:
+    """A stitched panorama of two fisheyes that look along y and -y; the middle column sees ``yaw_rad`` from y.
+
+    ``vignetting`` are coefficients of r, r2, r3 with r from 0 on each fisheye's axis to 1 at the stitch
+    (equisolid image height); the default is a published measurement of a Theta Z1.
+    """
+
+    yaw_rad: float = 0.0
+    vignetting: tuple[float, ...] = (-0.0139, 0.0506, -0.1349)
+
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """Return directions; every point sees."""
+        longitude = (np.asarray(x, dtype=np.float64) / size[0] - 0.5) * (2 * math.pi) + self.yaw_rad
+        latitude = (0.5 - np.asarray(y, dtype=np.float64) / size[1]) * math.pi
+        flat = np.cos(latitude)
+        parts = np.broadcast_arrays(flat * np.sin(longitude), flat * np.cos(longitude), np.sin(latitude))
+        out = np.stack(parts, axis=-1).astype(np.float32)
+        return out, np.ones(out.shape[:-1], dtype=bool)
+
+    def pixel_of(self, direction: Vector, size: Size) -> tuple[float, float] | None:
+        """Return column and row of a direction."""
+        longitude = math.atan2(direction[0], direction[1]) - self.yaw_rad
+        longitude = math.remainder(longitude, 2 * math.pi)
+        latitude = math.asin(max(-1.0, min(1.0, direction[2])))
+        return ((longitude / (2 * math.pi) + 0.5) * size[0], (0.5 - latitude / math.pi) * size[1])
+
+    def rows_near(self, direction: Vector, angle_rad: float, size: Size) -> range:
+        """Return the rows of a band of latitude."""
+        latitude = math.asin(max(-1.0, min(1.0, direction[2])))
+        first = math.floor((0.5 - (latitude + angle_rad) / math.pi) * size[1])
+        last = math.ceil((0.5 - (latitude - angle_rad) / math.pi) * size[1])
+        return range(max(first, 0), min(last + 1, size[1]))
+
+    def solid_angle_sr(self, x: Floats, y: Floats, size: Size) -> Floats:
+        """Return exact pixel solid angles; they depend on the row only."""
+        height = size[1]
+        upper = np.sin((0.5 - (np.asarray(y, np.float64) - 0.5) / height) * math.pi)
+        lower = np.sin((0.5 - (np.asarray(y, np.float64) + 0.5) / height) * math.pi)
+        area = (upper - lower) * (2 * math.pi / size[0])
+        return np.broadcast_to(area, np.broadcast(x, y).shape).astype(np.float32)
+
+    def pixel_rad(self, size: Size) -> float:
+        """Return the angle of a row."""
+        return math.pi / size[1]
+
+    def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
+        """Return the fall-off of whichever fisheye sees the point."""
+        longitude = (np.asarray(x, np.float32) / size[0] - 0.5) * np.float32(2 * math.pi)
+        latitude = (0.5 - np.asarray(y, np.float32) / size[1]) * np.float32(math.pi)
+        cos_axis = np.abs(np.cos(latitude) * np.cos(longitude))
+        r = np.sqrt(np.maximum(1 - cos_axis, 0))
+        return np.asarray(_polynomial(r, self.vignetting), dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class EquisolidFisheye:
+    """A fisheye with image height r = 2 f sin(theta / 2), looking at the zenith.
+
+    ``top_azimuth_rad`` is the azimuth (from y towards x) at the picture's upper edge; seen from below the sky,
+    what lies to the right of north on a map lies to the left. ``vignetting`` are coefficients of r2, r4, r6, r8
+    with r from 0 in the middle to 1 at the edge of the field; for f/16 none is published, so the default
+    continues the trend of a measured lens from f/5.6 to f/11.
+    """
+
+    focal_length_mm: float = 8.0
+    sensor_width_mm: float = 36.0
+    half_field_rad: float = math.pi / 2
+    top_azimuth_rad: float = 0.0
+    vignetting: tuple[float, ...] = (0.11, -0.92, 1.38, -0.82)
+
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """Return directions; points outside the image circle see nothing (their direction is the zenith)."""
+        right, up, r2 = self._plane(x, y, size)
+        s2 = r2 / (2 * self._focal_px(size)) ** 2
+        seen = s2 <= math.sin(self.half_field_rad / 2) ** 2
+        s2 = np.where(seen, s2, 0)
+        # sin(theta) = 2 s sqrt(1 - s2) with s = r / 2f, so the flat part is (right, up) / f * sqrt(1 - s2).
+        scale = np.where(seen, np.sqrt(1 - s2) / self._focal_px(size), 0)
+        right, up = right * scale, up * scale
+        cos_top, sin_top = math.cos(self.top_azimuth_rad), math.sin(self.top_azimuth_rad)
+        # Up in the picture is (sin, cos); right in the picture, seen from below, is (-cos, sin).
+        parts = (up * sin_top - right * cos_top, up * cos_top + right * sin_top, 1 - 2 * s2)
+        return np.stack(parts, axis=-1).astype(np.float32), seen
+
+    def pixel_of(self, direction: Vector, size: Size) -> tuple[float, float] | None:
+        """Return the picture point, None outside the field."""
+        dx, dy, dz = direction
+        theta = math.acos(max(-1.0, min(1.0, dz)))
+        if theta > self.half_field_rad:
+            return None
+        r = 2 * self._focal_px(size) * math.sin(theta / 2)
+        flat = math.hypot(dx, dy) or 1.0
+        cos_top, sin_top = math.cos(self.top_azimuth_rad), math.sin(self.top_azimuth_rad)
+        up, right = (dx * sin_top + dy * cos_top) / flat, (dy * sin_top - dx * cos_top) / flat
+        return size[0] / 2 + r * right, size[1] / 2 - r * up
+
+    def rows_near(self, direction: Vector, angle_rad: float, size: Size) -> range:
+        """Return the rows around the direction's picture; nothing outside the field."""
+        theta = math.acos(max(-1.0, min(1.0, direction[2])))
+        if theta > self.half_field_rad + angle_rad:
+            return range(0)
+        flat = math.hypot(direction[0], direction[1]) or 1.0
+        cos_top, sin_top = math.cos(self.top_azimuth_rad), math.sin(self.top_azimuth_rad)
+        up = (direction[0] * sin_top + direction[1] * cos_top) / flat
+        row = size[1] / 2 - 2 * self._focal_px(size) * math.sin(theta / 2) * up
+        # Tangentially the picture is stretched by at most sqrt(2) inside a half sphere.
+        reach = 1.5 * angle_rad * self._focal_px(size) + 1
+        return range(max(math.floor(row - reach), 0), min(math.ceil(row + reach) + 1, size[1]))
+
+    def solid_angle_sr(self, x: Floats, y: Floats, size: Size) -> Floats:
+        """Return f-2 inside the field: an equisolid pixel covers the same solid angle everywhere."""
+        _, _, r2 = self._plane(x, y, size)
+        limit = (2 * self._focal_px(size) * math.sin(self.half_field_rad / 2)) ** 2
+        return np.where(r2 <= limit, self._focal_px(size) ** -2, 0).astype(np.float32)
+
+    def pixel_rad(self, size: Size) -> float:
+        """Return the angle of a pixel at the zenith."""
+        return 1 / self._focal_px(size)
+
+    def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
+        """Return the fall-off, 0 outside the field."""
+        _, _, r2 = self._plane(x, y, size)
+        r2 = r2 / (2 * self._focal_px(size) * math.sin(self.half_field_rad / 2)) ** 2
+        return np.where(r2 <= 1, _polynomial(np.minimum(r2, 1), self.vignetting), 0).astype(np.float32)
+
+    def _focal_px(self, size: Size) -> float:
+        return self.focal_length_mm / self.sensor_width_mm * size[0]
+
+    def _plane(
+        self, x: Floats, y: Floats, size: Size
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        right, up = np.broadcast_arrays(
+            np.asarray(x, dtype=np.float64) - size[0] / 2, size[1] / 2 - np.asarray(y, dtype=np.float64)
+        )
+        return right, up, right * right + up * up
+
+
+def _polynomial(r: npt.NDArray[np.floating], coefficients: tuple[float, ...]) -> npt.NDArray[np.floating]:
+    """Return 1 + c1 r + c2 r2 + ..."""
+    total = np.zeros_like(r)
+    for coefficient in reversed(coefficients):
+        total = (total + coefficient) * r
+    return 1 + total

@@ -1,0 +1,263 @@
+"""Pictures for the simulated cameras: rendered before the capture, kept on disk, served in milliseconds.
+
+Rendering runs in worker processes, in bands of rows, so that the station stays small; at the moment of exposure
+only the EXIF segments are put into finished JPEG bytes.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+
+from mocks.instruments.exposures import ShotRequest
+from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye, Size
+from mocks.optics.optics import CameraOptics
+from mocks.optics.picture_cache import PictureCache, content_key
+from mocks.optics.picture_jobs import (
+    ImageJob,
+    PictureJob,
+    RawFrame,
+    bands,
+    cr2_file,
+    dng_file,
+    exif_segment,
+    expose,
+    finish_image,
+    gpano_segment,
+    is_whole_jpeg,
+    mosaic,
+    render_band,
+    splice,
+)
+from mocks.optics.sensor import Exposure
+from mocks.worlds.light import World, mean_weights
+
+# Raise when rendering changes, so that old pictures are not served.
+_RENDER_VERSION = 6
+# Below this many pixels a worker process costs more than it saves.
+_POOL_FROM_PX = 3_000_000
+_RAW_WIDTH_PX = 702
+_THETA_FOCAL_MM = 2.6
+
+# `map`, or the same over worker processes.
+_Map: TypeAlias = Callable[..., Iterable[Any]]
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """One picture that is wanted: its exposure, and how bright each component of the light is meanwhile."""
+
+    exposure: Exposure
+    weights: tuple[float, ...]
+
+
+class RenderedShots:
+    """The pictures of one simulated camera (a `mocks.instruments.exposures.ShotSource`).
+
+    Parameters
+    ----------
+    world, optics
+        What is looked at, and through what.
+    seed
+        Of the noise; every stop has noise of its own.
+    cache
+        Where pictures are kept; by default the user's cache folder, 2 GB at most.
+    workers
+        Processes that render, 0 to render in this one.
+    on_progress
+        Called with steps done and steps in all while rendering (some seconds for a full-size image).
+    """
+
+    def __init__(
+        self,
+        world: World,
+        optics: CameraOptics,
+        *,
+        seed: int = 0,
+        cache: PictureCache | None = None,
+        workers: int = 2,
+        on_progress: Callable[[int, int], None] | None = None,
+    ) -> None:
+        self.world = world
+        self.optics = optics
+        self.seed = seed
+        self.cache = cache or PictureCache()
+        self.workers = workers
+        self._on_progress = on_progress
+        self._world_key = world.key
+        self._times_s: dict[float, float] = {}
+
+    def prepare(
+        self,
+        shutters_s: Sequence[float],
+        width: int,
+        height: int,
+        *,
+        settings: Exposure | None = None,
+        times_s: Sequence[float] | None = None,
+        raw: bool = False,
+    ) -> int:
+        """Render what is not in the cache yet; return how many pictures were rendered.
+
+        ``settings`` are the camera's other settings (its ``shutter_s`` is not used; by default the paper's);
+        ``times_s`` are the world times at which the stops begin (0 by default), if the light varies; ``raw``
+        prepares raw frames too.
+        """
+        usual = settings or self.optics.usual_settings
+        if times_s is not None:
+            pairs = zip(shutters_s, times_s, strict=True)
+            self._times_s.update({_rounded(shutter): time for shutter, time in pairs})
+        exposures = [replace(usual, shutter_s=_rounded(shutter)) for shutter in shutters_s]
+        shots = [self._shot(exposure) for exposure in exposures]
+        return self._render(shots, (width, height), raw=raw)
+
+    def jpeg(self, request: ShotRequest) -> bytes:
+        """Return the JPEG of an exposure; one that was not prepared is rendered now, which takes seconds."""
+        shot, size = self._shot_of(request), (request.width_px, request.height_px)
+        key = self._key(shot, size)
+        data = self.cache.read(key, ".jpg")
+        if data is None or not is_whole_jpeg(data):
+            if data is not None:
+                self.cache.path(key, ".jpg").unlink(missing_ok=True)
+            self._render([shot], size, raw=False)
+            data = self.cache.path(key, ".jpg").read_bytes()
+        segments = [exif_segment(request, self._focal_length_mm)]
+        if isinstance(self.optics.lens, EquirectangularLens):
+            segments.append(gpano_segment(*size))
+        return splice(data, segments)
+
+    def raw(self, request: ShotRequest) -> bytes:
+        """Return a small but real raw file of an exposure: CR2 from a Canon, DNG otherwise."""
+        shot, size = self._shot_of(request), (request.width_px, request.height_px)
+        key = self._key(shot, size)
+        data = self.cache.read(key, ".mosaic")
+        if data is None:
+            self._render([shot], size, raw=True)
+            data = self.cache.path(key, ".mosaic").read_bytes()
+        step = _raw_step(size)
+        shape = (size[1] // step // 2 * 2, size[0] // step // 2 * 2)
+        sensor = self.optics.sensor
+        counts = np.frombuffer(data, dtype=np.uint16).reshape(shape)
+        frame = RawFrame(counts, sensor.raw_black, 2**sensor.raw_bits - 1)
+        return cr2_file(frame, request) if request.manufacturer.startswith("Canon") else dng_file(frame, request)
+
+    @property
+    def _focal_length_mm(self) -> float:
+        lens = self.optics.lens
+        return lens.focal_length_mm if isinstance(lens, EquisolidFisheye) else _THETA_FOCAL_MM
+
+    def _shot_of(self, request: ShotRequest) -> _Shot:
+        shutter_s = _rounded(request.shutter_s)
+        return self._shot(Exposure(shutter_s, request.iso, request.f_number, request.color_temperature_k))
+
+    def _shot(self, exposure: Exposure) -> _Shot:
+        start_s = self._times_s.get(exposure.shutter_s, 0.0)
+        open_s = self.optics.sensor.true_shutter.seconds(exposure.shutter_s)
+        return _Shot(exposure, mean_weights(self.world, start_s, open_s))
+
+    def _image_key(self, size: Size) -> str:
+        seen = (self.optics.site, self.optics.lens, self.optics.filter, self.optics.samples_per_side(size))
+        return content_key(_RENDER_VERSION, self._world_key, *seen, size)
+
+    def _key(self, shot: _Shot, size: Size) -> str:
+        return content_key(_RENDER_VERSION, self._world_key, self.optics.key, size, shot, self.seed)
+
+    def _render(self, shots: list[_Shot], size: Size, *, raw: bool) -> int:
+        """Render the shots that the cache lacks."""
+        image_key = self._image_key(size)
+        if not self._missing(shots, size, ".jpg") and not (raw and self._missing(shots, size, ".mosaic")):
+            return 0
+        with self.cache.rendering():
+            missing = self._missing(shots, size, ".jpg")
+            raw_missing = self._missing(shots, size, ".mosaic") if raw else []
+            if not missing and not raw_missing:
+                return 0
+            image = self.cache.path(image_key, ".image")
+            with self._mapper(size) as run:
+                image_steps = 0 if self.cache.holds(image_key, ".image") else len(bands(size))
+                steps = _Steps(image_steps + len(missing), self._on_progress)
+                if image_steps:
+                    self._render_image(image_key, size, lambda *work: steps.counted(run(*work)))
+                tasks = [(self._job(shot, size, image), self._key(shot, size)) for shot in missing]
+                list(steps.counted(run(_Expose(self.cache), tasks)))
+            for shot in raw_missing:
+                counts = mosaic(self._job(shot, size, image), _raw_step(size))
+                self.cache.write(self._key(shot, size), ".mosaic", counts.tobytes())
+        return len(missing)
+
+    def _missing(self, shots: list[_Shot], size: Size, suffix: str) -> list[_Shot]:
+        return [shot for shot in shots if not self.cache.holds(self._key(shot, size), suffix)]
+
+    def _job(self, shot: _Shot, size: Size, image: Path) -> PictureJob:
+        seed = int(self._key(shot, size)[:15], 16)
+        return PictureJob(self.optics, size, image, shot.exposure, shot.weights, seed)
+
+    def _render_image(self, key: str, size: Size, run: _Map) -> None:
+        with self.cache.new_file(key, ".image") as path:
+            job = ImageJob(self.world, self.optics, size, path)
+            finish_image(job, list(run(_Band(job), bands(size))))
+
+    @contextmanager
+    def _mapper(self, size: Size) -> Iterator[_Map]:
+        """Give a map function: over worker processes where the work is large, else the built-in one."""
+        if self.workers < 1 or size[0] * size[1] < _POOL_FROM_PX:
+            yield map
+            return
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(
+            self.workers, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,)
+        ) as pool:
+            yield pool.map
+
+
+class _Steps:
+    """Counts finished work and tells the listener."""
+
+    def __init__(self, total: int, listener: Callable[[int, int], None] | None) -> None:
+        self._done, self._total, self._listener = 0, total, listener
+
+    def counted(self, results: Iterable[Any]) -> Iterator[Any]:
+        for result in results:
+            self._done += 1
+            if self._listener:
+                self._listener(self._done, self._total)
+            yield result
+
+
+@dataclass(frozen=True)
+class _Band:
+    """Callable that a worker process can be sent: renders one band of an image."""
+
+    job: ImageJob
+
+    def __call__(self, rows: range) -> tuple[object, float]:
+        return render_band(self.job, rows)
+
+
+class _Expose:
+    """Callable that a worker process can be sent: exposes one picture and stores it."""
+
+    def __init__(self, cache: PictureCache) -> None:
+        self._cache = cache
+
+    def __call__(self, task: tuple[PictureJob, str]) -> None:
+        job, key = task
+        self._cache.holds(job.image.stem, job.image.suffix)  # marks it as in use
+        self._cache.write(key, ".jpg", expose(job))
+
+
+def _rounded(shutter_s: float) -> float:
+    """Return the time to six digits: a camera may say 0.016667 for 1/60."""
+    return float(f"{shutter_s:.6g}")
+
+
+def _raw_step(size: Size) -> int:
+    return max(1, round(size[0] / _RAW_WIDTH_PX))

@@ -1,0 +1,156 @@
+"""What is wrong with a furnished room: things through walls, each other, doors, windows, the camera or the meter."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+from shapely.geometry import LineString, Polygon
+from shapely.geometry import Point as Spot
+
+from mocks.rooms.furnish.space import Volume, footprint, volumes
+from mocks.rooms.model import Fixture, Item, Plan, Role
+from mocks.rooms.plan.space import FLUSH_M, door_swing, fixture_floor
+
+CAMERA_FREE_M = 0.65
+"""Nothing stands nearer to the camera's axis, but the tripod."""
+WINDOW_FREE_M = 0.45
+"""Depth of the strip before a window where nothing rises above the sill."""
+BOARD_NEAR_M, BOARD_FAR_M = 1.0, 2.0
+BOARD_TURN_RAD = math.radians(35.0)
+"""Between the board's normal and the way to the camera."""
+UNDERFOOT = frozenset({"rug"})
+"""Kinds that others may stand on: feet sink into the pile."""
+
+
+def check_items(plan: Plan, items: tuple[Item, ...]) -> list[str]:
+    """Return what is wrong; an empty list for a room as it should be."""
+    found = [f"{item.kind} {item.instance}: {problem}" for item in items for problem in item_problems(plan, item)]
+    for k, a in enumerate(items):
+        found += [f"{a.kind} {a.instance} and {b.kind} {b.instance}: overlap" for b in items[k + 1 :] if overlap(a, b)]
+    numbers = sorted(item.instance for item in items)
+    if numbers != list(range(1, len(items) + 1)):
+        found.append(f"instances are not 1 to {len(items)}")
+    for kind in ("tripod", "meter board"):
+        if sum(item.kind == kind for item in items) != 1:
+            found.append(f"not one {kind}")
+    for board in (item for item in items if item.kind == "meter board"):
+        found += [f"meter board hidden by {i.kind} {i.instance}" for i in items if hides_board(board, i)]
+    return found
+
+
+def item_problems(plan: Plan, item: Item) -> list[str]:
+    """Return what is wrong with an item by itself in the room."""
+    floor, found = footprint(item), []
+    room = ground(plan)
+    if not room.covers(floor):
+        found.append("outside the room")
+    low, high = item.position_m[2], item.position_m[2] + item.size_m[2]
+    if high > plan.height_m or low < 0.0:
+        found.append("above the ceiling or below the floor")
+    if any(
+        low < door.height_m and swing.intersects(floor) for door, swing in zip(plan.doors, swings(plan), strict=True)
+    ):
+        found.append("in the way of a door")
+    if any(high > sill and low < head and strip.intersects(floor) for strip, sill, head in window_strips(plan)):
+        found.append("in front of a window")
+    if item.kind not in UNDERFOOT and item.kind != "tripod" and floor.distance(Spot(0.0, 0.0)) < CAMERA_FREE_M:
+        found.append("too near the camera")
+    if any(v.meets(f) for v in volumes(item) for f in fixture_volumes(plan)):
+        found.append("in a fixture")
+    if item.kind == "meter board":
+        found += _board_problems(item)
+    return found
+
+
+def _board_problems(board: Item) -> list[str]:
+    x, y, _ = board.position_m
+    found = []
+    if not BOARD_NEAR_M <= math.hypot(x, y) <= BOARD_FAR_M:
+        found.append("not 1 to 2 m from the camera")
+    facing = (math.sin(board.turn_rad), -math.cos(board.turn_rad))
+    if -(x * facing[0] + y * facing[1]) / math.hypot(x, y) < math.cos(BOARD_TURN_RAD):
+        found.append("turned from the camera")
+    return found
+
+
+def overlap(a: Item, b: Item) -> bool:
+    """Return whether two items are in each other; what stands on a rug is not."""
+    if (a.kind in UNDERFOOT) != (b.kind in UNDERFOOT):
+        rug, other = (a, b) if a.kind in UNDERFOOT else (b, a)
+        return other.role is Role.CLUTTER and other.position_m[2] < 1e-6 and rug.size_m[2] > 0.02
+    reach = (math.hypot(*a.size_m[:2]) + math.hypot(*b.size_m[:2])) / 2
+    if math.hypot(a.position_m[0] - b.position_m[0], a.position_m[1] - b.position_m[1]) > reach:
+        return False
+    return any(v.meets(w) for v in volumes(a) for w in volumes(b))
+
+
+def hides_board(board: Item, item: Item) -> bool:
+    """Return whether an item stands between the camera and the face of the meter board."""
+    if item.kind in ("tripod", "meter board"):
+        return False
+    middle = (board.position_m[0], board.position_m[1])
+    along = (math.cos(board.turn_rad) * board.size_m[0] / 2, math.sin(board.turn_rad) * board.size_m[0] / 2)
+    edges = [(middle[0] - along[0], middle[1] - along[1]), (middle[0] + along[0], middle[1] + along[1])]
+    sight = Polygon([(0.0, 0.0), *edges]).buffer(0.02)
+    far = math.hypot(*middle)
+    low = board.position_m[2] + board.size_m[2] - 0.5
+    return any(_rises_above(v, sight, middle, far, low) for v in volumes(item))
+
+
+def _rises_above(volume: Volume, sight: Polygon, middle: tuple[float, float], far: float, low: float) -> bool:
+    """Return whether a prism reaches into the lowest rays from the camera (1.6 m) to the board."""
+    shared = volume.floor.intersection(sight)
+    if shared.is_empty:
+        return False
+    x0, y0, x1, y1 = shared.bounds
+    nearest = max((x * middle[0] + y * middle[1]) / far**2 for x in (x0, x1) for y in (y0, y1))
+    ray = 1.6 + min(max(nearest, 0.0), 1.0) * (low - 1.6)
+    return bool(volume.high_m > ray)
+
+
+@lru_cache(maxsize=64)
+def ground(plan: Plan) -> Polygon:
+    """Return the floor."""
+    return Polygon(plan.polygon)
+
+
+@lru_cache(maxsize=64)
+def swings(plan: Plan) -> tuple[Polygon, ...]:
+    """Return the floor that each door needs."""
+    return tuple(door_swing(door, plan) for door in plan.doors)
+
+
+@lru_cache(maxsize=64)
+def window_strips(plan: Plan) -> tuple[tuple[Polygon, float, float], ...]:
+    """Return for each window the floor before it, its sill and its head."""
+    found = []
+    for w in plan.windows:
+        near, far = w.start_m, w.start_m + w.width_m
+        ends = ((near, 0.0), (far, 0.0), (far, WINDOW_FREE_M), (near, WINDOW_FREE_M))
+        strip = Polygon([plan.on_wall(w.wall, a, b) for a, b in ends])
+        found.append((strip, w.sill_m, w.sill_m + w.height_m))
+    return tuple(found)
+
+
+@lru_cache(maxsize=64)
+def fixture_volumes(plan: Plan) -> tuple[Volume, ...]:
+    """Return the space that fixtures take, sockets and switches apart."""
+    return tuple(
+        Volume(_fixture_floor(plan, f), f.bottom_m, f.bottom_m + f.height_m)
+        for f in plan.fixtures
+        if f.wall < 0 or f.depth_m >= FLUSH_M
+    )
+
+
+def _fixture_floor(plan: Plan, fixture: Fixture) -> Polygon:
+    if fixture.wall >= 0:
+        return fixture_floor(fixture, plan)
+    return Spot(fixture.centre).buffer(fixture.width_m / 2)
+
+
+def sees_window(plan: Plan, board: Item) -> bool:
+    """Return whether a window lies straight behind the meter board, seen from the camera."""
+    x, y, _ = board.position_m
+    ray = LineString([(0.0, 0.0), (6 * x, 6 * y)])
+    return any(strip.buffer(0.2).intersects(ray) for strip, _, _ in window_strips(plan))

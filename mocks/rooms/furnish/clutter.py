@@ -1,0 +1,137 @@
+"""What gathers in any room: lamps, plants, pictures, things on tables, shelves and floors."""
+
+from __future__ import annotations
+
+import math
+
+from mocks.rooms.furnish.space import Arrangement, beside
+from mocks.rooms.model import Item, Role
+
+EYE_M = 1.5
+"""Pictures hang with their middle about here."""
+
+
+def rug_fits(floor_name: str) -> bool:
+    """Return whether one would lay a rug on this floor."""
+    return "carpet" not in floor_name
+
+
+def picture_over(a: Arrangement, below: Item) -> None:
+    """Hang a picture, or two side by side, over a piece of furniture."""
+    h = a.draw(0.4, 0.8)
+    w = min(h * a.draw(0.75, 1.7), below.size_m[0] * 0.8)
+    top_of = below.position_m[2] + below.size_m[2]
+    low = round(max(top_of + 0.18, EYE_M - h / 2), 3)
+    if low + h < a.plan.height_m - 0.15:
+        a.hang_over(below, "picture", (round(w, 3), 0.025, h), low)
+
+
+def wall_things(a: Arrangement, pictures: int) -> None:
+    """Hang pictures, and now and then a clock or a shelf, on what walls are left."""
+    for _ in range(pictures):
+        h = a.draw(0.3, 0.75) if a.chance(0.6) else a.draw(0.7, 1.05)
+        a.hang("picture", (round(h * a.draw(0.7, 1.4), 3), 0.025, h), round(EYE_M - h / 2, 3))
+    if a.chance(0.2):
+        d = a.draw(0.24, 0.34)
+        a.hang("wall clock", (d, 0.04, d), a.draw(1.65, 1.8))
+    if a.chance(0.3):
+        a.hang("wall shelf", (a.draw(0.6, 1.1), 0.2, 0.28), a.draw(1.35, 1.55))
+
+
+def plants(a: Arrangement, most: int) -> None:
+    """Stand plants in corners and by walls, the first one large."""
+    for k in range(int(a.rng.integers(0, most + 1))):
+        h = a.draw(0.9, 1.6) if k == 0 else a.draw(0.35, 0.8)
+        w = round(min(0.7, 0.5 * h + 0.05), 3)
+        a.against_wall("plant", (w, w, h), role=Role.CLUTTER)
+
+
+def floor_lamp_by(a: Arrangement, seat: Item) -> Item | None:
+    """Stand a floor lamp beside a seat, a little back."""
+    w = a.draw(0.36, 0.46)
+    for side in (-1, 1) if a.chance(0.5) else (1, -1):
+        x, y = beside(seat, side * (seat.size_m[0] / 2 + w / 2 + 0.06), seat.size_m[1] / 2 - w / 2)
+        placed = a.add(a.item("floor lamp", (w, w, a.draw(1.45, 1.75)), (x, y, 0.0), a.draw(0, 6.28)))
+        if placed:
+            return placed
+    return None
+
+
+def things_on(a: Arrangement, support: Item, most: int) -> None:
+    """Put small things on top of a table or a cabinet, more of them where people are messy."""
+    for _ in range(int(a.rng.binomial(most, 0.25 + 0.6 * a.messy))):
+        kind = str(a.rng.choice(["books", "mug", "vase", "bottle", "bowl", "plant", "box"], p=SHARES))
+        a.put_on(support, kind, _small_size(a, kind), turn_rad=a.draw(-0.6, 0.6))
+
+
+SHARES = (0.3, 0.18, 0.14, 0.1, 0.12, 0.1, 0.06)
+
+
+def _small_size(a: Arrangement, kind: str) -> tuple[float, float, float]:
+    """Return a usual size of a small thing."""
+    if kind == "books":
+        return (a.draw(0.19, 0.24), a.draw(0.24, 0.3), a.draw(0.03, 0.14))
+    if kind == "mug":
+        return (0.115, 0.085, 0.095)
+    if kind == "bottle":
+        return (0.076, 0.076, a.draw(0.27, 0.32))
+    if kind == "bowl":
+        w = a.draw(0.2, 0.28)
+        return (w, w, 0.09)
+    if kind == "box":
+        return (a.draw(0.18, 0.28), a.draw(0.14, 0.2), a.draw(0.09, 0.16))
+    w = a.draw(0.12, 0.2)
+    return (w, w, a.draw(0.18, 0.3)) if kind == "vase" else (w, w, a.draw(0.2, 0.32))
+
+
+def cushions_on(a: Arrangement, seat: Item, count: int) -> None:
+    """Set cushions on a sofa, leaning against its back, none quite straight."""
+    places = sorted(float(v) for v in a.rng.uniform(-1, 1, count))
+    for place in places:
+        side = a.draw(0.38, 0.48)
+        along = place * max(seat.size_m[0] / 2 - 0.24 - side / 2, 0.0)
+        x, y = beside(seat, along, seat.size_m[1] / 2 - 0.46 - 0.14)
+        lean = (("lean", a.draw(0.25, 0.5)),)
+        turn = seat.turn_rad + float(a.rng.normal(0, 0.1))
+        a.add(a.item("cushion", (side, 0.28, side), (x, y, 0.470), turn, lean, Role.CLUTTER))
+
+
+def on_the_floor(a: Arrangement, toys: bool) -> None:
+    """Leave things on the floor: a basket, boxes, books, toys, a ball."""
+    if a.chance(0.2 + 0.4 * a.messy):
+        w = a.draw(0.3, 0.42)
+        a.on_floor("basket", (w, w, a.draw(0.26, 0.4)))
+    for _ in range(int(a.rng.poisson(1.6 * a.messy))):
+        kind = str(a.rng.choice(["box", "books", "toy blocks", "toy ball"] if toys else ["box", "books"]))
+        if kind == "box":
+            a.on_floor("box", (a.draw(0.25, 0.5), a.draw(0.2, 0.38), a.draw(0.18, 0.36)))
+        elif kind == "books":
+            a.on_floor("books", (0.23, 0.29, a.draw(0.03, 0.25)))
+        elif kind == "toy blocks":
+            a.on_floor("toy blocks", (a.draw(0.35, 0.6), a.draw(0.35, 0.6), 0.08), edge_m=1.0)
+        else:
+            w = a.draw(0.12, 0.24)
+            a.on_floor("toy ball", (w, w, w), edge_m=1.0)
+
+
+def rug_under(
+    a: Arrangement, x: float, y: float, size: tuple[float, float], turn_rad: float, floor_name: str
+) -> Item | None:
+    """Lay a rug with its middle at a place; smaller ones are tried where it does not fit."""
+    if not rug_fits(floor_name):
+        return None
+    for scale in (1.0, 0.85, 0.7):
+        w, d = round(size[0] * scale, 3), round(size[1] * scale, 3)
+        rug = a.item("rug", (w, d, a.draw(0.008, 0.015)), (x, y, 0.0), turn_rad + float(a.rng.normal(0, 0.02)))
+        placed = a.add(rug)
+        if placed:
+            return placed
+    return None
+
+
+def quarter(a: Arrangement) -> float:
+    """Return one of the four turns that are square to the room's longest wall."""
+    plan = a.plan
+    wall = max(range(len(plan.polygon)), key=plan.wall_length_m)
+    (ax, ay), _ = plan.wall_axes(wall)
+    return math.atan2(ay, ax) + math.pi / 2 * int(a.rng.integers(4))

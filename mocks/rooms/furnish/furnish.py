@@ -1,0 +1,172 @@
+"""Furnish a room as people do: what its use needs, against walls and round tables, then what gathers in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from shapely.geometry import Polygon
+
+from mocks.rooms.furnish import (
+    bedroom as furnish_bedroom,
+)
+from mocks.rooms.furnish import (
+    dining as furnish_dining,
+)
+from mocks.rooms.furnish import (
+    living as furnish_living,
+)
+from mocks.rooms.furnish import (
+    office as furnish_office,
+)
+from mocks.rooms.furnish.check import check_items, hides_board, sees_window
+from mocks.rooms.furnish.clutter import floor_lamp_by, picture_over, things_on, wall_things
+from mocks.rooms.furnish.space import Arrangement
+from mocks.rooms.model import Finish, Item, Plan, Role, Use
+
+# Fill large rooms as people do: a second place to eat or work, more along the walls, pictures where they are bare.
+
+
+PLAIN_M2 = 11.0
+"""Rooms up to this size have enough without."""
+PIECE_M2 = 5.0
+"""About one more piece for each of these."""
+PICTURE_M = 6.0
+"""Of the room's perimeter for one picture more."""
+
+PIECES: dict[Use, tuple[str, ...]] = {
+    Use.LIVING: ("bookcase", "cabinet", "armchair", "chest of drawers", "plant", "bookcase"),
+    Use.BEDROOM: ("chest of drawers", "wardrobe", "armchair", "bookcase", "plant", "chair"),
+    Use.DINING: ("cabinet", "bookcase", "plant", "armchair", "cabinet"),
+    Use.OFFICE: ("bookcase", "cabinet", "armchair", "plant", "bookcase", "chest of drawers"),
+}
+
+
+def fill(a: Arrangement, finish: Finish) -> None:
+    """Place more in a large room; some people leave theirs as it is."""
+    floor = Polygon(a.plan.polygon)
+    spare_m2 = floor.area - PLAIN_M2
+    _second_place(a, finish, floor.area)
+    for _ in range(int(a.rng.poisson(max(spare_m2, 0.0) / PIECE_M2 * a.draw(0.4, 1.4)))):
+        kind = str(a.rng.choice(PIECES[a.plan.use]))
+        _piece(a, kind)
+    wall_things(a, int(a.rng.binomial(max(int(floor.length / PICTURE_M), 1), 0.7)))
+
+
+def _second_place(a: Arrangement, finish: Finish, area_m2: float) -> None:
+    """Place a table to eat at in a large living room, a desk in others."""
+    if a.plan.use is Use.LIVING and area_m2 > 19.0 and a.chance(0.65):
+        # Not where people look from the sofa; a living room that could only be a study has none.
+        for sofa in [item for item in a.items if item.kind == "sofa"]:
+            a.keep_free(sofa, 1.7, 0.3)
+        if furnish_dining.essentials(a, finish):
+            things_on(a, next(item for item in a.items if item.kind == "dining table"), 4)
+    elif a.plan.use is Use.BEDROOM and area_m2 > 13.0 and a.chance(0.45):
+        furnish_office.workplace(a, finish)
+
+
+def _piece(a: Arrangement, kind: str) -> None:
+    """Stand one more piece against a wall, with what goes with it."""
+    placed = _stood(a, kind)
+    if placed is None:
+        return
+    if kind in ("cabinet", "chest of drawers"):
+        things_on(a, placed, 5)
+        picture_over(a, placed)
+    elif kind == "armchair" and a.chance(0.6):
+        floor_lamp_by(a, placed)
+
+
+def _stood(a: Arrangement, kind: str) -> Item | None:
+    if kind == "plant":
+        h = a.draw(0.9, 1.7)
+        w = round(min(0.75, 0.5 * h + 0.05), 3)
+        return a.against_wall(kind, (w, w, h), role=Role.CLUTTER)
+    size = {
+        "bookcase": (a.draw(0.7, 1.6), a.draw(0.28, 0.36), a.draw(1.2, 2.1)),
+        "cabinet": (a.draw(1.0, 1.9), a.draw(0.4, 0.46), a.draw(0.7, 0.95)),
+        "chest of drawers": (a.draw(0.75, 1.2), a.draw(0.42, 0.5), a.draw(0.72, 1.0)),
+        "wardrobe": (a.draw(1.0, 2.0), 0.6, round(min(a.draw(1.9, 2.2), a.plan.height_m - 0.08), 3)),
+        "armchair": (a.draw(0.72, 0.85), a.draw(0.78, 0.86), a.draw(0.76, 0.86)),
+        "chair": (0.45, 0.53, a.draw(0.8, 0.88)),
+    }[kind]
+    return a.against_wall(kind, size, front_m=0.0 if kind in ("armchair", "chair") else 0.4)
+
+
+__all__ = ["check_items", "furnish"]
+
+ATTEMPTS = 6
+BOARD_TRIES = 60
+TRIPOD_M = (0.82, 0.82, 1.475)
+"""Feet on a circle of 0.4 m; its head ends below the camera."""
+
+Step = Callable[[Arrangement, Finish], object]
+RECIPES: dict[Use, tuple[Step, Step]] = {
+    Use.BEDROOM: (furnish_bedroom.essentials, furnish_bedroom.extras),
+    Use.LIVING: (furnish_living.essentials, furnish_living.extras),
+    Use.DINING: (furnish_dining.essentials, furnish_dining.extras),
+    Use.OFFICE: (furnish_office.essentials, furnish_office.extras),
+}
+
+
+def furnish(plan: Plan, finish: Finish, rng: np.random.Generator) -> tuple[Item, ...]:
+    """Return the items of a room, `check_items` finding nothing: always tripod and meter board (alone in empty rooms).
+
+    A room too small for what it is meant for is furnished as a study.
+    """
+    uses = [plan.use] * ATTEMPTS + [Use.OFFICE] * 2 if plan.use in RECIPES else []
+    for use in uses:
+        items = _furnished(plan, RECIPES[use], finish, rng)
+        if items is not None:
+            return items
+    return _bare(plan, rng)
+
+
+def _furnished(
+    plan: Plan, recipe: tuple[Step, Step], finish: Finish, rng: np.random.Generator
+) -> tuple[Item, ...] | None:
+    """Return the items, or None if what the room is for or the meter board found no place."""
+    essentials, extras = recipe
+    room = Arrangement(plan, rng, messy=float(rng.beta(1.2, 1.8)))
+    _stand_tripod(room)
+    if not essentials(room, finish) or _stand_board(room) is None:
+        return None
+    extras(room, finish)
+    fill(room, finish)
+    items = tuple(room.items)
+    return None if check_items(plan, items) else items
+
+
+def _bare(plan: Plan, rng: np.random.Generator) -> tuple[Item, ...]:
+    """Return the equipment alone."""
+    room = Arrangement(plan, rng)
+    _stand_tripod(room)
+    for _ in range(20):
+        if _stand_board(room):
+            break
+    return tuple(room.items)
+
+
+def _stand_tripod(room: Arrangement) -> None:
+    room.add(room.item("tripod", TRIPOD_M, (0.0, 0.0, 0.0), room.draw(0.0, 2.1), (), Role.EQUIPMENT))
+
+
+def _stand_board(room: Arrangement) -> Item | None:
+    """Stand the meter board where the camera sees it, roughly facing the camera, rather not before a window."""
+    found: list[Item] = []
+    for _ in range(BOARD_TRIES):
+        far, azimuth = room.draw(1.05, 1.95), room.draw(0.0, 2 * math.pi)
+        x, y = far * math.sin(azimuth), far * math.cos(azimuth)
+        turn = math.atan2(-x, y) + float(np.clip(room.rng.normal(0, 0.15), -0.5, 0.5))
+        size = (0.5, 0.4, room.draw(1.2, 1.45))
+        board = room.item("meter board", size, (x, y, 0.0), turn, (), Role.EQUIPMENT)
+        if _in_sight(room, board) and room.fits(board):
+            found.append(board)
+            if not sees_window(room.plan, board):
+                return room.add(board)
+    return room.add(found[0]) if found else None
+
+
+def _in_sight(room: Arrangement, board: Item) -> bool:
+    return not any(hides_board(board, item) for item in room.items)

@@ -1,0 +1,204 @@
+"""Doors: lining, architrave, the leaf on its hinge with panels and handles, and the closed hallway behind."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from shapely import box as rectangle
+
+from mocks.rooms.mesh import Mesh, Part, box, quad
+from mocks.rooms.model import Door, Finish, Plan
+from mocks.rooms.plan.space import HALL_DEPTH_M, HALL_SIDE_M
+from mocks.rooms.shapes import cylinder, rounded_box, tube, turned
+from mocks.rooms.shell.surfaces import ARCHITRAVE_M, flat, mirrored, on_wall, part_of, plan_rng
+
+LEAF_M = 0.04
+GAP_M = 0.003
+UNDERCUT_M = 0.007
+KNUCKLE_M = 0.016
+"""The hinge's axis before the wall's face: an opened leaf stands clear of the architrave."""
+CASING_M = 0.015
+HANDLE_M = 1.03
+HALL_OVER_M = 0.2
+STYLES = ("flat", "two panels", "four panels", "three panels", "grooves")
+
+
+def door_parts(plan: Plan, finish: Finish) -> list[Part]:
+    """Return all that belongs to the doors; those of one room are alike."""
+    style = str(plan_rng(plan, 2).choice(STYLES, p=[0.28, 0.24, 0.2, 0.16, 0.12]))
+    parts: list[Part] = []
+    for door in plan.doors:
+        own = [part_of(_lining(door), finish.trim, "door frame", "door"), *_leaf(door, finish, style)]
+        parts += on_wall(plan, door.wall, own + _hallway(door, plan, finish))
+    return parts
+
+
+def _lining(door: Door) -> list[Mesh]:
+    """Return the lined hole through the wall, the stop that the leaf shuts against, and both architraves."""
+    x0, x1, h, depth = door.start_m, door.start_m + door.width_m, door.height_m, door.depth_m
+    lining = [
+        quad((x0, 0, 0), (0, 0, h), (0, -depth, 0)),
+        quad((x1, 0, 0), (0, -depth, 0), (0, 0, h)),
+        quad((x0, 0, h), (x1 - x0, 0, 0), (0, -depth, 0)),
+    ]
+    shut = GAP_M + LEAF_M
+    back, front = (-shut - 0.03, -shut) if door.opens == "in" else (-depth + shut, -depth + shut + 0.03)
+    e, t = 0.001, 0.012
+    stops = [
+        rounded_box((x0 - e, back, 0.0), (x0 + t, front, h), 0.002),
+        rounded_box((x1 - t, back, 0.0), (x1 + e, front, h), 0.002),
+        rounded_box((x0, back, h - t), (x1, front, h + e), 0.002),
+    ]
+    a = ARCHITRAVE_M
+    casing = [
+        rounded_box((x0 - a, -e, 0.0), (x0, CASING_M, h + a), 0.004, 2),
+        rounded_box((x1, -e, 0.0), (x1 + a, CASING_M, h + a), 0.004, 2),
+        rounded_box((x0 - e, -e, h), (x1 + e, CASING_M, h + a), 0.004, 2),
+    ]
+    hall_casing = [replace(mirrored(m, 1), vertices=mirrored(m, 1).vertices - (0.0, depth, 0.0)) for m in casing]
+    return [*lining, *stops, *casing, *hall_casing]
+
+
+def _leaf(door: Door, finish: Finish, style: str) -> list[Part]:
+    """Return the leaf where it hangs. It is made shut with its hinge at the origin, opening towards +y."""
+    width, height = door.width_m, door.height_m
+    slab = _slab(width - 2 * GAP_M, height - UNDERCUT_M - GAP_M, style)
+    handles, hinges = _handles(width), _hinges(height)
+
+    def hung(mesh: Mesh) -> Mesh:
+        mesh = turned(mesh, (0.0, 0.0, 1.0), door.open_rad, (0.0, KNUCKLE_M, 0.0))
+        x, y = door.start_m, 0.0
+        if door.hinge == "end":
+            mesh, x = mirrored(mesh, 0), door.start_m + width
+        if door.opens == "out":
+            mesh, y = mirrored(mesh, 1), -door.depth_m
+        return replace(mesh, vertices=mesh.vertices + np.array([x, y, 0.0]))
+
+    return [
+        part_of([hung(m) for m in slab], finish.door, "door", "door"),
+        part_of([hung(m) for m in handles + hinges], finish.metal, "door", "door"),
+    ]
+
+
+def _slab(width: float, height: float, style: str) -> list[Mesh]:
+    """Return the leaf with its panels on both faces, which lie ``GAP_M`` and ``GAP_M + LEAF_M`` behind the wall."""
+    x0, z0, front, back = GAP_M, UNDERCUT_M, -GAP_M, -GAP_M - LEAF_M
+    fields = _fields(style, width, height)
+    if not fields:
+        return [rounded_box((x0, back, z0), (x0 + width, front, z0 + height), 0.002)]
+    sunk = 0.012 if style != "grooves" else 0.004
+    area = rectangle(0.0, 0.0, width, height)
+    for field in fields:
+        area = area.difference(rectangle(*field))
+    inner = 0.001
+    core = box((x0 + inner, back + sunk, z0 + inner), (x0 + width - inner, front - sunk, z0 + height - inner))
+    found = [
+        core,
+        flat(area, (x0, front, z0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), back=True),
+        flat(area, (x0, back, z0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        *_edges(x0, z0, width, height, front, back),
+    ]
+    for a, b, c, d in fields:
+        for face, inwards in ((front, -sunk), (back, sunk)):
+            found += _bevel((x0 + a, z0 + b, x0 + c, z0 + d), face, inwards)
+            if style != "grooves":
+                y0, y1 = sorted((face + inwards * 1.3, face + inwards * 0.35))
+                m = 0.045
+                found.append(rounded_box((x0 + a + m, y0, z0 + b + m), (x0 + c - m, y1, z0 + d - m), 0.005))
+    return found
+
+
+def _fields(style: str, width: float, height: float) -> list[tuple[float, float, float, float]]:
+    """Return the sunk fields of a leaf, as x0, z0, x1, z1 from its lower hinge corner."""
+    stile, rail, foot = 0.115, 0.115, 0.2
+    left, right, middle = stile, width - stile, width / 2
+    lock = 0.95
+    if style == "two panels":
+        return [(left, foot, right, lock - rail / 2), (left, lock + rail / 2, right, height - rail)]
+    if style == "four panels":
+        halves = ((left, middle - 0.05), (middle + 0.05, right))
+        rows = ((foot, lock - 0.2), (lock - 0.02, height - rail))
+        return [(a, b, c, d) for a, c in halves for b, d in rows]
+    if style == "three panels":
+        step = (height - foot - rail + 0.09) / 3
+        return [(left, foot + k * step, right, foot + (k + 1) * step - 0.09) for k in range(3)]
+    if style == "grooves":
+        return [(0.002, z, width - 0.002, z + 0.008) for z in np.arange(1, 5) * height / 5]
+    return []
+
+
+def _bevel(field: tuple[float, float, float, float], face_m: float, sunk_m: float) -> list[Mesh]:
+    """Return the slanted rim of a sunk field: four faces from the leaf's surface down to its bottom."""
+    x0, z0, x1, z1 = field
+    slope = min(abs(sunk_m), (z1 - z0) * 0.45)
+    outer = np.array([(x0, z0), (x1, z0), (x1, z1), (x0, z1)])
+    inner = outer + slope * np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)])
+    found = []
+    for k in range(4):
+        n = (k + 1) % 4
+        ring = [(*outer[k], face_m), (*outer[n], face_m), (*inner[n], face_m + sunk_m), (*inner[k], face_m + sunk_m)]
+        corners = np.array([(x, y, z) for x, z, y in ring])
+        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
+        normal /= np.linalg.norm(normal)
+        if normal[1] * sunk_m > 0:  # Faces look out of the leaf, against the way the field is sunk.
+            corners, normal = corners[::-1], -normal
+        uv = np.ascontiguousarray(corners[:, [0, 2]])
+        found.append(Mesh(corners, np.tile(normal, (4, 1)), uv, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)))
+    return found
+
+
+def _edges(x0: float, z0: float, width: float, height: float, front: float, back: float) -> list[Mesh]:
+    thick = front - back
+    return [
+        quad((x0, back, z0), (0, 0, height), (0, thick, 0)),
+        quad((x0 + width, back, z0), (0, thick, 0), (0, 0, height)),
+        quad((x0, back, z0), (0, thick, 0), (width, 0, 0)),
+        quad((x0, back, z0 + height), (width, 0, 0), (0, thick, 0)),
+    ]
+
+
+def _handles(width: float) -> list[Mesh]:
+    """Return rose, neck, lever and key plate on both faces."""
+    x, z = width - 0.065, HANDLE_M
+    found = []
+    for face, way in ((-GAP_M, 1.0), (-GAP_M - LEAF_M, -1.0)):
+        start = (x, face, z)
+        turn = -way * math.pi / 2
+        rose = turned(cylinder(start, 0.026, 0.008, 0.003), (1.0, 0.0, 0.0), turn, start)
+        neck = turned(cylinder(start, 0.0095, 0.048, 0.0, 14), (1.0, 0.0, 0.0), turn, start)
+        y = face + way * 0.047
+        lever = tube([(x + 0.009, y, z), (x - 0.05, y + way * 0.003, z), (x - 0.12, y, z - 0.002)], 0.0095, 12)
+        low = (x, face, z - 0.075)
+        plate = turned(cylinder(low, 0.024, 0.006, 0.002), (1.0, 0.0, 0.0), turn, low)
+        found += [rose, neck, lever, plate]
+    return found
+
+
+def _hinges(height: float) -> list[Mesh]:
+    """Return the knuckles of two hinges, at the axis that the leaf turns about."""
+    return [cylinder((0.0, KNUCKLE_M - 0.006, z), 0.007, 0.09, 0.003, 12) for z in (0.2, height - 0.3)]
+
+
+def _hallway(door: Door, plan: Plan, finish: Finish) -> list[Part]:
+    """Return the closed, dark room behind: its walls, floor and ceiling look inwards."""
+    x0, x1 = door.start_m - HALL_SIDE_M, door.start_m + door.width_m + HALL_SIDE_M
+    near, far = -door.depth_m, -door.depth_m - HALL_DEPTH_M
+    top = min(door.height_m + HALL_OVER_M, plan.height_m)
+    wide, deep = x1 - x0, near - far
+    hole = rectangle(door.start_m, 0.0, door.start_m + door.width_m, door.height_m)
+    face = rectangle(x0, 0.0, x1, top).difference(hole)
+    sides = [
+        flat(face, (0.0, near, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        quad((x0, far, 0), (0, 0, top), (wide, 0, 0)),
+        quad((x0, far, 0), (0, deep, 0), (0, 0, top)),
+        quad((x1, far, 0), (0, 0, top), (0, deep, 0)),
+    ]
+    floor = quad((x0, far, 0), (wide, 0, 0), (0, deep, 0))
+    threshold = quad((door.start_m, near, 0), (door.width_m, 0, 0), (0, door.depth_m, 0), (door.start_m - x0, deep))
+    return [
+        part_of(sides, finish.wall, "hallway"),
+        part_of([floor, threshold], finish.floor, "hallway", "floor"),
+        part_of(quad((x0, far, top), (0, deep, 0), (wide, 0, 0)), finish.ceiling, "hallway", "ceiling"),
+    ]

@@ -1,0 +1,27 @@
+"""Everything of a room that is not furniture, as meshes: walls with their openings, frames, doors and fixtures.
+
+The shell is light-tight: light enters through the panes of `window_panes` and nowhere else. Panes have no mesh.
+"""
+
+from __future__ import annotations
+
+from mocks.rooms.mesh import Part
+from mocks.rooms.model import Finish, Plan
+from mocks.rooms.shell.doors import door_parts
+from mocks.rooms.shell.fixtures import fixture_parts
+from mocks.rooms.shell.surfaces import floor_and_ceiling, mouldings, walls
+from mocks.rooms.shell.windows import Pane, window_panes, window_parts
+
+__all__ = ["Pane", "shell_parts", "window_panes"]
+
+
+def shell_parts(plan: Plan, finish: Finish) -> list[Part]:
+    """Return shell and fixtures of a room, in its coordinates (metres)."""
+    return [
+        *floor_and_ceiling(plan, finish),
+        *walls(plan, finish),
+        *mouldings(plan, finish),
+        *window_parts(plan, finish),
+        *door_parts(plan, finish),
+        *fixture_parts(plan, finish),
+    ]

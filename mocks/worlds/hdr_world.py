@@ -1,0 +1,148 @@
+"""A world made of HDR pictures: one equirectangular picture for the room, one for the sky."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, WorldFileError
+from mocks.worlds.textures import MipTexture
+from processing.ground.arrays import Floats
+
+MAX_PIXELS = 16384 * 8192
+_UNDERSHOOT = 0.05
+_HDR_MAGIC = (b"#?RADIANCE", b"#?RGBE")
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+
+
+@dataclass(frozen=True)
+class HdrWorld(OneLight):
+    """Radiance from two equirectangular HDR pictures (.hdr or .exr), twice as wide as high.
+
+    The centre column looks along y (ahead), the first row up. ``scale`` turns the indoor picture's values into
+    cd/m2, ``outdoor_scale`` the outdoor picture's. The sun, where there is one, is part of the picture.
+    """
+
+    indoor: Path
+    outdoor: Path
+    scale: float = 100.0
+    outdoor_scale: float = 5000.0
+    drift: LightDrift = field(default_factory=LightDrift)
+
+    @property
+    def key(self) -> str:
+        """Return digests of both files and the scales."""
+        digests = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (self.indoor, self.outdoor)]
+        return f"HdrWorld {digests} {self.scale!r} {self.outdoor_scale!r}"
+
+    def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
+        """Return the picture's radiance, bilinear, averaged over ``pixel_rad`` where that is coarser."""
+        texture = self._texture(site)
+        height, width = texture.shape
+        longitude = np.arctan2(directions[..., 0], directions[..., 1])
+        latitude = np.arcsin(np.clip(directions[..., 2], -1, 1))
+        column = (longitude / (2 * math.pi) + 0.5) * width - 0.5
+        row = (0.5 - latitude / math.pi) * height - 0.5
+        level = texture.level_for(pixel_rad * height / math.pi)
+        return texture.sample(column, row, level)
+
+    def discs(self, site: Site) -> tuple[BrightDisc, ...]:
+        """Return none: the pictures hold their own sun."""
+        return ()
+
+    def open_sky(self, site: Site, directions: Floats) -> Floats:
+        """Return 1 everywhere: there is no disc to hide."""
+        return np.ones(directions.shape[:-1], dtype=np.float32)
+
+    def _texture(self, site: Site) -> MipTexture:
+        path, scale = (self.indoor, self.scale) if site is Site.INDOOR else (self.outdoor, self.outdoor_scale)
+        return _texture_of(path, path.stat().st_mtime_ns, scale)
+
+
+@lru_cache(maxsize=2)
+def _texture_of(path: Path, _changed_ns: int, scale: float) -> MipTexture:
+    pixels = read_equirect(path)
+    pixels *= np.float32(scale)
+    return MipTexture.equirectangular(pixels)
+
+
+def read_equirect(path: Path) -> Floats:
+    """Read an equirectangular picture as RGB float32 (height, width, 3).
+
+    Raises `WorldFileError` unless it is a .hdr or .exr file, twice as wide as high, finite and non-negative (but
+    for undershoots of lossy compression, up to 5 % of the median, which become 0).
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(4096)
+    except OSError as error:
+        raise _refused(path, f"cannot be read ({error.strerror})") from error
+    if head.startswith(_HDR_MAGIC):
+        pixels = _read_hdr(path, head)
+    elif head.startswith(_EXR_MAGIC):
+        pixels = _read_exr(path)
+    else:
+        raise _refused(path, "is neither Radiance HDR nor OpenEXR")
+    if not np.isfinite(pixels).all():
+        raise _refused(path, "holds values that are not finite")
+    # Lossy EXR compression undershoots a little; real negative light is a fault.
+    if pixels.min() < -_UNDERSHOOT * float(np.median(pixels)):
+        raise _refused(path, "holds negative light")
+    return np.maximum(pixels, 0, out=pixels)
+
+
+def _read_hdr(path: Path, head: bytes) -> Floats:
+    import cv2
+
+    _, _, rest = head.partition(b"\n\n")
+    words = rest.split(b"\n", 1)[0].split()
+    if len(words) != 4 or words[0] != b"-Y" or words[2] != b"+X":
+        raise _refused(path, "has no resolution line '-Y height +X width'")
+    if not (words[1].isdigit() and words[3].isdigit()):
+        raise _refused(path, "has a resolution that is not a number")
+    _check_size(path, int(words[3]), int(words[1]))
+    pixels = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    if pixels is None or pixels.dtype != np.float32:
+        raise _refused(path, "cannot be decoded: damaged or cut short")
+    return np.ascontiguousarray(pixels[..., ::-1])
+
+
+def _read_exr(path: Path) -> Floats:
+    import OpenEXR
+
+    try:
+        with OpenEXR.File(os.fspath(path), header_only=True) as header:
+            window = header.header()["dataWindow"]
+            low, high = window
+        width, height = int(high[0] - low[0] + 1), int(high[1] - low[1] + 1)
+        _check_size(path, width, height)
+        with OpenEXR.File(os.fspath(path)) as picture:
+            channels = picture.channels()
+            channel = channels.get("RGB") or channels.get("RGBA")
+            if channel is None:
+                raise _refused(path, "has no R, G and B channels")
+            return np.ascontiguousarray(channel.pixels[..., :3], dtype=np.float32)
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise _refused(path, f"cannot be decoded ({error})") from error
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    if width != 2 * height or height < 4:
+        raise _refused(path, f"is {width}x{height}; an equirectangular picture is twice as wide as high")
+    if width * height > MAX_PIXELS:
+        raise _refused(path, f"has {width * height} pixels, more than {MAX_PIXELS}")
+
+
+def _refused(path: Path, what: str) -> WorldFileError:
+    return WorldFileError(
+        f"{path.name} {what}",
+        where="world",
+        likely="not an equirectangular HDR picture, or a damaged download",
+        advice="give a .hdr or .exr panorama, twice as wide as high",
+    )

@@ -1,0 +1,175 @@
+"""Croissant 1.0 metadata (mlcommons.org/croissant): what a data set's files are and what the index's columns mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from processing.batch.dataset import COLUMNS, INDEX_NAME
+
+METADATA_NAME = "croissant.json"
+_NUMBERS = frozenset(
+    (
+        *("luminance_cd_m2", "illuminance_lux", "latitude_deg", "longitude_deg", "k1", "k1_u_rel", "k2"),
+        *("outdoor_lux_u", "meter_drift_frac", "level_up_lx", "brightest_vertical_lx", "highest_dgp", "level_ratio"),
+        *("room_confidence", "floor_m2", "ceiling_m", "removed_share"),
+    )
+)
+_WHOLE = frozenset(("index", "walls", "windows", "doors", "staged"))
+MEANING: Mapping[str, str] = {
+    "index": "number of the session",
+    "date": "date, local to the zone, yyyymmdd",
+    "scene_name": "what the session was called",
+    "theta_time": "start of the indoor bracket, local to the zone",
+    "luminance_cd_m2": "mean of the luminance meter's readings of the target, cd/m2",
+    "fisheye_time": "start of the outdoor bracket, local to the zone",
+    "illuminance_lux": "horizontal illuminance outdoors: measured, else from the outdoor picture, lx",
+    "orientation": "compass azimuth of the panorama's centre, and the nearest of eight winds",
+    "nd_filter": "whether the outdoor lens had a neutral-density filter",
+    "natural_light": "YES: daylight alone; otherwise what else",
+    "folder": "the session's folder",
+    "room": "the room: no room is in two splits",
+    "split": "train, validation or test",
+    "units": "cd/m2, or relative units where no meter gave the scale",
+    "k1": "indoor scale factor (Ji et al. 2023, eq. 1)",
+    "k2": "scale factor between the cameras (eq. 2)",
+    "level_up_lx": "illuminance on a level plane at the camera, lx",
+    "brightest_vertical_lx": "highest illuminance on upright planes at the camera, lx",
+    "highest_dgp": "highest daylight glare probability of eight directions",
+    "level_ratio": "level illuminance at the camera over that outdoors",
+}
+_CONTEXT: dict[str, Any] = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "citeAs": "cr:citeAs",
+    "column": "cr:column",
+    "conformsTo": "dct:conformsTo",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "dct": "http://purl.org/dc/terms/",
+    "equivalentProperty": "cr:equivalentProperty",
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "extract": "cr:extract",
+    "field": "cr:field",
+    "fileProperty": "cr:fileProperty",
+    "fileObject": "cr:fileObject",
+    "fileSet": "cr:fileSet",
+    "format": "cr:format",
+    "includes": "cr:includes",
+    "isLiveDataset": "cr:isLiveDataset",
+    "jsonPath": "cr:jsonPath",
+    "key": "cr:key",
+    "md5": "cr:md5",
+    "parentField": "cr:parentField",
+    "path": "cr:path",
+    "recordSet": "cr:recordSet",
+    "references": "cr:references",
+    "regex": "cr:regex",
+    "repeated": "cr:repeated",
+    "replace": "cr:replace",
+    "samplingRate": "cr:samplingRate",
+    "sc": "https://schema.org/",
+    "separator": "cr:separator",
+    "source": "cr:source",
+    "subField": "cr:subField",
+    "transform": "cr:transform",
+}
+
+
+@dataclass(frozen=True)
+class Description:
+    """What people say of a data set."""
+
+    name: str
+    licence: str
+    """SPDX identifier or address."""
+    description: str = "Rooms and their skies in absolute luminance, captured and processed with daylit."
+    creator: str = ""
+    cite: str = ""
+    url: str = ""
+    version: str = "1.0.0"
+    date: str = ""
+    """Of publication, yyyy-mm-dd."""
+
+
+def croissant(about: Description, index_bytes: int, index_sha256: str) -> dict[str, Any]:
+    """Return the metadata as JSON-LD."""
+    licence = about.licence if "://" in about.licence else f"https://spdx.org/licenses/{about.licence}.html"
+    found: dict[str, Any] = {
+        "@context": _CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": "http://mlcommons.org/croissant/1.0",
+        "name": about.name,
+        "description": about.description,
+        "license": licence,
+        "url": about.url or f"urn:daylit:dataset:{about.name.replace(' ', '-')}",
+        "version": about.version,
+        "distribution": [_index_file(index_bytes, index_sha256), *_pictures()],
+        "recordSet": [_sessions()],
+    }
+    if about.date:
+        found["datePublished"] = about.date
+    if about.creator:
+        found["creator"] = {"@type": "sc:Organization", "name": about.creator}
+    if about.cite:
+        found["citeAs"] = about.cite
+    return found
+
+
+def _index_file(size_bytes: int, sha256: str) -> dict[str, Any]:
+    return {
+        "@type": "cr:FileObject",
+        "@id": "index",
+        "name": INDEX_NAME,
+        "contentUrl": INDEX_NAME,
+        "contentSize": f"{size_bytes} B",
+        "encodingFormat": "text/csv",
+        "sha256": sha256,
+    }
+
+
+def _pictures() -> list[dict[str, Any]]:
+    kinds = {
+        "indoor-frames": ("image/jpeg", "**/indoor/*.jpg", "frames of the indoor bracket as the camera gave them"),
+        "outdoor-frames": ("image/jpeg", "**/outdoor/*.jpg", "frames of the outdoor bracket"),
+        "room-pictures": ("image/x-exr", "**/stages/calibrate/indoor.exr", "room, linear RGB in cd/m2"),
+        "sky-pictures": ("image/x-exr", "**/stages/calibrate/outdoor.exr", "sky, linear RGB in cd/m2"),
+        "manifests": ("application/json", "**/session.json", "what was captured, how and when"),
+    }
+    return [
+        {
+            "@type": "cr:FileSet",
+            "@id": name,
+            "name": name,
+            "description": what,
+            "encodingFormat": encoding,
+            "includes": pattern,
+        }
+        for name, (encoding, pattern, what) in kinds.items()
+    ]
+
+
+def _sessions() -> dict[str, Any]:
+    fields = []
+    for column in COLUMNS:
+        kind = "sc:Float" if column in _NUMBERS else "sc:Integer" if column in _WHOLE else "sc:Text"
+        fields.append(
+            {
+                "@type": "cr:Field",
+                "@id": f"sessions/{column}",
+                "name": column,
+                "description": MEANING.get(column, column.replace("_", " ")),
+                "dataType": kind,
+                "source": {"fileObject": {"@id": "index"}, "extract": {"column": column}},
+            }
+        )
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "sessions",
+        "name": "sessions",
+        "key": {"@id": "sessions/folder"},
+        "field": fields,
+    }

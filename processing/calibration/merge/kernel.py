@@ -1,0 +1,261 @@
+"""The merge's inner loops over 8-bit frames: one pass over all frames, 128 pixels at a time.
+
+For each run of pixels the smallest and largest code of every frame say which frames can add something there; only
+their samples are looked up and added. A run in which a shorter frame is brighter than a longer one, and pixels whose
+samples disagree, are looked at again with all frames (`suspicion`).
+"""
+
+# mypy: disable-error-code="no-untyped-def,attr-defined"
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import carray, types
+from numba.extending import intrinsic
+
+# Compiled loops: numba's settings in one place, and what its language lacks.
+#
+# Compilation takes seconds once; the machine code is kept beside the package, or in the user's cache folder where the
+# package cannot be written, or nowhere where neither can (then each process compiles anew).
+
+
+# Not nnan and ninf: infinities are an honest uncertainty. Sums may be reordered and products fused.
+FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function: without the GIL, kept on disk where a folder can be written; 1/0 is inf, not an error."""
+    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FAST_MATH}
+    try:
+        return numba.njit(cache=True, **settings)(function)  # type: ignore[no-any-return]
+    except RuntimeError:  # numba: no folder for its cache
+        return numba.njit(**settings)(function)  # type: ignore[no-any-return]
+
+
+def _pointer(of: types.Type, bits: ir.Type) -> Any:
+    def build(_typing: Any, _address: Any) -> Any:
+        def code(_context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+            return builder.inttoptr(args[0], bits.as_pointer())
+
+        return types.CPointer(of)(types.uint64), code  # type: ignore[no-untyped-call]
+
+    return intrinsic(build)
+
+
+def _four_floats(*, add: bool) -> Any:
+    vector = ir.VectorType(ir.FloatType(), 4)
+
+    def build(_typing: Any, _target: Any, _source: Any) -> Any:
+        def code(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
+            target, source = (builder.inttoptr(a, vector.as_pointer()) for a in args)
+            value = builder.load(source, align=4)
+            if add:
+                value = builder.fadd(builder.load(target, align=4), value)
+            builder.store(value, target, align=4)
+            return context.get_dummy_value()
+
+        return types.void(types.uint64, types.uint64), code
+
+    return intrinsic(build)
+
+
+bytes_at = _pointer(types.uint8, ir.IntType(8))
+"""``bytes_at(address)``: for ``numba.carray``; a tuple of arrays would compile anew for every number of frames."""
+floats_at = _pointer(types.float32, ir.FloatType())
+set_four = _four_floats(add=False)
+"""``set_four(target, source)``: copies four float32 from address to address, as one vector."""
+add_four = _four_floats(add=True)
+"""``add_four(target, source)``: adds four float32 to what is at ``target``: numba does not find this by itself."""
+
+
+RUN_PX = 128
+RUN = 3 * RUN_PX
+_ENTRY = np.uint64(16)
+_PIXEL = np.uint64(48)
+_CHANNEL = np.uint64(256 * 16)
+_FRAME = np.uint64(3 * 256 * 16)
+_TWICE = np.uint64(32)
+TRIGGER_CHI2 = 26.0
+"""Of a pixel's sums: one in 100,000 of two frames by chance (3 degrees of freedom). Then all frames are looked at."""
+CLIPPED_SNR2 = np.float32(1e-3)
+DARK_UNCERTAINTY = np.float32(0.5)
+_R, _G, _B = np.float32(0.2127), np.float32(0.7151), np.float32(0.0722)
+_ONE, _TINY = np.float32(1.0), np.float32(1e-30)
+VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)
+
+
+@compiled
+def scan(addresses, offset, low, high, rise):
+    """Fill the smallest and largest code of each frame in a run, and how much brighter than the longer frame it is."""
+    before = carray(bytes_at(addresses[0] + offset), RUN)
+    for f in range(addresses.shape[0]):
+        frame = carray(bytes_at(addresses[f] + offset), RUN)
+        least, most, rises = np.uint8(255), np.uint8(0), np.uint8(0)
+        for i in range(RUN):
+            code, earlier = frame[i], before[i]
+            least = min(least, code)
+            most = max(most, code)
+            rises = max(rises, np.uint8(max(code, earlier) - earlier))
+        before = frame
+        low[f], high[f], rise[f] = least, most, rises
+
+
+@compiled
+def accumulate(addresses, offset, first, end, lanes_at, sums_at):
+    """Sum the table entries of frames first..end-1 over a run: 12 floats a pixel at ``sums_at``."""
+    for f in range(first, end):
+        frame = carray(bytes_at(addresses[f] + offset), RUN)
+        red = lanes_at + np.uint64(f) * _FRAME
+        green = red + _CHANNEL
+        blue = green + _CHANNEL
+        if f == first:
+            for i in range(RUN_PX):
+                at = sums_at + _PIXEL * np.uint64(i)
+                set_four(at, red + _ENTRY * np.uint64(frame[3 * i]))
+                set_four(at + _ENTRY, green + _ENTRY * np.uint64(frame[3 * i + 1]))
+                set_four(at + _TWICE, blue + _ENTRY * np.uint64(frame[3 * i + 2]))
+        else:
+            for i in range(RUN_PX):
+                at = sums_at + _PIXEL * np.uint64(i)
+                add_four(at, red + _ENTRY * np.uint64(frame[3 * i]))
+                add_four(at + _ENTRY, green + _ENTRY * np.uint64(frame[3 * i + 1]))
+                add_four(at + _TWICE, blue + _ENTRY * np.uint64(frame[3 * i + 2]))
+
+
+@compiled
+def resolve(sums_at, start, shared, common, trigger, rgb, uncertainty, validity, suspect):
+    """Turn a run's sums into means, relative uncertainty of luminance and validity; return how many disagree.
+
+    ``shared``: correlation of the channels' noise. ``common``: squared relative error that all frames share.
+    """
+    apart = _ONE - shared
+    s = carray(floats_at(sums_at), 12 * RUN_PX)
+    disagreeing = 0
+    for i in range(RUN_PX):
+        k, p = 12 * i, start + i
+        w0, w1, w2 = s[k], s[k + 4], s[k + 8]
+        i0, i1, i2 = _ONE / max(w0, _TINY), _ONE / max(w1, _TINY), _ONE / max(w2, _TINY)
+        m0, m1, m2 = s[k + 1] * i0, s[k + 5] * i1, s[k + 9] * i2
+        chi2 = (s[k + 2] - s[k + 1] * m0) + (s[k + 6] - s[k + 5] * m1) + (s[k + 10] - s[k + 9] * m2)
+        rgb[p, 0], rgb[p, 1], rgb[p, 2] = m0, m1, m2
+        y = _R * m0 + _G * m1 + _B * m2
+        variance = _R * _R * i0 + _G * _G * i1 + _B * _B * i2
+        if shared > 0:
+            together = _R * np.sqrt(i0) + _G * np.sqrt(i1) + _B * np.sqrt(i2)
+            variance = apart * variance + shared * together * together
+        u = np.sqrt(variance / max(y * y, _TINY) + common)
+        uncertainty[p] = u
+        known = min(w0 * m0 * m0, w1 * m1 * m1, w2 * m2 * m2)
+        state = DARK if u > DARK_UNCERTAINTY else VALID
+        validity[p] = CLIPPED if known < CLIPPED_SNR2 else state
+        odd = chi2 > trigger
+        suspect[p] = np.uint8(odd)
+        disagreeing += odd
+    return disagreeing
+
+
+@compiled
+def suspicion(addresses, pixel, samples, saturation, clip):
+    """Return chi-squared of all frames at a pixel and its degrees of freedom: dark samples and bounds count too."""
+    chi2, freedom = 0.0, 0
+    for c in range(3):
+        total = sum_v = sum_vv = bound = 0.0
+        used = 0
+        for f in range(addresses.shape[0]):
+            code = carray(bytes_at(addresses[f] + np.uint64(3 * pixel + c)), 1)[0]
+            if code > clip[c]:
+                bound = max(bound, float(saturation[f, c]))
+                continue
+            v, w = float(samples[f, c, code, 0]), float(samples[f, c, code, 1])
+            total, sum_v, sum_vv = total + w, sum_v + w * v, sum_vv + w * v * v
+            used += 1
+        if used:
+            mean = sum_v / total
+            chi2 += sum_vv - sum_v * mean
+            freedom += used - 1
+            # A clipped frame says 'at least': 5 % of grace, for the last codes' own uncertainty.
+            excess = 0.95 * bound - mean
+            if excess > 0.0:
+                chi2 += excess * excess * min(total, 400.0 / max(mean * mean, 1e-30))
+                freedom += 1
+    return chi2, freedom
+
+
+@compiled
+def chi2_limit(freedom, shared):
+    """Return what chance exceeds once in 100,000, and half as much again, since noise is not quite Gaussian.
+
+    Where channels share their noise (``shared`` is its correlation), deviations come in threes.
+    """
+    return 1.5 * (freedom + (1.0 + 2.0 * shared) * (6.0 * np.sqrt(2.0 * freedom) + 8.0))
+
+
+@compiled
+def judge_run(addresses, start, every, samples, saturation, clip, shared, uncertainty, suspect):
+    """Judge the suspect pixels of a run (``every``: all its pixels): 0 fine, 1 odd, 2 surely something moved."""
+    for p in range(start, start + RUN_PX):
+        if not every and suspect[p] == 0:
+            continue
+        chi2, freedom = suspicion(addresses, p, samples, saturation, clip)
+        limit = chi2_limit(freedom, shared)
+        suspect[p] = 0
+        if freedom > 0 and chi2 > limit:
+            suspect[p] = 2 if chi2 > 4.0 * limit else 1
+            # Samples that disagree: the spread among them is the uncertainty (Birge's ratio).
+            uncertainty[p] *= np.float32(np.sqrt(chi2 / freedom))
+
+
+@compiled
+def merge_runs(
+    addresses,
+    runs,
+    pixels,
+    lanes,
+    samples,
+    saturation,
+    clip,
+    limits,
+    shared,
+    common,
+    last,
+    rgb,
+    uncertainty,
+    validity,
+    suspect,
+    uses,
+    sums,
+):
+    """Merge runs ``runs[0]..runs[1]-1`` of ``pixels`` (at least `RUN_PX`); ``uses`` counts runs by frame.
+
+    ``limits``: code from which any channel is clipped, all are, and the rise that is not noise. The last run begins
+    earlier, so that it is whole. ``sums``: scratch of 12 `RUN_PX` float32 for this call; the caller's, since what is
+    used by its address only would be freed.
+    """
+    count = addresses.shape[0]
+    low, high, rise = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
+    together, trigger = np.float32(shared), np.float32(TRIGGER_CHI2 * (1.0 + 2.0 * shared))
+    floor = np.float32(common)
+    sums_at, lanes_at = np.uint64(sums.ctypes.data), np.uint64(lanes.ctypes.data)
+    for run in range(runs[0], runs[1]):
+        start = min(run * RUN_PX, pixels - RUN_PX)
+        offset = np.uint64(3 * start)
+        scan(addresses, offset, low, high, rise)
+        first = 0
+        while first < count - 1 and low[first] >= limits[1]:
+            first += 1
+        whole = first
+        while whole < count - 1 and high[whole] >= limits[0]:
+            whole += 1
+        end = last[whole] + 1
+        moved = False
+        for f in range(count):
+            moved |= rise[f] > limits[2]
+            uses[f] += first <= f < end
+        accumulate(addresses, offset, first, end, lanes_at, sums_at)
+        odd = resolve(sums_at, start, together, floor, trigger, rgb, uncertainty, validity, suspect)
+        if moved or odd:
+            judge_run(addresses, start, moved, samples, saturation, clip, shared, uncertainty, suspect)

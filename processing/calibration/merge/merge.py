@@ -1,0 +1,289 @@
+"""From a bracket to one picture: every pixel the inverse-variance mean of what the frames say, with its uncertainty.
+
+Per pixel and channel: L = sum(w_f x(z_f) / t_f) / sum(w_f), w = 1 / variance by the camera's noise model, including
+quantisation and the uncertainties of response curve and times (Robertson, Borman and Stevenson 2003 for the form of
+the weights; Granados et al. 2010 for the noise). Frames may come in any order.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.merge.checks import Consistency, Order, check_bracket, frame_consistency
+from processing.calibration.merge.kernel import RUN_PX, merge_runs
+from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
+from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
+from processing.calibration.merge.report import Decoded, FrameUse, Merged, MergeReport, decode_useful, shares
+from processing.calibration.merge.tables import MergeTables, coding_error, linear_curve, merge_tables
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.errors import BracketError, ParameterError
+from processing.pictures.frames import Codes, FrameSource, JpegFrame
+from processing.pictures.images import RelativeImage
+from processing.sphere import Geometry
+
+__all__ = ["MergeOptions", "MergeReport", "Merged", "merge"]
+
+Quality = Literal["draft", "standard", "reference"]
+MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.0}
+WARN_STOPS = 0.05
+REFUSE_STOPS = 0.25
+WARN_NOISE = 2.0
+MAX_GHOST_SHARE = 0.5
+BAND_PX = 128 * 2048
+CODED_CORRELATION = 0.15
+JPEG_TOP_CODE = 249
+"""Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
+
+
+@dataclass(frozen=True)
+class MergeOptions:
+    """How to merge."""
+
+    quality: Quality = "standard"
+    max_error: float | None = None
+    """By what part a pixel's uncertainty may grow where frames are left out (0: none is); None: by the quality."""
+    ghosts: bool = True
+    """Whether what moved is shown by one frame each."""
+    shifts: bool = True
+    """Whether frames are checked for having shifted."""
+    allow_contradiction: bool = False
+    """Whether frames that contradict times or curve by more than `REFUSE_STOPS` are merged all the same."""
+    workers: int | None = None
+    """Threads; None: one a core, four at most. Results do not depend on it."""
+
+    def error_bound(self) -> float:
+        """Return the bound that holds."""
+        bound = MAX_ERRORS[self.quality] if self.max_error is None else self.max_error
+        if not 0.0 <= bound <= 1.0:
+            raise ParameterError(f"max_error is a part of the uncertainty, 0 to 1, not {bound}")
+        return bound
+
+
+def merge(
+    frames: Sequence[FrameSource],
+    times_s: Sequence[float],
+    curve: ResponseCurve | None,
+    noise: NoiseModel,
+    *,
+    geometry: Geometry,
+    options: MergeOptions | None = None,
+    time_sigma: Sequence[float] | None = None,
+) -> Merged:
+    """Merge frames of ``times_s`` seconds each; ``curve`` None: their codes are proportional to exposure.
+
+    ``time_sigma``: relative standard uncertainty of each time (none: exact). Values are exposure in the curve's gauge
+    (of full scale for linear frames) a second.
+
+    Raises
+    ------
+    ParameterError
+        Times, options or a curve that cannot be right.
+    BracketError
+        Frames that do not fit together: sizes, kinds, or what they say about the light.
+    PictureFileError
+        A frame that cannot be decoded; names it.
+    """
+    options = options or MergeOptions()
+    order = check_bracket(frames, times_s, time_sigma, curve, geometry)
+    job = _Job(order, curve, noise, options)
+    decoded = decode_useful(order.frames, job.tables(), job.workers)
+    kept = order.only(sorted(decoded.codes))
+    codes = [decoded.codes[place] for place in sorted(decoded.codes)]
+    return _merged(replace(job, order=kept), codes, decoded, order, geometry)
+
+
+@dataclass(frozen=True)
+class _Job:
+    order: Order
+    curve: ResponseCurve | None
+    noise: NoiseModel
+    options: MergeOptions
+    correlation: float = 0.0
+
+    @property
+    def workers(self) -> int:
+        return self.options.workers or min(4, os.cpu_count() or 1)
+
+    @property
+    def coded(self) -> bool:
+        """Return whether the frames were JPEG, by their source or by what it does to noise."""
+        return self.correlation > CODED_CORRELATION or any(isinstance(f, JpegFrame) for f in self.order.frames)
+
+    def noise_shape(self) -> tuple[float, float]:
+        """Return the correlation of the channels' noise, and the squared error that all frames share."""
+        common = coding_error(self.curve, self.noise) if self.coded and self.curve else 0.0
+        return self.correlation, common
+
+    def tables(self) -> MergeTables | None:
+        """Return the tables of 8-bit frames; None for 16 bits."""
+        if self.order.depth_bits == 16:
+            return None
+        order = self.order
+        return merge_tables(
+            self.curve or linear_curve(),
+            self.noise,
+            order.times_s,
+            order.time_sigma,
+            self.options.error_bound(),
+            JPEG_TOP_CODE if self.coded else 254,
+        )
+
+    def samples(self) -> MergeTables | LinearSamples:
+        return self.tables() or linear_samples(self.noise, self.order.times_s, self.order.time_sigma)
+
+
+def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geometry: Geometry) -> Merged:
+    warnings = list(whole.warnings)
+    samples = job.samples()
+    told = frame_consistency(codes, samples)
+    warnings += _contradictions(told, job)
+    if told.noise_factor > WARN_NOISE:
+        times = math.sqrt(told.noise_factor)
+        warnings.append(f"noise is {times:.1f} times what the noise model says: it is stated as these frames show it")
+    job = _honest(job, told)
+    samples = job.samples()
+    if job.options.shifts:
+        warnings += [
+            f"{job.order.frames[s.place].name} is shifted against {job.order.frames[s.place - 1].name} by "
+            f"{s.right_px:+.1f} px across and {s.down_px:+.1f} px down: was the camera touched?"
+            for s in frame_shifts(codes, samples)
+        ]
+    planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers)
+    ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
+    found = shares(planes.validity, ghost)
+    warnings += found.warnings()
+    np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
+    image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, {})
+    return Merged(image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, told.offset.tolist()))
+
+
+def _honest(job: _Job, told: Consistency) -> _Job:
+    """Return the job with the noise that these frames show, and with what they disagree by as doubt of their times."""
+    factor, noise = told.noise_factor, job.noise
+    photon, read, codes = (np.array(part) for part in (noise.photon, noise.read, noise.code_variance))
+    scaled = NoiseModel(
+        tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12))
+    )
+    doubt = np.where(np.abs(told.offset) > WARN_STOPS, np.abs(told.offset) * math.log(2), 0.0)
+    order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
+    return replace(job, order=order, noise=scaled, correlation=told.correlation)
+
+
+def _contradictions(told: Consistency, job: _Job) -> list[str]:
+    """Return warnings about frames that contradict each other; refuse where no uncertainty could cover it."""
+    worst = max(float(np.max(np.abs(told.offset))), told.curve_error / 2)
+    place = int(np.argmax(np.abs(told.offset)))
+    named = [
+        f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({time:g} s given), or the "
+        "light changed"
+        for frame, offset, time in zip(job.order.frames, told.offset, job.order.times_s, strict=True)
+        if abs(offset) > WARN_STOPS
+    ]
+    if told.curve_error > 2 * WARN_STOPS:
+        named.append(
+            f"the response curve does not fit these frames: codes of one pair disagree by {told.curve_error:.2f} stops"
+        )
+    if worst > REFUSE_STOPS and not job.options.allow_contradiction:
+        raise BracketError(
+            f"the frames contradict each other by {worst:.2f} stops: " + "; ".join(named),
+            where=job.order.frames[place].name,
+            likely="a wrong exposure time, another camera's response curve, or light that changed",
+            advice="correct the times or the curve, leave the frame out, or allow contradictions",
+        )
+    return named
+
+
+def _fuse(
+    codes: Sequence[Codes], samples: MergeTables | LinearSamples, shape: tuple[float, float], workers: int
+) -> tuple[Planes, npt.NDArray[np.float64]]:
+    """Return the merged planes, and what part of the picture used each frame."""
+    height, width = codes[0].shape[:2]
+    pixels = height * width
+    padded = max(pixels, RUN_PX)
+    planes = Planes(
+        np.empty((padded, 3), np.float32), np.empty(padded, np.float32), np.empty(padded, np.uint8),
+        np.empty(padded, np.uint8),
+    )  # fmt: skip
+    flat: list[Any] = [np.ascontiguousarray(frame).reshape(-1, 3) for frame in codes]
+    if isinstance(samples, MergeTables):
+        # A picture smaller than one run is lengthened by its own pixels.
+        flat = [np.resize(frame, (padded, 3)) if pixels < padded else frame for frame in flat]
+        uses = _fuse_runs(flat, samples, shape, planes, workers)
+    else:
+        addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
+        model = (samples.times_s, samples.time_sigma, samples.noise, shape[0])
+        out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
+        _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, *out), pixels, BAND_PX, workers)
+        uses = np.ones(len(flat))
+    planes.rgb = planes.rgb[:pixels].reshape(height, width, 3)
+    planes.uncertainty = planes.uncertainty[:pixels].reshape(height, width)
+    planes.validity = planes.validity[:pixels].reshape(height, width)
+    planes.suspect = planes.suspect[:pixels].reshape(height, width)
+    return planes, uses
+
+
+def _fuse_runs(
+    flat: Sequence[Codes], tables: MergeTables, shape: tuple[float, float], planes: Planes, workers: int
+) -> npt.NDArray[np.float64]:
+    addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
+    clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
+    limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise])
+    out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
+    pixels = len(flat[0])
+    runs = -(-pixels // RUN_PX)
+    counts: list[npt.NDArray[np.int64]] = []
+
+    def band(first: int, end: int) -> None:
+        uses = np.zeros(len(flat), dtype=np.int64)
+        counts.append(uses)
+        merge_runs(
+            addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits,
+            *shape, tables.last, *out, uses, np.empty(12 * RUN_PX, np.float32),
+        )  # fmt: skip
+
+    _in_bands(band, runs, BAND_PX // RUN_PX, workers)
+    return np.asarray(np.sum(counts, axis=0) / runs)
+
+
+def _in_bands(work: Callable[[int, int], object], count: int, band: int, workers: int) -> None:
+    """Call ``work(first, end)`` over 0..count in threads."""
+    firsts = range(0, count, band)
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(lambda first: work(first, min(first + band, count)), firsts))
+
+
+def _ghosts(
+    codes: Sequence[Codes], samples: MergeTables | LinearSamples, planes: Planes, job: _Job
+) -> npt.NDArray[np.uint8]:
+    """Settle what moved; return the ghost map by the caller's frame numbers."""
+    odd = float(np.count_nonzero(planes.suspect)) / planes.suspect.size
+    if odd > MAX_GHOST_SHARE and not job.options.allow_contradiction:
+        raise BracketError(
+            f"the frames disagree in {100 * odd:.0f} % of the picture",
+            where=job.order.frames[0].name,
+            likely="frames of different scenes, a camera that moved, or a noise model of another camera",
+            advice="check which frames belong together",
+        )
+    ghost = settle_ghosts(codes, samples, planes)
+    numbers = np.array([0, *(number + 1 for number in job.order.numbers)], dtype=np.uint8)
+    return np.asarray(numbers[ghost]) if ghost.any() else ghost
+
+
+def _uses(whole: Order, decoded: Decoded, job: _Job, uses: npt.NDArray[np.float64]) -> tuple[FrameUse, ...]:
+    by_number = dict(zip(job.order.numbers, uses.tolist(), strict=True))
+    found = []
+    for place, (number, frame) in enumerate(zip(whole.numbers, whole.frames, strict=True)):
+        reason = decoded.left_out.get(place, "")
+        share = by_number.get(number, 0.0)
+        if not reason and share < 1:
+            reason = "runs of pixels where it is clipped, or would add too little, leave it out"
+        found.append(FrameUse(number, frame.name, float(whole.times_s[place]), number in by_number, share, reason))
+    return tuple(sorted(found, key=lambda one: one.number))

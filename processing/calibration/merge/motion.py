@@ -1,0 +1,232 @@
+"""What moved between the frames: regions that disagree, each shown as one frame saw it; and frames that shifted.
+
+A region is shown by the frame that exposes most of it well, so that it shows one moment; pixels that this frame
+cannot show (clipped or too dark in it) take the nearest frame that can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.merge.tables import Samples
+from processing.ground.arrays import Bytes, Floats, Indices
+from processing.pictures.frames import Codes
+from processing.pictures.images import LUMINANCE_WEIGHTS, Validity
+
+# Frames that shifted against their neighbours (somebody touched the tripod): phase correlation of small windows.
+#
+# Both frames of a pair are turned into logarithms of radiance and clipped to the range that both can show: then they
+# are the same picture, whatever the exposures, and what differs is the place.
+
+
+WINDOW_PX = 256
+WINDOWS = 3
+MIN_AGREEING = 2
+SPARSE = 16
+MIN_PX = 32
+MIN_DETAIL_STOPS = 0.15
+MIN_RESPONSE = 0.12
+MIN_SHIFT_PX = 0.75
+AGREE_PX = 0.75
+MIN_SNR2 = 50.0
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How far the picture of frame ``place`` lies from that of the frame before it, in pixels to the right and down."""
+
+    place: int
+    right_px: float
+    down_px: float
+
+
+@dataclass(frozen=True)
+class _Range:
+    """The range of log2 radiance that two frames of a pair both show, and where their codes lie in it."""
+
+    low: float
+    high: float
+    codes: npt.NDArray[np.int64]
+    longer: Floats
+    shorter: Floats
+    """log2 radiance of green of ``codes``, cut to the range."""
+
+    def longer_log2(self, window: Codes) -> Floats:
+        """Return log2 of the green radiance of a window (..., 3) of the longer frame."""
+        return _looked_up(window[..., 1], self.codes, self.longer)
+
+    def shorter_log2(self, window: Codes) -> Floats:
+        """Return log2 of the green radiance of a window (..., 3) of the shorter frame."""
+        return _looked_up(window[..., 1], self.codes, self.shorter)
+
+
+def frame_shifts(frames: Sequence[Codes], tables: Samples) -> list[Shift]:
+    """Return the shifts between neighbours that are surely there; too little detail to tell counts as none."""
+    found = []
+    for place in range(1, len(frames)):
+        before, after = frames[place - 1], frames[place]
+        both = _range(tables, place)
+        if both is None:
+            continue
+        seen = [s for s in (_shift(before[w], after[w], both) for w in _windows(before, both)) if s]
+        if len(seen) < MIN_AGREEING:
+            continue
+        middle = np.median(seen, axis=0)
+        spread = np.median(np.abs(np.array(seen) - middle))
+        if np.hypot(*middle) >= MIN_SHIFT_PX and spread <= AGREE_PX:
+            found.append(Shift(place, float(middle[0]), float(middle[1])))
+    return found
+
+
+def _windows(frame: Codes, both: _Range) -> list[tuple[slice, slice]]:
+    """Return the windows of the longer frame with the most detail in the range that both frames show."""
+    height, width = frame.shape[:2]
+    tall, wide = min(WINDOW_PX, height // 2), min(WINDOW_PX, width // 2)
+    if min(tall, wide) < MIN_PX:
+        return []
+    candidates = []
+    for top in np.linspace(0, height - tall, min(4, height // tall)).astype(int):
+        for left in np.linspace(0, width - wide, min(6, width // wide)).astype(int):
+            window = (slice(top, top + tall), slice(left, left + wide))
+            sparse = both.longer_log2(frame[window][::SPARSE, ::SPARSE])
+            candidates.append((float(np.std(sparse)), top, left, window))
+    candidates.sort(reverse=True, key=lambda one: one[:3])
+    return [window for detail, _, _, window in candidates[:WINDOWS] if detail > MIN_DETAIL_STOPS]
+
+
+def _range(tables: Samples, place: int) -> _Range | None:
+    """Return the range that the frames before ``place`` and at it share; None where they share none."""
+    (longer, _), (shorter, weight) = tables.sample(place - 1, tables.every), tables.sample(place, tables.every)
+    good = weight[:, 1] * shorter[:, 1].astype(np.float64) ** 2 > MIN_SNR2
+    low = float(np.log2(shorter[good, 1].min())) if good.any() else np.inf
+    high = float(np.log2(tables.saturation[place - 1, 1]))
+    if not low < high:
+        return None
+    cut = [np.clip(np.log2(np.maximum(v[:, 1], 1e-30)), low, high).astype(np.float32) for v in (longer, shorter)]
+    return _Range(low, high, tables.every[:, 1], cut[0], cut[1])
+
+
+def _looked_up(codes: npt.NDArray[np.unsignedinteger[Any]], known: npt.NDArray[np.int64], values: Floats) -> Floats:
+    if codes.dtype == np.uint8 and len(known) == 256:
+        return np.asarray(values[codes])
+    return np.asarray(np.interp(codes, known, values), dtype=np.float32)
+
+
+def _shift(before: Codes, after: Codes, both: _Range) -> tuple[float, float] | None:
+    """Return (right, down) between two windows, or None where they hold too little in common."""
+    a, b = both.longer_log2(before), both.shorter_log2(after)
+    if min(np.std(a), np.std(b)) < MIN_DETAIL_STOPS:
+        return None
+    hanning = cv2.createHanningWindow((a.shape[1], a.shape[0]), cv2.CV_32F)
+    (right, down), response = cv2.phaseCorrelate(a - a.mean(), b - b.mean(), hanning)
+    return (float(right), float(down)) if response > MIN_RESPONSE else None
+
+
+NEIGHBOURS_PX = 5
+MIN_NEIGHBOURS = 8
+"""Of 25 odd pixels: noise and coding make single ones."""
+USABLE = 0.02
+MEASURES_WELL = 0.5
+"""Of the best frame's worth."""
+CHUNK_PX = 1 << 20
+
+
+@dataclass
+class Planes:
+    """The merged picture while it is made; arrays of (H, W, 3) and (H, W)."""
+
+    rgb: Floats
+    uncertainty: Floats
+    validity: Bytes
+    suspect: Bytes
+    """1 odd, 2 surely moved."""
+
+
+def ghost_regions(suspect: Bytes) -> Bytes:
+    """Return 1 where something moved: what is surely odd, and what is odd among many odd neighbours; holes closed."""
+    odd = (suspect > 0).astype(np.uint8)
+    around = cv2.boxFilter(odd, -1, (NEIGHBOURS_PX, NEIGHBOURS_PX), normalize=False, borderType=cv2.BORDER_REFLECT)
+    kept = ((suspect == 2) | ((odd == 1) & (around >= MIN_NEIGHBOURS))).astype(np.uint8)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (NEIGHBOURS_PX, NEIGHBOURS_PX))
+    return np.asarray(cv2.morphologyEx(kept, cv2.MORPH_CLOSE, disc), dtype=np.uint8)
+
+
+def settle_ghosts(frames: Sequence[Codes], tables: Samples, planes: Planes) -> Bytes:
+    """Show regions that moved by one frame each, in place; return 0 or 1 + place of the frame shown, (H, W)."""
+    ghost = np.zeros(planes.suspect.shape, dtype=np.uint8)
+    if not planes.suspect.any():
+        return ghost
+    count, labels = cv2.connectedComponents(ghost_regions(planes.suspect), connectivity=8, ltype=cv2.CV_32S)
+    places = np.flatnonzero(labels)
+    names = labels.reshape(-1)[places]
+    del labels
+    chunks = [slice(at, at + CHUNK_PX) for at in range(0, len(places), CHUNK_PX)]
+    merit = np.zeros((len(frames), count))
+    for chunk in chunks:
+        for f, worth in enumerate(_worth(frames, tables, places[chunk])):
+            merit[f] += np.bincount(names[chunk], worth, minlength=count)
+    reference = np.argmax(merit, axis=0)
+    for chunk in chunks:
+        _show(frames, tables, planes, ghost, places[chunk], reference[names[chunk]])
+    return ghost
+
+
+def _worth(frames: Sequence[Codes], tables: Samples, places: Indices) -> npt.NDArray[np.float32]:
+    """Return how well each frame exposes pixels, (F, n) in 0..1: by its worst channel; 0 where clipped."""
+    worth = np.empty((len(frames), len(places)), dtype=np.float32)
+    for f, frame in enumerate(frames):
+        v, w = tables.sample(f, frame.reshape(-1, 3)[places])
+        snr2 = w * v**2
+        worth[f] = np.min(snr2 / (snr2 + 400.0), axis=1)
+    return worth
+
+
+def _chosen(worth: npt.NDArray[np.float32], reference: Indices) -> Indices:
+    """Return the place (n,) of the frame that shows each pixel; frames run from the longest to the shortest.
+
+    The reference, or the nearest usable frame. A pixel too bright for the reference, a lamp or the sun, takes the
+    shortest frame that measures it well: in longer ones its clipped neighbours have bled into it through JPEG's blocks.
+    """
+    frames = np.arange(len(worth))[:, None]
+    distance = np.abs(frames - reference[None, :])
+    nearest = np.argmin(np.where(worth > USABLE, distance, len(worth) + distance), axis=0)
+    well = worth >= MEASURES_WELL * worth.max(axis=0)
+    shortest = len(worth) - 1 - np.argmax(well[::-1], axis=0)
+    return np.asarray(np.where(nearest > reference, np.maximum(shortest, nearest), nearest), dtype=np.intp)
+
+
+def _show(
+    frames: Sequence[Codes],
+    tables: Samples,
+    planes: Planes,
+    ghost: Bytes,
+    places: Indices,
+    reference: Indices,
+) -> None:
+    """Show pixels as their reference frame saw them, or as the nearest frame that can.
+
+    What no frame can show (a sun clipped in all) keeps its merged value, the bound that the shortest frame gives.
+    """
+    worth = _worth(frames, tables, places)
+    shown = (worth > USABLE).any(axis=0)
+    places, reference, worth = places[shown], reference[shown], worth[:, shown]
+    chosen = _chosen(worth, reference)
+    v, w = (np.empty((len(places), 3), dtype=np.float32) for _ in range(2))
+    for f, frame in enumerate(frames):
+        mine = chosen == f
+        v[mine], w[mine] = tables.sample(f, frame.reshape(-1, 3)[places[mine]])
+    weights = np.array(LUMINANCE_WEIGHTS, dtype=np.float32)
+    clipped = np.any(w <= 0, axis=1)
+    sigma = np.sqrt(np.sum(weights**2 / np.maximum(w, 1e-30), axis=1))
+    u = np.where(clipped, np.inf, sigma / np.maximum(v @ weights, 1e-30)).astype(np.float32)
+    planes.rgb.reshape(-1, 3)[places] = v
+    planes.uncertainty.reshape(-1)[places] = u
+    state = np.where(clipped, Validity.CLIPPED, np.where(u > 0.5, Validity.DARK, Validity.VALID))
+    planes.validity.reshape(-1)[places] = state.astype(np.uint8)
+    ghost.reshape(-1)[places] = chosen.astype(np.uint8) + 1

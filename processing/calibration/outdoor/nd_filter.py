@@ -1,0 +1,176 @@
+"""Neutral-density filters that are not neutral: a 3x3 colour correction and a density, kept apart.
+
+Paper, section 3, step (2); Stumpfel et al. 2004. What a filter does to linear RGB (row vectors) is
+``rgb @ tint * 10 ** -density``. The tint leaves the luminance of white light as it is, so that the correction of colour
+does not touch the scale: k2, which is measured on a white patch through the filter, holds the density.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.scale.vignetting import lens_data
+from processing.errors import LensError
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import LUMINANCE_WEIGHTS
+
+Row = tuple[float, float, float]
+Matrix = tuple[Row, Row, Row]
+
+FitMethod = Literal["Cheung 2004", "Finlayson 2015"]
+"""Of colour-science; both give a 3x3 matrix with three terms (plain and root-polynomial of first degree)."""
+_WORST_CONDITION = 50.0
+_LEAST_PATCHES = 6
+_IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class NdFilter:
+    """A filter before the lens. ``tint``'s row sums have luminance 1 (see the module)."""
+
+    tint: Matrix = _IDENTITY
+    density: float = 0.0
+    relative_uncertainty: float = 0.0
+    """Standard uncertainty of a corrected luminance by the correction of colour, relative."""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        matrix = np.array(self.tint, dtype=np.float64)
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not math.isfinite(self.density):
+            raise LensError("a filter's tint is a finite 3x3 matrix and its density a number")
+        white = float(matrix.sum(axis=0) @ np.array(LUMINANCE_WEIGHTS))
+        if abs(white - sum(LUMINANCE_WEIGHTS)) > 1e-6:
+            raise LensError(f"a tint that changes the luminance of white to {white:.4f}", advice="`NdFilter.of_matrix`")
+        if np.linalg.cond(matrix) > _WORST_CONDITION:
+            raise LensError(
+                "a tint that cannot be undone",
+                likely="a chart with too few colours, or clipped patches",
+                advice="fit it to a chart with 24 patches, none clipped or black",
+            )
+
+    @classmethod
+    def of_matrix(cls, forward: npt.ArrayLike, *, relative_uncertainty: float = 0.0, source: str = "") -> NdFilter:
+        """Return the filter that multiplies linear RGB by a matrix (``rgb @ forward``), split in tint and density."""
+        matrix = np.array(forward, dtype=np.float64)
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+            raise LensError("a filter's matrix is finite and 3x3")
+        passed = float(matrix.sum(axis=0) @ np.array(LUMINANCE_WEIGHTS)) / sum(LUMINANCE_WEIGHTS)
+        if passed <= 0:
+            raise LensError("a filter that passes no white light", likely="the matrix is a correction of another kind")
+        return cls(_rows(matrix / passed), -math.log10(passed), relative_uncertainty, source)
+
+    @classmethod
+    def of_correction(cls, correction: npt.ArrayLike, *, source: str = "") -> NdFilter:
+        """Return the filter that a published correction (``rgb @ correction`` gives the light before it) undoes."""
+        matrix = np.array(correction, dtype=np.float64)
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or np.linalg.cond(matrix) > _WORST_CONDITION:
+            raise LensError("a colour correction is a finite 3x3 matrix that can be undone")
+        return cls.of_matrix(np.linalg.inv(matrix), source=source)
+
+    @classmethod
+    def of_factors(cls, factors: Row, *, source: str = "") -> NdFilter:
+        """Return the filter whose channels are corrected by factors, such as (793, 812, 1197)."""
+        if min(factors) <= 0 or not all(math.isfinite(f) for f in factors):
+            raise LensError(f"correction factors {factors}", advice="three numbers above 0")
+        return cls.of_matrix(np.diag(1 / np.array(factors, dtype=np.float64)), source=source)
+
+    @property
+    def transmittance(self) -> float:
+        """Return what the filter passes of white light's luminance."""
+        return float(10**-self.density)
+
+    @property
+    def correction(self) -> Doubles:
+        """Return the matrix (3, 3) that undoes the tint, not the density: ``rgb @ correction``."""
+        return np.linalg.inv(np.array(self.tint, dtype=np.float64))
+
+    def apply(self, rgb: Floats, *, density: bool = False) -> Floats:
+        """Return linear RGB (..., 3) as seen through the tint; ``density``: and weakened by the density."""
+        return _times(rgb, np.array(self.tint) * (self.transmittance if density else 1.0))
+
+    def correct(self, rgb: Floats, *, density: bool = False) -> Floats:
+        """Return linear RGB (..., 3) as before the filter: the inverse of `apply`; may be negative."""
+        return _times(rgb, self.correction / (self.transmittance if density else 1.0))
+
+    def noise_gain(self, rgb: Floats) -> Floats:
+        """Return by how much the correction raises the relative noise of luminance, for uncorrected (..., 3) values.
+
+        The channels' relative noise is taken as equal and independent; at least 1.
+        """
+        weights = np.array(LUMINANCE_WEIGHTS, dtype=np.float32)
+        corrected = (self.correction @ np.array(LUMINANCE_WEIGHTS)).astype(np.float32)
+        tiny = np.float32(1e-20)
+        before = np.sqrt(np.einsum("...c,c->...", rgb * rgb, weights**2)) / np.maximum(rgb @ weights, tiny)
+        after = np.sqrt(np.einsum("...c,c->...", rgb * rgb, corrected**2)) / np.maximum(rgb @ corrected, tiny)
+        gain = after / np.maximum(before, tiny)
+        return np.asarray(np.clip(gain, 1, 1e3), dtype=np.float32)
+
+
+def published_nd_filter(name: str) -> NdFilter:
+    """Return a published filter: lumilab_3 (`lens_data.toml`), known by a factor for each channel."""
+    known = lens_data()["nd_filter"]
+    if name not in known:
+        raise LensError(f"no published filter is called {name!r}", advice=f"one of {', '.join(known)}")
+    red, green, blue = known[name]["factors"]
+    return NdFilter.of_factors((red, green, blue), source=known[name]["source"])
+
+
+def without_negatives(rgb: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return RGB whose negative channels are moved to 0 towards grey, luminance kept, and which pixels (...) that was.
+
+    A pixel of luminance 0 or less becomes black.
+    """
+    lowest = rgb.min(axis=-1)
+    wrong = lowest < 0
+    if not wrong.any():
+        return rgb, wrong
+    out, some = rgb.copy(), rgb[wrong]
+    grey = np.maximum(some @ np.array(LUMINANCE_WEIGHTS, dtype=np.float32) / np.float32(sum(LUMINANCE_WEIGHTS)), 0)
+    share = grey / np.maximum(grey - lowest[wrong], np.float32(1e-30))
+    out[wrong] = np.maximum(grey[:, None] + share[:, None] * (some - grey[:, None]), 0)
+    return out, wrong
+
+
+def fit_nd_filter(
+    filtered: npt.ArrayLike, plain: npt.ArrayLike, *, method: FitMethod = "Cheung 2004", source: str = ""
+) -> NdFilter:
+    """Fit a filter to the patches of a colour chart, (N, 3) linear RGB with and without it, of one camera.
+
+    Both are scaled to equal exposure (divided by time, ISO and aperture's area), so that their ratio is the filter's
+    alone. Patches with a channel at 0 or not finite are left out. The 3x3 matrix is colour-science's least squares in
+    relative error (each patch is divided by its luminance, so that white does not outvote the dark patches). Raises
+    `LensError` for fewer than six patches.
+    """
+    from colour.characterisation import matrix_colour_correction
+
+    before, after = np.asarray(plain, dtype=np.float64), np.asarray(filtered, dtype=np.float64)
+    if before.shape != after.shape or before.ndim != 2 or before.shape[1] != 3:
+        raise LensError("a filter is fitted to the same patches (N, 3) with and without it")
+    usable = (np.isfinite(before) & np.isfinite(after) & (before > 0) & (after > 0)).all(axis=1)
+    if usable.sum() < _LEAST_PATCHES:
+        raise LensError(f"{usable.sum()} patches above 0 in every channel", advice="expose the chart longer")
+    before, after = before[usable], after[usable]
+    weights = np.array(LUMINANCE_WEIGHTS)
+    level = (before @ weights)[:, None]
+    options: dict[str, int] = {"terms": 3} if method == "Cheung 2004" else {"degree": 1}
+    mean = float(np.mean(after @ weights / level[:, 0]))
+    # From the filtered values to the plain ones, at about unit scale: columns of colour's matrix are rows of ours.
+    correction = np.asarray(matrix_colour_correction(after / mean / level, before / level, method=method, **options)).T
+    found = (after / mean) @ correction
+    off = (found @ weights) / level[:, 0] - 1
+    sigma = float(np.sqrt(np.sum(off**2) / max(len(off) - 3, 1)))
+    return NdFilter.of_matrix(np.linalg.inv(correction) * mean, relative_uncertainty=sigma, source=source or method)
+
+
+def _times(rgb: Floats, matrix: Doubles) -> Floats:
+    return np.asarray(rgb @ matrix.astype(np.float32), dtype=np.float32)
+
+
+def _rows(matrix: Doubles) -> Matrix:
+    a, b, c = ((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
+    return a, b, c

@@ -1,0 +1,179 @@
+"""A clipped sun replaced on request, from an illuminance reading or from a clear-sky model; never silently.
+
+The sun becomes a uniform disc 0.533 degrees wide. Its pixels are marked `Validity.REPAIRED`; clipped pixels beside the
+disc (the lens's glare) keep their lower bound and their mark.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from processing.calibration.outdoor.clear_sky import Beam
+from processing.calibration.outdoor.sun_disc import (
+    SUN_RADIUS_RAD,
+    SUN_SOLID_ANGLE_SR,
+    Sun,
+    Window,
+    find_sun,
+    window_at,
+)
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.errors import ParameterError, SunError
+from processing.ground.arrays import Doubles
+from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
+
+_GRID = 9
+"""Samples a side of each pixel on the disc."""
+SUN_RGB = (1.11, 0.99, 0.85)
+"""The colour of the sun's disc, Rec. 709 of about 5500 K (CIE daylight): what a clipped pixel does not tell."""
+BRIGHTEST_CD_M2 = 2.1e9
+"""Above the atmosphere: no sun is brighter than its disc there (133 klx over 6.8e-5 sr, with margin)."""
+
+
+@dataclass(frozen=True)
+class SunRepair:
+    """What was put in place of the sun, for the report."""
+
+    source: Literal["illuminance", "clear sky"]
+    sun_cd_m2: float
+    normal_lx: float
+    horizontal_lx: float
+    relative_uncertainty: float
+    """Standard, of the sun's luminance and illuminance."""
+    rest_lx: float
+    """Horizontal illuminance of the picture without the sun."""
+    was_horizontal_lx: float
+    """What the picture gave before: a lower bound."""
+    n_pixels: int
+    note: str
+    """One sentence for the report."""
+
+
+def repair_sun(
+    image: LuminanceImage,
+    *,
+    horizontal_lx: float | None = None,
+    reading_uncertainty: float = 0.05,
+    beam: Beam | None = None,
+    sun: Sun | None = None,
+) -> tuple[LuminanceImage, SunRepair]:
+    """Return the picture with its clipped sun replaced, and what was done.
+
+    ``horizontal_lx``: the outdoor meter's reading, ``reading_uncertainty`` its relative one; the sun gives what the
+    rest of the picture does not. ``beam``: a clear sky's sun (`clear_beam`). Exactly one is given. Raises
+    `SunError` for a sun that is not clipped, a reading below what the sky alone gives, or one that no sun can give.
+    """
+    if (horizontal_lx is None) == (beam is None):
+        raise ParameterError("a sun is repaired from an illuminance or from a clear sky: give one of them")
+    sun = sun or find_sun(image)
+    if not sun.clipped:
+        raise SunError("the sun is not clipped: there is nothing to repair", advice="leave the picture as it is")
+    window = window_at(image, *_pixel_of(sun))
+    cover = _coverage(window, np.array(sun.direction))
+    sine = math.sin(sun.elevation_rad)
+    seen = min(1.0, float((cover * window.pixel_sr).sum()) / SUN_SOLID_ANGLE_SR) if sun.cut else 1.0
+    empty = _without_sun(image, window, cover)
+    rest = illuminance_lx(empty)
+    if horizontal_lx is not None:
+        normal, sigma = _normal_of_reading(horizontal_lx, reading_uncertainty, rest.value_lx, sine * seen, image)
+    else:
+        assert beam is not None
+        normal, sigma = beam.normal_lx, beam.relative_uncertainty
+    luminance = normal / SUN_SOLID_ANGLE_SR
+    if not 0 < luminance < BRIGHTEST_CD_M2:
+        raise SunError(
+            f"the sun would be {luminance:.3g} cd/m2",
+            likely="the reading, k1 or k2 is wrong, or the sun was behind a cloud",
+            advice="check the illuminance reading and its time",
+        )
+    done = _painted(empty, window, cover, luminance, sigma)
+    before = illuminance_lx(image).value_lx
+    source: Literal["illuminance", "clear sky"] = "clear sky" if horizontal_lx is None else "illuminance"
+    note = (
+        f"the clipped sun was replaced from {'a clear-sky model' if beam else 'the illuminance reading'}: "
+        f"{luminance:.3g} cd/m2 (standard uncertainty {sigma:.0%}), {normal * sine * seen:.4g} lx on level ground "
+        f"beside {rest.value_lx:.4g} lx of the rest; the picture alone gave at least {before:.4g} lx in all"
+    )
+    count = int((cover > 0).sum())
+    repair = SunRepair(source, luminance, normal, normal * sine * seen, sigma, rest.value_lx, before, count, note)
+    return replace(done, attributes={**image.attributes, "sun_repaired": note}), repair
+
+
+def _normal_of_reading(
+    horizontal_lx: float, uncertainty: float, rest_lx: float, sine: float, image: LuminanceImage
+) -> tuple[float, float]:
+    """Return the sun's normal illuminance that a reading leaves for it, and its relative uncertainty."""
+    if not (math.isfinite(horizontal_lx) and horizontal_lx > 0 and uncertainty >= 0):
+        raise ParameterError(f"an illuminance of {horizontal_lx} lx")
+    left = horizontal_lx - rest_lx
+    if sine < math.sin(SUN_RADIUS_RAD) or left <= 0:
+        raise SunError(
+            f"the reading of {horizontal_lx:.4g} lx leaves {left:.4g} lx for the sun beside the sky's {rest_lx:.4g} lx",
+            likely="a reading of another moment, a sun at the horizon, or a wrong k1 or k2",
+            advice="repair it from the clear sky, or leave it clipped",
+        )
+    sigma = math.hypot(uncertainty * horizontal_lx, image.scale_uncertainty * rest_lx) / left
+    return left / sine, sigma
+
+
+def _pixel_of(sun: Sun) -> tuple[int, int]:
+    """Return the middle pixel of the sun's window: nearly the one that was found first."""
+    return (sun.rows.start + sun.rows.stop - 1) // 2, (sun.columns.start + sun.columns.stop - 1) // 2
+
+
+def _coverage(window: Window, centre: Doubles) -> Doubles:
+    """Return how much of each pixel (h, w) the disc covers, scaled so that all of it is covered once."""
+    across, down = np.gradient(window.ways, axis=1), np.gradient(window.ways, axis=0)
+    near = window.angle_from(centre) < SUN_RADIUS_RAD + 2 * np.sqrt(window.pixel_sr.max())
+    rows, columns = np.nonzero(near & window.inside)
+    offsets = (np.arange(_GRID) + 0.5) / _GRID - 0.5
+    cover = np.zeros(window.luminance.shape)
+    for dy in offsets:
+        for dx in offsets:
+            way = window.ways[rows, columns] + dx * across[rows, columns] + dy * down[rows, columns]
+            way = way / np.linalg.norm(way, axis=1, keepdims=True)
+            chord = np.linalg.norm(way - centre, axis=1)
+            cover[rows, columns] += chord < 2 * math.sin(SUN_RADIUS_RAD / 2)
+    cover /= _GRID**2
+    held = float((cover * window.pixel_sr).sum())
+    if held == 0:  # a disc that falls between the samples of one large pixel
+        nearest = np.unravel_index(np.where(window.inside, window.angle_from(centre), np.inf).argmin(), cover.shape)
+        cover[nearest] = 1.0
+        held = float(window.pixel_sr[nearest])
+    # Where the disc is whole its pixels hold exactly its solid angle; where it is cut they hold what they hold.
+    whole = not (near & ~window.inside).any()
+    return cover * (SUN_SOLID_ANGLE_SR / held) if whole else cover
+
+
+def _without_sun(image: LuminanceImage, window: Window, cover: Doubles) -> LuminanceImage:
+    """Return the picture with the disc's pixels at the sky's level beside them."""
+    ring = window.inside & ~window.clipped & (cover == 0)
+    near = ring & (window.angle_from(_middle(window, cover)) < 6 * SUN_RADIUS_RAD)
+    chosen = near if near.any() else ring
+    rgb = image.rgb.copy()
+    part = rgb[window.rows, window.columns]
+    beside = np.median(part[chosen], axis=0) if chosen.any() else np.zeros(3, dtype=np.float32)
+    part[cover > 0] = beside
+    return replace(image, rgb=rgb)
+
+
+def _middle(window: Window, cover: Doubles) -> Doubles:
+    centre = np.einsum("hw,hwc->c", cover, window.ways)
+    return np.asarray(centre / np.linalg.norm(centre))
+
+
+def _painted(image: LuminanceImage, window: Window, cover: Doubles, luminance: float, sigma: float) -> LuminanceImage:
+    """Return the picture with the disc added, its pixels marked, their uncertainty set."""
+    colour = np.array(SUN_RGB, dtype=np.float32)
+    colour = colour / luminance_cd_m2(colour)
+    rgb, uncertainty, validity = image.rgb, image.uncertainty.copy(), image.validity.copy()
+    disc = cover > 0
+    part = (window.rows, window.columns)
+    rgb[part] += (cover[..., None] * luminance).astype(np.float32) * colour
+    uncertainty[part][disc] = np.float32(max(sigma, 1e-6))
+    validity[part][disc] = Validity.REPAIRED
+    return replace(image, uncertainty=uncertainty, validity=validity)

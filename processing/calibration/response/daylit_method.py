@@ -1,0 +1,296 @@
+"""Our method: curve, noise and shutter times from the same patches, in turn, until they agree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.calibration.response.fit import (
+    FIRST_CODE,
+    LAST_CODE,
+    N_BASIS,
+    FineCurve,
+    PatchNoise,
+    Solution,
+    Weighed,
+    dispersion,
+    equations,
+    solve,
+    spline_basis,
+    srgb_log2_exposure,
+    weigh,
+)
+from processing.calibration.response.noise_fit import fit_noise
+from processing.calibration.response.samples import CHANNELS, ChannelSamples, Samples
+from processing.calibration.response.shutter import (
+    TimeEstimate,
+    TimeEvidence,
+    estimate_times,
+    find_wrong_time,
+    refine_times,
+)
+from processing.errors import ResponseError
+from processing.ground.arrays import Doubles, Flags
+
+_QUICK_PATCHES = 1000
+"""How many patches the first rounds use: they need only come near."""
+_MOST_WRONG = 3
+_CLEAR_OF_BLACK = 12.0
+_LEAST_TELLING = 60
+"""Patches (of all channels) clear of black that a frame must show before its time is doubted."""
+_SAME_TIME = 0.1
+_LEAST_RISING = 0.5
+_WIDEST_STOPS = 4.5
+_REFINE = 3
+_BOUNDED = 3.0
+_OUTLIER = 5.0
+"""Standard deviations beyond which a patch has moved."""
+_LEAST_SAMPLES = 40
+_LEAST_CODES = 48
+_LEAST_NEAR = 5
+_LEAST_SLOPE = 1e-4
+_CONTINUED = 10
+"""Codes above the data in which the spline continues."""
+_PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """One channel's curve and what it rests on."""
+
+    log2: Doubles
+    """(256,) stops, strictly increasing; 0 at code 255, which is extrapolated."""
+    coefficients: Doubles
+    noise: PatchNoise
+    solution: Solution
+    low: int
+    high: int
+    weighed: Weighed
+    kept: Flags
+    """(n,) observations of patches that did not move."""
+
+
+@dataclass(frozen=True)
+class DaylitFit:
+    """All channels, and the times that they agree on."""
+
+    channels: tuple[ChannelFit, ChannelFit, ChannelFit]
+    log2_times: Doubles
+    evidence: TimeEvidence
+    wrong_times: dict[int, float]
+    """Frame: stops by which its given time is off."""
+    estimate: TimeEstimate
+
+
+def fit_daylit(samples: Samples, *, free_times: bool, base: Doubles | None = None) -> DaylitFit:
+    """Fit all channels, starting from ``base`` (3, 256) or sRGB's curve.
+
+    A frame whose time contradicts all others gets the time that they imply. With ``free_times`` the rule behind
+    nominal times is chosen too.
+
+    Raises
+    ------
+    ResponseError
+        Too few patches that are seen well in two frames, or all of nearly the same code.
+    """
+    for data, name in zip(samples.channels, CHANNELS, strict=True):
+        check_enough(data, name)
+    check_order(samples)
+    start = np.tile(srgb_log2_exposure(), (3, 1)) if base is None else base
+    given = samples.log2_times
+    times, wrong = given.copy(), dict[int, float]()
+    fits, evidence = _quick(samples, times, start)
+    while len(wrong) < _MOST_WRONG and (found := find_wrong_time(evidence, wrong)) is not None:
+        wrong[found[0]] = 0.0
+        times[found[0]] += found[1]
+        for _ in range(_REFINE):
+            fits, evidence = _quick(samples, times, start)
+            times += refine_times(evidence, tuple(wrong))
+    check_consistent(evidence, wrong, len(times))
+    nominal = tuple(float(t) for t in np.exp2(given))
+    estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
+    if free_times:
+        times = np.log2(np.array(estimate.times_s))
+    for number in range(3):
+        fits = [
+            fit_round(data, times, start[c], fits[c], c, final=True, times_too=number > 0)
+            for c, data in enumerate(samples.channels)
+        ]
+        if number == 0:
+            continue
+        evidence = _evidence(fits, samples.channels, samples)
+        estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
+        if number == 2 or not (wrong or (free_times and estimate.off_rule)):
+            break
+        times = np.log2(np.array(estimate.times_s)) if free_times else times
+        times = times + refine_times(evidence, tuple(wrong))
+    wrong = {frame: float(times[frame] - given[frame]) for frame in wrong}
+    return DaylitFit((fits[0], fits[1], fits[2]), times, evidence, wrong, estimate)
+
+
+def _quick(samples: Samples, times: Doubles, start: Doubles) -> tuple[list[ChannelFit], TimeEvidence]:
+    """Return rough fits to some of the patches, and what they say about the times."""
+    fits, parts = [], [every.part(_QUICK_PATCHES) for every in samples.channels]
+    for c, data in enumerate(parts):
+        first = fit_round(data, times, start[c], None, c, times_too=False)
+        fits.append(fit_round(data, times, start[c], first, c))
+    return fits, _evidence(fits, parts, samples)
+
+
+def _evidence(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], samples: Samples) -> TimeEvidence:
+    scales = [max(fit.solution.scale2, 1.0) for fit in fits]
+    matrix = np.sum([fit.solution.time_matrix / s for fit, s in zip(fits, scales, strict=True)], axis=0)
+    right = np.sum([fit.solution.time_right / s for fit, s in zip(fits, scales, strict=True)], axis=0)
+    silent = ~_telling_frames(fits, data, len(samples.log2_times))
+    matrix[silent], matrix[:, silent], right[silent] = 0.0, 0.0, 0.0
+    return TimeEvidence(matrix, right, samples.bracket_of_frame)
+
+
+def _telling_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], n_frames: int) -> Flags:
+    """Return which frames show enough patches clear of black to say anything of their times.
+
+    Near black the cut-off noise and a JPEG's coding shift codes by what many stops of time would: a frame that is
+    all but black, a few patches around the sun apart, would seem to have another time.
+    """
+    count = np.zeros(n_frames)
+    for fit, seen in zip(fits, data, strict=True):
+        clear = (fit.weighed.weight > 0) & (fit.weighed.predicted >= _CLEAR_OF_BLACK)
+        count += np.bincount(seen.frame[clear], minlength=n_frames)
+    return np.asarray(count >= _LEAST_TELLING)
+
+
+def fit_round(
+    data: ChannelSamples,
+    log2_times: Doubles,
+    start: Doubles,
+    before: ChannelFit | None,
+    channel: int,
+    *,
+    final: bool = False,
+    times_too: bool = True,
+) -> ChannelFit:
+    """Improve a channel's fit (or begin one) by one solution; ``final``: patches that moved are left out."""
+    basis = spline_basis()
+    log2, noise, coefficients = start, PatchNoise(), np.zeros(N_BASIS)
+    if before is not None:
+        log2, coefficients = before.log2, before.coefficients
+        noise = _noise(data, FineCurve.of(log2), log2_times, before.noise, pixels=5 if final and times_too else 1)
+    fine = FineCurve.of(log2)
+    found = weigh(data, fine, log2_times, noise)
+    weight, kept = _robust(data, found, final=final)
+    if final:
+        weight = weight / dispersion(data, found, weight)
+    low, high = support(found.predicted[weight > 0], CHANNELS[channel])
+    solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients)
+    coefficients = coefficients + solution.change
+    log2 = monotone(start + basis.codes @ coefficients, start, low, high)
+    return ChannelFit(log2, coefficients, noise, solution, low, high, found, kept & (found.weight > 0))
+
+
+def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], n_frames: int) -> None:
+    """Refuse frames of which so many contradict their times that none can be believed."""
+    more = find_wrong_time(evidence)
+    if more is None and len(wrong) <= n_frames / 3:
+        return
+    named = sorted({*wrong, *([more[0]] if more else [])})
+    raise ResponseError(
+        f"the frames and their times contradict each other (frames {', '.join(map(str, named))} most)",
+        where="response",
+        likely="times in another order than the frames, frames of several scenes, or light that changed",
+        advice="check that each frame has its own time",
+    )
+
+
+def check_order(samples: Samples) -> None:
+    """Refuse frames that do not grow brighter with their times, or are all too far apart to tell a curve."""
+    gaps = [
+        np.diff(np.unique(samples.log2_times[samples.bracket_of_frame == bracket]))
+        for bracket in np.unique(samples.bracket_of_frame)
+    ]
+    steps = np.concatenate(gaps)
+    steps = steps[steps > _SAME_TIME]
+    if steps.size and steps.min() > _WIDEST_STOPS:
+        raise ResponseError(
+            f"all frames are {steps.min():.1f} stops apart or more",
+            where="response",
+            likely="a bracket with most of its stops missing",
+            advice=f"give frames at most {_WIDEST_STOPS:g} stops apart, or use a profile's curve",
+        )
+    data = samples.channels[1]
+    if data.n_samples == 0:
+        return
+    order = np.lexsort((samples.log2_times[data.frame], data.sample))
+    same = np.diff(data.sample[order]) == 0
+    longer = np.diff(samples.log2_times[data.frame[order]]) > _SAME_TIME
+    rises = np.diff(data.mean[order])[same & longer]
+    if rises.size >= _LEAST_SAMPLES and float(np.mean(rises > 0)) < _LEAST_RISING:
+        raise ResponseError(
+            "frames do not grow brighter with their exposure times",
+            where="response",
+            likely="times in another order than the frames, or one picture several times",
+            advice="check that each frame has its own time",
+        )
+
+
+def check_enough(data: ChannelSamples, name: str) -> None:
+    """Refuse samples from which no curve can be told."""
+    if data.n_samples >= _LEAST_SAMPLES:
+        return
+    raise ResponseError(
+        f"only {data.n_samples} patches are seen neither clipped nor dark in two frames",
+        where=f"response, {name}",
+        likely="one frame, all frames clipped or all dark, or stops too far apart",
+        advice="give a bracket of at least three exposures, at most four stops apart, of a scene with light and shade",
+    )
+
+
+def _noise(
+    data: ChannelSamples, fine: FineCurve, log2_times: Doubles, before: PatchNoise, *, pixels: int
+) -> PatchNoise:
+    mean = fit_noise(data, fine, log2_times, least_code_variance=_MEAN_LEAST)
+    pixel = fit_noise(data, fine, log2_times, least_code_variance=_PIXEL_LEAST, pixels=pixels)
+    return PatchNoise(mean or before.mean, pixel or before.pixel)
+
+
+def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Doubles, Flags]:
+    """Return weights without the patches that moved; in the first rounds the curve or a time may be what is off."""
+    used = found.weight > 0
+    if not used.any():
+        return found.weight, used
+    size = np.abs(found.standard)
+    scale = max(1.4826 * float(np.median(size[used])), 1.0)
+    worst = np.maximum.reduceat(size, data.starts)[data.sample] / scale
+    if not final:
+        return found.weight * np.minimum(1.0, _BOUNDED / np.maximum(worst, _BOUNDED)), used
+    still = worst <= _OUTLIER
+    return np.where(still, found.weight, 0.0), still
+
+
+def support(predicted: Doubles, name: str) -> tuple[int, int]:
+    """Return the lowest and highest code near which the data say enough."""
+    count = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
+    near = np.convolve(count, np.ones(5), mode="same")
+    seen = np.flatnonzero(near >= _LEAST_NEAR)
+    if seen.size < _LEAST_CODES:
+        raise ResponseError(
+            f"the frames show only {seen.size} different codes",
+            where=f"response, {name}",
+            likely="a scene that is even all over, or a bracket of few exposures",
+            advice="use a bracket of a scene with light and shade, or a profile's curve",
+        )
+    return int(max(seen[0], np.ceil(FIRST_CODE))), int(min(seen[-1], np.floor(LAST_CODE)))
+
+
+def monotone(log2: Doubles, start: Doubles, low: int, high: int) -> Doubles:
+    """Return the curve strictly increasing; beyond the data in the slopes of the starting curve."""
+    slope = np.maximum(np.diff(log2), _LEAST_SLOPE)
+    usual = np.maximum(np.diff(start), _LEAST_SLOPE)
+    slope[:low] = usual[:low]
+    join = float(np.clip(slope[high - 3] / usual[high - 3], 0.3, 3.0)) * usual[high:]
+    # A few codes on, the fit's own bend is the better guess; over many it is none.
+    near = np.arange(high, 255) < high + _CONTINUED
+    slope[high:] = np.where(near, np.clip(slope[high:], 0.5 * join, 2 * join), join)
+    out = np.concatenate([[0.0], np.cumsum(slope)])
+    return np.asarray(out - out[255])

@@ -1,0 +1,205 @@
+"""How long a shutter really opens: the powers of two behind the times engraved on dials.
+
+1/60 s stands for 2^-6 s and 13 s for 2^(11/3) s; taken as written they are up to 0.09 stop off. Which of both a camera
+means is in its row of `CAMERA_RULES`, or is told by the bracket itself, whose frames overlap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.ground.arrays import Doubles
+
+RULE_SIGMA_STOPS = 0.02
+"""How far a shutter may be from its rule: 1.4 %."""
+WRONG_STOPS = 0.12
+"""A time that is off by more is none of a shutter's tolerance but a wrong entry: a third of a stop is the next dial."""
+_CLEAR_CHI2 = 100.0
+"""Gain in chi2 that a wrong time must explain: patches are many, the curve is smooth, small misfits are certain."""
+_DECISIVE_CHI2 = 10.0
+_STIFF = 1e3
+_SAME_STOPS = 1e-6
+_LEAST_FRAMES = 4
+"""Of one bracket: two or three frames fit any times with a curve to match."""
+
+
+class ShutterRule(StrEnum):
+    """What true time stands behind a nominal one."""
+
+    NOMINAL = "nominal"
+    """The time as written."""
+    THIRDS = "thirds"
+    """2^(k/3) s: cameras that step in thirds of a stop or in whole stops."""
+    HALVES = "halves"
+    """2^(k/2) s: cameras set to half stops (1/45, 1/90, 0.7 s)."""
+
+
+@dataclass(frozen=True)
+class CameraRule:
+    """A camera model's rule, and how it is known."""
+
+    model: str
+    rule: ShutterRule
+    source: str
+
+
+CAMERA_RULES = (
+    CameraRule(
+        "Canon EOS 5D Mark II",
+        ShutterRule.THIRDS,
+        "its files' EXIF: ShutterSpeedValue 6.375 for 1/80, 12.375 for 1/5000 (thirds, written in eighths)",
+    ),
+    CameraRule(
+        "Canon EOS REBEL T2i",
+        ShutterRule.THIRDS,
+        "its files' EXIF: ShutterSpeedValue 5 for 1/30, 7 for 1/125, 10 for 1/1000, 12 for 1/4000",
+    ),
+)
+"""Models not listed (the RICOH THETA Z1's maker states nominal times only): `estimate_times`, or nominal."""
+
+
+def camera_rule(model: str) -> ShutterRule | None:
+    """Return the rule of a camera model as EXIF names it, or None where it is not known."""
+    return next((row.rule for row in CAMERA_RULES if row.model.lower() == model.strip().lower()), None)
+
+
+def true_time_s(nominal_s: float, rule: ShutterRule) -> float:
+    """Return the time behind a nominal one.
+
+    Raises
+    ------
+    ParameterError
+        A time that is not a positive number.
+    """
+    if not (math.isfinite(nominal_s) and nominal_s > 0):
+        raise ParameterError(f"{nominal_s} is not an exposure time", advice="give seconds above 0")
+    steps = {ShutterRule.NOMINAL: 0, ShutterRule.THIRDS: 3, ShutterRule.HALVES: 2}[rule]
+    return float(nominal_s) if steps == 0 else float(2.0 ** (round(steps * math.log2(nominal_s)) / steps))
+
+
+@dataclass(frozen=True)
+class TimeEvidence:
+    """What patches say about the log2 times, the curve and the patches' light eliminated.
+
+    Changing the log2 times by d (stops) changes chi2 by ``d @ matrix @ d - 2 right @ d``.
+    """
+
+    matrix: Doubles
+    right: Doubles
+    bracket_of_frame: npt.NDArray[np.int64]
+
+    def gain(self, change: Doubles) -> float:
+        """Return by how much chi2 falls with a change of the log2 times."""
+        return float(2 * self.right @ change - change @ self.matrix @ change)
+
+
+@dataclass(frozen=True)
+class TimeEstimate:
+    """Times told by the frames themselves."""
+
+    times_s: tuple[float, ...]
+    sigma: tuple[float, ...]
+    """Relative standard uncertainty; 0 for each bracket's middle time, to which the others are relative."""
+    rule: ShutterRule
+    chi2: dict[ShutterRule, float]
+    """Of each rule, more than that of the best."""
+    decided: bool
+    """Whether the frames tell the rules apart; where not, ``rule`` is the one asked for."""
+    off_rule: bool
+    """Whether times differ from the rule's by more than the frames' noise explains, and are the estimated ones."""
+
+
+def estimate_times(
+    evidence: TimeEvidence,
+    times_s: Sequence[float],
+    *,
+    fitted: Doubles | None = None,
+    known: Sequence[int] = (),
+    prior: ShutterRule = ShutterRule.NOMINAL,
+) -> TimeEstimate:
+    """Choose the rule that the frames fit best; leave it where they clearly say so.
+
+    ``times_s`` are nominal; ``fitted``: log2 of the times that the evidence is about, if others; ``known``: frames
+    whose time is not by any rule, and stays as fitted.
+    """
+    now = np.log2(np.asarray(times_s, dtype=np.float64)) if fitted is None else fitted
+    by_rule = {rule: np.log2([true_time_s(t, rule) for t in times_s]) - now for rule in ShutterRule}
+    for change in by_rule.values():
+        change[list(known)] = 0.0
+    chi2 = {rule: -evidence.gain(change) for rule, change in by_rule.items()}
+    best = min(chi2, key=lambda rule: chi2[rule])
+    # Rules that give these frames the same times are one.
+    others = [r for r in ShutterRule if np.abs(by_rule[r] - by_rule[best]).max() > _SAME_STOPS]
+    decided = bool(others) and min(chi2[r] for r in others) - chi2[best] > _DECISIVE_CHI2
+    decided &= bool(np.bincount(evidence.bracket_of_frame).max() >= _LEAST_FRAMES)
+    rule = best if decided and chi2[prior] - chi2[best] > _DECISIVE_CHI2 else prior
+    extra, covariance = _off_rule(evidence, by_rule[rule], now)
+    gain = evidence.gain(by_rule[rule] + extra) - evidence.gain(by_rule[rule])
+    off_rule = bool(gain > len(now) + 6 * math.sqrt(2 * len(now)) and np.abs(extra).max() > RULE_SIGMA_STOPS / 2)
+    total = now + by_rule[rule] + (extra if off_rule else 0.0)
+    sigma = np.sqrt(np.diag(covariance)) * math.log(2.0)
+    return TimeEstimate(
+        tuple(float(t) for t in np.exp2(total)),
+        tuple(float(s) for s in sigma),
+        rule,
+        {name: round(value - chi2[best], 3) for name, value in chi2.items()},
+        decided,
+        off_rule,
+    )
+
+
+def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles) -> tuple[Doubles, Doubles]:
+    """Return the most probable further change under a shutter's tolerance, middle frames fixed, and its covariance."""
+    count = len(now)
+    free = np.ones(count, dtype=bool)
+    for bracket in np.unique(evidence.bracket_of_frame):
+        mine = np.flatnonzero(evidence.bracket_of_frame == bracket)
+        free[mine[np.argsort(now[mine])[mine.size // 2]]] = False
+    extra, covariance = np.zeros(count), np.zeros((count, count))
+    if free.any():
+        right = (evidence.right - evidence.matrix @ change)[free]
+        inside = np.ix_(free, free)
+        # All times to a common power with the curve stretched to fit look the same: that much is the rule's to say.
+        stretch = (now + change - (now + change).mean())[free]
+        prior = np.eye(int(free.sum())) / RULE_SIGMA_STOPS**2
+        prior += np.outer(stretch, stretch) * (_STIFF * max(float(np.diag(evidence.matrix).max()), 1.0))
+        covariance[inside] = np.linalg.inv(evidence.matrix[inside] + prior)
+        extra[free] = covariance[inside] @ right
+    return extra, covariance
+
+
+def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:
+    """Return the most probable change (stops) of the times of some frames, the others held; 0 for those."""
+    change = np.zeros(len(evidence.right))
+    chosen = list(frames)
+    if chosen:
+        matrix = evidence.matrix[np.ix_(chosen, chosen)]
+        matrix = matrix + np.eye(len(chosen)) * (1e-9 * np.trace(matrix) + 1e-9)
+        change[chosen] = np.linalg.solve(matrix, evidence.right[chosen])
+    return np.clip(change, -2.0, 2.0)
+
+
+def find_wrong_time(evidence: TimeEvidence, known: Collection[int] = ()) -> tuple[int, float] | None:
+    """Return the frame whose time contradicts all others most, and by how many stops it is off; None if none does.
+
+    Frames in ``known`` are not named again. Of a bracket of fewer than four frames a wrong time cannot be told from
+    another curve.
+    """
+    own = np.diag(evidence.matrix)
+    counts = np.bincount(evidence.bracket_of_frame)[evidence.bracket_of_frame]
+    able = (own > 0) & (counts >= _LEAST_FRAMES) & ~np.isin(np.arange(len(own)), list(known))
+    if not able.any():
+        return None
+    change = np.where(able, evidence.right / np.where(own > 0, own, 1.0), 0.0)
+    gain = change * evidence.right
+    frame = int(np.argmax(gain))
+    if gain[frame] < _CLEAR_CHI2 or abs(change[frame]) < WRONG_STOPS:
+        return None
+    return frame, float(change[frame])

@@ -1,0 +1,211 @@
+"""k2: the constant between the two cameras, from one chart in both pictures (Ji et al. 2023, section 3, eq. 2).
+
+Outdoor luminance is ``k1 * k2 * Y_outdoor`` and indoor luminance ``k1 * Y_indoor``, so k2 is the indoor value of a
+patch over the outdoor one. The paper takes the white patch. Stray light in either lens adds about the same to every
+patch, so that the ratio of the white patch is wrong by it; a straight line through all neutral patches has k2 as its
+slope and the difference of both veils as its offset.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.scale.chart_patches import (
+    NEUTRALS,
+    PATCH_NAMES,
+    WHITE,
+    FoundChart,
+    candidates,
+    checked_corners,
+    read_chart,
+    refined,
+)
+from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor
+from processing.errors import ChartError
+from processing.ground.arrays import Doubles
+from processing.pictures.images import RelativeImage
+
+__all__ = ["FoundChart", "PatchPair", "find_chart", "scale_from_charts"]
+
+MAX_MISMATCH = 0.25
+"""Right charts come to 0.02 .. 0.12; turned by half a circle the same ones to more than 0.5."""
+WHITE_WARNING_FRAC = 0.02
+_MIN_SIGMA = 0.003
+"""Relative, of any patch: paint and angle differ that much between two cameras that stand side by side."""
+_HUBER = 1.5
+
+
+@dataclass(frozen=True)
+class PatchPair:
+    """A patch in both pictures, the outdoor one scaled by k2."""
+
+    name: str
+    indoor: float
+    outdoor: float
+    residual_stops: float
+    """log2 of indoor over the fit's prediction; 0 for patches that are clipped or dark somewhere."""
+    color_difference: float
+    """CIE 1976 L*a*b*, relative to the white patch."""
+    fitted: bool
+
+
+@dataclass(frozen=True)
+class ChartScale:
+    """k2 and what it comes from."""
+
+    scale: ScaleFactor
+    white_ratio: float
+    offset_frac: float
+    """Veil indoors less the veil outdoors, as a share of the white patch."""
+    residual_stops: float
+    """Robust rms of the neutral patches about the fit."""
+    patches: tuple[PatchPair, ...]
+
+
+def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> FoundChart:
+    """Return the 24-patch chart in a view: found by itself, or at four corners (x, y; in order around the chart).
+
+    Raises
+    ------
+    ChartError
+        No chart was found, or what lies at the corners is none; also patches under four pixels.
+    """
+    if corners_px is not None:
+        chart = read_chart(view, refined(view, checked_corners(corners_px)), "corners")
+        return _sure(chart, "the corners do not enclose the 24-patch chart")
+    best: FoundChart | None = None
+    for corners in islice(candidates(view), 8):
+        try:
+            chart = read_chart(view, corners, "cv2.mcc")
+        except ChartError:
+            continue
+        if best is None or chart.mismatch < best.mismatch:
+            best = chart
+        if best.mismatch < MAX_MISMATCH / 2:
+            break
+    if best is None:
+        raise ChartError(
+            "no 24-patch chart was found",
+            where="the view",
+            likely="it is too small, cut off, or in a strong reflection",
+            advice="give its four corners: --corners",
+        )
+    return _sure(best, "what looks like a chart has not its colours")
+
+
+def scale_from_charts(indoor: FoundChart, outdoor: FoundChart, *, curve_frac: float = CURVE_FRAC) -> ChartScale:
+    """Return k2 from the same chart in both pictures; ``curve_frac``: relative uncertainty by each response curve.
+
+    Raises
+    ------
+    ChartError
+        Fewer than three neutral patches are neither clipped nor dark in both.
+    """
+    numbers = [n for n in NEUTRALS if indoor.usable[n] and outdoor.usable[n]]
+    if len(numbers) < 3:
+        raise ChartError(
+            f"only {len(numbers)} of 6 neutral patches are neither clipped nor dark in both pictures",
+            where="the chart",
+            advice="capture it with all nine stops, under light that suits both cameras",
+        )
+    y_in, y_out = indoor.luminance, outdoor.luminance
+    fit = _line(y_out[numbers], y_in[numbers], np.hypot(indoor.uncertainty, outdoor.uncertainty)[numbers])
+    white = WHITE if WHITE in numbers else numbers[0]
+    ratio = float(y_in[white] / y_out[white])
+    patches = _pairs(indoor, outdoor, fit, white)
+    residuals = np.array([p.residual_stops for p in patches if p.fitted])
+    spread = 1.4826 * float(np.median(np.abs(residuals)))
+    scale = ScaleFactor(
+        value=fit.slope,
+        relative_uncertainty=math.sqrt(fit.sigma**2 + 2 * curve_frac**2),
+        parts={"fit": fit.sigma, "curves": math.sqrt(2) * curve_frac},
+        n_pixels=float(min(indoor.n_pixels[white], outdoor.n_pixels[white])),
+        displayed=float(y_out[white]),
+        measured=float(y_in[white]),
+        warnings=_warnings(ratio, fit, white),
+    )
+    return ChartScale(scale, ratio, fit.offset / float(y_in[white]), spread, patches)
+
+
+@dataclass(frozen=True)
+class _Line:
+    slope: float
+    offset: float
+    sigma: float
+    """Relative standard uncertainty of the slope, from the fit."""
+
+
+def _line(x: Doubles, y: Doubles, sigma: Doubles) -> _Line:
+    """Return the robust line ``y = slope x + offset`` for relative errors; through 0 for three points."""
+    relative = np.maximum(sigma, _MIN_SIGMA)
+    columns = np.stack([x, np.ones_like(x)], axis=1) if x.size > 3 else x[:, None]
+    error, huber = relative * y, np.ones_like(y)
+    for _ in range(30):
+        weight = np.sqrt(huber) / error
+        found, *_ = np.linalg.lstsq(columns * weight[:, None], y * weight, rcond=None)
+        pull = np.abs(columns @ found - y) / error
+        huber = np.minimum(1, _HUBER / np.maximum(pull, 1e-12))
+    covariance = np.linalg.inv((columns * weight[:, None]).T @ (columns * weight[:, None]))
+    freedom = max(x.size - columns.shape[1], 1)
+    excess = max(1.0, float(np.sum(huber * pull**2)) / freedom)
+    slope, offset = float(found[0]), float(found[1]) if columns.shape[1] > 1 else 0.0
+    if not slope > 0:
+        raise ChartError("the two pictures of the chart contradict each other", where="the neutral patches")
+    return _Line(slope, offset, math.sqrt(float(covariance[0, 0]) * excess) / slope)
+
+
+def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> tuple[PatchPair, ...]:
+    y_in, y_out = indoor.luminance, outdoor.luminance * fit.slope
+    predicted = np.maximum(y_out + fit.offset, 1e-30)
+    residual = np.log2(np.maximum(y_in, 1e-30) / predicted)
+    differences = np.linalg.norm(_lab(indoor.rgb, white) - _lab(outdoor.rgb, white), axis=1)
+    both = indoor.usable & outdoor.usable
+    return tuple(
+        PatchPair(
+            name,
+            float(y_in[n]),
+            float(y_out[n]),
+            float(residual[n]) if both[n] else 0.0,
+            float(differences[n]),
+            bool(n in NEUTRALS and both[n]),
+        )
+        for n, name in enumerate(PATCH_NAMES)
+    )
+
+
+def _lab(rgb: Doubles, white: int) -> Doubles:
+    """Return CIE L*a*b* (24, 3) of linear Rec. 709 relative to one of its rows (CIE 15:2004, 8.2.1)."""
+    to_xyz = np.array(
+        [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+    )
+    xyz = np.maximum(rgb, 0) @ to_xyz.T
+    t = xyz / np.maximum(xyz[white], 1e-30)
+    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t * (29 / 6) ** 2 / 3 + 4 / 29)
+    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
+
+
+def _warnings(ratio: float, fit: _Line, white: int) -> tuple[str, ...]:
+    found = []
+    if white != WHITE:
+        found.append(f"the white patch is clipped or dark: {PATCH_NAMES[white]} stands for it")
+    if abs(ratio / fit.slope - 1) > WHITE_WARNING_FRAC:
+        found.append(
+            f"white patch {ratio:.4g} and fit of all neutral patches {fit.slope:.4g} differ by "
+            f"{ratio / fit.slope - 1:+.1%}: stray light, a reflection on the chart, or a response curve that is off"
+        )
+    return tuple(found)
+
+
+def _sure(chart: FoundChart, message: str) -> FoundChart:
+    if chart.mismatch > MAX_MISMATCH:
+        raise ChartError(
+            f"{message} (they differ by {chart.mismatch:.0%})",
+            where="the view",
+            advice="give the chart's four corners in order around it: --corners",
+        )
+    return chart

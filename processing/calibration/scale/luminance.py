@@ -1,0 +1,251 @@
+"""k1: from a meter reading to the scale of the indoor picture (Ji et al. 2023, eq. 1).
+
+k1 is the luminance that the meter read over the luminance that the picture displays for the same target, averaged
+over the meter's spot. Its relative standard uncertainty has the parts ``meter``, ``spot``, ``picture`` and ``drift``,
+independent of one another and added in quadrature (GUM, JCGM 100:2008, 5.1.2).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.scale.meter_spot import Spot, SpotPixels, moved, shares, spot_luminance, spot_pixels
+from processing.errors import ScaleError
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from station.session.session import FrameRecord, ReadingRecord
+
+DRIFT_WARNING_FRAC = 0.05
+SPOT_WARNING_FRAC = 0.02
+MAX_GHOST_SHARE = 0.25
+"""Of the spot: more means that something stood before the target."""
+CURVE_FRAC = 0.004
+"""Of 0.006 stop, what a recovered response curve is held to."""
+NEIGHBOURS = 4.0
+"""Pixels whose noise is one: JPEG and demosaicing share it among neighbours."""
+_USABLE = ("ok", "typed")
+
+
+@dataclass(frozen=True)
+class MeterAccuracy:
+    """Half-widths of a meter's error: relative, and in steps of the last digit shown; its spot; how well it is aimed.
+
+    The defaults are the class of an LS-160 (2 % and 2 digits, spot 1/3 degree); 0.2 degrees is what a careful person
+    reaches who points at a mark. A half-width w is a standard uncertainty of w / sqrt(3) (GUM 4.3.7).
+    """
+
+    relative: float = 0.02
+    digits: float = 2.0
+    spot_rad: float = math.radians(1 / 3)
+    pointing_rad: float = math.radians(0.2)
+
+
+LS160 = MeterAccuracy()
+
+
+@dataclass(frozen=True)
+class ScaleFactor:
+    """A factor on a picture's values, with its uncertainty and where that comes from."""
+
+    value: float
+    relative_uncertainty: float
+    """Standard (1 sigma)."""
+    parts: Mapping[str, float] = field(default_factory=dict)
+    """Relative standard uncertainties that ``relative_uncertainty`` is made of."""
+    n_pixels: float = 0.0
+    """Pixels (with their parts) that the displayed value is the mean of."""
+    displayed: float = 0.0
+    """Luminance of the target in the picture's own scale."""
+    measured: float = 0.0
+    """What it was compared with: cd/m2 for k1, the other picture's value for k2."""
+    drift_frac: float | None = None
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """The meter's value at the moment of the picture."""
+
+    luminance_cd_m2: float
+    meter_frac: float
+    drift_frac: float | None
+    drift_part: float
+
+
+def scale_from_reading(
+    image: RelativeImage,
+    readings: Sequence[ReadingRecord],
+    longitude_rad: float,
+    latitude_rad: float,
+    *,
+    frames: Sequence[FrameRecord] = (),
+    meter: MeterAccuracy = LS160,
+    curve_frac: float = CURVE_FRAC,
+) -> ScaleFactor:
+    """Return k1 from the meter's readings of a target in the picture.
+
+    ``frames`` (those the picture was merged from) tell its moment: between two readings the meter's value is
+    interpolated to it. Readings whose status is neither "ok" nor "typed" are not used. ``curve_frac`` is the relative
+    standard uncertainty that pixels of equal codes share (the response curve's).
+
+    Raises
+    ------
+    ScaleError
+        No usable reading, a reading of 0, a spot outside the picture, or one that is clipped, dark or moved.
+    """
+    measured = _measured(readings, frames, meter)
+    spot = Spot(longitude_rad, latitude_rad, meter.spot_rad)
+    found = spot_pixels(image.geometry, spot)
+    warnings = _check_spot(image, found)
+    displayed = float(luminance_cd_m2(image.rgb[found.row, found.column]) @ found.share)
+    if not displayed > 0 or not math.isfinite(displayed):
+        raise ScaleError("the target is black in the picture", where="the meter's spot", advice=_OTHER_TARGET)
+    parts = {
+        "meter": measured.meter_frac,
+        "spot": _pointing_part(image, spot, displayed, meter.pointing_rad),
+        "picture": _picture_part(image, found, displayed, curve_frac),
+        "drift": measured.drift_part,
+    }
+    if parts["spot"] > SPOT_WARNING_FRAC:
+        warnings.append(
+            f"the light changes by {parts['spot']:.1%} within the meter's aim: an edge or a patch of sun on the target"
+        )
+    if measured.drift_frac is not None and abs(measured.drift_frac) > DRIFT_WARNING_FRAC:
+        warnings.append(f"the light changed by {measured.drift_frac:+.1%} from the first reading to the last")
+    return ScaleFactor(
+        value=measured.luminance_cd_m2 / displayed,
+        relative_uncertainty=math.sqrt(math.fsum(u * u for u in parts.values())),
+        parts=parts,
+        n_pixels=found.n_effective,
+        displayed=displayed,
+        measured=measured.luminance_cd_m2,
+        drift_frac=measured.drift_frac,
+        warnings=tuple(warnings),
+    )
+
+
+def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> LuminanceImage:
+    """Return the picture times the factor: a picture in cd/m2."""
+    return LuminanceImage(
+        rgb=np.asarray(image.rgb * np.float32(scale.value)),
+        uncertainty=image.uncertainty,
+        validity=image.validity,
+        geometry=image.geometry,
+        scale_uncertainty=scale.relative_uncertainty,
+        ghost=image.ghost,
+        attributes={**image.attributes, **attributes},
+    )
+
+
+def combined(first: ScaleFactor, second: ScaleFactor) -> ScaleFactor:
+    """Return the product of two factors (k1 k2 of eq. 2), their uncertainties in quadrature."""
+    return replace(
+        first,
+        value=first.value * second.value,
+        relative_uncertainty=math.hypot(first.relative_uncertainty, second.relative_uncertainty),
+        parts={"k1": first.relative_uncertainty, "k2": second.relative_uncertainty},
+        warnings=(*first.warnings, *second.warnings),
+    )
+
+
+_OTHER_TARGET = "measure a target that is neither clipped nor dark, or give --k1"
+
+
+def _measured(readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord], meter: MeterAccuracy) -> _Measured:
+    usable = [r for r in readings if r.status in _USABLE and r.luminance_cd_m2 is not None]
+    if not usable:
+        had = f"{len(readings)} with status {', '.join(sorted({r.status for r in readings}))}" if readings else "none"
+        raise ScaleError(
+            f"no usable meter reading ({had})", where="readings", advice="give one: --reading CD_M2, or --k1"
+        )
+    values = np.array([float(r.luminance_cd_m2 or 0.0) for r in usable])
+    if not np.all(values > 0):
+        raise ScaleError("a meter reading of 0 gives no scale", where="readings", advice=_OTHER_TARGET)
+    fraction = max(_meter_part(r, meter) for r in usable)
+    if len(usable) == 1:
+        return _Measured(float(values[0]), fraction, None, 0.0)
+    times, moment = _times(usable, frames)
+    order = np.argsort(times, kind="stable")
+    times, values = times[order], values[order]
+    drift = float(values[-1] / values[0] - 1)
+    known = moment is not None
+    value = float(np.interp(moment, times, values)) if moment is not None else float(values.mean())
+    # Between the readings the light may have gone any way: a rectangle of the drift's width, half where interpolated.
+    return _Measured(value, fraction, drift, abs(drift) / math.sqrt(12) / (2 if known else 1))
+
+
+def _times(
+    readings: Sequence[ReadingRecord], frames: Sequence[FrameRecord]
+) -> tuple[npt.NDArray[np.float64], float | None]:
+    """Return the readings' times and the frames' mean moment, by one clock; None where frames have no times."""
+    monotonic = [r.taken_monotonic_s for r in readings]
+    opened = [f.release_monotonic_s + f.camera_s / 2 for f in frames if f.release_monotonic_s is not None]
+    if None not in monotonic and opened:
+        return np.array(monotonic, dtype=np.float64), float(np.mean(opened))
+    begin = readings[0].taken_utc
+    seen = [(f.taken_utc - begin).total_seconds() + f.camera_s / 2 for f in frames if f.taken_utc is not None]
+    times = np.array([(r.taken_utc - begin).total_seconds() for r in readings])
+    return times, float(np.mean(seen)) if seen else None
+
+
+def _meter_part(reading: ReadingRecord, meter: MeterAccuracy) -> float:
+    """Return the meter's relative standard uncertainty: accuracy, last digit, scatter of its samples."""
+    value = float(reading.luminance_cd_m2 or 0.0)
+    last = re.findall(r"[0-9]+(?:\.([0-9]+))?", reading.raw)
+    step = 10.0 ** -len(last[-1]) if last else 10.0 ** (math.floor(math.log10(value)) - 3)
+    halfwidth = math.hypot(meter.relative, meter.digits * step / value)
+    # (max - min) of a few samples is about twice their standard deviation.
+    scatter = reading.spread_frac / 2 / math.sqrt(reading.n_samples)
+    return math.hypot(halfwidth / math.sqrt(3), scatter)
+
+
+def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:
+    """Return warnings; refuse a spot whose values are not the target's."""
+    share = shares(image, found)
+    reasons = {
+        Validity.CLIPPED: "brighter than every frame can tell (clipped)",
+        Validity.DARK: "darker than every frame can tell",
+        Validity.OUTSIDE: "outside the lens's field",
+        Validity.REPAIRED: "a repaired value, not a measured one",
+    }
+    for kind, reason in reasons.items():
+        if share[kind] > 0:
+            raise ScaleError(
+                f"{share[kind]:.0%} of the meter's spot is {reason}", where="the meter's spot", advice=_OTHER_TARGET
+            )
+    moving = 0.0 if image.ghost is None else float(found.share[image.ghost[found.row, found.column] > 0].sum())
+    if moving > MAX_GHOST_SHARE:
+        raise ScaleError(
+            f"something moved over {moving:.0%} of the meter's spot (ghost)",
+            where="the meter's spot",
+            likely="a person or a shadow before the target",
+            advice="capture again, or give another target",
+        )
+    return [f"something moved over {moving:.0%} of the meter's spot"] if moving > 0 else []
+
+
+def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_rad: float) -> float:
+    """Return how much the spot's mean varies within the uncertainty of its aim (per axis), relative."""
+    changes = []
+    for other in moved(spot, pointing_rad):
+        try:
+            changes.append(spot_luminance(image, other) / displayed - 1)
+        except ScaleError:
+            continue  # at the picture's edge: the other ways tell
+    # Over all ways the mean square of a gradient's change is half of its square.
+    return math.sqrt(2 * float(np.mean(np.square(changes)))) if changes else 0.0
+
+
+def _picture_part(image: RelativeImage, found: SpotPixels, displayed: float, curve_frac: float) -> float:
+    """Return the uncertainty of the spot's mean: noise, which averages out, and the curve's error, which does not."""
+    values = luminance_cd_m2(image.rgb[found.row, found.column]).astype(np.float64)
+    claimed = np.asarray(image.uncertainty[found.row, found.column], dtype=np.float64)
+    claimed2 = float(np.where(np.isfinite(claimed), claimed, 1.0) ** 2 @ found.share)
+    scatter2 = float(((values / displayed - 1) ** 2) @ found.share)
+    independent = max(found.n_effective / NEIGHBOURS, 1.0)
+    return math.sqrt(max(claimed2, scatter2) / independent + curve_frac**2)

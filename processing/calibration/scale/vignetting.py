@@ -1,0 +1,259 @@
+"""Fall-off of light towards the edge of a lens's field: a radial polynomial, given, or fitted to pictures.
+
+Paper, section 3, step (1); Inanici 2006. V(r) = 1 + sum c_i r^p_i; a picture is divided by V to correct it.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import LensError
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import RelativeImage, luminance_cd_m2
+from processing.sphere import Equirectangular, Fisheye, pixels
+from processing.sphere.geometry import polar_of_radius
+
+# Published calibrations that come with the program: `lens_data.toml`, with their sources.
+
+
+@cache
+def lens_data() -> dict[str, Any]:
+    """Return the tables ``vignetting`` and ``nd_filter``, by name."""
+    return tomllib.loads(files("processing.calibration").joinpath("lens_data.toml").read_text("utf-8"))
+
+
+EVEN_POWERS = (2, 4, 6)
+"""Of r, what fits take: a rotationally symmetric lens's fall-off is smooth in the middle."""
+_LEAST, _MOST = 0.02, 4.0
+_MIN_SAMPLES = 50
+
+
+@dataclass(frozen=True)
+class Vignetting:
+    """A radial fall-off; r is the distance in the picture in radii of the image circle, or with ``in_angle`` the angle
+    from the axis over half the field."""
+
+    powers: tuple[int, ...]
+    coefficients: tuple[float, ...]
+    relative_uncertainty: float = 0.0
+    """Standard uncertainty of V, relative, the same at every r."""
+    f_number: float | None = None
+    in_angle: bool = False
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if len(self.powers) != len(self.coefficients) or any(p < 0 for p in self.powers):
+            raise LensError("fall-off: as many coefficients as powers, and no negative power")
+        values = self.evaluate(np.linspace(0, 1, 257))
+        if not (np.isfinite(values).all() and values.min() > _LEAST and values.max() < _MOST):
+            raise LensError(
+                f"fall-off between {values.min():.3g} and {values.max():.3g} inside the field",
+                likely="coefficients of another radius unit, or a fit that runs away",
+                advice="r is 1 at the edge of the image circle",
+            )
+
+    def evaluate(self, r: npt.ArrayLike) -> Doubles:
+        """Return V at r (radii); r beyond 1 counts as 1."""
+        r = np.clip(np.asarray(r, dtype=np.float64), 0, 1)
+        total = np.ones_like(r)
+        for power, coefficient in zip(self.powers, self.coefficients, strict=True):
+            total += coefficient * r**power
+        return total
+
+    def map(self, geometry: Fisheye) -> Floats:
+        """Return V for each pixel (H, W) of a fisheye picture."""
+        x, y = geometry.axis_px
+        across = (np.arange(geometry.width_px) + 0.5 - x) / geometry.radius_px
+        down = (np.arange(geometry.height_px) + 0.5 - y) / geometry.radius_px
+        r = np.hypot(across[None, :], down[:, None])
+        # A fine table is right to 1e-7 and ten times cheaper than powers or angles of every pixel.
+        knots = np.linspace(0, 1, 2049)
+        values = self.evaluate(_angle_share(geometry, knots) if self.in_angle else knots)
+        return np.asarray(np.interp(r, knots, values), dtype=np.float32)
+
+    def correct(self, rgb: Floats, geometry: Fisheye) -> Floats:
+        """Return the picture (H, W, 3) as a lens without fall-off would have given it."""
+        return np.asarray(rgb / self.map(geometry)[..., None], dtype=np.float32)
+
+    def apply(self, rgb: Floats, geometry: Fisheye) -> Floats:
+        """Return the picture (H, W, 3) with the fall-off put in: the inverse of `correct`."""
+        return np.asarray(rgb * self.map(geometry)[..., None], dtype=np.float32)
+
+
+def published_vignetting(name: str) -> Vignetting:
+    """Return a published fall-off: canon_8mm_f5_6, canon_8mm_f8, canon_8mm_f11 or theta_z1 (`lens_data.toml`)."""
+    known = lens_data()["vignetting"]
+    if name not in known:
+        raise LensError(f"no published fall-off is called {name!r}", advice=f"one of {', '.join(known)}")
+    values = known[name]
+    return Vignetting(
+        tuple(values["powers"]),
+        tuple(values["coefficients"]),
+        f_number=values["f_number"],
+        in_angle=values.get("in_angle", False),
+        source=values["source"],
+    )
+
+
+@dataclass(frozen=True)
+class VignettingFit:
+    """A fall-off found in pictures."""
+
+    vignetting: Vignetting
+    rms: float
+    """Robust rms of what remains, relative."""
+    count: int
+    """Samples used."""
+
+
+def fit_flat(
+    frames: Sequence[Floats], geometry: Fisheye, *, powers: tuple[int, ...] = EVEN_POWERS, rings: int = 200
+) -> VignettingFit:
+    """Fit the fall-off to linear pictures (H, W, 3) of an evenly lit field (an integrating sphere, a diffuser).
+
+    Medians of rings of equal area, so that dust and noise do not count; each frame has a brightness of its own.
+    """
+    x, y = geometry.axis_px
+    across, down = np.arange(geometry.width_px) + 0.5 - x, np.arange(geometry.height_px) + 0.5 - y
+    r = np.hypot(across[None, :], down[:, None]) / geometry.radius_px
+    ring = np.minimum((r * r * rings).astype(int), rings)
+    order = np.argsort(ring, axis=None, kind="stable")
+    edges = np.searchsorted(ring.ravel()[order], np.arange(rings + 1))
+    rows, scene, level = [], [], []
+    for number, frame in enumerate(frames):
+        values = luminance_cd_m2(frame).ravel()[order]
+        for first, last in pairwise(edges):
+            if last > first and (middle := float(np.median(values[first:last]))) > 0 and np.isfinite(middle):
+                rows.append(float(np.sqrt(np.mean(r.ravel()[order[first:last]] ** 2))))
+                level.append(np.log(middle))
+                scene.append(number)
+    return _solve(np.array(rows), np.array(level), np.array(scene, dtype=int), powers, "fitted to a flat field")
+
+
+def fit_rotated(
+    captures: Sequence[Floats],
+    rotations: Sequence[npt.ArrayLike],
+    geometry: Fisheye,
+    *,
+    powers: tuple[int, ...] = EVEN_POWERS,
+    samples: int = 4000,
+) -> VignettingFit:
+    """Fit the fall-off to linear captures (H, W, 3) of one unchanged scene, the camera turned between them.
+
+    ``rotations`` are 3x3 matrices from the camera's axes (z along the lens) to the scene's. What the scene's points
+    radiate is solved along with the fall-off. The same point must be seen at different distances from the axis: turning
+    about the lens's own axis tells nothing, so the camera is laid on its side and turned by azimuth. Raises
+    `LensError` where the captures do not tell.
+    """
+    import cv2
+
+    if len(captures) != len(rotations) or len(captures) < 2:
+        raise LensError(f"{len(captures)} captures and {len(rotations)} rotations", advice="give two or more of each")
+    ways = _spread(samples)
+    radii, levels, points = [], [], []
+    for capture, rotation in zip(captures, rotations, strict=True):
+        x, y, seen = pixels(geometry, ways @ np.asarray(rotation, dtype=np.float64))
+        luminance = cv2.GaussianBlur(luminance_cd_m2(capture), (5, 5), 0)
+        at = (np.where(seen, x, 0) - 0.5).astype(np.float32), (np.where(seen, y, 0) - 0.5).astype(np.float32)
+        value = cv2.remap(luminance, at[0][None], at[1][None], cv2.INTER_LINEAR)[0]
+        centre = geometry.axis_px
+        r = np.hypot(x - centre[0], y - centre[1]) / geometry.radius_px
+        used = seen & (r < 0.985) & (value > 0) & np.isfinite(value)
+        radii.append(r[used])
+        levels.append(np.log(value[used].astype(np.float64)))
+        points.append(np.flatnonzero(used))
+    return _solve(
+        np.concatenate(radii), np.concatenate(levels), np.concatenate(points), powers, "fitted to rotated captures"
+    )
+
+
+def _solve(
+    r: Doubles, level: Doubles, scene: npt.NDArray[np.intp], powers: tuple[int, ...], source: str
+) -> VignettingFit:
+    """Solve log level = log scene[scene] + log V(r), scene by scene free, by reweighted Gauss-Newton."""
+    if r.size < _MIN_SAMPLES:
+        raise LensError(f"{r.size} usable samples of the fall-off", likely="frames that are dark, or miss the field")
+    count = np.maximum(np.bincount(scene), 1)
+    basis = r[:, None] ** np.array(powers, dtype=np.float64)
+    found, weights = np.zeros(len(powers)), np.ones_like(r)
+    off, spread = level, np.inf
+    for _ in range(30):
+        v = np.maximum(1 + basis @ found, 0.05)
+        slopes = _centred(basis / v[:, None], scene, count)
+        off = _centred((level - np.log(v))[:, None], scene, count)[:, 0]
+        spread = max(1.4826 * float(np.median(np.abs(off))), 1e-6)
+        weights = 1 / (1 + (off / (3 * spread)) ** 2)
+        normal = slopes.T @ (slopes * weights[:, None]) / r.size
+        if np.linalg.eigvalsh(normal)[0] < 1e-7:
+            raise LensError(
+                "the captures do not tell the fall-off from the scene",
+                likely="the camera was turned about its lens's axis, or not turned",
+                advice="lay the camera on its side and turn it by azimuth, or photograph a flat field",
+            )
+        step = np.linalg.solve(normal, slopes.T @ (weights * off) / r.size)
+        found = found + step
+        if np.abs(step).max() < 1e-9:
+            break
+    covariance = np.linalg.inv(normal) * spread**2 / r.size
+    knots = np.linspace(0, 1, 33)[:, None] ** np.array(powers, dtype=np.float64)
+    sigma = np.sqrt(np.einsum("ij,jk,ik->i", knots, covariance, knots)) / np.maximum(1 + knots @ found, 0.05)
+    result = Vignetting(powers, tuple(map(float, found)), float(sigma.max()), source=source)
+    return VignettingFit(result, spread, int(r.size))
+
+
+def _centred(values: Doubles, scene: npt.NDArray[np.intp], count: npt.NDArray[np.intp]) -> Doubles:
+    """Return values (n, k) less the mean of their scene point: which eliminates the scene."""
+    means = np.stack([np.bincount(scene, column) / count for column in values.T], axis=-1)
+    return np.asarray(values - means[scene])
+
+
+def _spread(count: int) -> Doubles:
+    """Return directions (count, 3) spread evenly over the sphere (a golden spiral)."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    flat = np.sqrt(1 - z * z)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+
+
+def _angle_share(geometry: Fisheye, r: Doubles) -> Doubles:
+    """Return the angle from the axis over half the field at distances r (radii)."""
+    sine, cosine = polar_of_radius(geometry, r)
+    return np.asarray(np.arctan2(sine, cosine) / geometry.half_field_rad)
+
+
+# Fall-off in a stitched panorama: that of the two fisheyes it was made of, which look ahead and back.
+
+
+def panorama_falloff(geometry: Equirectangular, vignetting: Vignetting) -> Floats:
+    """Return V for each pixel (H, W) of a panorama whose middle column lies on the front lens's axis.
+
+    Each lens serves the half in front of it. r = 1 at the stitch, 90 degrees from the axis; in an equisolid picture r
+    is sin(theta / 2) / sin(45 degrees), with ``in_angle`` theta / 90 degrees.
+    """
+    longitude = ((np.arange(geometry.width_px) + 0.5) / geometry.width_px - 0.5) * (2 * np.pi)
+    latitude = (0.5 - (np.arange(geometry.height_px) + 0.5) / geometry.height_px) * np.pi
+    knots = np.linspace(0, 1, 4097)  # of the cosine to the axis, of which V is a smooth enough function
+    r = np.arccos(knots) / (np.pi / 2) if vignetting.in_angle else np.sqrt(1 - knots)
+    values = vignetting.evaluate(r)
+    cosine = np.abs(np.cos(longitude)).astype(np.float32)
+    out = np.empty((geometry.height_px, geometry.width_px), dtype=np.float32)
+    for row, flat in enumerate(np.cos(latitude)):
+        out[row] = np.interp(cosine * np.float32(flat), knots, values)
+    return out
+
+
+def correct_panorama(image: RelativeImage, vignetting: Vignetting) -> RelativeImage:
+    """Return the panorama as lenses without fall-off would have given it; the correction's doubt is added."""
+    assert isinstance(image.geometry, Equirectangular)
+    rgb = image.rgb / panorama_falloff(image.geometry, vignetting)[..., None]
+    uncertainty = np.hypot(image.uncertainty, np.float32(vignetting.relative_uncertainty)).astype(np.float32)
+    return replace(image, rgb=np.asarray(rgb, dtype=np.float32), uncertainty=uncertainty)

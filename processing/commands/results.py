@@ -1,0 +1,204 @@
+"""``daylit export``: a session's results for other programs."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from processing.exchange.export import Exported
+
+
+# ``daylit inspect``: what a picture says, as a whole and at a place.
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--at", metavar="LON,LAT", multiple=True, help="Degrees: right of the centre, up (repeatable).")
+@click.option(
+    "--radius", type=float, default=1.0, show_default=True, metavar="DEGREES", help="Of what lies around a place."
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) -> int:
+    """Say what FILE (EXR, Radiance HDR, JPEG, PNG) holds: unit, range, metadata; with --at, the value at a place.
+
+    \b
+    Examples:
+      daylit inspect sessions/2023-05-19T1554Z_coda-320/stages/calibrate/indoor.exr --at 30,-10
+      daylit inspect sky.hdr --at 0,90 --radius 5 --json
+    """
+    from processing.exchange.inspection import open_picture, picture_facts, place_facts
+
+    picture = open_picture(file)
+    places = [place_facts(picture, *_angles(one), radius) for one in at]
+    facts = picture_facts(picture)
+    if as_json:
+        click.echo(json.dumps({"ok": True, "file": file.name, **facts, "places": places}))
+        return 0
+    for line in (*_lines(facts), *(line for place in places for line in _place_lines(place))):
+        click.echo("".join(c if c.isprintable() else "?" for c in line))
+    return 0
+
+
+def _angles(text: str) -> tuple[float, float]:
+    from processing.errors import ParameterError
+
+    try:
+        lon, lat = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ParameterError(f"--at {text[:40]}: two numbers, longitude and latitude in degrees") from None
+    return lon, lat
+
+
+def _lines(facts: dict[str, Any]) -> list[str]:
+    found = [f"{facts['kind']}, {facts['width_px']} x {facts['height_px']}, {facts['geometry']}"]
+    values = {name: value for name, value in facts["range"].items() if value is not None}
+    found.append(f"{facts['unit']}: " + ", ".join(f"{name} {value:.4g}" for name, value in values.items()))
+    if facts["scale_uncertainty"]:
+        found.append(f"uncertainty of the scale: {facts['scale_uncertainty']:.1%}")
+    if pixels := facts.get("pixels"):
+        found.append("pixels: " + ", ".join(f"{name} {share:.2%}" for name, share in pixels.items() if share))
+    for name, value in facts["attributes"].items():
+        text = value if isinstance(value, str) else json.dumps(value)
+        found.append(f"  {name}: {text if len(text) < 200 else text[:200] + ' ...'}")
+    return found
+
+
+def _place_lines(place: dict[str, Any]) -> list[str]:
+    own = place.get("relative_uncertainty")
+    sure = "" if own is None else f" ± {own:.1%}"
+    state = f", {place['pixel']}" if place.get("pixel", "valid") != "valid" else ""
+    where = f"at {place['longitude_deg']:g}, {place['latitude_deg']:g} (column {place['column']}, row {place['row']})"
+    found = [f"{where}: {place['value']:.5g}{sure} {place['unit']}{state}"]
+    if around := place["around"]:
+        found.append(
+            f"  within {around['radius_deg']:g} degrees: mean {around['mean']:.5g}, "
+            f"standard deviation {around['standard_deviation']:.3g}, "
+            f"{around['lowest']:.5g} to {around['highest']:.5g}, {around['pixels']} pixels"
+        )
+    return found
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option(
+    "--what",
+    default="jpeg,hdr,gltf",
+    show_default=True,
+    metavar="KINDS",
+    help="Some of jpeg, hdr, exr, gltf, glare, with commas between.",
+)
+@click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION's name + -export.")
+@click.option("--no-label", is_flag=True, help="Staged JPEGs without the visible label (their metadata still say so).")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_json: bool) -> int:
+    """Write the pictures and models of a processed SESSION as JPEG, Radiance HDR, EXR, glTF.
+
+    jpeg has Google's panorama tags and opens in any 360-degree viewer; hdr is for Radiance's falsecolor and pvalue;
+    gltf (GLB, metres, y up) holds the room and each staged room; glare makes eight views for evalglare, and asks it
+    where it is installed.
+
+    \b
+    Examples:
+      daylit export sessions/2023-05-19T1554Z_coda-320
+      daylit export sessions/2023-05-19T1554Z_coda-320 --what glare --into glare
+    """
+    from processing.exchange.export import Exported
+    from processing.exchange.export import export as write
+    from station.session.store import load_manifest
+
+    manifest = load_manifest(session)
+    kinds = [one.strip() for one in what.split(",") if one.strip()]
+    target = into or Path(f"{session.resolve().name}-export")
+    plain = [one for one in kinds if one != "glare"]
+    done, glare = Exported(), {}
+    if plain or not kinds:
+        done = write(session.resolve(), target, plain, heading_rad=manifest.heading_rad, label=not no_label)
+    if "glare" in kinds:
+        glare = _glare(session.resolve(), target, done)
+    if as_json:
+        files = [str(path) for path in done.files]
+        click.echo(json.dumps({"ok": True, "files": files, "left_out": done.left_out, "evalglare": glare}))
+        return 0
+    for line in _export_lines(done, glare):
+        click.echo("".join(c if c.isprintable() else "?" for c in line))
+    return 0
+
+
+def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
+    """Write the views, and return evalglare's figures of each where it is installed."""
+    from processing.errors import ParameterError
+    from processing.exchange.export import ROOM, pictures_of
+    from processing.figures.views import evalglare, write_glare_views
+    from processing.pictures.exr import read_exr
+    from processing.pictures.images import LuminanceImage
+
+    path = pictures_of(session).get(ROOM)
+    image = None if path is None else read_exr(path)
+    if not isinstance(image, LuminanceImage):
+        raise ParameterError("has no calibrated room picture yet", where=str(session), advice="daylit process it first")
+    target.mkdir(parents=True, exist_ok=True)
+    views = write_glare_views(target, session.name, image)
+    done.files += views
+    tool = shutil.which("evalglare")
+    if tool is None:
+        done.left_out["evalglare"] = "it is not installed (part of Radiance); the figures stage has daylit's own values"
+        return {}
+    return {view.name: evalglare(Path(tool), view) for view in views}
+
+
+def _export_lines(done: Exported, glare: dict[str, Any]) -> list[str]:
+    found = [str(path) for path in done.files]
+    found += [f"left out: {name}: {why}" for name, why in done.left_out.items()]
+    found += [
+        f"{name}: " + ", ".join(f"{key} {value:.4g}" for key, value in one.items()) for name, one in glare.items()
+    ]
+    return found
+
+
+# ``daylit view``: open a session's report.
+
+
+REPORT = Path("stages", "report", "index.html")
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--no-open", is_flag=True, help="Only say where it is.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object; opens nothing.")
+def view(session: Path, *, no_open: bool, as_json: bool) -> int:
+    """Open the report of SESSION in the browser, and print where it is.
+
+    The report is one file that needs no network: it can be copied and sent.
+
+    \b
+    Examples:
+      daylit view sessions/2023-05-19T1554Z_coda-320
+      daylit view --no-open sessions/2023-05-19T1554Z_coda-320
+    """
+    page = _page(session)
+    if as_json:
+        size = page.stat().st_size
+        click.echo(json.dumps({"ok": True, "report": str(page), "uri": page.resolve().as_uri(), "bytes": size}))
+        return 0
+    click.echo(str(page))
+    if not no_open:
+        import webbrowser
+
+        if not webbrowser.open(page.resolve().as_uri()):
+            click.echo("no browser could be started: open the file by hand", err=True)
+    return 0
+
+
+def _page(session: Path) -> Path:
+    """Return the report; a session's folder, its stages' folder or the page itself may be named."""
+    from processing.errors import ProcessingError
+
+    for page in (session / REPORT, session / REPORT.name, session):
+        if page.is_file() and page.name == REPORT.name:
+            return page
+    raise ProcessingError("there is no report yet", where=str(session), advice=f"daylit process {session}")

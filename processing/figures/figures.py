@@ -1,0 +1,192 @@
+"""All light figures of a session as plain values: what the stage figures writes and the report shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.calibration.scale.meter_spot import Spot, spot_pixels
+from processing.calibration.scale.photometry import Illuminance, illuminance_lx, luminance_map
+from processing.errors import ScaleError
+from processing.figures.glare import bright_spots, glare_of
+from processing.figures.views import panorama_of, reduced
+from processing.ground.arrays import Bytes, Doubles, Flags
+from processing.pictures.images import LuminanceImage, Validity
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular, directions, solid_angles
+from processing.surfaces.maps import surface_maps
+from processing.surfaces.planes import planes_of
+
+# Luminance statistics of a picture's parts, each pixel weighted by its solid angle.
+
+
+QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
+
+
+@dataclass(frozen=True)
+class PartStatistics:
+    """Luminance over a part of the sphere, in the picture's own unit."""
+
+    name: str
+    kind: str
+    """whole, floor, ceiling, wall, window, door, passage."""
+    solid_angle_sr: float
+    mean: float
+    p05: float
+    median: float
+    p95: float
+    highest: float
+    clipped_share: float
+    """Of its solid angle: there the values are lower bounds."""
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain values."""
+        return asdict(self)
+
+
+def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[tuple[str, str, Flags]]:
+    """Return name, kind and pixels (H, W) of the whole and, of a room, of its surfaces and openings as they are seen.
+
+    Surfaces that the camera does not see are left out. A wall is counted without its openings.
+    """
+    shape = (geometry.height_px, geometry.width_px)
+    found = [("whole", "whole", np.ones(shape, bool))]
+    if room is None:
+        return found
+    maps = surface_maps(room, geometry)
+    for plane in planes_of(room):
+        kind = plane.name if plane.name in ("floor", "ceiling") else "wall"
+        found.append((plane.name, kind, (maps.plane == plane.index) & (maps.opening < 0)))
+    for number, opening in enumerate(room.openings):
+        found.append((f"{opening.kind.value}-{number}", opening.kind.value, maps.opening == number))
+    return [(name, kind, mask) for name, kind, mask in found if mask.any()]
+
+
+def statistics(
+    luminance: npt.NDArray[np.floating], validity: Bytes, area_sr: Doubles, part: tuple[str, str, Flags]
+) -> PartStatistics | None:
+    """Return a part's statistics; None where the picture shows nothing of it."""
+    name, kind, mask = part
+    chosen = mask & (validity != Validity.OUTSIDE) & (area_sr > 0)
+    if not chosen.any():
+        return None
+    values, weights = luminance[chosen].astype(np.float64), area_sr[chosen]
+    order = np.argsort(values, kind="stable")
+    upto = np.cumsum(weights[order])
+    total = float(upto[-1])
+    found = {
+        key: float(values[order[min(int(np.searchsorted(upto, share * total)), len(order) - 1)]])
+        for key, share in QUANTILES.items()
+    }
+    clipped = float(weights[validity[chosen] == Validity.CLIPPED].sum()) / total
+    mean = float(values @ weights) / total
+    return PartStatistics(name, kind, total, mean, highest=float(values.max()), clipped_share=clipped, **found)
+
+
+WIDTH_PX = 2048
+"""Of the panorama that is looked at: a third of a sun's width a pixel."""
+DIRECTIONS = 8
+"""In which an observer may look, evenly around."""
+LOWER_BOUND = 0.01
+"""Share of clipped light above which a value is called a lower bound."""
+
+Facts = dict[str, Any]
+
+
+def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float | None) -> Facts:
+    """Return the light at the camera: illuminance on level and upright planes, glare in each direction.
+
+    Illuminances are in lx; of a picture without absolute scale in relative units, and then there is no glare, which
+    depends on the scale. ``heading_rad``: compass azimuth of the panorama's centre, None where it is not known.
+    """
+    picture = reduced(image, WIDTH_PX)
+    geometry = panorama_of(picture)
+    rays, _ = directions(geometry)
+    spots = bright_spots(rays, luminance_map(picture), solid_angles(geometry)) if image.absolute else None
+    looks: list[Facts] = []
+    for k in range(DIRECTIONS):
+        azimuth = 2 * math.pi * k / DIRECTIONS
+        light = illuminance_lx(picture, (math.sin(azimuth), math.cos(azimuth), 0.0))
+        look: Facts = {
+            "azimuth_deg": round(math.degrees(azimuth), 6),
+            "compass_deg": None if heading_rad is None else round(math.degrees(azimuth + heading_rad) % 360, 3),
+            "vertical": _illuminance(light),
+        }
+        if spots is not None:
+            glare = glare_of(spots, light.value_lx, azimuth)
+            look["glare"] = {"dgp": glare.dgp, "told": glare.told, "sources": glare.sources} | {
+                "brightest_cd_m2": glare.brightest_cd_m2,
+                "faint": glare.faint,
+            }
+        looks.append(look)
+    upright = [look["vertical"]["value"] for look in looks]
+    return {
+        "height_m": height_m,
+        "level_up": _illuminance(illuminance_lx(picture, (0.0, 0.0, 1.0))),
+        "level_down": _illuminance(illuminance_lx(picture, (0.0, 0.0, -1.0))),
+        "cylindrical": sum(upright) / len(upright),
+        "directions": looks,
+        "brightest": int(np.argmax(upright)),
+    }
+
+
+def surface_figures(image: LuminanceImage, room: RoomModel | None) -> list[Facts]:
+    """Return luminance statistics of the whole and, where the room is known, of its surfaces and openings."""
+    picture = reduced(image, WIDTH_PX)
+    geometry = panorama_of(picture)
+    luminance, area = luminance_map(picture), solid_angles(geometry)
+    found = (statistics(luminance, picture.validity, area, part) for part in parts_of(room, geometry))
+    return [one.to_dict() for one in found if one is not None]
+
+
+def outdoor_figures(image: LuminanceImage | None, facts: Mapping[str, Any]) -> Facts | None:
+    """Return the light on level ground outdoors, with a measured value where one was given; None without a picture."""
+    if image is None:
+        return None
+    measured = facts.get("outdoor", {}).get("measured_outdoor_lux")
+    return {"level_up": _illuminance(illuminance_lx(image)), "measured": measured}
+
+
+def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m2: list[float]) -> Facts | None:
+    """Return the picture's luminance where the meter looked beside its readings; None where there is no such place.
+
+    ``facts``: the indoor part of the stage calibrate. ``sets_scale`` says that k1 is from these readings: then the
+    two agree by construction, and only the readings' own change tells anything.
+    """
+    target = facts.get("target", {})
+    if not readings_cd_m2 or "longitude_deg" not in target:
+        return None
+    spot = Spot(math.radians(target["longitude_deg"]), math.radians(target["latitude_deg"]))
+    try:
+        shown = spot_pixels(image.geometry, spot).mean(luminance_map(image))
+    except ScaleError:
+        return None
+    mean = sum(readings_cd_m2) / len(readings_cd_m2)
+    return {
+        "readings_cd_m2": readings_cd_m2,
+        "picture_cd_m2": shown,
+        "difference_frac": shown / mean - 1 if mean > 0 else None,
+        "drift_frac": facts.get("meter_drift_frac"),
+        "sets_scale": facts.get("k1_parts", {}).get("given") is None,
+    }
+
+
+def level_ratio(camera: Facts, outdoor: Facts | None) -> float | None:
+    """Return illuminance on a level plane at the camera over that outdoors: under an overcast sky a daylight factor."""
+    if outdoor is None or not outdoor["level_up"]["value"] > 0:
+        return None
+    return float(camera["level_up"]["value"] / outdoor["level_up"]["value"])
+
+
+def _illuminance(light: Illuminance) -> Facts:
+    return {
+        "value": light.value_lx,
+        "uncertainty": light.uncertainty_lx,
+        "clipped_share": light.invalid_shares["clipped"],
+        "lower_bound": light.invalid_shares["clipped"] > LOWER_BOUND or light.unseen_share > LOWER_BOUND,
+    }

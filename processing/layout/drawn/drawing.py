@@ -1,0 +1,241 @@
+"""Floor plans of arrangements, as an architect draws them: walls, openings, furniture, use zones, routes, sizes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import shapely
+from PIL import Image
+from shapely.geometry import MultiPolygon, Polygon
+
+from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
+from processing.layout.drawn.canvas import Area, Line, Point, Shape, Sheet, Text, png_image, write_sheet
+from processing.layout.drawn.routes import routes
+from processing.layout.drawn.symbols import symbol
+from processing.layout.plan import Door, FloorPlan, Window
+from processing.layout.plan_files import plan_from_mapping
+from processing.layout.rules import RuleSet, built_in_rules
+
+WALL_M = 0.14
+INK, WALL, PAPER, ZONE, ROUTE, GREY = "#33383d", "#3b4046", "#ffffff", "#8db4d8", "#d1495b", "#767d84"
+FLOOR = "#fbfaf7"
+MARGIN_M = 0.75
+HEAD_M = 0.55
+
+
+def plan_sheet(
+    plan: FloorPlan, arrangement: Arrangement, *, rules: RuleSet | None = None, caption: bool = True
+) -> Sheet:
+    """Return the drawing of one arrangement."""
+    low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
+    shapes = [*_shell(plan), *_furniture(arrangement.items), *_zones(arrangement.items)]
+    shapes += _routes(plan, arrangement, rules or built_in_rules().sets.get(arrangement.rule_set))
+    shapes += [*_labels(arrangement.items), *_sizes(plan)]
+    top = float(high[1]) + MARGIN_M * 0.6 + (HEAD_M if caption else 0.0)
+    if caption:
+        shapes += _caption(plan, arrangement, float(low[0]) - WALL_M, top)
+    return Sheet(shapes, (float(low[0]) - MARGIN_M, float(low[1]) - MARGIN_M), (float(high[0]) + MARGIN_M * 0.6, top))
+
+
+def _shell(plan: FloorPlan) -> list[Shape]:
+    """Return floor, walls, columns, doors and windows."""
+    room = Polygon(plan.corners)
+    solid = room.buffer(WALL_M, join_style="mitre", mitre_limit=3).difference(room)
+    openings: list[Door | Window] = [*plan.doors, *plan.windows]
+    gaps = [_strip(plan, o.edge, o.start_m, o.end_m, -WALL_M - 0.01, 0.005) for o in openings]
+    solid = solid.difference(shapely.union_all([Polygon(g) for g in gaps]))
+    parts = list(solid.geoms) if isinstance(solid, MultiPolygon) else [solid]
+    shapes: list[Shape] = [Area(_ring(plan.corners), FLOOR)]
+    shapes += [
+        Area(_ring(p.exterior.coords), WALL, INK, 0.012, [_ring(i.coords) for i in p.interiors])
+        for p in parts
+        if not p.is_empty
+    ]
+    shapes += [Area(_ring(hole), WALL, INK, 0.012) for hole in plan.holes]
+    for window in plan.windows:
+        shapes += _window(plan, window)
+    for door in plan.doors:
+        shapes += _door(plan, door)
+    shapes += [_cross(x, y) for x, y in plan.keep_free]
+    return shapes
+
+
+def _ring(coords: object) -> list[Point]:
+    return [(float(x), float(y)) for x, y in coords]  # type: ignore[attr-defined]
+
+
+def _cross(x: float, y: float) -> Shape:
+    turns = [k * math.pi / 12 for k in range(24)]
+    return Area([(x + 0.3 * math.cos(t), y + 0.3 * math.sin(t)) for t in turns], "", GREY, 0.008)
+
+
+def _strip(plan: FloorPlan, edge: int, start_m: float, end_m: float, y0: float, y1: float) -> list[Point]:
+    return [_on(plan, edge, t, y) for t, y in ((start_m, y0), (end_m, y0), (end_m, y1), (start_m, y1))]
+
+
+def _on(plan: FloorPlan, edge: int, along_m: float, inward_m: float) -> Point:
+    corner, u, _ = plan.edge(edge)
+    return float(corner[0] + along_m * u[0] - inward_m * u[1]), float(corner[1] + along_m * u[1] + inward_m * u[0])
+
+
+def _window(plan: FloorPlan, window: Window) -> list[Shape]:
+    rim = _strip(plan, window.edge, window.start_m, window.end_m, -WALL_M, 0.0)
+    middle = [_on(plan, window.edge, t, -WALL_M / 2) for t in (window.start_m, window.end_m)]
+    return [Area(rim, PAPER, INK, 0.010), Line(middle, INK, 0.010)]
+
+
+def _door(plan: FloorPlan, door: Door) -> list[Shape]:
+    """Return a threshold, and leaf and swing (dashed where the hand is not known); sliding doors as two panels."""
+    shapes: list[Shape] = [Area(_strip(plan, door.edge, door.start_m, door.end_m, -WALL_M, 0.0), PAPER, GREY, 0.004)]
+    wide = door.end_m - door.start_m
+    if door.swing == "sliding" or (wide > 2.0 and door.swing != "in"):
+        half = (door.start_m + door.end_m) / 2
+        for t0, t1, y in ((door.start_m, half + 0.06, -0.045), (half - 0.06, door.end_m, -0.095)):
+            shapes.append(Area(_strip(plan, door.edge, t0, t1, y - 0.018, y + 0.018), PAPER, INK, 0.008))
+        return shapes
+    pair = wide > 1.0 and door.swing == "unknown"
+    leaf = wide / 2 if pair else wide
+    hands = ["left", "right"] if pair else [door.hinge if door.hinge != "unknown" else "right"]
+    sign = -1.0 if door.swing == "out" else 1.0
+    for hand in hands:
+        at, turn = (door.end_m, -1.0) if hand == "left" else (door.start_m, 1.0)
+        start = -WALL_M if sign < 0 else 0.0
+        arc = [
+            _on(plan, door.edge, at + turn * leaf * math.cos(a), start + sign * leaf * math.sin(a))
+            for a in (k * math.pi / 36 for k in range(19))
+        ]
+        known = door.hinge != "unknown" or pair
+        shapes.append(Line(arc, GREY, 0.007, None if known else (0.05, 0.04)))
+        ends = sorted((at, at + turn * 0.035))
+        shapes.append(
+            Area(_strip(plan, door.edge, ends[0], ends[1], *sorted((start, start + sign * leaf))), PAPER, INK, 0.008)
+        )
+    return shapes
+
+
+def _place(item: PlacedItem, point: Point) -> Point:
+    c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
+    return item.t_m[0] + point[0] * c - point[1] * s, item.t_m[1] + point[0] * s + point[1] * c
+
+
+def _furniture(items: Sequence[PlacedItem]) -> list[Shape]:
+    shapes: list[Shape] = []
+    for item in sorted(items, key=lambda i: (i.category != "rug", i.base_m, i.size_m[2])):
+        for shape in symbol(item.category, item.size_m[0], item.size_m[1]):
+            if isinstance(shape, Area):
+                shapes.append(Area([_place(item, p) for p in shape.rim], shape.fill, shape.stroke, shape.width_m))
+            elif isinstance(shape, Line):
+                shapes.append(Line([_place(item, p) for p in shape.points], shape.stroke, shape.width_m, shape.dash_m))
+    return shapes
+
+
+def _zones(items: Sequence[PlacedItem]) -> list[Shape]:
+    shapes: list[Shape] = []
+    for item in items:
+        for x0, x1, y0, y1 in item.use_zones_m:
+            rim = [_place(item, p) for p in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
+            shapes.append(Line([*rim, rim[0]], ZONE, 0.008, (0.06, 0.05)))
+    return shapes
+
+
+def _routes(plan: FloorPlan, arrangement: Arrangement, rules: RuleSet | None) -> list[Shape]:
+    if rules is None:
+        return []
+    deep = max(rules.door_approach, rules.path / 2 + 0.1)
+    doors = [Polygon(_strip(plan, d.edge, d.start_m, d.end_m, 0.0, deep)) for d in plan.doors]
+    solid, goals = [], []
+    for item in arrangement.items:
+        w, d, _ = (v / 2 for v in item.size_m)
+        if item.category != "rug" and item.base_m < 2.0:
+            solid.append(Polygon([_place(item, p) for p in ((-w, -d), (w, -d), (w, d), (-w, d))]))
+        goals += [
+            Polygon([_place(item, p) for p in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))])
+            for x0, x1, y0, y1 in item.use_zones_m
+        ]
+    found = routes(plan, solid, doors, goals, rules.path)
+    shapes: list[Shape] = []
+    for line in found:
+        shapes.append(Line(line, ROUTE, 0.012, (0.012, 0.055)))
+        shapes.append(_dot(line[-1]))
+    return shapes
+
+
+def _dot(at: Point) -> Shape:
+    return Area([(at[0] + 0.03 * math.cos(k * 0.5236), at[1] + 0.03 * math.sin(k * 0.5236)) for k in range(12)], ROUTE)
+
+
+def _labels(items: Sequence[PlacedItem]) -> list[Shape]:
+    shapes: list[Shape] = []
+    for item in items:
+        if item.category in {"tv", "dining chair", "desk chair", "floor lamp", "plant", "nightstand"}:
+            continue
+        long_way, deep_way = item.size_m[0], item.size_m[1]
+        turn = item.theta_rad if long_way >= deep_way else item.theta_rad + math.pi / 2
+        turn = math.remainder(turn, math.pi)
+        turn = turn if turn > -math.pi / 2 + 1e-6 else turn + math.pi
+        room_m = max(long_way, deep_way)
+        size = min(0.13, 1.55 * room_m / max(4, len(item.category)))
+        at = _place(
+            item,
+            (0.0, 0.22 * deep_way if "bed" in item.category else -0.42 * deep_way if item.category == "rug" else 0.0),
+        )
+        shapes.append(Text(at, item.category, size, INK, turn_rad=turn))
+    return shapes
+
+
+def _sizes(plan: FloorPlan) -> list[Shape]:
+    """Return the dimension lines of the whole width and height, and a scale bar."""
+    (x0, y0), (x1, y1) = (tuple(float(v) for v in p) for p in (plan.corners.min(axis=0), plan.corners.max(axis=0)))
+    below, left = y0 - 0.38, x0 - 0.38
+    shapes: list[Shape] = [Line([(x0, below), (x1, below)], GREY, 0.006), Line([(left, y0), (left, y1)], GREY, 0.006)]
+    for x, y in ((x0, below), (x1, below), (left, y0), (left, y1)):
+        shapes.append(Line([(x - 0.05, y - 0.05), (x + 0.05, y + 0.05)], GREY, 0.010))
+    shapes.append(Text(((x0 + x1) / 2, below - 0.12), f"{x1 - x0:.2f} m", 0.12, GREY))
+    shapes.append(Text((left - 0.12, (y0 + y1) / 2), f"{y1 - y0:.2f} m", 0.12, GREY, turn_rad=math.pi / 2))
+    return shapes
+
+
+def _caption(plan: FloorPlan, arrangement: Arrangement, x: float, top: float) -> list[Shape]:
+    meets = ", ".join(arrangement.meets) or arrangement.rule_set
+    first = f"Layout {arrangement.rank}   ·   score {arrangement.score:.2f}"
+    second = f"{plan.area_m2:.1f} m2   ·   meets {meets}"
+    if arrangement.not_placed:
+        second += f"   ·   not placed: {', '.join(n.id for n in arrangement.not_placed)}"
+    return [
+        Text((x, top - 0.20), first, 0.19, INK, "start"),
+        Text((x, top - 0.43), second, 0.12, GREY, "start"),
+    ]
+
+
+def write_drawings(result: Arrangements, folder: Path, rules: RuleSet | None = None) -> list[Path]:
+    """Write layout-N.svg and .png for each arrangement, and contact-sheet.png of all; return the paths."""
+    plan = plan_from_mapping(result.plan, where="plan")
+    written: list[Path] = []
+    pictures = []
+    for arrangement in result.arrangements:
+        sheet = plan_sheet(plan, arrangement, rules=rules)
+        written += write_sheet(sheet, folder / f"layout-{arrangement.rank}")
+        pictures.append(png_image(sheet, 90.0))
+    if pictures:
+        path = folder / "contact-sheet.png"
+        contact_sheet(pictures).save(path)
+        written.append(path)
+    return written
+
+
+def contact_sheet(pictures: Sequence[Image.Image], width_px: int = 1800) -> Image.Image:
+    """Return pictures side by side, as many a row as makes the sheet about 4:3."""
+    cell_w, cell_h = max(p.width for p in pictures), max(p.height for p in pictures)
+    columns = max(1, min(len(pictures), round(math.sqrt(len(pictures) * 4 / 3 * cell_h / cell_w))))
+    rows = math.ceil(len(pictures) / columns)
+    scale = min(1.0, width_px / (columns * cell_w))
+    w, h = round(cell_w * scale), round(cell_h * scale)
+    sheet = Image.new("RGB", (columns * w, rows * h), "#ffffff")
+    for number, picture in enumerate(pictures):
+        small = picture.resize((round(picture.width * scale), round(picture.height * scale)), Image.Resampling.LANCZOS)
+        sheet.paste(
+            small, ((number % columns) * w + (w - small.width) // 2, (number // columns) * h + (h - small.height) // 2)
+        )
+    return sheet

@@ -1,0 +1,218 @@
+"""The catalogue: furniture by category, as meshes; built in, from a folder of files, or from a 3D-FUTURE folder."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from processing.errors import CatalogueError, ModelFileError
+from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model
+from processing.layout.furniture.model import FurnitureModel, Size
+from processing.layout.furniture.styles import STYLES, style_named
+from processing.layout.items import KINDS, ItemSpec, UseZone
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """What is known of a model without its triangles. Its front is +y, as an item's is."""
+
+    model_id: str
+    category: str
+    """A kind of the item table, or another name for what the arranger does not place by itself."""
+    size_m: Size
+    smallest_m: Size
+    largest_m: Size
+    licence: str
+    file: str = ""
+    """Its file within the catalogue's folder; empty for a built-in one."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def placeable(self) -> bool:
+        """Tell whether the item table has its category, and so its use zones."""
+        return self.category in KINDS
+
+    @property
+    def zones(self) -> tuple[UseZone, ...]:
+        """Return the use zones of its category."""
+        return self.item_spec().zones if self.placeable else ()
+
+    def item_spec(self) -> ItemSpec:
+        """Return it as an item to be arranged, of its own size; raise `CatalogueError` for an unknown category."""
+        if not self.placeable:
+            raise CatalogueError(f"'{self.category}' is no kind of furniture that is arranged", where=self.model_id)
+        usual = KINDS[self.category]
+        less_m = self.size_m[1]
+        zones = tuple(replace(z, less_m=less_m) if z.less_m else z for z in usual.zones)
+        return replace(usual, size_m=self.size_m, zones=zones, model=self.model_id)
+
+
+class Source(Protocol):
+    """Where one model comes from."""
+
+    @property
+    def model_id(self) -> str:
+        """Return its name in the catalogue."""
+        ...
+
+    @property
+    def category(self) -> str:
+        """Return its category, known without reading the file."""
+        ...
+
+    def entry(self) -> CatalogueEntry:
+        """Return what is known of it; may read the file."""
+        ...
+
+    def model(self, size_m: Size | None) -> FurnitureModel:
+        """Return its triangles."""
+        ...
+
+
+@dataclass(frozen=True)
+class BuiltInSource:
+    """A built-in kind in one style."""
+
+    category: str
+    style: str
+
+    @property
+    def model_id(self) -> str:
+        """Return category and style, as in `sofa/oak`."""
+        return f"{self.category}/{self.style}"
+
+    def entry(self) -> CatalogueEntry:
+        """Return its usual size and its limits."""
+        kind = BUILT_IN[self.category]
+        size = KINDS[self.category].size_m
+        return CatalogueEntry(self.model_id, self.category, size, kind.smallest_m, kind.largest_m, LICENCE)
+
+    def model(self, size_m: Size | None) -> FurnitureModel:
+        """Return it in the size asked for."""
+        return build_model(self.category, self.style, size_m)
+
+
+class Catalogue:
+    """Models by name. Files are read when they are first needed; those that cannot be read are in `refused`."""
+
+    def __init__(self, name: str, sources: Iterable[Source]) -> None:
+        self.name = name
+        self._sources = {source.model_id: source for source in sources}
+        self.refused: dict[str, ModelFileError] = {}
+
+    @classmethod
+    def builtin(cls, style: str | None = None) -> Catalogue:
+        """Return the built-in furniture in one style, or in all; raise `ItemError` for an unknown one."""
+        styles = list(STYLES) if style is None else [style_named(style).name]
+        return cls(f"built-in, {style or 'all styles'}", [BuiltInSource(k, s) for k in BUILT_IN for s in styles])
+
+    @classmethod
+    def folder(cls, path: Path, *, unit: str | None = None, front: str | None = None) -> Catalogue:
+        """Return the glTF, GLB and OBJ files of a folder and the folders in it.
+
+        `unit` (m, cm, mm, in, ft) and `front` (+x, -x, +z, -z in a y-up file) are guessed per file where not given,
+        and the guess is in the model's notes. Raises `CatalogueError` where there is no such file.
+        """
+        from processing.layout.models.catalogue_folder import folder_sources
+
+        return cls(str(path.name), folder_sources(path, unit=unit, front=front))
+
+    @classmethod
+    def of_3d_future(cls, path: Path) -> Catalogue:
+        """Return the models of a 3D-FUTURE folder; raise `CatalogueError` where it has no `model_info.json`."""
+        from processing.layout.models.catalogue_future import future_sources
+
+        return cls(str(path.name), future_sources(path))
+
+    @classmethod
+    def at(cls, path: Path) -> Catalogue:
+        """Return the catalogue of a folder of either kind, told by its files."""
+        future = path.is_dir() and any(
+            (folder / "model_info.json").is_file()
+            for folder in (path, *sorted(p for p in path.iterdir() if p.is_dir()))
+        )
+        return cls.of_3d_future(path) if future else cls.folder(path)
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Return the names of all models, sorted as they were found."""
+        return tuple(self._sources)
+
+    @property
+    def entries(self) -> tuple[CatalogueEntry, ...]:
+        """Return what is known of every model that can be read (this reads every file once)."""
+        return tuple(entry for name in self._sources if (entry := self._entry_or_none(name)) is not None)
+
+    def entry(self, model_id: str) -> CatalogueEntry:
+        """Return a model's entry; raise `CatalogueError` (with the nearest names) or `ModelFileError`."""
+        return self._source(model_id).entry()
+
+    def of_category(self, category: str) -> tuple[str, ...]:
+        """Return the names of a category's models."""
+        return tuple(name for name, source in self._sources.items() if source.category == category)
+
+    def choose(
+        self, category: str, *, smallest_m: Size | None = None, largest_m: Size | None = None, seed: int = 0
+    ) -> CatalogueEntry:
+        """Return a model of a category whose size lies within limits, drawn by a seed.
+
+        Raises `CatalogueError` where there is none, saying how many were too small, too large or unreadable.
+        """
+        names = self.of_category(category)
+        if not names:
+            known = sorted({s.category for s in self._sources.values()})
+            raise CatalogueError(f"no {category} here; there are: {', '.join(known)}", where=self.name)
+        low, high = smallest_m or (0.0, 0.0, 0.0), largest_m or (np.inf, np.inf, np.inf)
+        for k in np.random.default_rng(seed).permutation(len(names)):
+            entry = self._entry_or_none(names[int(k)])
+            if entry and all(a - 1e-6 <= v <= b + 1e-6 for a, v, b in zip(low, entry.size_m, high, strict=True)):
+                return entry
+        limits = " and ".join(
+            f"{word} {limit}" for word, limit in (("at least", smallest_m), ("at most", largest_m)) if limit
+        )
+        raise CatalogueError(
+            f"none of {len(names)} models of category {category} is {limits or 'readable'}", where=self.name
+        )
+
+    def mesh(self, model_id: str, size_m: Size | None = None) -> FurnitureModel:
+        """Return a model, made (or, from a file, stretched within limits) to a size.
+
+        A category's name stands for its first model. Raises `CatalogueError` or `ModelFileError`.
+        """
+        return self._source(model_id).model(None if size_m is None else (size_m[0], size_m[1], size_m[2]))
+
+    def kinds(self, seed: int = 0) -> dict[str, ItemSpec]:
+        """Return item specs for the arranger: for each category one model, drawn by a seed, in its own size."""
+        kinds: dict[str, ItemSpec] = {}
+        for category in sorted({s.category for s in self._sources.values()} & set(KINDS)):
+            try:
+                kinds[category] = self.choose(category, seed=seed).item_spec()
+            except CatalogueError:
+                continue
+        return kinds
+
+    def _source(self, model_id: str) -> Source:
+        found = self._sources.get(model_id)
+        if found is not None:
+            return found
+        of_kind = self.of_category(model_id.replace("-", " "))
+        if of_kind:
+            return self._sources[of_kind[0]]
+        near = difflib.get_close_matches(model_id, self._sources, n=3, cutoff=0.4)
+        raise CatalogueError(
+            f"no model '{model_id[:60]}'" + (f"; nearest: {', '.join(near)}" if near else ""), where=self.name
+        )
+
+    def _entry_or_none(self, name: str) -> CatalogueEntry | None:
+        if name in self.refused:
+            return None
+        try:
+            return self._sources[name].entry()
+        except ModelFileError as error:
+            self.refused[name] = error
+            return None

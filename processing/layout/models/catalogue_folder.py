@@ -1,0 +1,284 @@
+"""A folder of glTF, GLB and OBJ files as a catalogue; with a `catalog.json`, what that says goes before guesses."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from processing.errors import CatalogueError, ModelFileError
+from processing.layout.furniture.model import FurnitureModel, Part, Size
+from processing.layout.furniture.surface import Solid, part_of
+from processing.layout.items import KINDS, OTHER_NAMES
+from processing.layout.models.catalogue import CatalogueEntry
+from processing.layout.models.catalogue_future import OTHER, category_of
+from processing.layout.models.mesh_files import SUFFIXES, read_model_file
+from processing.layout.models.mesh_pose import Given, posed
+from processing.layout.models.mesh_repair import Sound, repaired
+
+MAX_FILES = 20_000
+MAX_DEPTH = 4
+MOST_STRETCH = 2.0
+MOST_DISTORTION = 1.6
+CREASE_RAD = np.radians(40.0)
+MAX_SIZE_M = 12.0
+VAGUE = ("dining chair", "dining table")
+"""What mere chairs and tables are taken for."""
+_LICENCES = (
+    ("creative commons zero", "CC0"),
+    ("cc0", "CC0"),
+    ("zero/1.0", "CC0"),
+    ("cc-by", "CC-BY"),
+    ("cc by", "CC-BY"),
+    ("mit license", "MIT"),
+    ("apache license", "Apache-2.0"),
+)
+
+
+@dataclass(frozen=True)
+class FileSource:
+    """A model in a file."""
+
+    model_id: str
+    category: str
+    path: Path
+    root: Path
+    licence: str
+    given: Given = Given()  # noqa: RUF009 (frozen)
+    notes: tuple[str, ...] = ()
+    """What was not understood or changed before the file was read."""
+
+    def entry(self) -> CatalogueEntry:
+        """Return its size as loaded; it may be stretched to half and twice of that."""
+        size, notes = self._measured
+        low = (size[0] / MOST_STRETCH, size[1] / MOST_STRETCH, size[2] / MOST_STRETCH)
+        high = (size[0] * MOST_STRETCH, size[1] * MOST_STRETCH, size[2] * MOST_STRETCH)
+        file = self.path.relative_to(self.root).as_posix()
+        return CatalogueEntry(self.model_id, self.category, size, low, high, self.licence, file, notes)
+
+    @cached_property
+    def _measured(self) -> tuple[Size, tuple[str, ...]]:
+        model = self.model(None)
+        return model.size_m, model.notes
+
+    def model(self, size_m: Size | None) -> FurnitureModel:
+        """Return its triangles, stretched to a size; raise `CatalogueError` where that would distort it too much."""
+        model = load_model(self)
+        return model if size_m is None else stretched(model, size_m)
+
+
+def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[FileSource]:
+    """Return the models of a folder; raise `CatalogueError` where there are none."""
+    if not path.is_dir():
+        raise CatalogueError("no such folder", where=str(path))
+    files = _files(path)
+    if not files:
+        raise CatalogueError(f"no {', '.join(SUFFIXES)} files in it", where=str(path))
+    told = _told(path, files)
+    licence = _licence(path)
+    sources: dict[str, FileSource] = {}
+    for file in files:
+        row = told.get(file.resolve(), {})
+        given = _given(row, file.name)
+        given = replace(given, unit=unit or given.unit, front=front or given.front)
+        own = _licence(file.parent) if file.parent != path else ""
+        said = str(row.get("licence") or row.get("license") or own or licence or "not stated")[:200]
+        model_id, notes = _own_id(file.relative_to(path), sources)
+        category, unknown = _category(row, file.stem)
+        sources[model_id] = FileSource(
+            model_id, category, file, path, said, given.checked(file.name), (*notes, *unknown)
+        )
+    return list(sources.values())
+
+
+def _own_id(file: Path, taken: Collection[str]) -> tuple[str, tuple[str, ...]]:
+    """Return a name that no other file has, and a note where it is not the usual one.
+
+    Usual is the path without its suffix, `sofa` for `sofa/sofa.glb`; files beside each other may share that.
+    """
+    name = file.with_suffix("").as_posix()
+    parts = name.split("/")
+    usual = "/".join(parts[:-1]) if len(parts) > 1 and parts[-1] == parts[-2] else name
+    if usual not in taken:
+        return usual, ()
+    free = name if name not in taken else file.as_posix()
+    return free, (f"another file is called {usual}; this one is {free}",)
+
+
+def _files(root: Path) -> list[Path]:
+    """Return the model files, sorted; links that lead out are left in, to be refused by name when read."""
+    found = []
+    for file in sorted(root.rglob("*")):
+        if file.suffix.lower() in SUFFIXES and len(file.relative_to(root).parts) <= MAX_DEPTH and file.is_file():
+            found.append(file)
+        if len(found) > MAX_FILES:
+            raise CatalogueError(f"more than {MAX_FILES} model files", where=str(root))
+    return found
+
+
+def _told(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
+    """Return what `catalog.json` files say, by file; raise `CatalogueError` where one cannot be read."""
+    told: dict[Path, dict[str, Any]] = {}
+    for folder in sorted({root, *(f.parent for f in files), *(f.parent.parent for f in files)}):
+        catalog = folder / "catalog.json"
+        if not folder.is_relative_to(root) or not catalog.is_file():
+            continue
+        try:
+            rows = json.loads(catalog.read_bytes()) if catalog.stat().st_size < 64 * 2**20 else None
+        except (OSError, ValueError, RecursionError):
+            rows = None
+        if isinstance(rows, list):
+            rows = {str(k): row for k, row in enumerate(rows)}
+        if not isinstance(rows, dict) or not all(isinstance(row, dict) for row in rows.values()):
+            raise CatalogueError("catalog.json is no table of models", where=str(catalog))
+        for key, row in rows.items():
+            file = row.get("file") or row.get("obj") or row.get("model") or key
+            if isinstance(file, str) and "\0" not in file and len(file) < 500:
+                told[(folder / file).resolve()] = row
+    return told
+
+
+def _given(row: dict[str, Any], where: str) -> Given:
+    size = row.get("size_m")
+    if size is None and all(f"{k}_cm" in row for k in ("width", "depth", "height")):
+        size = [_number(row[f"{k}_cm"], where) / 100 for k in ("width", "depth", "height")]
+    if size is not None:
+        if not isinstance(size, list) or len(size) != 3:
+            raise CatalogueError("size_m is width, depth and height", where=where)
+        size = [_number(v, where) for v in size]
+    texts = {key: str(row[key]) for key in ("unit", "up", "front") if row.get(key) is not None}
+    return Given(size_m=None if size is None else (size[0], size[1], size[2]), **texts)
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 1e-4 < value < 1e5:
+        raise CatalogueError(f"a size of {str(value)[:20]}", where=where)
+    return float(value)
+
+
+def _category(row: dict[str, Any], name: str) -> tuple[str, tuple[str, ...]]:
+    """Return a model's category, and a note where the one that is told is not understood.
+
+    What `category` says goes first, by its words where it is none of ours; but where it says no more than chair or
+    table, the model's own name or the file's may be more exact.
+    """
+    said = " ".join(re.split(r"[\s_-]+", str(row.get("category") or "").lower())).strip()
+    if said in KINDS:
+        return said, ()
+    of_said = OTHER_NAMES.get(said) or category_of(said)
+    found = [of_said, category_of(str(row.get("name") or "")), category_of(name)]
+    exact = next((c for c in found if c not in (OTHER, *VAGUE)), None)
+    category = exact or next((c for c in reversed(found) if c != OTHER), OTHER)
+    if not said or of_said != OTHER:
+        return category, ()
+    instead = f"by its name it is taken for a {category}" if category != OTHER else "it is not arranged by itself"
+    return category, (f"its category '{said[:40]}' is not known; {instead}",)
+
+
+def _licence(folder: Path) -> str:
+    """Return the first words of a licence file; "" where there is none."""
+    for file in sorted(folder.iterdir()):
+        named = "licen" in file.name.lower() or file.name.lower().startswith("copying")
+        if named and file.is_file() and file.stat().st_size < 2**20:
+            text = re.sub(r"<[^>]*>", " ", file.read_text("utf-8", errors="replace")).lower()
+            known = next((name for word, name in _LICENCES if word in text), "")
+            return f"{known} ({file.name})" if known else f"see {file.name}"
+    return ""
+
+
+def load_model(source: FileSource) -> FurnitureModel:
+    """Return a file's model, posed and sound; its `notes` say what was guessed or corrected.
+
+    Raises `ModelFileError`.
+    """
+    where = source.path.name
+    raw = read_model_file(source.path, source.root)
+    clean = [
+        p.vertices[np.isfinite(p.vertices).all(axis=1) & (np.abs(p.vertices) < 1e12).all(axis=1)] for p in raw.parts
+    ]
+    every = np.concatenate(clean)
+    scale = float(np.ptp(every, axis=0).max()) if len(every) else 0.0
+    if not scale > 1e-9:
+        raise ModelFileError("none of its vertices is a number, or all lie in one place", where=where)
+    sound = [(part, repaired(part, scale)) for part in raw.parts]
+    kept = [(part.material, body) for part, body in sound if body is not None]
+    if not kept:
+        raise ModelFileError("none of its triangles has an area", where=where)
+    used = np.concatenate([body.vertices for _, body in kept])
+    if np.ptp(used, axis=0).min() <= 0 and np.sort(np.ptp(used, axis=0))[1] <= 0:
+        raise ModelFileError("it has no extent", where=where)
+    matrix, guessed = posed(used, source.category, source.given, y_up=source.path.suffix.lower() != ".obj")
+    parts = tuple(_part(material, body, matrix) for material, body in kept)
+    low, high = (
+        np.min([p.vertices.min(axis=0) for p in parts], axis=0),
+        np.max([p.vertices.max(axis=0) for p in parts], axis=0),
+    )
+    size = [float(max(v, 1e-3)) for v in high - low]
+    if max(size) > MAX_SIZE_M:
+        raise ModelFileError(f"{max(size):.4g} m large; at most {MAX_SIZE_M:g}", where=where, advice="give its unit")
+    notes = (*source.notes, *raw.notes, *_repairs([body for _, body in sound]), *guessed)
+    return FurnitureModel(
+        source.model_id, source.category, parts, (size[0], size[1], size[2]), source.licence,
+        all(body.closed for _, body in kept), notes,
+    )  # fmt: skip
+
+
+def _repairs(bodies: list[Sound | None]) -> list[str]:
+    lost = sum(1 for body in bodies if body is None)
+    known = [body for body in bodies if body is not None]
+    nan, flat, turned = (sum(getattr(b, k) for b in known) for k in ("dropped_nan", "dropped_flat", "turned"))
+    notes = []
+    if lost:
+        notes.append(f"{lost} parts without area or with vertices that are no numbers were left out")
+    if nan:
+        notes.append(f"{nan} triangles with vertices that are no numbers were left out")
+    if flat:
+        notes.append(f"{flat} triangles without area were left out")
+    if turned:
+        notes.append(f"{turned} triangles wound inwards were turned")
+    if not all(body.closed for body in known):
+        notes.append("open surfaces are shown from both sides")
+    return notes
+
+
+def _part(material: Any, body: Sound, matrix: Any) -> Part:
+    vertices = body.vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    look = material if body.closed else replace(material, two_sided=True)
+    return part_of(Solid(vertices, body.faces, vertices), look, body.uv, float(CREASE_RAD))
+
+
+def stretched(model: FurnitureModel, size_m: Size) -> FurnitureModel:
+    """Return a loaded model at a size; raise `CatalogueError` beyond half, twice, or too uneven a stretch."""
+    factor = np.array(size_m) / np.array(model.size_m)
+    if not np.isfinite(factor).all() or (factor <= 0).any():
+        raise CatalogueError(f"a size of {size_m} m", where=model.model_id)
+    if factor.max() > MOST_STRETCH + 1e-6 or factor.min() < 1 / MOST_STRETCH - 1e-6:
+        raise CatalogueError(
+            f"it is {' x '.join(f'{v:.2f}' for v in model.size_m)} m and is stretched to half or twice that at most",
+            where=model.model_id,
+        )
+    if factor.max() / factor.min() > MOST_DISTORTION + 1e-6:
+        raise CatalogueError(
+            f"stretched {factor.max() / factor.min():.2f} times more one way than another", where=model.model_id
+        )
+    parts = []
+    for part in model.parts:
+        normals = part.normals / factor
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        parts.append(
+            replace(
+                part, vertices=np.asarray(part.vertices * factor, np.float32), normals=np.asarray(normals, np.float32)
+            )
+        )
+    said = (
+        (*model.notes, f"stretched by {', '.join(f'{f:.2f}' for f in factor)}")
+        if np.ptp(factor) > 0.01 or abs(factor[0] - 1) > 0.01
+        else model.notes
+    )
+    return replace(model, parts=tuple(parts), size_m=(size_m[0], size_m[1], size_m[2]), notes=said)

@@ -1,0 +1,292 @@
+"""Furniture files into triangles: OBJ, glTF and GLB through trimesh, with limits, and never outside their folder.
+
+What a file says of other files is read by `FolderFiles` alone: names that lead out of the catalogue's folder are not
+followed. Sizes, counts and references are checked before trimesh allocates anything.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+import urllib.parse
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, cast
+
+import numpy as np
+from PIL import Image
+
+from processing.errors import ModelFileError
+from processing.ground.arrays import Bytes, Doubles, Int64s
+from processing.layout.furniture.model import Material, linear_of_srgb
+from processing.layout.models.gltf_checks import check_gltf
+
+SUFFIXES = (".glb", ".gltf", ".obj")
+MAX_FILE_BYTES = 96 * 2**20
+MAX_TRIANGLES = 1_000_000
+MAX_TEXTURE_PIXELS = 8192 * 8192
+KEPT_TEXTURE_PX = 1024
+PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".webp", ".gif")
+GREY = (0.5, 0.5, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class RawPart:
+    """Triangles of one material as the file has them."""
+
+    vertices: Doubles
+    faces: Int64s
+    uv: Doubles | None
+    """(n, 2) a vertex, v upwards."""
+    material: Material
+
+
+@dataclass(frozen=True, eq=False)
+class RawModel:
+    """A file's triangles, in its own units and axes."""
+
+    parts: tuple[RawPart, ...]
+    notes: tuple[str, ...]
+
+
+@dataclass
+class FolderFiles:
+    """What trimesh may read besides the file (its "resolver"): files of the catalogue's folder, not too large."""
+
+    folder: Path
+    root: Path
+    notes: list[str] = field(default_factory=list)
+
+    def get(self, name: str) -> bytes:
+        """Return a file's bytes; raise `FileNotFoundError` (noted) where it is missing, outside, or too large."""
+        asked = self._inside(str(name))
+        if asked is None:
+            raise self._refused(f"'{_shown(name)}' leads out of the folder and was not read")
+        path = asked if asked.is_file() else _any_case(asked)
+        if path is None or not path.resolve().is_relative_to(self.root.resolve()):
+            raise self._refused(f"'{_shown(name)}' is missing")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise self._refused(f"'{_shown(name)}' is larger than {MAX_FILE_BYTES // 2**20} MiB and was not read")
+        data = path.read_bytes()
+        if path.suffix.lower() in PICTURES:
+            wrong = picture_fault(data)
+            if wrong:
+                raise self._refused(f"texture '{_shown(name)}' {wrong} and was left out")
+        return data
+
+    __getitem__ = get
+
+    def keys(self) -> list[str]:
+        """Return no names: nothing is offered, only asked for."""
+        return []
+
+    def __contains__(self, name: object) -> bool:
+        return False
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def _inside(self, name: str) -> Path | None:
+        plain = urllib.parse.unquote(name).strip().replace("\\", "/")
+        wrong = (
+            "\0" in plain or ":" in plain or PurePosixPath(plain).is_absolute() or PureWindowsPath(plain).is_absolute()
+        )
+        if wrong or not plain or len(plain) > 500:
+            return None
+        path = (self.folder / plain).resolve()
+        return path if path.is_relative_to(self.root.resolve()) else None
+
+    def _refused(self, note: str) -> FileNotFoundError:
+        if note not in self.notes:
+            self.notes.append(note)
+        return FileNotFoundError(note)
+
+
+def picture_fault(data: bytes) -> str:
+    """Return what is wrong with a picture's header, or "" for nothing."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            width, height = Image.open(io.BytesIO(data)).size
+        except Exception:  # noqa: BLE001 (Pillow fails in many ways on damaged pictures, and on bombs)
+            return "cannot be read"
+    return f"has {width} x {height} pixels" if width * height > MAX_TEXTURE_PIXELS else ""
+
+
+def _shown(name: object) -> str:
+    return "".join(c if c.isprintable() else "?" for c in str(name))[:80]
+
+
+def _any_case(path: Path) -> Path | None:
+    """Return the file whose name differs in case only."""
+    if not path.parent.is_dir():
+        return None
+    return next((p for p in path.parent.iterdir() if p.name.lower() == path.name.lower() and p.is_file()), None)
+
+
+def read_model_file(path: Path, root: Path) -> RawModel:
+    """Return a file's triangles with materials; raise `ModelFileError` saying what is wrong with it."""
+    where = path.name
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise ModelFileError("a link that leads out of the catalogue's folder", where=where)
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise ModelFileError(f"{size / 2**20:.0f} MiB; at most {MAX_FILE_BYTES // 2**20} are read", where=where)
+        data = path.read_bytes()
+    except OSError as error:
+        raise ModelFileError(f"cannot be read: {error.strerror}", where=where) from None
+    kind = path.suffix.lower()
+    if kind == ".obj":
+        data = checked_obj(data, where)
+    elif kind in SUFFIXES:
+        check_gltf(data, where, MAX_TRIANGLES)
+    else:
+        raise ModelFileError(f"'{kind}' files are not read; {', '.join(SUFFIXES)} are", where=where)
+    files = FolderFiles(path.parent, root)
+    scene = _loaded(data, kind[1:], files, where)
+    parts, notes = [], list(files.notes)
+    for mesh in scene:
+        part, said = _raw_part(mesh)
+        if part is not None:
+            parts.append(part)
+        notes += [note for note in said if note not in notes]
+    if not parts:
+        raise ModelFileError("it holds no triangles", where=where)
+    if sum(len(p.faces) for p in parts) > MAX_TRIANGLES:
+        raise ModelFileError(f"more than {MAX_TRIANGLES} triangles", where=where)
+    return RawModel(tuple(parts), tuple(notes))
+
+
+_CORNER = re.compile(rb"-?\d+(/(-?\d+)?(/(-?\d+)?)?)?")
+
+
+def checked_obj(data: bytes, where: str) -> bytes:
+    """Return an OBJ file's bytes; raise `ModelFileError` for what is none, or names vertices that it does not have."""
+    if b"\0" in data[:4096]:
+        raise ModelFileError("not a text file", where=where)
+    vertices = len(re.findall(rb"^\s*v\s", data, re.M))
+    faces = re.findall(rb"^\s*f\s+([^\r\n#]*)", data, re.M)
+    if not vertices or not faces:
+        raise ModelFileError("no vertices or no faces", where=where, likely="not an OBJ file, or an empty one")
+    if len(faces) > MAX_TRIANGLES:
+        raise ModelFileError(f"more than {MAX_TRIANGLES} faces", where=where)
+    numbers = re.findall(rb"(?:^|\s)(-?\d+)", b"\n".join(faces))
+    if any(not _CORNER.fullmatch(corner) for face in faces for corner in face.split()) or not numbers:
+        raise ModelFileError("a face names no vertices", where=where, likely="a damaged file")
+    worst = max(numbers, key=len)
+    if len(worst) > 12:
+        raise ModelFileError(f"a face names vertex {worst[:20].decode()}...", where=where)
+    index = np.array(numbers, dtype=np.int64)
+    if (index == 0).any():
+        raise ModelFileError("a face names vertex 0; they are counted from 1", where=where)
+    if np.abs(index).max() > vertices:
+        raise ModelFileError(f"a face names vertex {int(index[np.abs(index).argmax()])} of {vertices}", where=where)
+    if (index < 0).any():
+        return _absolute(data)
+    return data
+
+
+def _absolute(data: bytes) -> bytes:
+    """Return an OBJ whose faces count from the end rewritten to count from the start."""
+    seen = {b"v": 0, b"vt": 0, b"vn": 0}
+    lines = []
+    for line in data.splitlines():
+        words = line.split()
+        if words and words[0] in seen:
+            seen[words[0]] += 1
+        if words and words[0] == b"f":
+            corners = []
+            for corner in words[1:]:
+                places = zip(corner.split(b"/"), seen.values(), strict=False)
+                corners.append(
+                    b"/".join(b"%d" % (int(p) + 1 + n if int(p) < 0 else int(p)) if p else b"" for p, n in places)
+                )
+            lines.append(b" ".join([b"f", *corners]))
+        else:
+            lines.append(line)
+    return b"\n".join(lines) + b"\n"
+
+
+def _loaded(data: bytes, kind: str, files: FolderFiles, where: str) -> list[Any]:
+    """Return trimesh's meshes of a file, in the scene's places."""
+    import trimesh
+
+    logger = logging.getLogger("trimesh")
+    quiet, logger.disabled = logger.disabled, True
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, resolver=cast(Any, files), process=False)
+        return [m for m in scene.dump(concatenate=False) if isinstance(m, trimesh.Trimesh) and len(m.faces)]
+    except Exception as error:  # noqa: BLE001 (a damaged file makes its reader fail in any way)
+        said = "; ".join(files.notes) or f"{type(error).__name__}: {_shown(error)}"
+        raise ModelFileError(f"cannot be read: {said}", where=where, likely="a damaged file") from None
+    finally:
+        logger.disabled = quiet
+
+
+def _raw_part(mesh: Any) -> tuple[RawPart | None, list[str]]:
+    vertices = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    if not len(faces) or not len(vertices):
+        return None, []
+    uv = getattr(mesh.visual, "uv", None)
+    uv = None if uv is None else np.asarray(uv, dtype=np.float64)
+    notes: list[str] = []
+    if uv is not None and (uv.shape != (len(vertices), 2) or not np.isfinite(uv).all()):
+        notes.append("texture coordinates that are no numbers were left out")
+        uv = None
+    material = _material(mesh.visual, notes, textured=uv is not None)
+    return RawPart(vertices, faces, uv if material.texture is not None else None, material), notes
+
+
+def _material(visual: Any, notes: list[str], *, textured: bool) -> Material:
+    """Return trimesh's material in our terms; what cannot be told is plain grey."""
+    given = getattr(visual, "material", None)
+    name = _shown(getattr(given, "name", None) or "unnamed")
+    if given is None:
+        return Material(name, GREY, two_sided=True)
+    kind = type(given).__name__
+    pbr = given if kind == "PBRMaterial" else given.to_pbr()
+    factor = getattr(pbr, "baseColorFactor", None)
+    coded = np.full(4, 255.0) if factor is None else np.asarray(factor, dtype=np.float64).ravel()
+    coded = coded / 255.0 if coded.max() > 1.0 or np.asarray(factor).dtype == np.uint8 else coded
+    coded = np.clip(np.nan_to_num(np.append(coded, np.ones(4))[:4], nan=0.5), 0, 1)
+    texture = _texture(getattr(pbr, "baseColorTexture", None), notes) if textured else None
+    colour = coded[:3]
+    if kind != "PBRMaterial":
+        # An OBJ's Kd is meant for the screen; beside a texture it is mostly a leftover.
+        colour = linear_of_srgb(np.rint(255 * colour).astype(np.uint8)) if texture is None else np.ones(3)
+    roughness, metallic = (getattr(pbr, key, None) for key in ("roughnessFactor", "metallicFactor"))
+    r, g, b = (float(c) for c in colour)
+    return Material(
+        name,
+        (r, g, b),
+        float(np.clip(0.6 if roughness is None else roughness, 0.05, 1)),
+        float(np.clip(0.0 if metallic is None else metallic, 0, 1)),
+        texture,
+        None,
+        opacity=float(coded[3]) if coded[3] > 0.02 else 1.0,
+    )
+
+
+def _texture(image: Any, notes: list[str]) -> Bytes | None:
+    """Return a picture's pixels, at most 1024 wide; None (noted) where it cannot be read."""
+    if image is None:
+        return None
+    try:
+        if image.width * image.height > MAX_TEXTURE_PIXELS:
+            notes.append(f"a texture of {image.width} x {image.height} pixels is too large and was left out")
+            return None
+        if max(image.size) > KEPT_TEXTURE_PX:
+            scale = KEPT_TEXTURE_PX / max(image.size)
+            image.draft("RGB", (KEPT_TEXTURE_PX, KEPT_TEXTURE_PX))
+            size = (max(1, round(image.width * scale)), max(1, round(image.height * scale)))
+            size = tuple(min(s, KEPT_TEXTURE_PX) for s in size)
+            image = image.convert("RGB").resize(size, Image.Resampling.BOX)
+        return np.asarray(image.convert("RGB"), dtype=np.uint8)
+    except Exception as error:  # noqa: BLE001 (Pillow fails in many ways on damaged pictures)
+        notes.append(f"a texture cannot be read ({type(error).__name__}) and was left out")
+        return None

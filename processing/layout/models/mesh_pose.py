@@ -1,0 +1,180 @@
+"""Units, the upward axis and the front of loaded furniture: given, or guessed from what furniture is like, and said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.errors import CatalogueError
+from processing.ground.arrays import Doubles
+from processing.layout.furniture.model import Size
+from processing.layout.items import KINDS
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+FRONTS = ("+z", "-z", "+x", "-x")
+_USUAL: dict[str, Size] = {
+    "ottoman": (0.6, 0.5, 0.42), "stool": (0.4, 0.4, 0.6), "bench": (1.2, 0.4, 0.45), "side table": (0.5, 0.5, 0.5),
+    "lamp": (0.3, 0.3, 0.5), "desk lamp": (0.25, 0.25, 0.4), "cabinet": (0.8, 0.45, 0.9), "pillow": (0.45, 0.45, 0.15),
+    "books": (0.3, 0.2, 0.25), "kitchen": (0.6, 0.6, 0.9), "bathroom": (0.6, 0.5, 0.9), "bunk bed": (0.95, 2.05, 1.7),
+}  # fmt: skip
+ANY: Size = (0.7, 0.6, 0.8)
+FAR = 1.3
+"""Mean difference of the sizes' logarithms to the usual ones from which a unit is not believed (3.7 times)."""
+MOST_UNEVEN = 1.6
+OFTEN_WIDE = ("sofa", "tv", "tv stand", "desk", "wardrobe", "bookshelf", "chest")
+LONG = ("single bed", "bed")
+BACKED = ("sofa", "armchair", "dining chair", "desk chair", "bed", "single bed", "king bed")
+"""Kinds whose upper part stands at their back."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What is known of a model beside its file; None where it is not."""
+
+    unit: str | None = None
+    up: str | None = None
+    front: str | None = None
+    """The horizontal axis of the file (its height along y) that the front looks to."""
+    size_m: Size | None = None
+    """Width, depth, height."""
+
+    def checked(self, where: str) -> Given:
+        """Return itself; raise `CatalogueError` where a value is none of those there are."""
+        for value, known, what in (
+            (self.unit, UNITS, "unit"),
+            (self.front, FRONTS, "front"),
+            (self.up, ("y", "z"), "up"),
+        ):
+            if value is not None and value not in known:
+                raise CatalogueError(f"{what} '{value[:20]}'; there are: {', '.join(known)}", where=where)
+        return self
+
+
+def usual_size(category: str) -> Size:
+    """Return a category's usual size in metres."""
+    return KINDS[category].size_m if category in KINDS else _USUAL.get(category, ANY)
+
+
+def posed(points: Doubles, category: str, given: Given, *, y_up: bool) -> tuple[Doubles, tuple[str, ...]]:
+    """Return (4, 4), from a file's axes to an item's, and what was guessed or corrected.
+
+    `points` are all of its vertices; `y_up` says that the format itself has y upwards (glTF).
+    """
+    notes: list[str] = []
+    extent = np.ptp(points, axis=0)
+    up = given.up or ("y" if y_up else _up(extent, category, given, notes))
+    turn = _STAND if up == "y" else np.diag([-1.0, -1.0, 1.0])
+    standing = points @ turn.T
+    front = _front_turn(standing, category, given, notes)
+    turn = front @ turn
+    standing = points @ turn.T
+    scale = _scale(np.ptp(standing, axis=0), category, given, notes)
+    low, high = standing.min(axis=0) * scale, standing.max(axis=0) * scale
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * scale[:, None]
+    matrix[:3, 3] = [-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]]
+    return matrix, tuple(notes)
+
+
+_STAND = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+"""From y up with the front at +z (glTF's and 3D-FUTURE's way) to z up with the front at +y."""
+
+
+def _misfit(extent: Doubles, size: Size) -> float:
+    """Return how unlike two boxes' proportions are, 0 for alike."""
+    ratio = np.log(np.maximum(extent, 1e-3 * extent.max()) / np.array(size))
+    return float(np.ptp(ratio))
+
+
+def _up(extent: Doubles, category: str, given: Given, notes: list[str]) -> str:
+    """Return y, or z where the proportions say so clearly."""
+    size = given.size_m or usual_size(category)
+    as_y = min(_misfit(extent[[0, 2, 1]], size), _misfit(extent[[2, 0, 1]], size) + 0.1)
+    as_z = min(_misfit(extent[[0, 1, 2]], size), _misfit(extent[[1, 0, 2]], size) + 0.1)
+    if as_z + (0.1 if given.size_m else 0.6) < as_y:
+        notes.append("z is taken to point up, from its proportions")
+        return "z"
+    return "y"
+
+
+def _front_turn(standing: Doubles, category: str, given: Given, notes: list[str]) -> Doubles:
+    """Return the turn about z (quarter steps) that brings the front to +y."""
+    if given.front is not None:
+        return _quarter({"+z": 0, "-x": 1, "-z": 2, "+x": 3}[given.front])
+    across = _across(np.ptp(standing, axis=0), category, given)
+    back = _backward(standing) if category in BACKED else None
+    if back is not None and (across is None or (back % 2 == 1) == across):
+        steps = back
+    else:
+        steps = 1 if across else 0
+    if steps:
+        notes.append(f"turned by {90 * steps} degrees: its front was guessed from its shape")
+    elif back is None:
+        notes.append("its front is taken to be the format's usual one")
+    return _quarter(steps)
+
+
+def _across(extent: Doubles, category: str, given: Given) -> bool | None:
+    """Return whether its width lies along y, from its proportions; None where they do not tell."""
+    if given.size_m is not None:
+        turned, straight = _misfit(extent[[1, 0, 2]], given.size_m), _misfit(extent, given.size_m)
+        return None if abs(turned - straight) < 0.05 else turned < straight
+    wide = category in OFTEN_WIDE
+    if not wide and category not in LONG:
+        return None
+    ratio = extent[0] / max(extent[1], 1e-12) if wide else extent[1] / max(extent[0], 1e-12)
+    return None if 0.75 < ratio < 1.3 else bool(ratio <= 0.75)
+
+
+def _backward(standing: Doubles) -> int | None:
+    """Return how many quarter turns bring the side without a back to +y; None where no side is clearly the back."""
+    low, high = standing.min(axis=0), standing.max(axis=0)
+    upper = standing[standing[:, 2] > low[2] + 0.72 * (high[2] - low[2])]
+    if len(upper) < 3:
+        return None
+    lean = ((upper.min(axis=0) + upper.max(axis=0)) / 2 - (low + high) / 2)[:2] / np.maximum((high - low)[:2], 1e-12)
+    axis = int(np.argmax(np.abs(lean)))
+    if abs(lean[axis]) < 0.12:
+        return None
+    # The back is at `lean`: -y already right; +y half a turn; +x and -x a quarter.
+    if axis == 1:
+        return 0 if lean[1] < 0 else 2
+    return 3 if lean[0] > 0 else 1
+
+
+def _quarter(steps: int) -> Doubles:
+    """Return a turn by quarters about z, counter-clockwise."""
+    c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[steps % 4]
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _scale(extent: Doubles, category: str, given: Given, notes: list[str]) -> Doubles:
+    """Return (3,): metres per unit."""
+    each = np.ones(3)
+    if given.size_m is not None:
+        ratio = np.array(given.size_m) / np.maximum(extent, 1e-12)
+        mean = float(np.exp(np.mean(np.log(ratio))))
+        near = min(UNITS.values(), key=lambda unit: abs(np.log(mean / unit)))
+        if np.abs(np.log(ratio / near)).max() < 0.03:
+            return each * near
+        if ratio.max() / ratio.min() < MOST_UNEVEN:
+            notes.append("stretched to its stated size")
+            return np.asarray(ratio, dtype=np.float64)
+        notes.append(f"scaled by {mean:.4g} to about its stated size")
+        return each * mean
+    if given.unit is not None:
+        return each * UNITS[given.unit]
+    thick = extent > 1e-3 * extent.max()
+    ratio = np.log(extent[thick] / np.array(usual_size(category))[thick])
+    off = {name: float(np.abs(ratio + np.log(unit)).mean()) for name, unit in UNITS.items()}
+    best = min(("m", "cm", "mm", "in"), key=lambda name: off[name])
+    best = "m" if off["m"] < FAR else best
+    if off[best] < FAR:
+        if best != "m":
+            notes.append(f"taken to be in {best}, from its size")
+        return each * UNITS[best]
+    scale = float(np.exp(-ratio.mean()))
+    usual = category if category != "other" else "size"
+    notes.append(f"its unit could not be told: scaled by {scale:.4g} to a usual {usual}")
+    return each * scale

@@ -1,0 +1,375 @@
+"""Soft scores of a whole arrangement: each 0 to 1, None where it does not apply; `rules.toml` has the weights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numba import njit
+
+from processing.ground.arrays import Doubles
+from processing.layout.plan import FloorPlan
+from processing.layout.solver.free_sets import inside_walls
+from processing.layout.solver.grouping import ROLES
+from processing.layout.solver.poses import Stand
+from processing.layout.solver.walk_grid import WORD, count_bits, lowest, spread, stamp, wall_clearance2
+
+# Scores that look at the whole floor, compiled (numba): the largest free circle, and floor in one piece.
+
+
+@njit(cache=True)
+def box_corners(box, out):  # type: ignore[no-untyped-def]
+    """Write the corners (4, 2) of a box (x, y, cos, sin, half width, half depth)."""
+    for c in range(4):
+        u = -box[4] if c in (0, 3) else box[4]
+        v = -box[5] if c < 2 else box[5]
+        out[c, 0] = box[0] + u * box[2] - v * box[3]
+        out[c, 1] = box[1] + u * box[3] + v * box[2]
+
+
+@njit(cache=True)
+def largest_circle(points, clear, boxes):  # type: ignore[no-untyped-def]
+    """Return the radius of the largest circle around one of the points (n, 2) that walls (clear) and boxes leave."""
+    best = 0.0
+    for i in range(points.shape[0]):
+        if clear[i] <= best:
+            continue
+        least = clear[i]
+        for k in range(boxes.shape[0]):
+            dx, dy = points[i, 0] - boxes[k, 0], points[i, 1] - boxes[k, 1]
+            u = abs(dx * boxes[k, 2] + dy * boxes[k, 3]) - boxes[k, 4]
+            v = abs(dy * boxes[k, 2] - dx * boxes[k, 3]) - boxes[k, 5]
+            gap = np.sqrt(max(u, 0.0) ** 2 + max(v, 0.0) ** 2) if max(u, v) > 0 else max(u, v)
+            least = min(least, gap)
+            if least <= best:
+                break
+        best = max(best, least)
+    return best
+
+
+@njit(cache=True)
+def share_in_one_piece(clearance2, x0, y0, cell, radius, boxes):  # type: ignore[no-untyped-def]
+    """Return the share, in the largest part, of the cells where a walker's middle may be (radius from walls, boxes)."""
+    rows, columns = clearance2.shape
+    free = np.zeros((rows, (columns + WORD - 1) // WORD), dtype=np.uint64)
+    blocked, reached = np.zeros_like(free), np.zeros_like(free)
+    corners = np.empty((4, 2))
+    for k in range(boxes.shape[0]):
+        box_corners(boxes[k], corners)
+        stamp(blocked, corners, x0, y0, cell, radius * radius)
+    for i in range(rows):
+        for j in range(columns):
+            if clearance2[i, j] >= radius * radius:
+                free[i, j // WORD] |= np.uint64(1) << np.uint64(j % WORD)
+    total, best = 0, 0
+    for i in range(rows):
+        for w in range(free.shape[1]):
+            free[i, w] &= ~blocked[i, w]
+    for i in range(rows):
+        for w in range(free.shape[1]):
+            while free[i, w] != np.uint64(0):
+                reached[:] = np.uint64(0)
+                reached[i, w] = lowest(free[i, w])
+                spread(reached, free, i)
+                count = take_away(free, reached)
+                total += count
+                best = max(best, count)
+    return best / total if total > 0 else 0.0
+
+
+@njit(cache=True)
+def take_away(free, reached):  # type: ignore[no-untyped-def]
+    """Clear the reached bits of a grid; return how many there were."""
+    count = 0
+    for i in range(free.shape[0]):
+        for w in range(free.shape[1]):
+            free[i, w] &= ~reached[i, w]
+            count += count_bits(reached[i, w])
+    return count
+
+
+__all__ = ["box_corners", "largest_circle", "share_in_one_piece"]
+
+
+Pair: TypeAlias = tuple[float, float]
+SEATS = ("sofa", "armchair")
+SAMPLES = 20
+SLIM_M = 0.2
+"""Half the width of the walker of the score `walk`."""
+WALK_CELL_M = 0.07
+HEAD_ROOM_M = 2.0
+AT_WALL_M = 0.06
+
+
+@dataclass(frozen=True)
+class Floor:
+    """What scores need to know of a room, made once."""
+
+    plan: FloorPlan
+    walls: Doubles
+    """(n, 4) segments."""
+    points: Doubles
+    """(n, 2), spread over the floor."""
+    clear_m: Doubles
+    """(n,): their distance to the nearest wall."""
+    cells2: Doubles
+    """Squared distance to the walls at the cells of a grid; -1 outside."""
+    corner_m: Pair
+    cell_m: float
+    middle_m: Pair
+    area_m2: float
+    doors: tuple[tuple[Pair, Pair, float], ...]
+    """(middle, inward direction, width) of each; windows too."""
+    windows: tuple[tuple[Pair, Pair, float], ...]
+
+
+def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
+    """Return the scores that apply to what is placed (in the frame of the floor's plan)."""
+    solid = _boxes(placed)
+    found: dict[str, float | None] = {
+        "conversation": _conversation(placed),
+        "viewing": _viewing(placed),
+        "bed_view": _bed_view(floor, placed),
+        "bed_wall": _bed_wall(floor, placed),
+        "desk_light": _desk_light(floor, placed),
+        "wall_use": _wall_use(placed),
+        "alignment": _alignment(placed),
+        "balance": _balance(floor, placed),
+        "openness": _openness(floor, placed, solid),
+        "daylight": _daylight(floor, placed),
+        "walk": _walk(floor, solid),
+        "together": _together(placed),
+    }
+    return {name: round(min(1.0, max(0.0, value)), 4) for name, value in found.items() if value is not None}
+
+
+def weighted(scores: Mapping[str, float], weights: Mapping[str, float]) -> float:
+    """Return the weighted mean of the scores that apply."""
+    total = sum(weights.get(name, 0.0) for name in scores)
+    return round(sum(weights.get(name, 0.0) * value for name, value in scores.items()) / total, 4) if total else 0.0
+
+
+def _ramp(value: float, zero: float, one: float) -> float:
+    return min(1.0, max(0.0, (value - zero) / (one - zero)))
+
+
+def _of(placed: Sequence[Stand], *names: str) -> list[Stand]:
+    return [s for s in placed if s.item.spec.category in names or ROLES.get(s.item.spec.category) in names]
+
+
+def _looks(a: Stand, b: Stand) -> tuple[float, float]:
+    """Return the distance, and the cosine between a's front and the way to b."""
+    dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
+    d = math.hypot(dx, dy) + 1e-9
+    fx, fy = a.facing()
+    return d, (dx * fx + dy * fy) / d
+
+
+def _conversation(placed: Sequence[Stand]) -> float | None:
+    seats = _of(placed, *SEATS)
+    if len(seats) < 2:
+        return None
+    values = []
+    for i, a in enumerate(seats):
+        for b in seats[i + 1 :]:
+            d, to = _looks(a, b)
+            back = _looks(b, a)[1]
+            near = _ramp(d, 4.0, 2.6) * _ramp(d, 0.6, 1.3)
+            values.append(near * (0.5 * _ramp(to, -0.2, 0.6) + 0.5 * _ramp(back, -0.2, 0.6)))
+    return float(np.mean(values))
+
+
+def _viewing(placed: Sequence[Stand]) -> float | None:
+    screens = _of(placed, "tv") or _of(placed, "tv stand")
+    viewers = _of(placed, "sofa") or _of(placed, "armchair") or _of(placed, "bed")
+    if not screens or not viewers:
+        return None
+    tv, best = screens[0], 0.0
+    width_m, _, height_m = tv.item.spec.size_m
+    diagonal_m = max(0.8, math.hypot(width_m, height_m if tv.item.spec.category == "tv" else 0.6))
+    for seat in viewers:
+        d, to = _looks(tv, seat)
+        back = _looks(seat, tv)[1]
+        far = _ramp(d, 0.8 * diagonal_m, 1.2 * diagonal_m) * _ramp(d, 4.0 * diagonal_m, 2.6 * diagonal_m)
+        best = max(best, _ramp(to, 0.5, 0.94) * _ramp(back, 0.3, 0.94) * (0.4 + 0.6 * far))
+    return best
+
+
+def _openings(plan: FloorPlan, kind: str) -> list[tuple[Pair, Pair, float]]:
+    """Return (middle, inward direction, width) of doors or windows."""
+    found = []
+    for o in plan.doors if kind == "door" else plan.windows:
+        corner, along, _ = plan.edge(o.edge)
+        middle = corner + along * (o.start_m + o.end_m) / 2
+        found.append(((float(middle[0]), float(middle[1])), (float(-along[1]), float(along[0])), o.width_m))
+    return found
+
+
+def _bed_view(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    beds, doors = _of(placed, "bed"), floor.doors
+    if not beds or not doors:
+        return None
+    values = []
+    for bed in beds:
+        fx, fy = bed.facing()
+        for (x, y), _, _ in doors:
+            dx, dy = x - bed.x_m, y - bed.y_m
+            d = math.hypot(dx, dy) + 1e-9
+            in_line = (dx * fx + dy * fy) > 0 and abs(dx * fy - dy * fx) < 0.5
+            values.append(_ramp((dx * fx + dy * fy) / d, -0.4, 0.3) * (0.6 if in_line else 1.0))
+    return float(np.mean(values))
+
+
+def _bed_wall(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    """Return how well beds lie: the head at a wall without a window, both sides free."""
+    beds = _of(placed, "bed")
+    if not beds:
+        return None
+    values = []
+    for bed in beds:
+        sides = sum(1 for x0, x1, _, _ in bed.zones if x1 <= 0 or x0 >= 0)
+        behind = _behind(floor.plan, bed)
+        values.append((0.5 if _head_at_wall(floor, bed) else 0.0) * (1 - behind) + 0.25 * min(2, sides))
+    return float(np.mean(values))
+
+
+def _head_at_wall(floor: Floor, bed: Stand) -> bool:
+    """Tell whether there is no floor just behind a bed's head."""
+    w, d = bed.item.spec.size_m[0] / 4, -bed.item.spec.size_m[1] / 2 - AT_WALL_M
+    return not any(inside_walls(floor.walls, x, y) for x, y in bed.corners((-w, w, d, d)))
+
+
+def _behind(plan: FloorPlan, stand: Stand) -> float:
+    """Return the share of a piece's width that has a window behind it."""
+    if stand.edge is None or stand.edge >= len(plan.corners):
+        return 0.0
+    corner, along, _ = plan.edge(stand.edge)
+    at = float((np.array([stand.x_m, stand.y_m]) - corner) @ along)
+    half = stand.item.spec.size_m[0] / 2
+    over = sum(
+        max(0.0, min(at + half, w.end_m) - max(at - half, w.start_m)) for w in plan.windows if w.edge == stand.edge
+    )
+    return min(1.0, over / (2 * half))
+
+
+def _desk_light(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    desks, windows = _of(placed, "desk"), floor.windows
+    if not desks or not windows:
+        return None
+    values = []
+    for desk in desks:
+        fx, fy = desk.facing()
+        best = 0.0
+        for (x, y), _, _ in windows:
+            dx, dy = x - desk.x_m, y - desk.y_m
+            d = math.hypot(dx, dy) + 1e-9
+            best = max(best, abs((dx * fy - dy * fx) / d) * _ramp(d, 5.0, 1.5))
+        values.append(best)
+    return float(np.mean(values))
+
+
+def _wall_use(placed: Sequence[Stand]) -> float | None:
+    large = [s for s in placed if s.item.spec.placement == "wall" and s.item.spec.footprint_m2 >= 0.15]
+    if not large:
+        return None
+    return sum(s.item.spec.footprint_m2 for s in large if s.edge is not None) / sum(
+        s.item.spec.footprint_m2 for s in large
+    )
+
+
+def _alignment(placed: Sequence[Stand]) -> float | None:
+    if len(placed) < 2:
+        return None
+    weights = np.array([s.item.spec.footprint_m2 for s in placed])
+    phases = np.array([s.theta_rad * 4 for s in placed])
+    return float(np.hypot((weights * np.cos(phases)).sum(), (weights * np.sin(phases)).sum()) / weights.sum())
+
+
+def _balance(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    solid = [s for s in placed if not s.item.spec.is_rug]
+    if not solid:
+        return None
+    total = x = y = 0.0
+    for s in solid:
+        weight = math.prod(s.item.spec.size_m)
+        total, x, y = total + weight, x + weight * s.x_m, y + weight * s.y_m
+    away_m = math.hypot(x / total - floor.middle_m[0], y / total - floor.middle_m[1])
+    return 1 - away_m / (0.5 * math.sqrt(floor.area_m2))
+
+
+def make_floor(plan: FloorPlan) -> Floor:
+    """Return what scores need of a plan."""
+    walls = np.concatenate([np.concatenate([r, np.roll(r, -1, axis=0)], axis=1) for r in (plan.corners, *plan.holes)])
+    low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
+    step = float(max(high - low)) / SAMPLES
+    cell = max(WALK_CELL_M, float(max(high - low)) / 150)
+    at = (float(low[0]), float(low[1]))
+    rows, columns = (int((high - low)[i] / step) + 1 for i in (1, 0))
+    coarse = wall_clearance2(walls, *at, step, rows, columns)
+    i, j = np.nonzero(coarse > 0.01)
+    points = np.stack([at[0] + (j + 0.5) * step, at[1] + (i + 0.5) * step], axis=1)
+    rows, columns = (int((high - low)[i] / cell) + 1 for i in (1, 0))
+    ring, nxt = plan.corners, np.roll(plan.corners, -1, axis=0)
+    cross = ring[:, 0] * nxt[:, 1] - nxt[:, 0] * ring[:, 1]
+    middle = ((ring + nxt) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+    return Floor(
+        plan, walls, np.ascontiguousarray(points), np.sqrt(coarse[i, j]),
+        wall_clearance2(walls, *at, cell, rows, columns), at, cell, (float(middle[0]), float(middle[1])), plan.area_m2,
+        tuple(_openings(plan, "door")), tuple(_openings(plan, "window")),
+    )  # fmt: skip
+
+
+def _boxes(placed: Sequence[Stand]) -> Doubles:
+    """Return (x, y, cos, sin, half width, half depth, underside) of what stands on the floor."""
+    rows = [
+        (s.x_m, s.y_m, math.cos(s.theta_rad), math.sin(s.theta_rad), w / 2, d / 2)
+        for s in placed
+        for w, d, _ in [s.item.spec.size_m]
+        if not s.item.spec.is_rug and s.item.spec.base_m < HEAD_ROOM_M
+    ]
+    return np.array(rows, dtype=np.float64).reshape(-1, 6)
+
+
+def _openness(floor: Floor, placed: Sequence[Stand], solid: Doubles) -> float:
+    """Return how large a free circle is left, against the largest that furniture of this area could leave."""
+    covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
+    best = 0.5 * math.sqrt(max(0.5, floor.area_m2 - covered))
+    return float(largest_circle(floor.points, floor.clear_m, solid) / (0.8 * best))
+
+
+def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    """Return how much of the windows' light is kept: tall pieces near a window take from it."""
+    windows = floor.windows
+    if not windows:
+        return None
+    lost, total = 0.0, 0.0
+    for (x, y), (nx, ny), width_m in windows:
+        total += width_m
+        worst = 0.0
+        for s in placed:
+            if s.item.spec.top_m < 1.1:
+                continue
+            dx, dy = s.x_m - x, s.y_m - y
+            ahead, aside = dx * nx + dy * ny, abs(dx * ny - dy * nx)
+            near = _ramp(ahead, 2.5, 0.8) if ahead > 0 else 0.0
+            worst += near * _ramp(aside, width_m / 2 + 0.9, width_m / 2) * min(1.0, s.item.spec.size_m[0])
+        lost += width_m * min(1.0, worst)
+    return 1 - lost / total
+
+
+def _walk(floor: Floor, solid: Doubles) -> float:
+    """Return how much of the floor that a slim walker (0.4 m) can stand on is in one piece: 0 at 90 %, 1 at all."""
+    return _ramp(share_in_one_piece(floor.cells2, *floor.corner_m, floor.cell_m, SLIM_M, solid), 0.9, 1.0)
+
+
+def _together(placed: Sequence[Stand]) -> float | None:
+    present = {s.item.spec.category for s in placed} | {ROLES.get(s.item.spec.category, "") for s in placed}
+    present.discard("")
+    rugs = {"sofa", "dining"} & present
+    bound = [s for s in placed if s.item.spec.group_with in present or (rugs and s.item.spec.is_rug)]
+    if not bound:
+        return None
+    return sum(1.0 for s in bound if s.group != s.item.id) / len(bound)

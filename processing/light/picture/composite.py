@@ -1,0 +1,173 @@
+"""Furniture put into the calibrated photograph, in cd/m2.
+
+``differential``: the photograph is kept; furniture is rendered, and what it changes of the light on the room (shade,
+bounced light, shadows in the sun) is the ratio of two renders of the same places with the same random numbers, with and
+without it. Pixels whose light does not change are kept bit by bit.
+``ibl``: furniture lit by the panorama alone, as if all of it lay infinitely far away; it changes nothing in the room.
+``inverse_tone_curve`` makes such a panorama from an ordinary 8-bit one, the baseline of calibrated pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from processing.errors import ParameterError
+from processing.ground.arrays import Floats
+from processing.light.picture.change import Change, bands, in_bands
+from processing.light.picture.mirrors import mirrors_of
+from processing.light.picture.render import small_geometry
+from processing.light.scene.scene import Part, Scene, Vector
+from processing.light.solver.denoise import denoised
+from processing.light.solver.irradiance import EFFORTS, Effort, Lights, irradiance_of
+from processing.light.solver.kernels import cosine_rays, random
+from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.upsample import upsampled
+from processing.sphere import Equirectangular
+
+IBL_ROWS = 512
+"""Height of the picture in which furniture's light by the panorama is gathered."""
+
+
+@dataclass(frozen=True)
+class Staged:
+    """A photograph with furniture in it."""
+
+    rgb: Floats
+    """(H, W, 3) cd/m2."""
+    furniture: np.ndarray
+    """(H, W): where furniture is seen."""
+    kept: np.ndarray
+    """(H, W): where the photograph is kept bit by bit."""
+    ratio: Floats
+    """(H, W): the change of luminance in the rest."""
+    error: float
+    """Relative standard error of the furnished room's irradiance."""
+
+
+@dataclass(frozen=True)
+class Bare:
+    """A room without furniture made ready, for all that is put into it."""
+
+    stage: Stage
+    lights: Lights = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, room: Scene, effort: Effort) -> Bare:
+        """Return a room made ready for pictures of this effort."""
+        return cls(Stage.of(room, effort.texel_m))
+
+
+def differential(
+    photograph: Floats,
+    room: Scene | Bare,
+    parts: tuple[Part, ...],
+    eye_m: Vector,
+    *,
+    effort: Effort = EFFORTS["standard"],
+    seed: int = 0,
+    sunless: np.ndarray | None = None,
+) -> Staged:
+    """Return the photograph (H, 2 H, 3) of a room with furniture added.
+
+    Parameters
+    ----------
+    room
+        The empty room with its albedo, under the light of the photograph (`albedo.RoomAlbedo.scene`); made ready once
+        (`Bare.of`) it serves several pictures.
+    sunless
+        (H, 2 H): pixels of which direct sunlight was taken away; they get it back where it falls now.
+    """
+    geometry = _panorama(photograph)
+    if not parts:
+        return _untouched(photograph)
+    bare = room if isinstance(room, Bare) else Bare.of(room, effort)
+    full = Stage.of(bare.stage.scene.furnished(parts), effort.texel_m)
+    small = sight_of(full, small_geometry(geometry, effort.rows), eye_m)
+    lights: Lights = {}
+    after = irradiance_of(full, small, effort, seed, wraps=True, lights=lights)
+    # The same places, on furniture too, so that both meet the same chance.
+    same = replace(effort, max_error=1e-12, budget_s=None, most_rounds=after.rounds)
+    before = irradiance_of(bare.stage, small, same, seed, wraps=True, lights=bare.lights)
+    first = next(iter(lights))
+    pair = (bare.lights[first], lights[first])
+    mirrors = mirrors_of(bare.stage, full, pair, photograph, eye_m, seed=seed, clean=effort.clean)
+    change = Change(bare.stage, full, small, before, after, pair, mirrors, effort, seed, eye_m)
+    rgb, furniture, kept, ratio = in_bands(change, photograph, sunless)
+    return Staged(rgb, furniture, kept, ratio, after.error)
+
+
+def _untouched(photograph: Floats) -> Staged:
+    none = np.zeros(photograph.shape[:2], bool)
+    return Staged(photograph.copy(), none, ~none, np.ones(photograph.shape[:2], np.float32), 0.0)
+
+
+def _panorama(photograph: Floats) -> Equirectangular:
+    if photograph.ndim != 3 or photograph.shape[1:] != (2 * photograph.shape[0], 3):
+        raise ParameterError(f"a photograph of shape {photograph.shape}", advice="give a whole panorama (H, 2 H, 3)")
+    if not np.isfinite(photograph).all() or (photograph < 0).any():
+        raise ParameterError("a photograph with values that light cannot have", advice="give finite values from 0")
+    return Equirectangular(photograph.shape[1], photograph.shape[0])
+
+
+def ibl(
+    photograph: Floats,
+    parts: tuple[Part, ...],
+    eye_m: Vector,
+    room: Scene,
+    *,
+    samples: int = 64,
+    clean: bool = True,
+    seed: int = 0,
+) -> Staged:
+    """Return the photograph with furniture lit by the photograph alone; ``room`` only hides what is behind walls."""
+    geometry = _panorama(photograph)
+    if not parts:
+        return _untouched(photograph)
+    full = Stage.of(room.furnished(parts), 0.2)
+    sight = sight_of(full, small_geometry(geometry, IBL_ROWS), eye_m)
+    furniture = np.flatnonzero(sight.label >= FIRST_PART)
+    alone = Stage.of(Scene((), (), room.outdoors, parts), 0.2)
+    light = np.zeros((len(sight.label), 3), np.float32)
+    if len(furniture):
+        light[furniture] = _from_afar(alone, photograph, sight.point[furniture], sight.normal[furniture], samples, seed)
+    shaped = light.reshape(*sight.shape, 3)
+    if clean:
+        there = (sight.label >= FIRST_PART).reshape(sight.shape)
+        near = np.where(there, 1 / (1 + sight.distance_m.reshape(sight.shape)), 0).astype(np.float32)
+        shaped = denoised(shaped, sight.normal.reshape(shaped.shape) * there[..., None], near, wraps=True)
+    rgb, mask = photograph.copy(), np.zeros(photograph.shape[:2], bool)
+    for rows, large in bands(full, geometry, eye_m):
+        lit, _ = upsampled(shaped, sight, large, wraps=True, first_row=rows.start, rows=geometry.height_px)
+        there = large.label >= FIRST_PART
+        shown = albedo_of(full, large) * lit / np.float32(np.pi) + emission_of(full, large)
+        band = rgb[rows].reshape(-1, 3)
+        band[there] = shown[there]
+        rgb[rows], mask[rows] = band.reshape(rgb[rows].shape), there.reshape(large.shape)
+    return Staged(rgb, mask, ~mask, np.ones(mask.shape, np.float32), 0.0)
+
+
+def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, samples: int, seed: int) -> Floats:
+    """Return the irradiance (n, 3) of places lit by a panorama at infinity; what furniture hides gives no light."""
+    out = np.zeros((len(points), 3), np.float32)
+    shifts = random((seed, 70), len(points), 2)
+    at_once = max(1, RAYS_AT_ONCE // samples)
+    for start in range(0, len(points), at_once):
+        part = slice(start, start + at_once)
+        count = len(points[part])
+        origins, rays = np.empty((2, count, samples, 3), np.float32)
+        cosine_rays(points[part][:, None, :], normals[part], shifts[part], 0, samples, origins, rays)
+        flat = rays.reshape(-1, 3)
+        hits = stage.tracer.cast(origins.reshape(-1, 3), flat)
+        seen = np.where((hits.triangle < 0)[:, None], looked_up(panorama, flat), 0)
+        out[part] = np.pi * seen.reshape(count, samples, 3).mean(axis=1)
+    return out
+
+
+def inverse_tone_curve(picture: np.ndarray, white_cd_m2: float, *, gamma: float = 2.2) -> Floats:
+    """Return an 8-bit panorama (H, W, 3) as radiance by a plain inverse power law, full white at ``white_cd_m2``."""
+    if picture.dtype != np.uint8 or not white_cd_m2 > 0:
+        raise ParameterError("an inverse tone curve takes 8-bit pictures and a white above 0 cd/m2")
+    return ((picture.astype(np.float32) / 255) ** gamma * white_cd_m2).astype(np.float32)

@@ -1,0 +1,221 @@
+"""What the eye sees mirrored: highlights of lacquer, leather, glass and metal, and furniture in a glossy floor.
+
+Furniture's materials are those of glTF: a base that is matte, and above it a microfacet mirror (GGX; Walter and others
+2007) whose width is the roughness squared; metals mirror in their own colour and have no matte light. Directions are
+drawn by what of the facets the eye sees (Heitz 2018). What they meet is the photograph where they meet the room that
+the camera sees, the light map elsewhere, the sky behind panes; the sun is a light of its own, joined by its
+reflectance, as its disc would never be met by chance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.ground.arrays import Doubles, Floats
+from processing.light.scene.scene import Material, Vector
+from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, compiled, random
+from processing.light.solver.lightmap import LightMap
+from processing.light.solver.sight import FIRST_PART, Sight, looked_up
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+
+HEAD_ON = 0.04
+"""Reflectance of all that is no metal, seen head on (n = 1.5)."""
+MATTE_FROM = 0.8
+"""Roughness from which a surface is matte to the eye: cloth, plaster, raw clay."""
+LEAST_WIDTH = 0.02
+"""Of the microfacets' slopes; a perfect mirror is one of 0."""
+FLOOR_WIDTH = 0.06
+"""Of a varnished or tiled floor's, where its gloss was told but not its roughness."""
+SAME_PLACE = 0.03
+"""Relative difference of distances within which the camera sees the place itself."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What mirrored rays meet: a stage with its light, and a photograph of its room from one eye."""
+
+    stage: Stage
+    light: LightMap
+    photograph: Floats
+    """(h, 2 h, 3): of the room that is mirrored, without furniture; of the size of ``seen``."""
+    seen: Sight
+    """What its pixels see in the bare room."""
+    gain: Doubles
+    """(patches, 3): by which furniture changes the light of the room's patches."""
+    eye_m: Vector
+
+    def radiance(self, origins: Floats, rays: Floats) -> tuple[Floats, np.ndarray]:
+        """Return what rays (n, 3) bring (n, 3) cd/m2, and which of them end on furniture."""
+        stage, p = self.stage, self.stage.patches
+        hits = stage.tracer.cast(origins, rays)
+        patch, _ = stage.met(origins, rays, hits)
+        met = np.maximum(patch, 0)
+        glow = (stage.albedo * self.light.total + stage.exitance) / np.pi
+        out = np.where((patch >= 0)[:, None], glow[met], 0).astype(np.float32)
+        far = np.where(np.isfinite(hits.distance_m), hits.distance_m, 0).astype(np.float32)
+        place = origins + far[:, None] * rays
+        hit = np.maximum(hits.triangle, 0)
+        room = (patch >= 0) & (p.owner[hit] >= 0)
+        chosen = np.flatnonzero(room)
+        shown, sure = self._shown(place[chosen], p.owner[hit[chosen]])
+        out[chosen[sure]] = shown[sure] * self.gain[met[chosen[sure]]]
+        glass = (hits.triangle >= 0) & (p.owner[hit] == PANE)
+        for number, pane in enumerate(stage.scene.panes):
+            mine = np.flatnonzero(glass & (p.item[hit] == number))
+            row, column = pane.cells(place[mine])
+            sky = looked_up(stage.scene.outdoors.rgb, rays[mine]) * pane.through(rays[mine])
+            out[mine] = pane.clear[row, column, None] * sky + pane.veil_cd_m2[row, column]
+        return out, (patch >= 0) & (p.owner[hit] < 0)
+
+    def _shown(self, places: Floats, owner: np.ndarray) -> tuple[Floats, np.ndarray]:
+        """Return what the photograph shows of places (n, 3) on surfaces (n,), and where it shows them indeed."""
+        way = places - np.asarray(self.eye_m, np.float32)
+        far = np.maximum(np.linalg.norm(way, axis=1), 1e-6)
+        way = (way / far[:, None]).astype(np.float32)
+        rows, columns = self.seen.shape
+        x = ((np.arctan2(way[:, 0], way[:, 1]) / (2 * np.pi) + 0.5) * columns).astype(int) % columns
+        y = ((0.5 - np.arcsin(np.clip(way[:, 2], -1, 1)) / np.pi) * rows).astype(int).clip(0, rows - 1)
+        pixel = y * columns + x
+        same = (self.seen.label[pixel] == owner) & (np.abs(self.seen.distance_m[pixel] - far) < SAME_PLACE * far)
+        return self.photograph.reshape(-1, 3)[pixel], same
+
+
+def is_glossy(material: Material) -> bool:
+    """Return whether a material has highlights that the eye can see."""
+    return material.roughness < MATTE_FROM or material.metallic > 0.1
+
+
+def matte_share(stage: Stage, sight: Sight) -> Floats:
+    """Return which share (n, 1) of furniture's matte light leaves it beside what it mirrors; 1 for the rest."""
+    out = np.ones((len(sight.label), 1), np.float32)
+    facing = np.clip(-np.einsum("ij,ij->i", sight.rays, sight.normal), 0, 1)
+    for number, part in enumerate(stage.scene.parts):
+        material = part.material
+        if is_glossy(material):
+            mine = np.flatnonzero(sight.label == FIRST_PART + number)
+            rim = max(1 - material.roughness, HEAD_ON) - HEAD_ON
+            mirrored = HEAD_ON + rim * (1 - facing[mine]) ** 5
+            out[mine, 0] = (1 - material.metallic) * (1 - mirrored)
+    return out
+
+
+def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, samples: int, key: Key) -> Floats:
+    """Return what furniture's pixels mirror (n, 3) cd/m2; ``sun`` (n, 3): the sun's direct irradiance there."""
+    out = np.zeros((len(sight.label), 3), np.float32)
+    outdoors = around.stage.scene.outdoors.sun
+    for number, part in enumerate(around.stage.scene.parts):
+        mine = np.flatnonzero(sight.label == FIRST_PART + number)
+        if not len(mine) or not is_glossy(part.material):
+            continue
+        width = max(part.material.roughness**2, LEAST_WIDTH)
+        tint = _head_on(part.material)
+        out[mine] = mirrored_light(around, sight, mine, width, tint, samples, (*key, number))[0]
+        if outdoors is not None:
+            lit = mine[sun[mine].any(axis=1)]
+            out[lit] += _sun_glint(sight, lit, sun[lit], np.asarray(outdoors.direction), width, tint)
+    return out
+
+
+def _head_on(material: Material) -> Doubles:
+    """Return the reflectance (3,) of a material seen head on."""
+    colour = np.asarray(material.colour, np.float64)
+    if material.texture is not None:
+        colour = colour * material.texture.mean(axis=(0, 1), dtype=np.float64)
+    return np.asarray(HEAD_ON * (1 - material.metallic) + colour * material.metallic)
+
+
+def mirrored_light(
+    around: Surroundings, sight: Sight, pixels: np.ndarray, width: float, head_on: Doubles, samples: int, key: Key
+) -> tuple[Floats, np.ndarray]:
+    """Return what pixels (k,) mirror (k, 3), and the share (k,) of it that comes from furniture (by count of rays)."""
+    shift = random(key, len(sight.label), 2)[pixels]
+    out = np.empty((len(pixels), 3), np.float32)
+    share = np.empty(len(pixels))
+    at_once = max(1, RAYS_AT_ONCE // (2 * samples))
+    for start in range(0, len(pixels), at_once):
+        part = slice(start, start + at_once)
+        chosen = pixels[part]
+        count = len(chosen)
+        rays = np.empty((count, samples, 3), np.float32)
+        weight = np.empty((count, samples, 2), np.float32)
+        facet_rays(sight.rays[chosen], sight.normal[chosen], shift[part], samples, width, rays, weight)
+        origins = np.repeat(sight.point[chosen] + np.float32(STEP_OFF_M) * sight.normal[chosen], samples, axis=0)
+        light, furniture = around.radiance(origins, rays.reshape(-1, 3))
+        light = light.reshape(count, samples, 3)
+        whole = weight[..., :1] * head_on.astype(np.float32) + weight[..., 1:] * (1 - head_on).astype(np.float32)
+        out[part] = (whole * light).mean(axis=1)
+        share[part] = furniture.reshape(count, samples).mean(axis=1)
+    return out, share
+
+
+def _sun_glint(
+    sight: Sight, pixels: np.ndarray, sun: Floats, towards: Doubles, width: float, head_on: Doubles
+) -> Floats:
+    """Return the sun's highlight (k, 3): its irradiance times the facets' reflectance towards the eye."""
+    view, normal = -sight.rays[pixels].astype(np.float64), sight.normal[pixels].astype(np.float64)
+    half = view + towards
+    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
+    nv = np.clip((view * normal).sum(axis=1), 1e-3, 1)
+    nl = np.clip(normal @ towards, 1e-3, 1)
+    nh = np.clip((half * normal).sum(axis=1), 0, 1)
+    vh = np.clip((half * view).sum(axis=1), 0, 1)
+    a2 = width**2
+    facets = a2 / (np.pi * (nh**2 * (a2 - 1) + 1) ** 2)
+    shade_v = nl * np.sqrt(nv**2 * (1 - a2) + a2)
+    shade_l = nv * np.sqrt(nl**2 * (1 - a2) + a2)
+    fresnel = head_on + (1 - head_on) * ((1 - vh) ** 5)[:, None]
+    return np.asarray(sun * fresnel * (facets * 0.5 / (shade_v + shade_l))[:, None], dtype=np.float32)
+
+
+@compiled
+def _facet(x, y, z, u, w):  # type: ignore[no-untyped-def]
+    """Return a place (3) on the half sphere that a direction (x, y, z) sees, even over what it sees of it."""
+    flat = (x * x + y * y) ** 0.5
+    px, py = (-y / flat, x / flat) if flat > 1e-6 else (1.0, 0.0)
+    qx, qy, qz = -z * py, z * px, x * py - y * px
+    radius, angle = u**0.5, 6.283185307179586 * w
+    first, second = radius * np.cos(angle), radius * np.sin(angle)
+    mix = 0.5 * (1.0 + z)
+    second = (1.0 - mix) * max(1.0 - first * first, 0.0) ** 0.5 + mix * second
+    third = max(1.0 - first * first - second * second, 0.0) ** 0.5
+    return first * px + second * qx + third * x, first * py + second * qy + third * y, second * qz + third * z
+
+
+@compiled
+def facet_rays(rays, normals, shifts, samples, width, out, weight):  # type: ignore[no-untyped-def]
+    """Fill mirrored directions (n, samples, 3) of eye rays (n, 3), and their weights (n, samples, 2).
+
+    A ray's light counts (weight 0) x reflectance head on + (weight 1) x (1 - that). Facets are drawn by what of them
+    the eye sees: Heitz (2018), "Sampling the GGX distribution of visible normals". Rays into the surface weigh 0.
+    """
+    frame = np.empty((3, 3))
+    for i in range(rays.shape[0]):
+        x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
+        sign = 1.0 if z >= 0 else -1.0
+        a = -1.0 / (sign + z)
+        frame[0, 0], frame[0, 1], frame[0, 2] = 1.0 + sign * x * x * a, sign * x * y * a, -sign * x
+        frame[1, 0], frame[1, 1], frame[1, 2] = x * y * a, sign + y * y * a, -y
+        frame[2, 0], frame[2, 1], frame[2, 2] = x, y, z
+        view = np.empty(3)
+        for c in range(3):
+            view[c] = -(rays[i, 0] * frame[c, 0] + rays[i, 1] * frame[c, 1] + rays[i, 2] * frame[c, 2])
+        view[2] = max(view[2], 1e-3)
+        hx, hy, hz = width * view[0], width * view[1], view[2]
+        length = (hx * hx + hy * hy + hz * hz) ** 0.5
+        for s in range(samples):
+            u = (shifts[i, 0] + (s + 1) * FIRST) % 1.0
+            w = (shifts[i, 1] + (s + 1) * SECOND) % 1.0
+            mx, my, mz = _facet(hx / length, hy / length, hz / length, u, w)
+            mx, my, mz = width * mx, width * my, max(mz, 1e-6)
+            size = (mx * mx + my * my + mz * mz) ** 0.5
+            mx, my, mz = mx / size, my / size, mz / size
+            along = view[0] * mx + view[1] * my + view[2] * mz
+            lx, ly, lz = 2 * along * mx - view[0], 2 * along * my - view[1], 2 * along * mz - view[2]
+            for c in range(3):
+                out[i, s, c] = lx * frame[0, c] + ly * frame[1, c] + lz * frame[2, c]
+            spread = width * width * (lx * lx + ly * ly) / max(lz * lz, 1e-12)
+            seen = 2.0 / (1.0 + (1.0 + spread) ** 0.5) if lz > 1e-4 else 0.0
+            weight[i, s, 0] = seen
+            weight[i, s, 1] = seen * max(1.0 - along, 0.0) ** 5  # Schlick: F = F0 + (1 - F0) (1 - cos)^5

@@ -1,0 +1,183 @@
+"""The room from another place: what the camera saw stays as it saw it, the rest is rendered and marked.
+
+A surface's light towards the camera is taken as its light towards everybody (true of matte surfaces; a highlight stays
+where the camera saw it). What the camera did not see is the scene's albedo under the scene's light, brought to the
+level of what is seen around it on the same surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ViewpointError
+from processing.ground.arrays import Doubles, Floats
+from processing.light.picture.render import render
+from processing.light.scene.scene import Part, Scene, Surface, Vector
+from processing.light.scene.triangles import inside
+from processing.light.solver.irradiance import EFFORTS, Effort
+from processing.light.solver.sight import GLASS, Sight, sight_of
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.pictures.images import LUMINANCE_WEIGHTS
+from processing.sphere import Equirectangular, Perspective
+
+SAME_PLACE_M, SAME_PLACE = 0.01, 0.004
+"""How far before a place a ray from the camera may end and still see it: metres, and of its length."""
+GRAZING = 0.05
+"""Cosine under which the camera saw a place too flatly to tell its light."""
+MOST_GAIN = 2.5
+_SIGMAS_PX = (4.0, 16.0, 64.0, 256.0)
+_WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """A picture from another place than the camera's."""
+
+    rgb: Floats
+    """(H, W, 3) cd/m2."""
+    seen: npt.NDArray[np.bool_]
+    """(H, W): what the camera saw too."""
+    glass: npt.NDArray[np.bool_]
+    """(H, W): what is seen through a window, from the picture of the outdoors."""
+    error: float
+    """Relative standard error of the irradiance of what is rendered."""
+
+
+def seen_from(
+    scene: Scene,
+    photograph: Floats,
+    camera_m: Vector,
+    geometry: Equirectangular | Perspective,
+    eye_m: Vector,
+    *,
+    effort: Effort = EFFORTS["draft"],
+    seed: int = 0,
+) -> Elsewhere:
+    """Return what is seen from ``eye_m``; ``photograph`` (H, 2 H, 3) shows the scene from ``camera_m``.
+
+    Raises
+    ------
+    ViewpointError
+        The place is outside of the room, or within a piece of furniture.
+    """
+    check_place(scene, eye_m)
+    stage = Stage.of(scene, effort.texel_m)
+    rendered = render(stage, geometry, eye_m, effort=effort, seed=seed)
+    sight = sight_of(stage, geometry, eye_m)
+    shown, known = _as_photographed(stage, photograph, camera_m, sight)
+    gain = _gains(shown, rendered.rgb.reshape(-1, 3), known, sight)
+    flat = np.where(known[:, None], shown, rendered.rgb.reshape(-1, 3) * gain)
+    shape = sight.shape
+    glass = (sight.label == GLASS).reshape(shape)
+    return Elsewhere(flat.reshape(*shape, 3).astype(np.float32), known.reshape(shape), glass, rendered.error)
+
+
+def _as_photographed(
+    stage: Stage, photograph: Floats, camera_m: Vector, sight: Sight
+) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return the photograph's light (n, 3) of what pixels see, and of which of them it tells."""
+    rows = photograph.shape[0]
+    camera = np.asarray(camera_m, np.float32)
+    way = sight.point - camera
+    far = np.linalg.norm(way, axis=1)
+    way = (way / np.maximum(far, 1e-6)[:, None]).astype(np.float32)
+    facing = -np.einsum("ij,ij->i", way, sight.normal)
+    known = sight.solid & (facing > GRAZING) & (far > 1e-3)
+    chosen = np.flatnonzero(known)
+    for start in range(0, len(chosen), RAYS_AT_ONCE):
+        part = chosen[start : start + RAYS_AT_ONCE]
+        hits = stage.tracer.cast(np.broadcast_to(camera, way[part].shape), way[part])
+        known[part] = hits.distance_m > far[part] * (1 - SAME_PLACE) - SAME_PLACE_M
+    own = sight_of(stage, Equirectangular(2 * rows, rows), camera_m).label.reshape(rows, 2 * rows)
+    chosen = np.flatnonzero(known)
+    value, weight = own_pixels(photograph, own, way[chosen], sight.label[chosen])
+    out = np.zeros((len(known), 3), np.float32)
+    out[chosen] = value
+    known[chosen] = weight > 0
+    return out, known
+
+
+def own_pixels(
+    photograph: Floats, labels: npt.NDArray[np.int32], rays: Floats, label: npt.NDArray[np.int32]
+) -> tuple[Floats, Floats]:
+    """Return a panorama's values (n, 3) along rays from those of the four pixels around that show the ray's label."""
+    rows, columns = labels.shape
+    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
+    y = (0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * rows - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    value, weight = np.zeros((len(rays), 3), np.float32), np.zeros(len(rays), np.float32)
+    for right in (0, 1):
+        for down in (0, 1):
+            column, row = (left + right) % columns, np.clip(top + down, 0, rows - 1)
+            share = np.abs(1 - right - (x - left)) * np.abs(1 - down - (y - top))
+            share = np.where(labels[row, column] == label, share + 1e-4, 0).astype(np.float32)
+            value += share[:, None] * photograph[row, column]
+            weight += share
+    return np.asarray(value / np.maximum(weight, 1e-9)[:, None], dtype=np.float32), weight
+
+
+def _gains(shown: Floats, rendered: Floats, known: npt.NDArray[np.bool_], sight: Sight) -> Floats:
+    """Return by what (n, 1) rendered pixels are brought to the level of what is seen around them on their surface."""
+    level = np.log(np.maximum(shown @ _WEIGHTS, 1e-6) / np.maximum(rendered @ _WEIGHTS, 1e-6))
+    level = np.clip(level, -np.log(MOST_GAIN), np.log(MOST_GAIN)).astype(np.float32)
+    out = np.zeros(len(known), np.float32)
+    usual = float(np.median(level[known])) if known.any() else 0.0
+    for label in np.unique(sight.label[sight.solid & ~known]):
+        mine = sight.label == label
+        told = (mine & known).reshape(sight.shape).astype(np.float32)
+        found = np.full(sight.shape, float(np.median(level[mine & known])) if told.any() else usual, np.float32)
+        todo = np.ones(sight.shape, bool)
+        for sigma in _SIGMAS_PX if told.any() else ():
+            share = cv2.GaussianBlur(told, (0, 0), sigma)
+            mean = cv2.GaussianBlur(told * level.reshape(sight.shape), (0, 0), sigma)
+            ready = todo & (share > 0.02)
+            found[ready] = mean[ready] / share[ready]
+            todo &= ~ready
+        out[mine] = found.ravel()[mine]
+    return np.exp(out)[:, None]
+
+
+def check_place(scene: Scene, eye_m: Vector) -> None:
+    """Raise `ViewpointError` for a place outside of the room or within furniture, which it names."""
+    eye = np.asarray(eye_m, np.float64)
+    where = f"({eye[0]:g}, {eye[1]:g}, {eye[2]:g}) m"
+    if not np.isfinite(eye).all():
+        raise ViewpointError("a place that is no number", advice="give X,Y,Z in metres")
+    low, high = (next((s for s in scene.surfaces if s.name == name), None) for name in ("floor", "ceiling"))
+    if low is not None and not _over(low, eye):
+        raise ViewpointError("outside of the room", where=where, advice="the camera stands at 0,0; give metres from it")
+    floor_m = low.origin_m[2] if low is not None else -np.inf
+    ceiling_m = high.origin_m[2] if high is not None else np.inf
+    if not floor_m < eye[2] < ceiling_m:
+        raise ViewpointError(
+            f"above the ceiling or below the floor: heights go from {floor_m:g} to {ceiling_m:.2f} m", where=where
+        )
+    for name, parts in _items(scene).items():
+        if abs(sum(_winding(part, eye) for part in parts)) > 0.5:
+            raise ViewpointError(f"within {name}", where=where, advice="look from beside it")
+
+
+def _over(floor: Surface, eye: Doubles) -> bool:
+    offset = eye - floor.origin_m
+    place = np.array([[offset @ floor.u_axis, offset @ floor.v_axis]])
+    return bool(inside(floor.outline_m, place)[0])
+
+
+def _items(scene: Scene) -> dict[str, list[Part]]:
+    found: dict[str, list[Part]] = {}
+    for part in scene.parts:
+        found.setdefault(part.name.split(":")[0], []).append(part)
+    return found
+
+
+def _winding(part: Part, eye: Doubles) -> float:
+    """Return how often a mesh surrounds a place: 1 within a closed one (Van Oosterom, Strackee 1983)."""
+    a, b, c = (part.vertices_m[part.faces[:, k]] - eye for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    above = np.einsum("ij,ij->i", a, np.cross(b, c))
+    below = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
+    return float(np.arctan2(above, below).sum() / (2 * np.pi))

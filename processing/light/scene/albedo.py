@@ -1,0 +1,360 @@
+"""Albedo of a room's surfaces from its calibrated, emptied panorama: pi times radiance over irradiance.
+
+Irradiance comes from the panorama itself (`room_light`), so no albedo is needed to find albedo. Where the sun falls is
+known from geometry up to errors of the model and to what it leaves out, bars of a window for instance: near the
+sun's patch every pixel is taken as sunlit or not by what fits its surface better. Pixels of which nothing can be told
+(clipped, nearly dark, in half shadow, hidden) take what their surface shows around them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from processing.errors import AlbedoError
+from processing.ground.arrays import Doubles, Floats
+from processing.light.scene.gloss import MOST_SHARE, gloss_factor, mirrored
+from processing.light.scene.lamps import Lamp, find_lamps
+from processing.light.scene.room_light import MeasuredLight, irradiance_by_picture, measured_light
+from processing.light.scene.scene import Outdoors, Scene, Vector, plain
+from processing.light.scene.shell import REVEAL_M, shell_of
+from processing.light.scene.windows import measured_windows, windows_from_inside
+from processing.light.solver.irradiance import Effort
+from processing.light.solver.kernels import towards_panes
+from processing.light.solver.sight import Sight, albedo_of, sight_of
+from processing.light.solver.stage import Stage
+from processing.light.solver.sun_picture import sun_of
+from processing.light.solver.upsample import upsampled
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.sphere.resampling import resample
+from processing.surfaces.planes import FLOOR, planes_of
+from processing.surfaces.textures import unwrap
+
+LEAST_ALBEDO, MOST_ALBEDO = 0.02, 0.95
+"""Of real surfaces: soot 0.02 to 0.04, fresh white paint 0.9."""
+DARK_SHARE = 0.01
+"""Of the median irradiance, below which albedo is not told."""
+HALF_SHADOW = 0.35
+"""Of log albedo from its surface's: a pixel near the sun's patch that fits neither sun nor shade is left out."""
+SUN_MARGIN_M = 0.25
+"""Around the sun's patch, where the model's edges may be wrong."""
+PX_PER_M = 50.0
+DARK = np.zeros((32, 64, 3), np.float32)
+DARK.setflags(write=False)
+"""Outdoors of which nothing is known."""
+
+
+@dataclass(frozen=True)
+class RoomAlbedo:
+    """What a room's surfaces reflect, and the scene that they make."""
+
+    picture: Floats
+    """(H, W, 3): albedo of the panorama's pixels, 0 through windows; hidden ones filled."""
+    uncertainty: Floats
+    """(H, W): relative standard uncertainty; 1 where the value is filled in."""
+    told: np.ndarray
+    """(H, W): whether the pixel itself told its albedo."""
+    irradiance: Floats
+    """(H, W, 3) lx, sun included."""
+    scene: Scene
+    """The empty room with these albedos as textures, under the light it was pictured in."""
+    transmittance: Mapping[int, Vector]
+    """By opening."""
+    gloss: float
+    """How much of full varnish the floor mirrors, 0 to 1; it is taken out of its albedo."""
+    lamps: tuple[Lamp, ...]
+    """What gives light by itself, the strongest first; its light is in the scene."""
+    notes: tuple[str, ...]
+
+
+def albedo_of_room(
+    panorama: LuminanceImage,
+    room: RoomModel,
+    outdoors: Outdoors | None,
+    *,
+    reveal_m: float = REVEAL_M,
+    filled: np.ndarray | None = None,
+    rows: int = 512,
+    effort: Effort | None = None,
+    seed: int = 0,
+) -> RoomAlbedo:
+    """Return the albedo of a room's surfaces.
+
+    Parameters
+    ----------
+    panorama
+        The emptied room, upright, equirectangular, in cd/m2.
+    outdoors
+        The light outside at the same moment; None: nobody knows, the windows light as they look from inside.
+    filled
+        (H, W): pixels that removal filled in; they light the room but tell no albedo of their own.
+    rows
+        Height of the albedo picture; the panorama is brought to it, keeping energy.
+
+    Raises
+    ------
+    AlbedoError
+        A picture without light, or of no whole panorama.
+    RoomError
+        The room cannot stand.
+    """
+    effort = effort or Effort(pixel_samples=32)
+    rgb, valid = _brought_to(panorama, rows, filled)
+    stage, transmittance, notes = _stage(room, outdoors, rgb, valid, reveal_m, effort)
+    eye = (0.0, 0.0, room.camera_height_m)
+    sight = sight_of(stage, Equirectangular(2 * rows, rows), eye)
+    small = sight_of(stage, Equirectangular(2 * min(effort.rows, rows), min(effort.rows, rows)), eye)
+    gathered = _gathered(stage, rgb, (sight, small), eye, effort, seed)
+    flat, highlight, gloss = _without_gloss(stage, gathered, sight, rgb, valid.ravel(), effort, seed)
+    if gloss:
+        # What the floor mirrors towards the camera is not what it gives to the room.
+        gathered = _gathered(stage, flat.reshape(rgb.shape).astype(np.float32), (sight, small), eye, effort, seed)
+    sky, sun, error = gathered.sky, sun_of(stage, sight, effort.sun_samples, seed), gathered.error
+    full = _open_sun(stage, sight)
+    value, whole, told = _values(
+        flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
+    )
+    usable = ~near_sun(stage, sight) & ~_filled_in(filled, rows)
+    emission, lamps = find_lamps(flat, whole, _usual(value, sight, told), sight, usable)
+    told &= ~emission.any(axis=1)
+    error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
+    doubt = np.where(told, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
+    scene, picture = _textured(_glossy(stage.scene, gloss), room, sight, value, told, emission)
+    notes += (f"{100 * told[sight.solid].mean():.0f} % of pixels tell their own albedo",)
+    notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss told, taken as matte",)
+    shape = sight.shape
+    return RoomAlbedo(
+        picture.reshape(*shape, 3),
+        doubt.reshape(shape),
+        told.reshape(shape),
+        whole.reshape(*shape, 3).astype(np.float32),
+        scene,
+        transmittance,
+        gloss,
+        tuple(lamps),
+        notes,
+    )
+
+
+def _filled_in(filled: np.ndarray | None, rows: int) -> np.ndarray:
+    """Return which pixels (n,) of the albedo picture show something that removal made up."""
+    if filled is None:
+        return np.zeros(2 * rows * rows, bool)
+    small = cv2.resize(filled.astype(np.float32), (2 * rows, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(small.ravel() > 0)
+
+
+def _brought_to(panorama: LuminanceImage, rows: int, filled: np.ndarray | None) -> tuple[Floats, np.ndarray]:
+    source = panorama.geometry
+    if not isinstance(source, Equirectangular) or source.yaw_rad != 0 or source.width_px != 2 * source.height_px:
+        raise AlbedoError("not a whole panorama", where="panorama", advice="bring it to equirectangular, 2 to 1")
+    if not np.isfinite(panorama.rgb).all() or not (panorama.rgb > 0).any():
+        raise AlbedoError("no light in the picture", where="panorama", advice="check its calibration")
+    good = (panorama.validity == Validity.VALID) & ~(
+        filled if filled is not None else np.zeros_like(panorama.validity, bool)
+    )
+    if source.height_px == rows:
+        return panorama.rgb, good
+    target = Equirectangular(2 * rows, rows)
+    rgb, _ = resample(panorama.rgb, source, target)
+    share, _ = resample(good.astype(np.float32), source, target)
+    return rgb, share > 0.99
+
+
+def _stage(
+    room: RoomModel, outdoors: Outdoors | None, rgb: Floats, valid: np.ndarray, reveal_m: float, effort: Effort
+) -> tuple[Stage, dict[int, Vector], tuple[str, ...]]:
+    """Return the room under its light with windows that let through what the pictures tell."""
+    surfaces, panes = shell_of(room, reveal_m=reveal_m)
+    eye = (0.0, 0.0, room.camera_height_m)
+    stage = Stage.of(Scene(surfaces, panes, outdoors or Outdoors(DARK)), effort.texel_m)
+    if outdoors is None:
+        lit = replace(stage, scene=replace(stage.scene, panes=windows_from_inside(stage, rgb, eye)))
+        note = "no picture of the sky: windows light as they look from inside, and their transmittance is not known"
+        return lit, {}, (note,) if panes else ()
+    geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
+    sight = sight_of(stage, geometry, eye)
+    clear, measured, told = measured_windows(stage, sight, rgb, valid, eye)
+    notes = () if told or not panes else ("the windows' transmittance cannot be told: that of double glazing is taken",)
+    every = {pane.opening: pane.transmittance for pane in clear}
+    return replace(stage, scene=Scene(surfaces, clear, measured)), every, notes
+
+
+def _open_sun(stage: Stage, sight: Sight) -> Doubles:
+    """Return the sun's irradiance (n, 3) where nothing were in its way but glass; 0 far from where it can fall."""
+    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
+    out = np.zeros((len(sight.label), 3))
+    if sun is None or not panes:
+        return out
+    near = near_sun(stage, sight)
+    cosine = np.maximum(sight.normal @ np.asarray(sun.direction), 0)[near, None]
+    glass = np.mean([pane.transmittance for pane in panes], axis=0)
+    out[near] = cosine * np.asarray(sun.normal_illuminance_lx) * glass
+    return out
+
+
+def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
+    """Return which pixels (n,) see a place within `SUN_MARGIN_M` of the sun's patch."""
+    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
+    near = np.zeros(len(sight.label), bool)
+    if sun is None:
+        return near
+    grown = [_grown(p.corner_m, p.across_m, p.up_m) for p in panes]
+    sides = [np.array([g[k] for g in grown]) for k in range(3)]
+    towards_panes(sight.point, np.asarray(sun.direction, np.float64), *sides, near)
+    return np.asarray(near & sight.solid & (sight.normal @ np.asarray(sun.direction, np.float32) > 0))
+
+
+def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
+    return corner - a - b, across + 2 * a, up + 2 * b
+
+
+@dataclass(frozen=True)
+class _Gathered:
+    """The light in the room as a picture of it tells."""
+
+    light: MeasuredLight
+    sky: Floats
+    """(n, 3): irradiance of its pixels without the sun's own."""
+    error: Floats
+    """(h, w): relative, at the small size."""
+
+
+def _gathered(
+    stage: Stage, rgb: Floats, sights: tuple[Sight, Sight], eye: Vector, effort: Effort, seed: int
+) -> _Gathered:
+    """Return the light that a picture (H, W, 3) tells of; ``sights`` are what it sees, and what a small one sees."""
+    sight, small = sights
+    light = measured_light(stage, rgb, sight, eye, (seed, 60))
+    base, error = irradiance_by_picture(stage, light, small, effort, seed)
+    sky, _ = upsampled(base, small, sight, wraps=True)
+    return _Gathered(light, sky, error)
+
+
+def _without_gloss(
+    stage: Stage, gathered: _Gathered, sight: Sight, picture: Floats, valid: np.ndarray, effort: Effort, seed: int
+) -> tuple[Doubles, np.ndarray, float]:
+    """Return radiance (n, 3) without what the floor mirrors, pixels (n,) that mirror too much, and how glossy it is."""
+    rgb = picture.reshape(-1, 3).astype(np.float64)
+    highlight = np.zeros(len(rgb), bool)
+    irradiance = gathered.sky + sun_of(stage, sight, effort.sun_samples, seed)
+    floor = np.flatnonzero((sight.label == FLOOR) & (irradiance > 0).all(axis=1))
+    if not len(floor):
+        return rgb, highlight, 0.0
+    mirror, window = mirrored(stage, gathered.light, sight, floor)
+    part = math.pi / irradiance[floor].astype(np.float64)
+    sunny = near_sun(stage, sight)[floor]
+    gloss = gloss_factor(part * rgb[floor], part * mirror, valid[floor] & ~window & ~sunny)
+    rgb[floor] = np.maximum(rgb[floor] - gloss * mirror, 0)
+    highlight[floor] = (gloss * mirror > MOST_SHARE * picture.reshape(-1, 3)[floor]).any(axis=1)
+    return rgb, highlight, gloss
+
+
+def _values(
+    rgb: Doubles, sky: Doubles, sun: Doubles, full: Doubles, sight: Sight, valid: np.ndarray
+) -> tuple[Doubles, Doubles, np.ndarray]:
+    """Return albedo (n, 3), irradiance with the sun (n, 3), and which pixels tell; see the module's docstring."""
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    level = sky @ weights
+    bright_enough = level > DARK_SHARE * np.median(level[sight.solid]) if sight.solid.any() else sight.solid
+    told = sight.solid & valid & bright_enough & (rgb @ weights > 0)
+    doubtful = (full @ weights) > 0
+    shade = math.pi * rgb / np.maximum(sky, 1e-9)
+    whole = sky + sun
+    usual = _usual(shade, sight, told & ~doubtful)
+    lit = math.pi * rgb / np.maximum(sky + full, 1e-9)
+    with np.errstate(divide="ignore"):
+        as_shade = np.abs(np.log(np.maximum(shade @ weights, 1e-9) / (usual @ weights)))
+        as_lit = np.abs(np.log(np.maximum(lit @ weights, 1e-9) / (usual @ weights)))
+    sunny = doubtful & (as_lit < as_shade)
+    fits = np.minimum(as_lit, as_shade) < HALF_SHADOW * (1 + _spread(shade, usual, sight, told & ~doubtful))
+    value = np.where(sunny[:, None], lit, shade)
+    whole = np.where(sunny[:, None], sky + full, np.where(doubtful[:, None], sky, whole))
+    told &= ~doubtful | fits
+    return np.clip(value, LEAST_ALBEDO, MOST_ALBEDO), whole, told
+
+
+def _usual(value: Doubles, sight: Sight, among: np.ndarray) -> Doubles:
+    """Return for each pixel the median (3,) of its surface's values; of all where its surface has none."""
+    out = np.full(value.shape, 0.5)
+    if among.any():
+        out[:] = np.median(value[among], axis=0)
+    for label in np.unique(sight.label[sight.solid]):
+        mine = sight.label == label
+        if (mine & among).sum() >= 8:
+            out[mine] = np.median(value[mine & among], axis=0)
+    return np.asarray(np.maximum(out, LEAST_ALBEDO))
+
+
+def _spread(value: Doubles, usual: Doubles, sight: Sight, among: np.ndarray) -> Doubles:
+    """Return for each pixel how many times its surface varies more than paint does (quartiles of log albedo)."""
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    ratio = np.abs(np.log(np.maximum(value @ weights, 1e-9) / (usual @ weights)))
+    out = np.zeros(len(value))
+    for label in np.unique(sight.label[sight.solid]):
+        mine = sight.label == label
+        if (mine & among).sum() >= 8:
+            out[mine] = min(float(np.quantile(ratio[mine & among], 0.75)) / HALF_SHADOW, 2.0)
+    return out
+
+
+def _textured(
+    scene: Scene, room: RoomModel, sight: Sight, value: Doubles, told: np.ndarray, emission: Floats
+) -> tuple[Scene, Floats]:
+    """Return the scene with albedo and lamps as textures, and the albedo picture with untold pixels taken from them."""
+    geometry = Equirectangular(sight.shape[1], sight.shape[0])
+    usual = _usual(value, sight, told)
+    shaped = value.reshape(*sight.shape, 3).astype(np.float32)
+    planes = planes_of(room)
+    surfaces = []
+    for number, surface in enumerate(scene.surfaces):
+        mine = (sight.label == number) & told
+        colour = _median(value, mine, usual[told].mean(axis=0) if told.any() else np.full(3, 0.5))
+        texture = plain(tuple(colour))
+        if surface.plane >= 0 and mine.any():
+            hidden = ~mine.reshape(sight.shape)
+            found = unwrap(shaped, geometry, room, planes[surface.plane], PX_PER_M, mask=hidden)
+            texture = _filled(found.values, found.known, colour)
+        emits = plain(0.0)
+        if surface.plane >= 0 and emission[sight.label == number].any():
+            other = (sight.label != number).reshape(sight.shape)
+            shining = emission.reshape(*sight.shape, 3)
+            seen = unwrap(shining, geometry, room, planes[surface.plane], PX_PER_M, mask=other)
+            emits = np.where(seen.known[..., None], seen.values, np.float32(0))
+        surfaces.append(replace(surface, albedo=texture, emission_cd_m2=emits))
+    textured = replace(scene, surfaces=tuple(surfaces))
+    picture = value.astype(np.float32)
+    again = albedo_of(Stage.of(textured, 1.0), sight)
+    return textured, np.where(told[:, None], picture, again)
+
+
+def _glossy(scene: Scene, gloss: float) -> Scene:
+    return replace(scene, surfaces=tuple(replace(s, gloss=gloss) if s.plane == FLOOR else s for s in scene.surfaces))
+
+
+def _median(value: Doubles, among: np.ndarray, otherwise: Doubles) -> Doubles:
+    return np.asarray(np.median(value[among], axis=0) if among.sum() >= 8 else otherwise)
+
+
+def _filled(values: Floats, known: np.ndarray, colour: Doubles) -> Floats:
+    """Return a texture whose unknown texels take the mean of what is known around them, ever farther."""
+    out = np.where(known[..., None], values, 0).astype(np.float32)
+    weight = known.astype(np.float32)
+    todo = ~known
+    for sigma in (2.0, 8.0, 32.0):
+        if not todo.any():
+            break
+        share = cv2.GaussianBlur(weight, (0, 0), sigma)
+        mean = cv2.GaussianBlur(out * weight[..., None], (0, 0), sigma)
+        ready = todo & (share > 0.05)
+        out[ready] = mean[ready] / share[ready, None]
+        todo &= ~ready
+    out[todo] = colour
+    return np.clip(out, LEAST_ALBEDO, MOST_ALBEDO)

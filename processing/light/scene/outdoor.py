@@ -1,0 +1,124 @@
+"""The light outdoors from a measured picture of the sky, or from a sky of one's own; the sun is taken out of it.
+
+A fisheye sees no ground: below the horizon the picture is filled with ground of a given albedo under its own light.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from processing.errors import SceneError
+from processing.ground.arrays import Doubles, Floats
+from processing.light.scene.scene import SUN_RADIUS_RAD, Outdoors, Sun
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
+from processing.sphere import Equirectangular, directions, solid_angles
+from processing.sphere.resampling import resample
+
+GROUND_ALBEDO = 0.2
+"""Grass, soil and asphalt lie between 0.1 and 0.3."""
+SUN_SEARCH_RAD = math.radians(2.5)
+"""Around the brightest place: the disc as lenses and merging blur it."""
+SUN_TIMES_SKY = 20.0
+"""The sun is what exceeds the sky beside it this many times; a cloud's edge does not."""
+LEAST_SUN_LX = 500.0
+"""Of an excess that is called the sun; a veiled sun below is left in the sky, where it neither flickers nor matters."""
+
+
+def outdoors_of(
+    image: LuminanceImage, *, rows: int = 256, ground_albedo: float = GROUND_ALBEDO, sun: bool = True
+) -> Outdoors:
+    """Return the light of a calibrated outdoor picture (a fisheye that looks up, or a panorama).
+
+    Parameters
+    ----------
+    rows
+        Height of the panorama it is brought to, keeping energy.
+    ground_albedo
+        Of what the picture does not see below the horizon.
+    sun
+        Whether to look for the sun and keep it apart.
+
+    Raises
+    ------
+    SceneError
+        Nothing of the sky is seen.
+    """
+    weights = (image.validity != Validity.OUTSIDE).astype(np.float32)
+    source, rgb, found = image.geometry, image.rgb.astype(np.float64), None
+    if sun:
+        rgb, found = without_sun(rgb, directions(source)[0], solid_angles(source) * weights)
+    target = Equirectangular(2 * rows, rows)
+    panorama, coverage = resample(rgb.astype(np.float32), source, target, weights=weights)
+    known = coverage > 0.5
+    if not known[: rows // 2].any():
+        raise SceneError("no part of the sky is seen", where="outdoor picture", advice="check its geometry")
+    panorama = _filled_sky(panorama, known)
+    return Outdoors(with_ground(panorama, known, found, ground_albedo), found)
+
+
+def sky_outdoors(
+    radiance: Callable[[Doubles], Doubles],
+    *,
+    rows: int = 256,
+    ground_albedo: float = GROUND_ALBEDO,
+    sun: Sun | None = None,
+) -> Outdoors:
+    """Return the light of a sky given as a function: unit directions (..., 3) above the horizon to cd/m2 (..., 3)."""
+    rays, _ = directions(Equirectangular(2 * rows, rows))
+    above = np.broadcast_to(rays[..., 2:] > 0, rays.shape)
+    sky = np.where(above, radiance(rays * np.where(above, 1, [1, 1, -1])), 0.0).astype(np.float32)
+    return Outdoors(with_ground(sky, above[..., 0], sun, ground_albedo), sun)
+
+
+def with_ground(panorama: Floats, known: np.ndarray, sun: Sun | None, albedo: float) -> Floats:
+    """Return a panorama whose unknown pixels below the horizon are matte ground under its own sky and sun."""
+    if not 0 <= albedo <= 1:
+        raise SceneError(f"a ground albedo of {albedo}", advice="give 0 to 1")
+    geometry = Equirectangular(panorama.shape[1], panorama.shape[0])
+    rays, _ = directions(geometry)
+    light = np.maximum(rays[..., 2], 0) * solid_angles(geometry)
+    level_lx = np.tensordot(light, panorama.astype(np.float64), axes=2)
+    if sun is not None:
+        level_lx = level_lx + np.asarray(sun.normal_illuminance_lx) * max(sun.direction[2], 0.0)
+    ground = (albedo / math.pi * level_lx).astype(np.float32)
+    below = ~known & (rays[..., 2] < 0)
+    return np.where(below[..., None], ground, panorama)
+
+
+def without_sun(rgb: Doubles, rays: Doubles, area_sr: Doubles) -> tuple[Doubles, Sun | None]:
+    """Return a picture (H, W, 3) without its sun, and the sun; all its excess over the sky beside it is kept.
+
+    The excess's illuminance on a plane facing it becomes the sun's; its middle is weighted by light.
+    """
+    luminance = rgb @ np.asarray(LUMINANCE_WEIGHTS) * (area_sr > 0)
+    peak = np.unravel_index(int(luminance.argmax()), luminance.shape)
+    away = np.arccos(np.clip(rays @ rays[peak], -1, 1))
+    near, ring = away < SUN_SEARCH_RAD, (away >= SUN_SEARCH_RAD) & (away < 2 * SUN_SEARCH_RAD) & (area_sr > 0)
+    if luminance[peak] <= 0 or not ring.any():
+        return rgb, None
+    beside = np.median(rgb[ring], axis=0)
+    over = near & (luminance > SUN_TIMES_SKY * max(float(beside @ np.asarray(LUMINANCE_WEIGHTS)), 1e-6))
+    excess = np.where(over[..., None], np.maximum(rgb - beside, 0), 0.0) * area_sr[..., None]
+    light = excess.sum(axis=(0, 1))
+    if light @ np.asarray(LUMINANCE_WEIGHTS) < LEAST_SUN_LX or not over.any():
+        return rgb, None
+    middle = np.tensordot(excess @ np.asarray(LUMINANCE_WEIGHTS), rays, axes=2)
+    x, y, z = (float(v) for v in middle / np.linalg.norm(middle))
+    red, green, blue = (float(v) for v in light)
+    rest = np.where(over[..., None], np.minimum(rgb, beside), rgb)
+    return rest, Sun((x, y, z), (red, green, blue), SUN_RADIUS_RAD)
+
+
+def _filled_sky(panorama: Floats, known: np.ndarray) -> Floats:
+    """Give unknown pixels above the horizon the mean of what is known in their row, or in the nearest known row."""
+    out = panorama.copy()
+    rows = np.flatnonzero(known[: len(known) // 2].any(axis=1))
+    for row in range(len(known) // 2):
+        unknown = ~known[row]
+        if unknown.any():
+            nearest = rows[np.abs(rows - row).argmin()]
+            out[row, unknown] = panorama[nearest, known[nearest]].mean(axis=0)
+    return out

@@ -1,0 +1,157 @@
+"""The light in a room as its calibrated panorama shows it: irradiance everywhere, without knowing any albedo.
+
+Every patch's radiance is read off the panorama, so that the light that falls on a place is what the place sees of the
+room, plus what comes through the windows from outdoors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from processing.ground.arrays import Doubles, Floats
+from processing.light.scene.scene import Vector
+from processing.light.solver.daylight import skylight
+from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
+from processing.light.solver.kernels import Key, bounce
+from processing.light.solver.sight import Sight
+from processing.light.solver.stage import Stage
+from processing.light.solver.transport import BrightPatches, from_bright, links_of
+from processing.pictures.images import LUMINANCE_WEIGHTS
+
+LOOKS = 8
+"""Places on each patch that are looked up in the panorama."""
+BRIGHT_TIMES = 6.0
+"""A patch this many times brighter than the median is shot at."""
+SAME_PLACE_M = 0.02
+LEAST_SHARE = 0.5
+"""Of `LOOKS`, below which a patch counts as unseen."""
+
+
+@dataclass(frozen=True)
+class MeasuredLight:
+    """Radiance of patches (n, 3) as the panorama shows them."""
+
+    radiance: Doubles
+    seen: np.ndarray
+    """(n,) share of the patch that the camera sees."""
+
+
+def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, key: Key) -> MeasuredLight:
+    """Return what each patch gives off, by a panorama (H, 2 H, 3) and what its pixels see.
+
+    Only pixels of the patch's own surface count: beside it may be a window, whose light is far stronger. Patches that
+    the camera does not see take the mean of those like them.
+    """
+    patches = stage.patches
+    which = np.repeat(np.arange(patches.count), LOOKS)
+    places = patches.places(which, key)
+    eye = np.asarray(eye_m, np.float32)
+    way = places - eye
+    far = np.linalg.norm(way, axis=1)
+    way = (way / np.maximum(far, 1e-6)[:, None]).astype(np.float32)
+    hits = stage.tracer.cast(np.broadcast_to(eye, way.shape), way)
+    ahead = np.einsum("ij,ij->i", way, patches.normal[which]) < 0
+    visible = np.flatnonzero(ahead & (hits.distance_m > far - SAME_PLACE_M) & (patches.area_m2[which] > 0))
+    value, weight = _own_pixels(panorama, sight, way[visible], _surface_of(stage)[which[visible]])
+    total, share = np.zeros((patches.count, 3)), np.zeros(patches.count)
+    np.add.at(total, which[visible], value * weight[:, None])
+    np.add.at(share, which[visible], weight)
+    radiance = total / np.maximum(share, 1e-9)[:, None]
+    radiance[share < LEAST_SHARE] = 0
+    _fill_unseen(stage, radiance, share >= LEAST_SHARE)
+    return MeasuredLight(radiance, share / LOOKS)
+
+
+def _surface_of(stage: Stage) -> np.ndarray:
+    out = np.full(stage.patches.count, -1)
+    for number, (columns, rows, first) in enumerate(stage.patches.grids):
+        out[first : first + columns * rows] = number
+    return out
+
+
+def _own_pixels(panorama: Floats, sight: Sight, rays: Floats, surface: np.ndarray) -> tuple[Doubles, Doubles]:
+    """Return a panorama's values (n, 3) along rays from the four pixels around, and what share of them could be used.
+
+    Of use are pixels that see the ray's own surface (n,).
+    """
+    rows, columns = sight.shape
+    label = sight.label.reshape(sight.shape)
+    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
+    y = (0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * rows - 0.5
+    left, top = np.floor(x).astype(int), np.floor(y).astype(int)
+    value, weight = np.zeros((len(rays), 3)), np.zeros(len(rays))
+    for right in (0, 1):
+        for down in (0, 1):
+            column, row = (left + right) % columns, np.clip(top + down, 0, rows - 1)
+            share = np.abs(1 - right - (x - left)) * np.abs(1 - down - (y - top))
+            share = np.where(label[row, column] == surface, share, 0)
+            value += share[:, None] * panorama[row, column]
+            weight += share
+    return value / np.maximum(weight, 1e-9)[:, None], weight
+
+
+def _fill_unseen(stage: Stage, radiance: Doubles, seen: np.ndarray) -> None:
+    """Give unseen patches the mean of their surface, or else of all that turn the same way, or of all."""
+    normal, area = stage.patches.normal, stage.patches.area_m2
+    for columns, rows, first in stage.patches.grids:
+        mine = np.arange(first, first + columns * rows)
+        missing = mine[~seen[mine]]
+        if not len(missing):
+            continue
+        alike = (normal @ normal[missing[0]] > 0.9) & seen
+        for among in (mine[seen[mine]], np.flatnonzero(alike), np.flatnonzero(seen)):
+            if area[among].sum() > 0:
+                radiance[missing] = np.average(radiance[among], axis=0, weights=area[among])
+                break
+
+
+def irradiance_by_picture(
+    stage: Stage, light: MeasuredLight, sight: Sight, effort: Effort, seed: int
+) -> tuple[Floats, Floats]:
+    """Return irradiance (H, W, 3) of a panorama's pixels without the sun's own disc, and its relative error (H, W)."""
+    solid = np.flatnonzero(sight.solid)
+    bright = _bright(stage, light)
+    smooth = np.pi * light.radiance if bright is None else np.pi * light.radiance - bright.radiosity
+    halves = []
+    for half in range(2):
+        values = _gathered(stage, smooth, bright, sight, solid, effort, 2 * seed + half)
+        picture = np.zeros((len(sight.label), 3), np.float32)
+        picture[solid] = values
+        halves.append(picture.reshape(*sight.shape, 3))
+    mean: Floats = (halves[0] + halves[1]) * np.float32(0.5)
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    apart, whole = (halves[0] - halves[1]) @ weights, np.maximum((halves[0] + halves[1]) @ weights, 1e-9)
+    error = np.sqrt(np.maximum(cv2.blur((apart / whole) ** 2, (9, 9)), 0)) / 5
+    return (cleaned(mean, sight, wraps=True) if effort.clean else mean), error.astype(np.float32)
+
+
+def _bright(stage: Stage, light: MeasuredLight) -> BrightPatches | None:
+    luminance = light.radiance @ np.asarray(LUMINANCE_WEIGHTS)
+    there = stage.patches.area_m2 > 0
+    limit = BRIGHT_TIMES * float(np.median(luminance[there]))
+    over = (luminance > max(limit, 1e-9)) & there
+    return BrightPatches.of(stage, np.where(over[:, None], np.pi * light.radiance, 0.0))
+
+
+def _gathered(
+    stage: Stage,
+    smooth: Doubles,
+    bright: BrightPatches | None,
+    sight: Sight,
+    solid: np.ndarray,
+    effort: Effort,
+    seed: int,
+) -> Doubles:
+    points, normals = sight.point[solid][:, None, :], sight.normal[solid]
+    samples = max(1, effort.pixel_samples // 2)
+    out = skylight(stage, points, normals, max(1, round(samples * PANE_SHARE)), (seed, 40))
+    links = links_of(stage, points, normals, samples, (seed, 41))
+    bounced = np.empty_like(out)
+    bounce(links.patch, smooth, bounced)
+    out += bounced
+    if bright is not None:
+        out += from_bright(stage, bright, points, normals, links, max(1, round(samples * SHOT_SHARE)), (seed, 42))
+    return out

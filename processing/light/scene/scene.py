@@ -1,0 +1,304 @@
+"""What is rendered: flat surfaces with textures, panes of glass, furniture as meshes, and the light outdoors.
+
+World axes and units as in docs/coordinates.md; radiance is linear RGB in cd/m2, irradiance in lx, albedo 0 to 1.
+Light goes from surface to surface as if all were matte (Lambert); what the eye sees of furniture and of glossy floors
+has highlights besides (`highlights`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import MaterialError, SceneError
+from processing.ground.arrays import Doubles, Floats, Int32s
+
+# How much light clear glass lets through at an angle, told from what it lets through head on.
+#
+# Fresnel's equations for unpolarised light on both faces of each sheet, all reflections between faces counted, and
+# Bouguer's law within (Duffie and Beckman, Solar Engineering of Thermal Processes, 4th edition, chapter 5): N sheets
+# pass (1 - r) / (1 + (2 N - 1) r) of each polarisation, times what is not absorbed on the way, which the given
+# transmittance head on tells.
+
+
+Vector: TypeAlias = tuple[float, float, float]
+
+INDEX = 1.526
+"""Of refraction: window glass."""
+TABLE = 257
+"""Angles (even in their cosine) of `transmittance_table`; linear between them to 0.05 %."""
+
+
+def transmittance_at(cosine: Doubles, head_on: Vector, sheets: int) -> Doubles:
+    """Return the transmittance (n, 3) of panes of clear glass at cosines (n,) of incidence, 0 to 1.
+
+    ``head_on`` is that at a cosine of 1, of all ``sheets`` together; more than bare reflection leaves is taken as glass
+    that absorbs nothing.
+    """
+    cos_out = np.clip(np.asarray(cosine, np.float64), 0, 1)
+    cos_in = np.sqrt(1 - (1 - cos_out**2) / INDEX**2)
+    open_share = _unabsorbed(cos_out, cos_in, sheets)
+    most = float(_unabsorbed(np.ones(1), np.ones(1), sheets)[0])
+    level = np.asarray(head_on, np.float64)
+    left = np.minimum(level / most, 1.0)
+    # Relative to head on, so that what was given comes back there.
+    return np.asarray(level * (open_share / most)[:, None] * left ** (1 / cos_in[:, None] - 1))
+
+
+def _unabsorbed(cos_out: Doubles, cos_in: Doubles, sheets: int) -> Doubles:
+    """Return what reflection alone leaves (n,), the mean of both polarisations."""
+    across = ((cos_out - INDEX * cos_in) / (cos_out + INDEX * cos_in)) ** 2
+    along = ((INDEX * cos_out - cos_in) / (INDEX * cos_out + cos_in)) ** 2
+    passed = [(1 - r) / (1 + (2 * sheets - 1) * r) for r in (across, along)]
+    return np.asarray((passed[0] + passed[1]) / 2)
+
+
+def transmittance_table(head_on: Vector, sheets: int) -> Doubles:
+    """Return transmittance (`TABLE`, 3) at cosines evenly from 0 to 1; one row for no sheets: alike at all angles."""
+    if sheets == 0:
+        return np.asarray(head_on, np.float64).reshape(1, 3)
+    return transmittance_at(np.linspace(0, 1, TABLE), head_on, sheets)
+
+
+SUN_RADIUS_RAD = math.radians(0.53 / 2)
+BLACK: Vector = (0.0, 0.0, 0.0)
+
+
+def plain(colour: Vector | float) -> Floats:
+    """Return one colour as a texture of one texel (1, 1, 3)."""
+    return np.broadcast_to(np.asarray(colour, dtype=np.float32), (3,)).reshape(1, 1, 3).copy()
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a furniture part meets light, in the terms of glTF: albedo of the base, roughness, metallic share."""
+
+    name: str
+    colour: Vector
+    texture: Floats | None = None
+    """(h, w, 3) linear, multiplied with ``colour``; uv (0, 0) is its lower left corner, and it repeats."""
+    roughness: float = 1.0
+    metallic: float = 0.0
+    emission_cd_m2: Vector = BLACK
+
+    def __post_init__(self) -> None:
+        _check_albedo(f"material {self.name}", np.asarray(self.colour))
+        if self.texture is not None:
+            _check_texture(f"material {self.name}", self.texture)
+        _check_emission(f"material {self.name}", np.asarray(self.emission_cd_m2))
+        if not (0 <= self.roughness <= 1 and 0 <= self.metallic <= 1):
+            raise MaterialError(
+                f"roughness {self.roughness:g}, metallic {self.metallic:g}",
+                where=f"material {self.name}",
+                advice="give both within 0 and 1",
+            )
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mesh of one material."""
+
+    name: str
+    vertices_m: Doubles
+    """(n, 3), in the world."""
+    faces: Int32s
+    """(m, 3), counter-clockwise seen from outside."""
+    material: Material
+    uv: Floats | None = None
+    """(n, 2)."""
+    normals: Floats | None = None
+    """(n, 3) unit, in the world: round shapes look round; None: every face is flat."""
+
+    def __post_init__(self) -> None:
+        shapes = self.vertices_m.ndim == 2 and self.vertices_m.shape[1] == 3 and self.faces.shape[1:] == (3,)
+        if not shapes or not len(self.faces):
+            raise SceneError("no triangles", where=f"part {self.name}", advice="give vertices (n, 3) and faces (m, 3)")
+        if not np.isfinite(self.vertices_m).all() or np.abs(self.vertices_m).max() > 1e4:
+            raise SceneError(
+                "a vertex that is not finite, or kilometres away",
+                where=f"part {self.name}",
+                likely="a damaged file, or units other than metres",
+                advice="repair the mesh",
+            )
+        if self.faces.min() < 0 or self.faces.max() >= len(self.vertices_m):
+            raise SceneError("a face names no vertex", where=f"part {self.name}", advice="repair the mesh")
+        if self.normals is not None and (
+            self.normals.shape != self.vertices_m.shape or not np.isfinite(self.normals).all()
+        ):
+            raise SceneError("normals that fit no vertices", where=f"part {self.name}", advice="leave them out")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A flat piece of the room, seen from its front: floor, ceiling, a wall with its openings, a window's reveal."""
+
+    name: str
+    origin_m: Doubles
+    u_axis: Doubles
+    v_axis: Doubles
+    normal: Doubles
+    width_m: float
+    height_m: float
+    outline_m: Doubles
+    """(n, 2) in (u, v): a polygon within width x height."""
+    holes_m: tuple[tuple[float, float, float, float], ...] = ()
+    """Rectangles (u0, v0, u1, v1) that are cut out; only in rectangular surfaces."""
+    albedo: Floats = field(default_factory=lambda: plain(0.5))
+    """(h, w, 3), stretched over width x height; row 0 at v = 0."""
+    emission_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
+    """(h, w, 3), likewise: lamps."""
+    plane: int = -1
+    """The room's plane (`surfaces.plane`) that this belongs to, -1 for reveals."""
+    gloss: float = 0.0
+    """How much of full varnish it mirrors, 0 to 1 (`gloss`); its albedo is without that."""
+
+    def __post_init__(self) -> None:
+        _check_texture(f"surface {self.name}", self.albedo)
+        _check_emission(f"surface {self.name}", self.emission_cd_m2)
+        if not 0 <= self.gloss <= 1:
+            raise MaterialError(f"a gloss of {self.gloss}", where=f"surface {self.name}", advice="give 0 to 1")
+
+    def at(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
+        """Return world positions (..., 3)."""
+        u, v = np.asarray(u_m, np.float64)[..., None], np.asarray(v_m, np.float64)[..., None]
+        return np.asarray(self.origin_m + u * self.u_axis + v * self.v_axis)
+
+
+@dataclass(frozen=True)
+class Pane:
+    """A rectangle of glass, or nothing but air, to the outdoors."""
+
+    corner_m: Doubles
+    across_m: Doubles
+    """(3,), level, its length the pane's width."""
+    up_m: Doubles
+    """(3,), its length the pane's height."""
+    transmittance: Vector = (1.0, 1.0, 1.0)
+    opening: int = -1
+    """Index into the room's openings."""
+    clear: Floats = field(default_factory=lambda: np.ones((1, 1), np.float32))
+    """(h, w): how much of the glass is clear of bars, curtains and blinds; row 0 at the top, column 0 at the corner."""
+    veil_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
+    """(h, w, 3), of the size of ``clear``: radiance of what covers it, towards the room."""
+    sheets: int = 0
+    """Of clear glass: ``transmittance`` is then that head on, and falls with the angle (`glass`); 0: alike at all."""
+
+    def through(self, rays: npt.NDArray[np.floating]) -> Floats:
+        """Return the transmittance (n, 3) of the clear glass along rays (n, 3), unit."""
+        if not self.sheets:
+            return np.broadcast_to(np.asarray(self.transmittance, np.float32), (len(rays), 3))
+        cosine = np.abs(rays @ self.normal)
+        return transmittance_at(cosine, self.transmittance, self.sheets).astype(np.float32)
+
+    @property
+    def normal(self) -> Doubles:
+        """Return the unit vector across the pane."""
+        found = np.cross(self.across_m, self.up_m)
+        return np.asarray(found / np.linalg.norm(found))
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.sheets <= 4:
+            raise MaterialError(
+                f"{self.sheets} sheets of glass", where=f"pane of opening {self.opening}", advice="0 to 4"
+            )
+        share = np.asarray(self.transmittance)
+        if not (np.isfinite(share).all() and (share >= 0).all() and (share <= 1).all()):
+            raise MaterialError(
+                f"a transmittance of {self.transmittance}",
+                where=f"pane of opening {self.opening}",
+                advice="give 0 to 1",
+            )
+        if self.veil_cd_m2.shape != (*self.clear.shape, 3):
+            raise SceneError("veil and clear share of a pane differ in size", advice="give (h, w, 3) and (h, w)")
+        _check_albedo(f"pane of opening {self.opening}", self.clear)
+        _check_emission(f"pane of opening {self.opening}", self.veil_cd_m2)
+
+    def cells(self, points: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Return row and column of ``clear`` at places (n, 3) on the pane."""
+        rows, columns = self.clear.shape
+        offset = points - self.corner_m
+        u = offset @ self.across_m / (self.across_m @ self.across_m)
+        v = 1 - offset @ self.up_m / (self.up_m @ self.up_m)
+        row, column = np.floor(v * rows).astype(np.intp), np.floor(u * columns).astype(np.intp)
+        return row.clip(0, rows - 1), column.clip(0, columns - 1)
+
+
+@dataclass(frozen=True)
+class Sun:
+    """The sun, kept apart from the sky so that it neither flickers nor loses energy."""
+
+    direction: Vector
+    normal_illuminance_lx: Vector
+    """RGB, on a plane that faces it, outdoors."""
+    radius_rad: float = SUN_RADIUS_RAD
+
+    def __post_init__(self) -> None:
+        _check_emission("sun", np.asarray(self.normal_illuminance_lx))
+        length = float(np.linalg.norm(self.direction))
+        if not (abs(length - 1) < 1e-3 and 0 < self.radius_rad < 0.1):
+            raise SceneError(
+                f"a sun towards {self.direction}, {self.radius_rad:g} rad wide",
+                where="outdoors",
+                advice="give a unit direction and a radius below 0.1 rad",
+            )
+
+
+@dataclass(frozen=True)
+class Outdoors:
+    """All light from outside: an equirectangular picture without the sun's disc, and the sun."""
+
+    rgb: Floats
+    """(h, 2h, 3) cd/m2; laid out as any panorama."""
+    sun: Sun | None = None
+
+    def __post_init__(self) -> None:
+        if self.rgb.ndim != 3 or self.rgb.shape[1:] != (2 * self.rgb.shape[0], 3):
+            raise SceneError(f"an outdoor picture of shape {self.rgb.shape}", advice="give (h, 2 h, 3)")
+        _check_emission("outdoors", self.rgb)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that is rendered."""
+
+    surfaces: tuple[Surface, ...]
+    panes: tuple[Pane, ...]
+    outdoors: Outdoors
+    parts: tuple[Part, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.surfaces and not self.parts:
+            raise SceneError("nothing to render", advice="give surfaces or parts")
+
+    def furnished(self, parts: tuple[Part, ...]) -> Scene:
+        """Return the scene with furniture added."""
+        return replace(self, parts=(*self.parts, *parts))
+
+    def under(self, outdoors: Outdoors) -> Scene:
+        """Return the scene in another light."""
+        return replace(self, outdoors=outdoors)
+
+
+def _check_albedo(where: str, values: npt.NDArray[np.floating]) -> None:
+    if not (np.isfinite(values).all() and (values >= 0).all() and (values <= 1).all()):
+        raise MaterialError(
+            "an albedo that is not a number within 0 and 1",
+            where=where,
+            likely="a damaged texture, or values of 0 to 255",
+            advice="repair it; linear values within 0 and 1",
+        )
+
+
+def _check_texture(where: str, values: Floats) -> None:
+    if values.ndim != 3 or values.shape[2] != 3 or 0 in values.shape:
+        raise MaterialError(f"a texture of shape {values.shape}", where=where, advice="give (h, w, 3)")
+    _check_albedo(where, values)
+
+
+def _check_emission(where: str, values: npt.NDArray[np.floating]) -> None:
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        raise MaterialError("light that is negative or not a number", where=where, advice="give finite values from 0")

@@ -1,0 +1,141 @@
+"""What the pictures tell of a room's windows: how much light the glass lets through, and what covers it.
+
+The indoor panorama sees through each window what the outdoor picture sees directly: where their ratio is that of clear
+glass, the window is clear; where less arrives, bars, curtains, a blind or trees stand in the way, and what the camera
+sees there is light that the window gives by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from processing.ground.arrays import Doubles, Floats
+from processing.light.scene.scene import Outdoors, Pane, Vector
+from processing.light.solver.sight import GLASS, Sight, looked_up
+from processing.light.solver.stage import Stage
+from processing.pictures.images import LUMINANCE_WEIGHTS
+
+USUAL: Vector = (0.75, 0.77, 0.75)
+"""Transmittance of double glazing, where it cannot be told."""
+LEAST_GLASS, MOST_GLASS = 0.4, 0.95
+"""Between which a transmittance is believed: coated triple glazing has 0.5 and more, single glass 0.9."""
+CLEAR_QUANTILE = 0.8
+"""Of ratios indoors to outdoors: the share of a window that bars and curtains leave clear is often small."""
+LEAST_PIXELS = 24
+"""Of sky seen through windows, for their transmittance to be told."""
+ABOVE_HORIZON = 0.02
+"""Sine of the elevation above which the outdoor picture is compared."""
+CELL_M = 0.04
+CLEAR_FROM, GROUND_FROM = 0.85, 0.4
+"""Of what clear glass would show, from which a cell is taken to be clear: before the sky, before the ground."""
+GROUND_QUANTILE = 0.5
+MOST_GROUND = 8.0
+"""By which the ground may be brighter or darker than its usual albedo makes it."""
+
+
+def measured_windows(
+    stage: Stage, sight: Sight, panorama: Floats, valid: np.ndarray, eye_m: Vector
+) -> tuple[tuple[Pane, ...], Outdoors, bool]:
+    """Return panes with transmittance, clear share and veil, the outdoors with the ground as seen, and what was told.
+
+    ``panorama`` (H, 2 H, 3) and what its pixels see; ``valid`` (H, 2 H): pixels that are not clipped. The last is
+    whether the glass's transmittance could be told; if not, it is that of double glazing.
+    """
+    rgb, good, outdoors = panorama.reshape(-1, 3), valid.ravel(), stage.scene.outdoors
+    glass = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] > ABOVE_HORIZON) & good)
+    outside = looked_up(outdoors.rgb, sight.rays[glass]).astype(np.float64)
+    share, told = _clear_glass(rgb[glass].astype(np.float64), outside)
+    gain = _seen_ground(stage, sight, rgb, good, share)
+    level = float(gain @ np.asarray(LUMINANCE_WEIGHTS)) if gain is not None else 1.0
+    panes = tuple(
+        _covered(stage, replace(pane, transmittance=share), level, panorama, eye_m) for pane in stage.scene.panes
+    )
+    return panes, outdoors if gain is None else _with_ground(outdoors, gain), told
+
+
+def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[Pane, ...]:
+    """Return panes that give the light that the camera sees on them, as bright from everywhere: no picture of the sky.
+
+    A place on the floor sees the sky where the camera sees the horizon: without an outdoor picture this is not known.
+    """
+    found = []
+    for pane in stage.scene.panes:
+        way, seen, shape = _cells(stage, pane, eye_m)
+        veil = looked_up(panorama, way).astype(np.float64)
+        if seen.any():
+            veil[~seen] = veil[seen].mean(axis=0)
+        covered = np.zeros(shape, np.float32)
+        found.append(replace(pane, clear=covered, veil_cd_m2=veil.reshape(*shape, 3).astype(np.float32)))
+    return tuple(found)
+
+
+def _cells(stage: Stage, pane: Pane, eye_m: Vector) -> tuple[Floats, np.ndarray, tuple[int, int]]:
+    """Return the directions (n, 3) from a point to a pane's cells, which of them it sees, and rows and columns."""
+    rows = max(1, round(float(np.linalg.norm(pane.up_m)) / CELL_M))
+    columns = max(1, round(float(np.linalg.norm(pane.across_m)) / CELL_M))
+    v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
+    places = pane.corner_m + u[..., None] * pane.across_m + (1 - v)[..., None] * pane.up_m
+    way = places.reshape(-1, 3) - np.asarray(eye_m)
+    far = np.linalg.norm(way, axis=1)
+    way = (way / far[:, None]).astype(np.float32)
+    hits = stage.tracer.cast(np.broadcast_to(np.asarray(eye_m, np.float32), way.shape), way)
+    return way, hits.distance_m > far - 0.02, (rows, columns)
+
+
+def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Vector, bool]:
+    """Return the transmittance of the clear parts of all windows (they are glazed alike), and whether it was told."""
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    usable = outside @ weights > 0
+    if usable.sum() < LEAST_PIXELS:
+        return USUAL, False
+    ratio = (inside[usable] @ weights) / (outside[usable] @ weights)
+    level = float(np.quantile(ratio, CLEAR_QUANTILE))
+    if not LEAST_GLASS <= level <= MOST_GLASS:
+        return USUAL, False
+    clear = np.abs(ratio / level - 1) < 0.1
+    colour = np.median(inside[usable][clear] / np.maximum(outside[usable][clear], 1e-9), axis=0)
+    red, green, blue = (float(v) for v in np.clip(colour, 0.8 * level, min(1.2 * level, 1.0)))
+    return (red, green, blue), True
+
+
+def _covered(stage: Stage, pane: Pane, ground: float, panorama: Floats, eye_m: Vector) -> Pane:
+    """Return a pane with clear share and veil as the camera sees them; what it does not see is like the rest.
+
+    A cell is clear or not. Where the camera looks down through the pane it is compared with ground that is ``ground``
+    times as bright as its usual albedo makes it. What covers the rest is as bright from everywhere as for the camera.
+    """
+    way, seen, (rows, columns) = _cells(stage, pane, eye_m)
+    shown = looked_up(panorama, way).astype(np.float64)
+    through = looked_up(stage.scene.outdoors.rgb, way) * np.asarray(pane.transmittance)
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    ratio = (shown @ weights) / np.maximum(through @ weights, 1e-9)
+    down = way[:, 2] <= ABOVE_HORIZON
+    clear = np.where(ratio > np.where(down, GROUND_FROM * ground, CLEAR_FROM), 1.0, 0.0)
+    veil = np.where((clear == 1)[:, None], 0, shown)
+    if seen.any():
+        clear[~seen], veil[~seen] = clear[seen].mean(), veil[seen].mean(axis=0)
+    return replace(
+        pane,
+        clear=clear.reshape(rows, columns).astype(np.float32),
+        veil_cd_m2=veil.reshape(rows, columns, 3).astype(np.float32),
+    )
+
+
+def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, transmittance: Vector) -> Doubles | None:
+    """Return (3,) how bright the ground is against its guess, where it is seen best; None where it is not seen."""
+    mine = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] < -ABOVE_HORIZON) & valid)
+    through = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * np.asarray(transmittance)
+    if len(mine) < LEAST_PIXELS or not (through > 0).all():
+        return None
+    ratio = rgb[mine] / through
+    level = ratio @ np.asarray(LUMINANCE_WEIGHTS)
+    best = level >= np.quantile(level, GROUND_QUANTILE)
+    return np.asarray(np.clip(np.median(ratio[best], axis=0), 1 / MOST_GROUND, MOST_GROUND))
+
+
+def _with_ground(outdoors: Outdoors, gain: Doubles) -> Outdoors:
+    """Return the light outdoors with its lower half as bright as it is seen through the windows."""
+    below = np.arange(outdoors.rgb.shape[0]) >= outdoors.rgb.shape[0] // 2
+    return replace(outdoors, rgb=np.where(below[:, None, None], outdoors.rgb * gain, outdoors.rgb).astype(np.float32))

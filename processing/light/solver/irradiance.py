@@ -1,0 +1,186 @@
+"""Irradiance of what a picture sees: gathered at a small size until the error asked for is met, cleaned of noise."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+
+from processing.errors import ParameterError
+from processing.ground.arrays import Doubles, Floats
+from processing.light.solver.daylight import skylight
+from processing.light.solver.denoise import denoised
+from processing.light.solver.kernels import bounce
+from processing.light.solver.lightmap import LightMap, light_map
+from processing.light.solver.sight import Sight
+from processing.light.solver.stage import Stage
+from processing.light.solver.transport import from_bright, links_of
+from processing.pictures.images import LUMINANCE_WEIGHTS
+
+PANE_SHARE, SHOT_SHARE = 0.5, 0.25
+"""Of a pixel's rays for bounces: to each pane, to bright patches."""
+CLEAN_PX = 5
+FIREFLY_TIMES = 8.0
+"""Over its neighbours and over the other half, from which a pixel shines by chance."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much work goes into a picture: rays in each round, and when to stop."""
+
+    texel_m: float = 0.1
+    """Width of the light map's patches."""
+    patch_samples: int = 64
+    """Rays from each patch in a round."""
+    rows: int = 256
+    """Height of the picture in which irradiance is gathered; never more than the picture asked for."""
+    pixel_samples: int = 16
+    """Rays from each of its pixels in a round."""
+    sun_samples: int = 128
+    """Rays to the sun's disc from pixels in half shadow."""
+    clean: bool = True
+    """Whether noise is taken out."""
+    cleaning: str = "high"
+    """How well (`denoise.denoised`): fast takes a fifth of the time, and the rays that it saves gain more."""
+    max_error: float | None = None
+    """Relative standard error to stop at; None: one round."""
+    budget_s: float | None = None
+    """CPU seconds of this process after which no other round begins."""
+    most_rounds: int = 64
+
+    def __post_init__(self) -> None:
+        numbers = (self.patch_samples, self.rows, self.pixel_samples, self.sun_samples, self.most_rounds)
+        if min(numbers) < 1 or (self.max_error is not None and not self.max_error > 0):
+            raise ParameterError("an effort of nothing", advice="give samples and rows from 1, max_error above 0")
+
+
+EFFORTS = {
+    "draft": Effort(texel_m=0.15, patch_samples=32, rows=128, pixel_samples=8, sun_samples=16, cleaning="fast"),
+    "standard": Effort(),
+    "reference": Effort(texel_m=0.05, patch_samples=256, rows=512, pixel_samples=256, sun_samples=512, clean=False),
+}
+
+
+@dataclass(frozen=True)
+class Irradiance:
+    """Irradiance of a picture's pixels without the sun's own disc."""
+
+    picture: Floats
+    """(H, W, 3) lx, 0 where nothing or glass is seen."""
+    error: float
+    """Relative standard error of luminance (rms over pixels), from two halves that share nothing but the scene."""
+    rounds: int
+
+
+@dataclass
+class _Halves:
+    """Two sums of rounds."""
+
+    sums: list[Doubles] = field(default_factory=list)
+    rounds: int = 0
+
+    def add(self, pictures: list[Doubles]) -> None:
+        self.sums = [a + b for a, b in zip(self.sums, pictures, strict=True)] if self.sums else pictures
+        self.rounds += 1
+
+
+def gathered(stage: Stage, light: LightMap, points: Floats, normals: Floats, samples: int, seed: int) -> Doubles:
+    """Return the irradiance (n, 3) of places (n, 3) without the sun's own disc: panes, lamps, all bounces."""
+
+    def few(share: float) -> int:
+        return max(1, round(samples * share))
+
+    places = points[:, None, :]
+    out = skylight(stage, places, normals, few(PANE_SHARE), (seed, 20))
+    links = links_of(stage, places, normals, samples, (seed, 21))
+    bounced = np.empty_like(out)
+    bounce(links.patch, stage.albedo * light.rest, bounced)
+    out += bounced
+    if light.bright is not None:
+        out += from_bright(stage, light.bright, places, normals, links, few(SHOT_SHARE), (seed, 22))
+    return out
+
+
+Lights: TypeAlias = dict[tuple[int, int], LightMap]
+"""Light maps of a stage that are known already, by samples and seed."""
+
+
+def irradiance_of(
+    stage: Stage, sight: Sight, effort: Effort, seed: int, *, wraps: bool, lights: Lights | None = None
+) -> Irradiance:
+    """Return the irradiance of all solid pixels: rounds of two halves each, until the effort's end is reached.
+
+    ``lights`` keeps the stage's light maps for another picture of it.
+    """
+    lights = {} if lights is None else lights
+    solid = np.flatnonzero(sight.solid)
+    halves, start_s = _Halves(), time.process_time()
+    while True:
+        seeds = [(seed * 1000 + halves.rounds) * 2 + half for half in range(2)]
+        halves.add([_half(stage, sight, solid, effort, one, lights) for one in seeds])
+        noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
+        noisy = [without_fireflies(one, other) for one, other in (noisy, noisy[::-1])]
+        error = _difference(noisy[0], noisy[1], sight, blurred=effort.clean)
+        spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
+        if effort.max_error is None or error <= effort.max_error or spent or halves.rounds >= effort.most_rounds:
+            mean: Floats = (noisy[0] + noisy[1]) * np.float32(0.5)
+            if effort.clean:
+                mean = cleaned(mean, sight, wraps=wraps, quality=effort.cleaning)
+            return Irradiance(mean, error, halves.rounds)
+
+
+def _half(stage: Stage, sight: Sight, solid: np.ndarray, effort: Effort, seed: int, lights: Lights) -> Doubles:
+    samples = max(1, effort.patch_samples // 2)
+    light = lights.get((samples, seed)) or light_map(stage, samples, seed)
+    lights[samples, seed] = light
+    return gathered(stage, light, sight.point[solid], sight.normal[solid], max(1, effort.pixel_samples // 2), seed)
+
+
+def _picture(values: Doubles, sight: Sight, solid: np.ndarray) -> Floats:
+    picture = np.zeros((len(sight.label), 3), np.float32)
+    picture[solid] = values
+    return picture.reshape(*sight.shape, 3)
+
+
+def without_fireflies(one: Floats, other: Floats) -> Floats:
+    """Return irradiance (H, W, 3) without pixels that shine by chance: far above those around and in ``other``.
+
+    Only what both pictures of the same places do not share is dimmed, to `FIREFLY_TIMES` their neighbours' median: what
+    is bright of its own shines in both.
+    """
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    mine, theirs = one @ weights, other @ weights
+    limit = FIREFLY_TIMES * np.maximum(cv2.medianBlur(mine, 5), cv2.medianBlur(theirs, 5))
+    over = (mine > limit) & (mine > FIREFLY_TIMES * theirs) & (limit > 0)
+    if not over.any():
+        return one
+    gain = np.where(over, np.maximum(limit, theirs) / np.maximum(mine, 1e-30), 1).astype(np.float32)
+    return np.asarray(one * gain[..., None], np.float32)
+
+
+def cleaned(picture: Floats, sight: Sight, *, wraps: bool, quality: str = "high") -> Floats:
+    """Return irradiance (H, W, 3) of what pixels see without its noise."""
+    nearness = np.where(sight.solid, 1 / (1 + np.where(sight.solid, sight.distance_m, 0)), 0)
+    guides = sight.normal.reshape(*sight.shape, 3), nearness.reshape(sight.shape).astype(np.float32)
+    return denoised(picture, *guides, wraps=wraps, quality=quality)
+
+
+def _difference(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -> float:
+    """Return the relative rms error that two halves tell of their mean; where it is cleaned, of neighbours' means.
+
+    Cleaning averages over about as many pixels as `CLEAN_PX` squared: measured, see docs/rendering.md.
+    """
+    solid = sight.solid.reshape(sight.shape)
+    if not solid.any():
+        return 0.0
+    weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+    apart, whole = (one - other) @ weights, (one + other) @ weights
+    relative = np.where(solid, apart / np.maximum(whole, 1e-12), 0).astype(np.float64)
+    if blurred:
+        size = (CLEAN_PX, CLEAN_PX)
+        share = cv2.boxFilter(solid.astype(np.float64), -1, size, borderType=cv2.BORDER_REPLICATE)
+        relative = cv2.boxFilter(relative, -1, size, borderType=cv2.BORDER_REPLICATE) / np.maximum(share, 1e-3)
+    return float(np.sqrt(np.mean(relative[solid] ** 2)))

@@ -1,0 +1,165 @@
+"""What a picture's pixels see: place, normal, colour; from any point, in any geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.light.scene.patches import FURNITURE, PANE
+from processing.light.scene.scene import Vector
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
+from processing.sphere import Geometry, directions
+
+NOTHING, GLASS, FIRST_PART = -1, -2, 1_000_000
+"""Labels of pixels that see nothing, a pane, furniture (FIRST_PART + its part); else the surface's number."""
+
+LEAST_AGREEMENT = 0.3
+"""Cosine between a smooth normal and its face's, below which the mesh is wrong about it and the face's is taken."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What pixels (n = H x W, row by row) see."""
+
+    shape: tuple[int, int]
+    rays: Floats
+    """(n, 3), unit."""
+    label: Int32s
+    pane: Int32s
+    """(n,): number of the pane, -1 elsewhere."""
+    distance_m: Floats
+    point: Floats
+    """(n, 3); the eye where nothing is met."""
+    normal: Floats
+    """(n, 3), towards the eye; 0 where nothing or glass is seen."""
+    triangle: Int32s
+
+    @property
+    def solid(self) -> np.ndarray:
+        """(n,) whether a surface or furniture is seen."""
+        return self.label >= 0
+
+    def some(self, pixels: np.ndarray) -> Sight:
+        """Return what some pixels (k,) see, as one row."""
+        return Sight(
+            (1, len(pixels)),
+            self.rays[pixels],
+            self.label[pixels],
+            self.pane[pixels],
+            self.distance_m[pixels],
+            self.point[pixels],
+            self.normal[pixels],
+            self.triangle[pixels],
+        )
+
+
+def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:
+    """Return what the middle of each pixel sees from ``eye_m``."""
+    rays, _ = directions(geometry)
+    shape = (rays.shape[0], rays.shape[1])
+    flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
+    return sight_along(stage, flat, eye_m, shape)
+
+
+def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int]) -> Sight:
+    """Return what rays (n, 3) from a point see."""
+    eye = np.asarray(eye_m, np.float32)
+    triangle, distance = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
+    for start in range(0, len(rays), RAYS_AT_ONCE):
+        part = slice(start, start + RAYS_AT_ONCE)
+        hits = stage.tracer.cast(np.broadcast_to(eye, rays[part].shape), rays[part])
+        triangle[part], distance[part] = hits.triangle, hits.distance_m
+    p = stage.patches
+    met = triangle >= 0
+    safe = np.where(met, triangle, 0)
+    owner = np.where(met, p.owner[safe], -3)
+    pane = np.where(owner == PANE, p.item[safe], -1).astype(np.int32)
+    label = np.where(owner >= 0, owner, NOTHING)
+    label = np.where(owner == FURNITURE, FIRST_PART + p.part[safe], label)
+    label = np.where(owner == PANE, GLASS, label).astype(np.int32)
+    normal = np.where((label >= 0)[:, None], p.normals[safe], np.float32(0))
+    normal *= np.where(np.einsum("ij,ij->i", normal, rays) > 0, np.float32(-1), np.float32(1))[:, None]
+    point = eye + rays * np.where(met, distance, np.float32(0))[:, None]
+    _round(stage, label, triangle, point, normal)
+    return Sight(shape, rays, label, pane, distance, point, normal, triangle)
+
+
+def _round(stage: Stage, label: Int32s, triangle: Int32s, point: Floats, normal: Floats) -> None:
+    """Turn the normals of round furniture as its shape turns, never beyond the edge of what faces the eye."""
+    for number, part in enumerate(stage.scene.parts):
+        chosen = np.flatnonzero(label == FIRST_PART + number) if part.normals is not None else ()
+        if not len(chosen):
+            continue
+        smooth = part_normals(part, stage.patches.face[triangle[chosen]], point[chosen].astype(np.float64))
+        assert smooth is not None
+        flat = normal[chosen]
+        agree = np.einsum("ij,ij->i", smooth, flat)
+        smooth *= np.where(agree < 0, np.float32(-1), np.float32(1))[:, None]
+        normal[chosen] = np.where(np.abs(agree)[:, None] > LEAST_AGREEMENT, smooth, flat)
+
+
+def albedo_of(stage: Stage, sight: Sight) -> Floats:
+    """Return the albedo (n, 3) that pixels see, 0 for glass and nothing; textures are sampled bilinearly."""
+    return _colours(stage, sight, "albedo")
+
+
+def emission_of(stage: Stage, sight: Sight) -> Floats:
+    """Return the radiance (n, 3) that seen surfaces give off by themselves."""
+    return _colours(stage, sight, "emission_cd_m2")
+
+
+def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
+    out = np.zeros((len(sight.label), 3), np.float32)
+    for number in np.unique(sight.label[sight.label >= 0]):
+        one = _one_colour(stage, int(number), name)
+        if one is not None:
+            if one.any():
+                out[sight.label == number] = one
+            continue
+        chosen = np.flatnonzero(sight.label == number)
+        if number >= FIRST_PART:
+            part = stage.scene.parts[number - FIRST_PART]
+            face = stage.patches.face[sight.triangle[chosen]]
+            places = sight.point[chosen].astype(np.float64)
+            out[chosen] = part_albedo(part, face, places)
+        else:
+            surface = stage.scene.surfaces[number]
+            offset = sight.point[chosen].astype(np.float64) - surface.origin_m
+            u, v = offset @ surface.u_axis / surface.width_m, offset @ surface.v_axis / surface.height_m
+            out[chosen] = surface_values(getattr(surface, name), u, v)
+    return out
+
+
+def _one_colour(stage: Stage, number: int, name: str) -> Floats | None:
+    """Return the one colour (3,) of a surface or part, or None where it has a texture."""
+    if number < FIRST_PART:
+        texture = getattr(stage.scene.surfaces[number], name)
+        return np.asarray(texture[0, 0], np.float32) if texture.shape[:2] == (1, 1) else None
+    part = stage.scene.parts[number - FIRST_PART]
+    if name != "albedo":
+        return np.asarray(part.material.emission_cd_m2, np.float32)
+    textured = part.material.texture is not None and part.uv is not None
+    return None if textured else np.asarray(part.material.colour, np.float32)
+
+
+def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
+    """Return the radiance (n, 3) seen through glass, 0 elsewhere; the sun's disc is not drawn."""
+    out = np.zeros((len(sight.label), 3), np.float32)
+    for number, pane in enumerate(stage.scene.panes):
+        mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number))
+        outside = looked_up(stage.scene.outdoors.rgb, sight.rays[mine]) * pane.through(sight.rays[mine])
+        row, column = pane.cells(sight.point[mine])
+        out[mine] = pane.clear[row, column, None] * outside + pane.veil_cd_m2[row, column]
+    return out
+
+
+def looked_up(panorama: Floats, rays: Floats) -> Floats:
+    """Return a panorama's values (n, 3) along rays (n, 3), bilinear."""
+    rows, columns = panorama.shape[:2]
+    x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) % 1.0
+    y = 0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi
+    wrapped = np.concatenate([panorama[:, -1:], panorama, panorama[:, :1]], axis=1)
+    u: Doubles = (x.astype(np.float64) * columns + 1) / (columns + 2)
+    return surface_values(wrapped, u, np.clip(y.astype(np.float64), 0.5 / rows, 1 - 0.5 / rows))

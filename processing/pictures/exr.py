@@ -1,0 +1,213 @@
+"""Pictures as OpenEXR: float32, ZIP, cd/m2 as they are, every field of the picture's type, and nothing else.
+
+ZIP, because its checksums show flipped bits that PIZ and DWA hide. Channels: R, G, B, ``uncertainty`` (float),
+``validity`` and, where it was looked for, ``ghost`` (half: exact for 0 to 255). docs/formats.md lists the attributes.
+The same picture gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import zlib
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import LensError, ParameterError
+from processing.ground.arrays import Bytes, Floats
+from processing.pictures.exr_header import ExrPart, read_header
+from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.writing import check_image, check_light, refused, write_whole
+from processing.sphere.geometry_json import geometry_from_json, geometry_to_json
+
+CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+"""Rec. 709: x and y of red, green, blue and white."""
+THREADS = 2
+
+UNSCALED = "luminance in relative units"
+"""``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""
+
+_DAMAGED = "damaged on the disk or on the way; the library could not read all of it"
+_AGAIN = "copy it again, or let the stage that made it run again (--force)"
+_UNDERSHOOT = 0.05
+"""Lossy compression makes small negative values of black ones, up to this share of the picture's mean."""
+
+Channels = dict[str, npt.NDArray[Any]]
+
+
+def write_exr(path: Path, image: RelativeImage | LuminanceImage) -> None:
+    """Write a picture with all its fields, durably; `read_exr` gives an equal one back.
+
+    ``attributes`` must be JSON values (tuples come back as lists). Raises `PictureFileError` for a picture that
+    breaks its type's promises (NaN, infinite or negative light, wrong shapes), `DiskError` and `DiskFullError`.
+    """
+    import OpenEXR
+
+    check_image(image, path)
+    planes = _planes(image)
+    texts = _texts(image, path)
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "chromaticities": CHROMATICITIES,
+        **({"whiteLuminance": 1.0} if _in_cd_m2(image) else {}),
+        **texts,
+        "daylitCrc32": f"{_digest(texts, planes):08x}",
+    }
+    halves = dict.fromkeys(("validity", "ghost"), np.float16)
+    channels = {name: np.ascontiguousarray(plane, dtype=halves.get(name)) for name, plane in planes.items()}
+    write_whole(path, lambda part: OpenEXR.File(header, channels, num_threads=THREADS).write(str(part)))
+
+
+def read_exr(path: Path) -> RelativeImage | LuminanceImage:
+    """Read a picture that `write_exr` wrote.
+
+    Raises `PictureFileError` for a file of another program (`read_exr_rgb` reads those) and for any damage: parts,
+    channels or shapes that are not as the header says, changed values or attributes (CRC-32), impossible light.
+    """
+    header, arrays = _read(path)
+    texts = {name: str(header[name]) for name in _TEXTS if name in header}
+    if set(texts) != set(_TEXTS) or "daylitCrc32" not in header:
+        raise refused(path, "is not a picture of daylit", advice="import it, or give a picture made by daylit process")
+    missing = {"RGB", "uncertainty", "validity"} - set(arrays)
+    if missing or set(arrays) - {"RGB", "uncertainty", "validity", "ghost"}:
+        raise refused(path, f"has the channels {sorted(arrays)}", likely=_DAMAGED, advice=_AGAIN)
+    planes: Channels = {"RGB": arrays["RGB"], "uncertainty": arrays["uncertainty"]}
+    planes |= {name: _codes(arrays[name], path) for name in ("validity", "ghost") if name in arrays}
+    if header["daylitCrc32"] != f"{_digest(texts, planes):08x}":
+        raise refused(path, "is not what was written: its checksum differs", likely=_DAMAGED, advice=_AGAIN)
+    image = _image(texts, planes, path)
+    if header.get("whiteLuminance", 0.0) != (1.0 if _in_cd_m2(image) else 0.0):
+        raise refused(path, "has another whiteLuminance than it was written with", likely=_DAMAGED, advice=_AGAIN)
+    check_image(image, path)
+    return image
+
+
+def read_exr_rgb(path: Path) -> tuple[Floats, float | None]:
+    """Read the light of anyone's OpenEXR picture: float32 (H, W, 3), and its ``whiteLuminance`` or None.
+
+    ``whiteLuminance`` is the cd/m2 of (1, 1, 1); the values are given as they are in the file.
+    Small negative values, as lossy compression makes them, become 0. Raises `PictureFileError` for damage, for deep
+    or cropped or subsampled data, for several parts, for other channels than R, G, B and other primaries than Rec. 709.
+    """
+    header, arrays = _read(path)
+    together = next((arrays[name] for name in ("RGB", "RGBA") if name in arrays), None)
+    if together is None:
+        raise refused(path, f"has the channels {sorted(arrays)}, not R, G and B")
+    rgb = np.ascontiguousarray(together[..., :3], dtype=np.float32)
+    primaries = np.ravel(header.get("chromaticities", CHROMATICITIES))
+    if not np.allclose(primaries, CHROMATICITIES, atol=2e-3):
+        raise refused(path, f"has the primaries {primaries.tolist()}, not those of Rec. 709")
+    low, mean = float(rgb.min()), float(rgb.mean(dtype=np.float64))
+    if math.isfinite(mean) and -_UNDERSHOOT * max(mean, 0.0) <= low < 0:
+        rgb = np.maximum(rgb, np.float32(0))
+    check_light(rgb, path)
+    white = header.get("whiteLuminance")
+    if white is not None and not (isinstance(white, float) and math.isfinite(white) and white > 0):
+        raise refused(path, f"has whiteLuminance {white}")
+    return rgb, white if isinstance(white, float) else None
+
+
+_TEXTS = ("daylitKind", "daylitGeometry", "daylitScaleUncertainty", "daylitProvenance")
+
+
+def _in_cd_m2(image: RelativeImage | LuminanceImage) -> bool:
+    return isinstance(image, LuminanceImage) and image.absolute
+
+
+def _texts(image: RelativeImage | LuminanceImage, path: Path) -> dict[str, str]:
+    """Return our own attributes; numbers as decimal text, which keeps float64 (EXR's own are float32)."""
+    luminance = isinstance(image, LuminanceImage)
+    try:
+        provenance = json.dumps(dict(image.attributes), sort_keys=True, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise refused(path, f"attributes are not plain JSON values ({error})") from error
+    values = (
+        ("luminance" if _in_cd_m2(image) else UNSCALED) if luminance else "relative",
+        json.dumps(geometry_to_json(image.geometry), sort_keys=True, allow_nan=False),
+        repr(float(image.scale_uncertainty)) if isinstance(image, LuminanceImage) else "none",
+        provenance,
+    )
+    return dict(zip(_TEXTS, values, strict=True))
+
+
+def _planes(image: RelativeImage | LuminanceImage) -> Channels:
+    planes: Channels = {"RGB": image.rgb, "uncertainty": image.uncertainty, "validity": image.validity}
+    return planes if image.ghost is None else planes | {"ghost": image.ghost}
+
+
+def _digest(texts: dict[str, str], planes: Channels) -> int:
+    """Return the CRC-32 of the attributes' texts and of all values (light float32, codes one byte)."""
+    crc = zlib.crc32("\0".join(texts[name] for name in _TEXTS).encode())
+    for name in sorted(planes):
+        crc = zlib.crc32(name.encode(), crc)
+        crc = zlib.crc32(np.ascontiguousarray(planes[name]).view(np.uint8).data, crc)
+    return crc
+
+
+def _codes(plane: npt.NDArray[np.generic], path: Path) -> Bytes:
+    values = np.asarray(plane, dtype=np.float32)
+    with np.errstate(invalid="ignore"):
+        codes = values.astype(np.uint8)
+    if not np.array_equal(codes, values):
+        raise refused(path, "holds codes that are no whole numbers from 0 to 255", likely=_DAMAGED, advice=_AGAIN)
+    return codes
+
+
+def _image(texts: dict[str, str], planes: Channels, path: Path) -> RelativeImage | LuminanceImage:
+    try:
+        geometry = geometry_from_json(json.loads(texts["daylitGeometry"]))
+        attributes = json.loads(texts["daylitProvenance"])
+        if not isinstance(attributes, dict):
+            raise TypeError("provenance is no object")
+        rgb, uncertainty = (np.asarray(planes[name], dtype=np.float32) for name in ("RGB", "uncertainty"))
+        validity = np.asarray(planes["validity"], dtype=np.uint8)
+        ghost = np.asarray(planes["ghost"], dtype=np.uint8) if "ghost" in planes else None
+        kind = texts["daylitKind"]
+        if kind == "relative":
+            return RelativeImage(rgb, uncertainty, validity, geometry, ghost, attributes)
+        if kind not in ("luminance", UNSCALED):
+            raise ValueError(f"daylitKind is {kind[:40]!r}")
+        scale = float(texts["daylitScaleUncertainty"])
+        return LuminanceImage(rgb, uncertainty, validity, geometry, scale, ghost, attributes, kind != UNSCALED)
+    except (ValueError, TypeError, RecursionError, ParameterError, LensError) as error:
+        raise refused(path, f"has attributes that cannot be right ({error})", likely=_DAMAGED, advice=_AGAIN) from error
+
+
+def _read(path: Path) -> tuple[dict[str, Any], Channels]:
+    """Return the only part's header and channels as the library gives them, compared with the file's own header."""
+    import OpenEXR
+
+    parts = read_header(path)
+    if len(parts) != 1 or not parts[0].whole or not parts[0].sampled_everywhere:
+        raise refused(path, "has several parts, or is cropped or subsampled; one whole picture is taken")
+    try:
+        # The library tells of damage on standard output, where commands write their JSON.
+        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), num_threads=THREADS) as file:
+            if len(file.parts) != 1:
+                raise refused(path, "cannot be decoded", likely=_DAMAGED, advice=_AGAIN)
+            header = dict(file.header())
+            arrays = {name: channel.pixels for name, channel in file.channels().items()}
+    except (RuntimeError, ValueError, TypeError, MemoryError, UnicodeDecodeError) as error:
+        raise refused(path, f"cannot be decoded ({error})", likely=_DAMAGED, advice=_AGAIN) from error
+    for _ in _differences(parts[0], arrays):
+        raise refused(path, "is not what its header says", likely=_DAMAGED, advice=_AGAIN)
+    return header, arrays
+
+
+def _differences(part: ExrPart, arrays: Channels) -> Iterator[str]:
+    """Yield the names of channels that are missing, unasked for, or of another size than the header says."""
+    found: set[str] = set()
+    for name, pixels in arrays.items():
+        together = name in ("RGB", "RGBA")
+        found |= set(name) if together else {name}
+        shape = (part.height, part.width, len(name)) if together else (part.height, part.width)
+        if pixels is None or pixels.shape != shape:
+            yield name
+    yield from found ^ set(part.channels)

@@ -1,0 +1,82 @@
+"""Pictures in memory. Two types, so that an uncalibrated picture cannot reach rendering by mistake.
+
+All are linear RGB, float32 (H, W, 3), Rec. 709 primaries. A `RelativeImage` has an arbitrary scale; in a
+`LuminanceImage` 0.2127 R + 0.7151 G + 0.0722 B is luminance in cd/m2 (Ji et al. 2023, eq. 1 and 2). Values are finite
+and not negative everywhere, those of invalid pixels too (the best bound known: the saturation level, or 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.ground.arrays import Bytes, Floats
+from processing.sphere import Geometry
+
+LUMINANCE_WEIGHTS = (0.2127, 0.7151, 0.0722)
+"""Of the paper's eq. 1."""
+ABSOLUTE_UNITS = "cd/m2"
+RELATIVE_UNITS = "relative units"
+
+
+class Validity(IntEnum):
+    """What a pixel's value is worth."""
+
+    VALID = 0
+    CLIPPED = 1
+    """Brighter than every frame can tell: the value is a lower bound."""
+    DARK = 2
+    """Darker than every frame can tell: the value is 0 or a poor estimate; its uncertainty says how poor."""
+    OUTSIDE = 3
+    """Outside the lens's field: no data, value 0."""
+    REPAIRED = 4
+    """Clipped, and replaced on request (the sun): the value is a model's, not the picture's."""
+
+
+@dataclass(frozen=True)
+class RelativeImage:
+    """A merged bracket before calibration: values relative to a scale that is still to be found."""
+
+    rgb: Floats
+    """(H, W, 3)."""
+    uncertainty: Floats
+    """(H, W): relative standard uncertainty of the luminance (1 sigma), 0 < u; inf where nothing is known."""
+    validity: Bytes
+    """(H, W): `Validity`."""
+    geometry: Geometry
+    ghost: Bytes | None = None
+    """(H, W): 0 where nothing moved, else 1 + index of the frame whose moment is shown there; None: not looked for."""
+    attributes: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LuminanceImage:
+    """A picture in cd/m2; where ``absolute`` is false, one that would be if its scale were known."""
+
+    rgb: Floats
+    uncertainty: Floats
+    """(H, W): relative standard uncertainty of each pixel by itself; the common scale's is ``scale_uncertainty``."""
+    validity: Bytes
+    geometry: Geometry
+    scale_uncertainty: float
+    """Relative standard uncertainty of the factor that all pixels share (meter, k1, k2)."""
+    ghost: Bytes | None = None
+    attributes: Mapping[str, object] = field(default_factory=dict)
+    """Provenance as plain JSON values: k1, k2, meter_cd_m2, side, session_id, ..."""
+    absolute: bool = True
+    """False: nothing gave the scale (a single photograph), so that values are in `RELATIVE_UNITS`, not in cd/m2. All
+    that is made from such a picture is of the same kind, and says so."""
+
+    @property
+    def unit(self) -> str:
+        """What luminances of this picture are in, for people: ``cd/m2`` or `RELATIVE_UNITS`."""
+        return ABSOLUTE_UNITS if self.absolute else RELATIVE_UNITS
+
+
+def luminance_cd_m2(rgb: npt.ArrayLike) -> Floats:
+    """Return 0.2127 R + 0.7151 G + 0.0722 B of (..., 3) linear RGB (paper, eq. 1), float32."""
+    return np.asarray(np.asarray(rgb) @ np.array(LUMINANCE_WEIGHTS, dtype=np.float32), dtype=np.float32)

@@ -1,0 +1,317 @@
+"""One panorama in a file of anyone's, as a picture whose scale nothing gave (or which the file itself gives).
+
+A photograph of 8 or 16 bits is taken as sRGB: its codes go through the inverse of that curve (IEC 61966-2-1), and
+`WHITE` is the photograph's white. What is clipped is a lower bound, and marked so. Of light as OpenEXR and Radiance
+hold it, the scale is kept where the file says that it is cd/m2; else the median direction becomes `MIDDLE`.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import PanoramaError, PictureFileError
+from processing.ground.arrays import Floats
+from processing.pictures.exr import read_exr, read_exr_rgb
+from processing.pictures.exr_header import read_header
+from processing.pictures.frames import Codes, frame_of
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.radiance import read_radiance_hdr
+from processing.sphere import Equirectangular
+
+# What a photograph's own tags say of a panorama: projection and crop (GPano), orientation (EXIF), colours (ICC).
+
+
+MAX_XMP_BYTES = 1 << 20
+MAX_PROFILE_BYTES = 4 << 20
+_ORIENTATION = 274
+_TAG = re.compile(rb"GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64})")
+
+
+@dataclass(frozen=True)
+class PhotoTags:
+    """What was found; empty where nothing is said."""
+
+    gpano: dict[str, str]
+    """Properties of the namespace GPano of the XMP packet."""
+    orientation: int
+    profile: bytes
+    """ICC."""
+
+
+def read_tags(path: Path) -> PhotoTags:
+    """Return the tags of a JPEG or PNG; what cannot be read counts as not said (the pixels are checked elsewhere)."""
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(path, formats=("JPEG", "PNG")) as image:
+                profile = image.info.get("icc_profile") or b""
+                packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
+                orientation = image.getexif().get(_ORIENTATION, 1)
+    except Exception:  # noqa: BLE001 (Pillow raises nearly anything over damaged files)
+        return PhotoTags({}, 1, b"")
+    raw = packet.encode("utf-8", "replace") if isinstance(packet, str) else bytes(packet)
+    return PhotoTags(
+        gpano={key.decode(): value.decode("utf-8", "replace") for key, value in _TAG.findall(raw[:MAX_XMP_BYTES])},
+        orientation=orientation if isinstance(orientation, int) else 1,
+        profile=profile if len(profile) <= MAX_PROFILE_BYTES else b"",
+    )
+
+
+def check_tags(path: Path) -> PhotoTags:
+    """Return the tags; `PanoramaError` where they say that the file is no whole, upright equirectangular panorama."""
+    tags = read_tags(path)
+    kind = tags.gpano.get("ProjectionType", "equirectangular")
+    if kind.lower() != "equirectangular":
+        raise PanoramaError(
+            f"its tags say that its projection is {kind!r}", where=path.name, advice="export it equirectangular"
+        )
+    for side in ("Width", "Height"):
+        whole, part = (_pixels(tags.gpano.get(name.format(side))) for name in _SIZES)
+        if whole and part and part < whole:
+            raise PanoramaError(
+                f"its tags say that it is a part: {part} of {whole} pixels of {side.lower()}",
+                where=path.name,
+                advice="export the whole sphere",
+            )
+    if tags.orientation not in (0, 1):
+        raise PanoramaError(
+            f"its tags say that it is to be turned (orientation {tags.orientation})",
+            where=path.name,
+            advice="save it upright",
+        )
+    return tags
+
+
+_SIZES = ("FullPano{}Pixels", "CroppedAreaImage{}Pixels")
+
+
+def _pixels(text: str | None) -> int | None:
+    return int(text) if text and text.strip().isdecimal() else None
+
+
+def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
+    """Return the codes in sRGB, and what there is to say: another profile is converted (8 bits) or told of."""
+    if not tags.profile:
+        return codes, ()
+    from PIL import Image, ImageCms
+
+    try:
+        profile = ImageCms.ImageCmsProfile(io.BytesIO(tags.profile))
+        name = ImageCms.getProfileDescription(profile).strip()[:80]
+    except (ImageCms.PyCMSError, OSError, ValueError):
+        return codes, ("its colour profile cannot be read: taken as sRGB",)
+    if "srgb" in name.lower():
+        return codes, ()
+    if codes.dtype != np.uint8:
+        return codes, (f"its colour profile is {name!r}: taken as sRGB, so colours are a little off",)
+    try:
+        turned = ImageCms.profileToProfile(Image.fromarray(codes), profile, ImageCms.createProfile("sRGB"))
+    except (ImageCms.PyCMSError, ValueError):
+        return codes, (f"its colour profile {name!r} is not one for RGB: taken as sRGB",)
+    return np.asarray(turned, np.uint8), (f"converted from {name!r} to sRGB",)
+
+
+Format = Literal["jpeg", "png", "exr", "hdr"]
+FORMATS: dict[str, Format] = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png", ".exr": "exr", ".hdr": "hdr"}
+WHITE = 100.0
+"""Relative units of a photograph's white."""
+MIDDLE = 20.0
+"""Relative units of the median direction of light without a scale: what is middle grey where white is 100."""
+TONE_CURVE_UNCERTAINTY = 0.2
+"""Relative, of a photograph's pixel: cameras do not keep to the sRGB curve, and do not say what they do instead. This
+is a judgement, not a measurement."""
+LIGHT_UNCERTAINTY = 0.05
+"""Relative, of a pixel of light that comes without any uncertainty."""
+CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255
+ASPECT_TOLERANCE = 0.01
+LEAST_WIDTH_PX = 128
+CIRCLES_BLACK = 0.02
+
+
+@dataclass(frozen=True)
+class GivenPanorama:
+    """A panorama, and what is to be said of it."""
+
+    image: LuminanceImage
+    source: str
+    """Where the values are from, in words."""
+    factor: float
+    """What the file's own linear values (1: a photograph's white) were multiplied by."""
+    clipped_share: float
+    """Of all directions: brighter than the file can tell."""
+    notes: tuple[str, ...] = ()
+
+
+def panorama_format(path: Path) -> Format:
+    """Return the format by the file's ending; `PanoramaError` lists what is taken."""
+    kind = FORMATS.get(path.suffix.lower())
+    if kind is None:
+        raise PanoramaError(
+            f"panoramas are not read from {path.suffix or 'files without an ending'}",
+            where=path.name,
+            advice="give a JPEG, a PNG (8 or 16 bits), an OpenEXR (.exr) or a Radiance picture (.hdr)",
+        )
+    return kind
+
+
+def read_panorama(path: Path, *, k1: float | None = None) -> GivenPanorama:
+    """Return the panorama of a file, absolute where the file says so or ``k1`` is given (cd/m2 of the value 1).
+
+    Raises `PictureFileError` for damage and `PanoramaError` for what is no whole equirectangular panorama.
+    """
+    kind = panorama_format(path)
+    found = _photograph(path) if kind in ("jpeg", "png") else _light(path, kind)
+    height, width = found.image.rgb.shape[:2]
+    _check_shape(width, height, path.name)
+    _check_not_two_circles(found.image.rgb, path.name)
+    return _scaled(found, k1)
+
+
+def _scaled(found: GivenPanorama, k1: float | None) -> GivenPanorama:
+    image = found.image
+    if k1 is not None:
+        factor, absolute = k1, True
+    elif image.absolute:
+        return found
+    else:
+        middle = float(np.median(luminance_cd_m2(image.rgb)))
+        photograph = found.factor == WHITE
+        factor, absolute = WHITE if photograph or middle <= 0 else MIDDLE / middle, False
+    rgb = (image.rgb * np.float32(factor)).astype(np.float32)
+    if not np.isfinite(rgb).all():
+        raise PictureFileError(f"its values are too large to be multiplied by {factor:g}", where="--k1")
+    return replace(found, image=replace(image, rgb=rgb, absolute=absolute), factor=factor)
+
+
+def _photograph(path: Path) -> GivenPanorama:
+    tags = check_tags(path)
+    frame = frame_of(path)
+    _check_shape(*frame.size_px, path.name)
+    codes, notes = to_srgb(frame.decode(), tags)
+    top = float(np.iinfo(codes.dtype).max)
+    rgb = linear_from_srgb(codes)
+    brightest = codes.max(axis=2)
+    validity = np.zeros(brightest.shape, np.uint8)
+    validity[brightest <= DARK_SHARE_OF_RANGE * top] = Validity.DARK
+    validity[brightest >= CLIPPED_SHARE_OF_RANGE * top] = Validity.CLIPPED
+    image = LuminanceImage(
+        rgb=rgb,
+        uncertainty=_photograph_uncertainty(rgb, top),
+        validity=validity,
+        geometry=Equirectangular(rgb.shape[1], rgb.shape[0]),
+        scale_uncertainty=0.0,
+        absolute=False,
+    )
+    source = f"{8 * codes.itemsize}-bit {path.suffix[1:].upper()}, through the inverse of the sRGB curve"
+    return GivenPanorama(image, source, WHITE, _share(validity == Validity.CLIPPED), notes)
+
+
+def _light(path: Path, kind: Format) -> GivenPanorama:
+    if kind == "hdr":
+        picture = read_radiance_hdr(path)
+        return _plain(picture.rgb, absolute=picture.absolute, source="Radiance picture")
+    part = read_header(path)[0]
+    _check_shape(part.width, part.height, path.name)
+    if {"uncertainty", "validity"} <= set(part.channels):
+        return _own(read_exr(path), path)
+    rgb, white = read_exr_rgb(path)
+    said = "" if white is None else f", whiteLuminance {white:g} cd/m2"
+    return _plain(rgb * np.float32(white or 1.0), absolute=white is not None, source=f"OpenEXR{said}")
+
+
+def _own(image: RelativeImage | LuminanceImage, path: Path) -> GivenPanorama:
+    if not isinstance(image.geometry, Equirectangular):
+        raise PanoramaError(
+            f"it is a {type(image.geometry).__name__.lower()} picture", where=path.name, advice="give the panorama"
+        )
+    absolute = isinstance(image, LuminanceImage) and image.absolute
+    scale = image.scale_uncertainty if isinstance(image, LuminanceImage) else 0.0
+    kept = LuminanceImage(
+        image.rgb, image.uncertainty, image.validity, image.geometry, scale, image.ghost, image.attributes, absolute
+    )
+    units = "cd/m2" if absolute else "relative"
+    return GivenPanorama(kept, f"daylit's picture, {units}", 1.0, _share(image.validity == Validity.CLIPPED))
+
+
+def _plain(rgb: Floats, *, absolute: bool, source: str) -> GivenPanorama:
+    height, width = rgb.shape[:2]
+    image = LuminanceImage(
+        rgb=np.ascontiguousarray(rgb, np.float32),
+        uncertainty=np.full((height, width), LIGHT_UNCERTAINTY, np.float32),
+        validity=np.where(rgb.max(axis=2) > 0, np.uint8(Validity.VALID), np.uint8(Validity.DARK)),
+        geometry=Equirectangular(width, height),
+        scale_uncertainty=0.0,
+        absolute=absolute,
+    )
+    return GivenPanorama(image, f"{source}, {'cd/m2' if absolute else 'no scale'}", 1.0, 0.0)
+
+
+def linear_from_srgb(codes: Codes) -> Floats:
+    """Return light from 0 to 1 of sRGB codes of 8 or 16 bits (IEC 61966-2-1), float32."""
+    top = np.iinfo(codes.dtype).max
+    value = np.arange(top + 1, dtype=np.float64) / top
+    table = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return np.asarray(table[codes])
+
+
+def _photograph_uncertainty(rgb: Floats, top: float) -> Floats:
+    """Return that of the unknown tone curve and of rounding to codes, in quadrature."""
+    light = np.maximum(luminance_cd_m2(rgb), np.float32(1e-6))
+    # Slope of the sRGB curve's inverse: 1 / 12.92 near black, 2.4 / 1.055 x^(1.4 / 2.4) above.
+    slope = np.maximum(1 / 12.92, 2.4 / 1.055 * light ** np.float32(1.4 / 2.4))
+    rounding = slope / (top * math.sqrt(12)) / light
+    return np.asarray(np.hypot(rounding, TONE_CURVE_UNCERTAINTY), np.float32)
+
+
+def _check_shape(width: int, height: int, name: str) -> None:
+    if width < LEAST_WIDTH_PX:
+        raise PanoramaError(
+            f"it is {width} x {height} pixels", where=name, advice=f"at least {LEAST_WIDTH_PX} pixels of width"
+        )
+    ratio = width / height
+    if abs(ratio / 2 - 1) <= ASPECT_TOLERANCE:
+        return
+    likely = {
+        ratio > 2: "a strip that shows neither all of the floor nor of the ceiling, or a cube map in a row",
+        abs(ratio - 1) < 0.02: "a stereo pair one above the other, or a single fisheye picture",
+        abs(ratio - 4 / 3) < 0.02: "an ordinary photograph, or a cube map",
+    }.get(True, "an ordinary photograph, or a part of a panorama")
+    raise PanoramaError(
+        f"it is {width} x {height} pixels, and a whole equirectangular panorama is twice as wide as high",
+        where=name,
+        likely=likely,
+        advice="export the whole sphere (360 x 180 degrees), equirectangular",
+    )
+
+
+def _check_not_two_circles(rgb: Floats, name: str) -> None:
+    """Refuse a camera's two fisheye circles side by side: black outside both, also where a panorama has its poles."""
+    luminance: npt.NDArray[Any] = luminance_cd_m2(rgb)
+    height, width = luminance.shape
+    y = (np.arange(height)[:, None] + 0.5) / height * 2 - 1
+    x = ((np.arange(width)[None] + 0.5) / width * 4) % 2 - 1
+    outside = np.hypot(x, y) > 1.08
+    mean = float(luminance.mean(dtype=np.float64))
+    if mean > 0 and float(np.quantile(luminance[outside], 0.98)) <= CIRCLES_BLACK * mean:
+        raise PanoramaError(
+            "it shows two fisheye circles, not a stitched panorama",
+            where=name,
+            advice="stitch it with the camera's own program first",
+        )
+
+
+def _share(mask: npt.NDArray[np.bool_]) -> float:
+    """Return the share of all directions, from rows weighted by their solid angle."""
+    weight = np.cos(((np.arange(mask.shape[0]) + 0.5) / mask.shape[0] - 0.5) * np.pi)
+    return float(mask.mean(axis=1) @ weight / weight.sum())

@@ -1,0 +1,107 @@
+"""Pictures to look at: 8-bit sRGB from linear light, JPEG and PNG files."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from processing.errors import ParameterError
+from processing.ground.arrays import Bytes, Floats
+from processing.pictures.images import luminance_cd_m2
+from processing.pictures.writing import write_bytes
+from processing.sphere import Equirectangular, Geometry
+
+KEY = 0.28
+"""Where the mean of the logarithm goes: rooms are mostly light walls, so higher than middle grey (0.18)."""
+_WHITE_SHARE = 0.995
+_ROWS = 256
+
+
+def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:
+    """Return linear light (H, W, 3) as 8-bit sRGB: scaled, highlights rolled off, encoded (IEC 61966-2-1).
+
+    ``exposure`` is the factor to display-linear values; None: the mean of the logarithm goes to `KEY`, and
+    the brightest half per cent is white (Reinhard et al. 2002, eq. 4, on luminance). All black stays black.
+    """
+    scale = exposure if exposure is not None else auto_exposure(rgb)
+    sample = luminance_cd_m2(rgb[:: max(1, rgb.shape[0] // 512), :: max(1, rgb.shape[1] // 1024)]) * scale
+    white = max(1.0, float(np.quantile(sample, _WHITE_SHARE)))
+    out = np.empty(rgb.shape, dtype=np.uint8)
+    for top in range(0, rgb.shape[0], _ROWS):
+        rows = rgb[top : top + _ROWS] * np.float32(scale)
+        luminance = luminance_cd_m2(rows)[..., None]
+        shown = rows * ((1 + luminance / np.float32(white * white)) / (1 + luminance))
+        out[top : top + _ROWS] = _srgb(np.clip(shown, 0, 1))
+    return out
+
+
+def auto_exposure(rgb: Floats) -> float:
+    """Return the factor that brings the mean logarithm of luminance to `KEY`; 1 where all is black."""
+    sample = luminance_cd_m2(rgb[:: max(1, rgb.shape[0] // 512), :: max(1, rgb.shape[1] // 1024)]).astype(np.float64)
+    sample = sample[sample > 0]
+    return KEY / float(np.exp(np.log(sample).mean())) if sample.size else 1.0
+
+
+def _srgb(linear: Floats) -> Bytes:
+    low = linear * np.float32(12.92)
+    high = np.float32(1.055) * np.maximum(linear, np.float32(0.0031308)) ** np.float32(1 / 2.4) - np.float32(0.055)
+    return np.asarray(np.where(linear <= 0.0031308, low, high) * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+
+
+def jpeg_bytes(rgb8: Bytes, *, quality: int = 90, geometry: Geometry | None = None) -> bytes:
+    """Return a JPEG (4:4:4) of an 8-bit picture (H, W, 3); of the whole sphere with Google's GPano tags for viewers."""
+    from PIL import Image
+
+    _check_rgb8(rgb8)
+    out = io.BytesIO()
+    xmp = _gpano(geometry) if isinstance(geometry, Equirectangular) else b""
+    Image.fromarray(np.ascontiguousarray(rgb8)).save(out, "JPEG", quality=quality, subsampling=0, xmp=xmp)
+    return out.getvalue()
+
+
+def png_bytes(array: Bytes) -> bytes:
+    """Return a PNG of a mask (H, W) or a picture (H, W, 3), 8 bits, without loss."""
+    from PIL import Image
+
+    if array.ndim == 3:
+        _check_rgb8(array)
+    out = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(array)).save(out, "PNG", compress_level=6)
+    return out.getvalue()
+
+
+def write_jpeg(path: Path, rgb8: Bytes, *, quality: int = 90, geometry: Geometry | None = None) -> None:
+    """Write `jpeg_bytes` durably."""
+    write_bytes(path, jpeg_bytes(rgb8, quality=quality, geometry=geometry))
+
+
+def write_png(path: Path, array: Bytes) -> None:
+    """Write `png_bytes` durably."""
+    write_bytes(path, png_bytes(array))
+
+
+def _check_rgb8(rgb8: Bytes) -> None:
+    if rgb8.dtype != np.uint8 or rgb8.ndim != 3 or rgb8.shape[2] != 3 or not rgb8.size:
+        raise ParameterError(f"an 8-bit picture is uint8 (H, W, 3), not {rgb8.dtype} {rgb8.shape}")
+
+
+def _gpano(geometry: Equirectangular) -> bytes:
+    """Return the XMP packet that tells viewers how the picture covers the sphere."""
+    width, height = geometry.width_px, geometry.height_px
+    tags = {
+        "ProjectionType": "equirectangular",
+        "CroppedAreaImageWidthPixels": width,
+        "CroppedAreaImageHeightPixels": height,
+        "FullPanoWidthPixels": width,
+        "FullPanoHeightPixels": height,
+        "CroppedAreaLeftPixels": 0,
+        "CroppedAreaTopPixels": 0,
+    }
+    told = " ".join(f'GPano:{name}="{value}"' for name, value in tags.items())
+    return (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        f'<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" {told}/>'
+        "</rdf:RDF></x:xmpmeta>"
+    ).encode()

@@ -1,0 +1,193 @@
+"""Section of the report on the room: its layout on the panorama, its plan, and how sure each part is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.ground.arrays import Bytes, Flags
+from processing.pictures.images import LuminanceImage
+from processing.pictures.preview import jpeg_bytes, preview_rgb8
+from processing.report.data import Picture, Quantity, Section, Table
+from processing.report.plots import plan_plot
+from processing.room.model import RoomModel
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import plane_map, surface_maps
+
+# Section of the report on what was found in the panorama to be removed.
+
+
+WIDTH_PX = 1200
+TINTS = {
+    "furniture": (230, 40, 40),
+    "tripod": (220, 0, 220),
+    "sunlight": (250, 210, 0),
+    "shadow": (40, 90, 240),
+}
+"""sRGB by mask."""
+_NAMES = {
+    "furniture": "furniture (red)",
+    "tripod": "tripod and equipment (magenta)",
+    "sunlight": "direct sunlight (yellow)",
+    "shadow": "shadows of furniture (blue)",
+    "target": "to be removed, with margin (green line)",
+}
+
+
+def detect_section(image: LuminanceImage, masks: Mapping[str, Flags], facts: Mapping[str, Any]) -> Section:
+    """Return the panorama with tinted masks, how much of the sphere each covers, and what was skipped.
+
+    ``masks``: by name, (H, W) each, those that were found; ``facts``: the stage's metrics.
+    """
+    fitting = {name: mask for name, mask in masks.items() if mask.shape == image.rgb.shape[:2]}
+    step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
+    rows = slice(step // 2, None, step)
+    shown = tinted(preview_rgb8(image.rgb[rows, rows]), {name: mask[rows, rows] for name, mask in fitting.items()})
+    shares = facts.get("shares", {})
+    quantities = [
+        Quantity(text[0].upper() + text[1:], 100 * shares[name], "% of all directions")
+        for name, text in _NAMES.items()
+        if name in shares
+    ]
+    tables = []
+    if notes := facts.get("notes"):
+        tables.append(Table("What was skipped, dropped or not found", ("note",), tuple((note,) for note in notes)))
+    if "evidence" not in facts:
+        text = "Given by the user."
+    else:
+        text = f"Evidence: {facts['evidence']}"
+        text += f"; {facts['views_skipped']} views skipped." if facts["views_skipped"] else "."
+    picture = Picture("What is to be removed", jpeg_bytes(shown), "panorama with tinted masks", wide=True)
+    return Section("Detection", text, tuple(quantities), (picture,), tuple(tables))
+
+
+def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
+    """Return a picture with masks in their colours, and a green line around the target."""
+    out = rgb8.astype(np.float32)
+    for name, colour in TINTS.items():
+        if name in masks:
+            out[masks[name]] = 0.5 * out[masks[name]] + 0.5 * np.array(colour, np.float32)
+    if "target" in masks:
+        target = masks["target"]
+        inner = target & np.roll(target, 1, 1) & np.roll(target, -1, 1)
+        inner[1:] &= target[:-1]
+        inner[:-1] &= target[1:]
+        out[target & ~inner] = (0, 220, 60)
+    return np.asarray(np.clip(out, 0, 255), dtype=np.uint8)
+
+
+# Section of the report on the emptied room: before and after, and how sure the filling is.
+
+
+def remove_section(before: LuminanceImage, after: LuminanceImage, filled: Flags, facts: Mapping[str, Any]) -> Section:
+    """Return the emptied panorama with what was filled and how, in the exposure of the one before.
+
+    ``filled``: (H, W); ``facts``: the stage's metrics.
+    """
+    step = max(1, -(-after.rgb.shape[1] // WIDTH_PX))
+    rows = slice(step // 2, None, step)
+    # One picture, so that both get the same exposure.
+    both = preview_rgb8(np.concatenate([before.rgb[rows, rows], after.rgb[rows, rows]]))
+    outlined = np.split(both, 2)[1].copy()
+    mask = filled[rows, rows]
+    inner = mask & np.roll(mask, 1, 1) & np.roll(mask, -1, 1)
+    inner[1:] &= mask[:-1]
+    inner[:-1] &= mask[1:]
+    outlined[mask & ~inner] = (0, 220, 60)
+    pictures = (Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True),)
+    quantities = (
+        Quantity("Filled", 100 * float(facts.get("filled_share", filled.mean())), "% of the picture"),
+        Quantity("of it made up", 100 * float(facts.get("synthesised_share", 0.0)), "% of the picture"),
+        Quantity("Mean confidence of the filling", float(facts.get("mean_confidence", 0.0)), ""),
+    )
+    notes = facts.get("notes", [])
+    tables = (Table("Surfaces", ("how it was filled",), tuple((note,) for note in notes)),) if notes else ()
+    return Section("Emptied room", "Pixels outside the outlines are the captured ones.", quantities, pictures, tables)
+
+
+EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
+
+
+def room_section(
+    image: LuminanceImage, room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]
+) -> Section:
+    """Return the room as it was told or given; ``facts`` are the stage's metrics."""
+    area = floor_area_m2(room)
+    quantities = [
+        Quantity("Floor", area, "m2"),
+        Quantity(
+            "Ceiling's height", room.ceiling_height_m, "m", note=f"camera at {room.camera_height_m:g} m: the scale"
+        ),
+        Quantity("Confidence", room.confidence, "", note="estimated probability of a 3D IoU of 0.85 or more"),
+    ]
+    if "tilt_deg" in facts:
+        quantities.append(Quantity("Tilt of the panorama", facts["tilt_deg"], "degrees", facts.get("tilt_sigma_deg")))
+    pictures = (
+        Picture("Layout", jpeg_bytes(drawn(image, room)), "panorama with the room's edges and openings", wide=True),
+        Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
+    )
+    told = "given by the user" if room.source == "given" else f"told from the panorama ({room.note})"
+    text = f"The room is {told}. Evidence: {facts.get('source', 'none')}."
+    return Section("Room's shape", text, tuple(quantities), pictures, _tables(room, facts, left_out))
+
+
+def drawn(image: LuminanceImage, room: RoomModel) -> Bytes:
+    """Return a small panorama with the edges of walls, floor and ceiling in green and openings' in orange."""
+    step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
+    rgb8 = preview_rgb8(image.rgb[step // 2 :: step, step // 2 :: step])
+    geometry = Equirectangular(rgb8.shape[1], rgb8.shape[0])
+    plane, opening = plane_map(room, geometry), surface_maps(room, geometry).opening
+    out = rgb8.copy()
+    out[_edges(opening)] = OPENING_RGB
+    out[_edges(plane)] = EDGE_RGB
+    return out
+
+
+def _edges(labels: npt.NDArray[np.int16]) -> npt.NDArray[np.bool_]:
+    edge = labels != np.roll(labels, 1, axis=1)
+    edge[1:] |= labels[1:] != labels[:-1]
+    return np.asarray(edge)
+
+
+def _tables(room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]) -> tuple[Table, ...]:
+    sure = facts.get("wall_confidences", [])
+    walls = tuple(
+        (f"wall {i}", f"{room.wall_length_m(i):.2f} m", f"{sure[i]:.2f}" if i < len(sure) else "-")
+        for i in range(len(room.floor))
+    )
+    openings = tuple(
+        (
+            o.kind.value,
+            f"wall {o.wall}",
+            f"{o.start_m:.2f} to {o.end_m:.2f} m",
+            f"{o.sill_m:.2f} to {o.head_m:.2f} m",
+            f"{o.confidence:.2f}",
+        )
+        for o in room.openings
+    )
+    found = [Table("Walls", ("wall", "length", "confidence"), walls)]
+    if openings:
+        found.append(Table("Openings", ("kind", "wall", "along it", "height", "confidence"), openings))
+    if left_out:
+        found.append(Table("Not done", ("what", "why"), tuple((str(k), str(v)) for k, v in left_out.items())))
+    return tuple(found)
+
+
+def _ends(room: RoomModel, opening: int) -> tuple[str, tuple[float, float], tuple[float, float]]:
+    """Return an opening's kind and its ends in the plan."""
+    one = room.openings[opening]
+    (x0, y0), (x1, y1) = room.floor[one.wall], room.floor[(one.wall + 1) % len(room.floor)]
+    length = max(math.dist((x0, y0), (x1, y1)), 1e-9)
+    a, b = ((x0 + (x1 - x0) * s / length, y0 + (y1 - y0) * s / length) for s in (one.start_m, one.end_m))
+    return one.kind.value, a, b
+
+
+def floor_area_m2(room: RoomModel) -> float:
+    """Return the area of the floor."""
+    corners = np.array(room.floor)
+    following = np.roll(corners, -1, axis=0)
+    return float((corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]).sum() / 2)

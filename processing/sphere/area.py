@@ -1,0 +1,181 @@
+"""Solid angles of pixels, and solid angles projected onto a plane: what turns radiance into illuminance.
+
+Every picture's cells tile the part of the sphere that it shows, so their sums have no error of rasterisation: a uniform
+sphere gives 4 pi, a hemisphere seen by the plane below it gives pi. Equirectangular and perspective cells have closed
+forms. Fisheye cells: `processing.sphere.fisheye_area`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.ground.arrays import Doubles
+from processing.sphere.fisheye_area import fisheye_projected, fisheye_solid_angles
+from processing.sphere.geometry import Equirectangular, Fisheye, Geometry, Perspective
+from processing.sphere.maps import directions, point_directions, view_axes
+
+CROSSED_SAMPLES = 2048
+"""A cell that the plane's horizon crosses is divided until this many parts would lie across the picture."""
+MOST_PARTS = 64
+SAMPLES_AT_ONCE = 1 << 18
+
+
+def solid_angles(geometry: Geometry) -> Doubles:
+    """Return the solid angle of each pixel's cell (H, W) in steradians; 0 where the cell sees nothing.
+
+    A cell that a fisheye's edge cuts has the solid angle of its part inside, even if its centre lies outside.
+    """
+    if isinstance(geometry, Equirectangular):
+        rows = _row_heights(geometry) * (2 * math.pi / geometry.width_px)
+        return np.repeat(rows[:, None], geometry.width_px, axis=1)
+    if isinstance(geometry, Perspective):
+        return _perspective_solid_angles(geometry)
+    return fisheye_solid_angles(geometry)
+
+
+def projected_solid_angles(geometry: Geometry, normal: npt.ArrayLike) -> Doubles:
+    """Return the integral of max(0, normal . direction) over each pixel's cell (H, W), in steradians.
+
+    The illuminance on a plane with that ``normal`` (3,), of any length, is the sum of these times luminance. Closed
+    form per cell, but for those that the plane's own horizon crosses, which are divided finely: 2e-6 of the whole at
+    16 rows, less above (docs/sphere.md).
+    """
+    n = np.asarray(normal, dtype=np.float64)
+    if n.shape != (3,) or not np.isfinite(n).all() or not n.any():
+        raise ParameterError(f"a plane's normal of {normal!r}", advice="give three finite numbers, not all 0")
+    n = n / np.sqrt(n @ n)
+    if isinstance(geometry, Equirectangular):
+        signed = _equirectangular_projected(geometry, n)
+    elif isinstance(geometry, Perspective):
+        signed = _perspective_projected(geometry, n)
+    else:
+        signed = fisheye_projected(geometry, n)
+    crossed = _crossed_cells(geometry, n)
+    out = np.maximum(signed, 0.0)
+    if crossed[0].size:
+        out[crossed] = solid_angles(geometry)[crossed] * _mean_positive(geometry, n, crossed)
+    return out
+
+
+def _row_heights(geometry: Equirectangular) -> Doubles:
+    """Return the difference of the sine of latitude over each row (H,), without cancellation."""
+    latitude = (0.5 - (np.arange(geometry.height_px) + 0.5) / geometry.height_px) * math.pi
+    return np.asarray(2 * np.cos(latitude) * math.sin(math.pi / geometry.height_px / 2))
+
+
+def _equirectangular_projected(geometry: Equirectangular, n: Doubles) -> Doubles:
+    step_x, step_y = 2 * math.pi / geometry.width_px, math.pi / geometry.height_px
+    longitude = (np.arange(geometry.width_px) + 0.5) * step_x - math.pi + geometry.yaw_rad
+    latitude = math.pi / 2 - (np.arange(geometry.height_px) + 0.5) * step_y
+    across = (n[0] * np.sin(longitude) + n[1] * np.cos(longitude)) * (2 * math.sin(step_x / 2))
+    # Integrals over a row of cos2 and of sin cos.
+    level = (step_y + np.cos(2 * latitude) * math.sin(step_y)) / 2
+    upward = np.sin(2 * latitude) * math.sin(step_y) / 2
+    return np.asarray(level[:, None] * across[None, :] + n[2] * step_x * upward[:, None])
+
+
+def _grid(view: Perspective) -> tuple[Doubles, Doubles]:
+    """Return the plane's coordinates (focal length 1) of the lines between columns (W+1,) and rows (H+1,)."""
+    right = (np.arange(view.width_px + 1) - view.width_px / 2) / view.focal_px
+    up = (view.height_px / 2 - np.arange(view.height_px + 1)) / view.focal_px
+    return np.asarray(right, dtype=np.float64), np.asarray(up, dtype=np.float64)
+
+
+def _perspective_solid_angles(view: Perspective) -> Doubles:
+    right, up = _grid(view)
+    # The solid angle of the rectangle from the axis to a corner; differences give a cell's.
+    corner = np.arctan2(np.outer(up, right), np.sqrt(1 + up[:, None] ** 2 + right[None, :] ** 2))
+    return -np.diff(np.diff(corner, axis=0), axis=1)
+
+
+def _perspective_projected(view: Perspective, n: Doubles) -> Doubles:
+    """Return Lambert's polygon formula: half the sum over a cell's edges of angle times the edge's normal."""
+    right, up = _grid(view)
+    local = view_axes(view) @ n
+    # The edge between (x0, y) and (x1, y) lies on the plane with normal (0, 1, -y): its angle is that of two points
+    # at distance sqrt(1 + y2) from the plane x = 0.
+    far = np.sqrt(1 + up**2)[:, None]
+    angle = np.diff(np.arctan2(right[None, :], far), axis=1)
+    across = angle * ((up * local[2] - local[1]) / far[:, 0])[:, None] / 2
+    far = np.sqrt(1 + right**2)[None, :]
+    angle = -np.diff(np.arctan2(up[:, None], far), axis=0)
+    along = angle * ((local[0] - right * local[2]) / far[0])[None, :] / 2
+    return np.asarray(-(np.diff(across, axis=0) + np.diff(along, axis=1)))
+
+
+def _crossed_cells(geometry: Geometry, n: Doubles) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return rows and columns of the cells that may lie on both sides of the plane's horizon."""
+    if isinstance(geometry, Fisheye) and math.hypot(n[0], n[1]) < 1e-12 and geometry.half_field_rad <= math.pi / 2:
+        # The plane's horizon is the picture's edge, or beyond it.
+        none = np.zeros(0, dtype=np.intp)
+        return none, none
+    found_y, found_x = [], []
+    band = max(1, SAMPLES_AT_ONCE // geometry.width_px)
+    reach = _cell_reach(geometry)
+    for start in range(0, geometry.height_px, band):
+        centre, _ = directions(geometry, slice(start, start + band))
+        y, x = np.nonzero(np.abs(centre @ n) <= reach)
+        found_y.append(y + start)
+        found_x.append(x)
+    return np.concatenate(found_y), np.concatenate(found_x)
+
+
+def _cell_reach(geometry: Geometry) -> float:
+    """Return an angle within which all of a cell lies around its centre."""
+    if isinstance(geometry, Equirectangular):
+        return math.hypot(math.pi / geometry.width_px, math.pi / 2 / geometry.height_px) + 1e-12
+    if isinstance(geometry, Perspective):
+        return math.sqrt(0.5) / geometry.focal_px + 1e-12
+    steepest = _steepest(geometry)
+    return math.sqrt(0.5) * steepest + 1e-12
+
+
+def _steepest(lens: Fisheye) -> float:
+    """Return the largest angle between neighbours in a fisheye picture, in rad per pixel, along a radius or across."""
+    column, row = lens.axis_px
+    wide = replace(lens, width_px=1, height_px=1)
+    r = np.linspace(0, lens.radius_px, 4097)
+    d, _ = point_directions(wide, column + r, np.full_like(r, row))
+    theta = np.arctan2(np.hypot(d[:, 0], d[:, 1]), d[:, 2])
+    radial = np.diff(theta).max() / (r[1] - r[0]) if lens.radius_px > 1 else lens.half_field_rad
+    # Beside the edge of an orthographic hemisphere a pixel's angle grows as a root: the last pixel's is the largest.
+    return float(min(max(radial, 1 / lens.radius_px * math.pi), lens.half_field_rad))
+
+
+def _mean_positive(geometry: Geometry, n: Doubles, cells: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]) -> Doubles:
+    """Return the mean of max(0, n . direction) over cells, weighted by solid angle, from a fine division of each."""
+    across = max(geometry.width_px, geometry.height_px)
+    parts = max(2, min(MOST_PARTS, math.ceil(CROSSED_SAMPLES / across)))
+    offset = (np.arange(parts) + 0.5) / parts
+    out = np.empty(cells[0].size)
+    step = max(1, SAMPLES_AT_ONCE // parts**2)
+    for start in range(0, out.size, step):
+        y, x = cells[0][start : start + step], cells[1][start : start + step]
+        px, py = np.broadcast_arrays(x[:, None, None] + offset, y[:, None, None] + offset[:, None])
+        d, seen = point_directions(geometry, px, py)
+        weight = np.where(seen, _density(geometry, px, py, d), 0.0)
+        total = weight.sum(axis=(1, 2))
+        light = (np.maximum(d @ n, 0.0) * weight).sum(axis=(1, 2))
+        centre, _ = point_directions(geometry, x + 0.5, y + 0.5)
+        out[start : start + step] = np.where(
+            total > 0, light / np.where(total > 0, total, 1.0), np.maximum(centre @ n, 0.0)
+        )
+    return out
+
+
+def _density(geometry: Geometry, x: Doubles, y: Doubles, d: Doubles) -> Doubles:
+    """Return solid angle per picture area, up to a constant factor."""
+    if isinstance(geometry, Equirectangular):
+        return np.asarray(np.cos((0.5 - y / geometry.height_px) * math.pi))
+    if isinstance(geometry, Perspective):
+        return np.asarray((d @ view_axes(geometry)[2]) ** 3)
+    from processing.sphere.geometry import radial_density
+
+    column, row = geometry.axis_px
+    radius = np.minimum(np.hypot(x - column, y - row) / geometry.radius_px, 1.0)
+    return radial_density(geometry, radius)

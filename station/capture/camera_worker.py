@@ -1,0 +1,304 @@
+"""The thread that owns one camera during a bracket: sets, releases, polls, and fetches behind exposures.
+
+The conductor (`station.capture.capture`) gives orders through an inbox and hears back through notices; nobody else
+touches
+the camera. Idle → (SetUp) → armed → (Fire) → exposing → idle. Transfers of earlier frames run a chunk at a time
+while exposing (where the camera can) and while idle, never while armed, so that both shutters open together.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+
+from drivers.camera import Camera, CameraSettings, FrameRef, ShutterReadback
+from drivers.clock import Clock, Deadline
+from drivers.errors import (
+    DeviceBusyError,
+    DeviceError,
+    DeviceTimeoutError,
+    ExposureFailedError,
+    ProtocolViolationError,
+)
+from station.capture.intake import Intake
+from station.capture.notices import (
+    Broken,
+    Exposed,
+    Fatal,
+    Fire,
+    Leave,
+    Left,
+    Lost,
+    Notice,
+    Order,
+    Progress,
+    Ready,
+    Released,
+    Safe,
+    SetUp,
+    Shot,
+    StandDown,
+)
+from station.frames.part import FRAME_CAP_BYTES
+from station.session.session import Side
+
+CHUNK_BYTES = 1 << 20
+EXPOSING_CHUNK_BYTES = 1 << 18
+"""Smaller, because the end of the exposure is noticed only between two chunks."""
+EXPOSURE_GRACE_S = 30.0
+"""Readout, processing and announcement of a frame must be over by then (its exposure comes on top)."""
+BUSY_LIMIT_S = 60.0
+"""A camera that answers "busy" to a transfer for longer has failed it."""
+BUSY_PAUSE_S = 0.03
+IDLE_WAIT_S = 0.02
+KEEP_ALIVE_S = 5.0
+MAX_TRANSFER_ATTEMPTS = 2
+
+
+@dataclass
+class _Transfer:
+    shot: Shot
+    offset: int = 0
+    attempts: int = 0
+    busy_since_s: float | None = None
+
+
+class CameraWorker:
+    """Runs one camera: `start` it, `tell` it orders, read its notices, `join` it."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        settings: CameraSettings,
+        intake: Intake,
+        clock: Clock,
+        *,
+        release_lag_s: float,
+        delete_after: bool = False,
+    ) -> None:
+        self.side: Side = intake.side
+        self._camera = camera
+        self._settings = settings
+        self._intake = intake
+        self._clock = clock
+        self.release_lag_s = release_lag_s
+        self._delete_after = delete_after
+        self._inbox: queue.SimpleQueue[Order] = queue.SimpleQueue()
+        self._backlog: deque[_Transfer] = deque()
+        self._safe: deque[Safe] = deque()
+        self._armed: SetUp | None = None
+        self._shutter: ShutterReadback
+        self._alive_at_s = clock.monotonic_s()
+        self._thread = threading.Thread(target=self._run, name=f"camera-{self.side}", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def tell(self, order: Order) -> None:
+        """Queue an order."""
+        self._inbox.put(order)
+
+    def join(self, timeout_s: float) -> bool:
+        """Wait for the thread to end; returns whether it did."""
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _put(self, notice: Notice) -> None:
+        self._intake.notices.put(notice)
+
+    def _run(self) -> None:
+        try:
+            self._serve()
+        except Exception as error:  # noqa: BLE001 (the conductor must hear of it, whatever it is)
+            self._put(Fatal(self.side, error))
+        finally:
+            self._put(Left(self.side))
+
+    def _serve(self) -> None:
+        leaving: Leave | None = None
+        while leaving is None or (self._backlog and not leaving.at_once):
+            order = self._next_order()
+            if isinstance(order, Leave):
+                leaving, self._armed = order, None
+            else:
+                self._guarded(order)
+        self._give_up_backlog()
+        self._intake.wait_idle()
+        self._take_leave()
+
+    def _take_leave(self) -> None:
+        """Let the camera forget what became safe meanwhile; one that fails now is not worth a recovery any more."""
+        while not self._inbox.empty():
+            order = self._inbox.get()
+            if isinstance(order, Safe):
+                self._safe.append(order)
+        with suppress(DeviceError):
+            while self._safe:
+                self._finish(self._safe.popleft())
+
+    def _next_order(self) -> Order | None:
+        """Return the next order, or None when it is time for a chunk or for keeping the camera awake."""
+        if self._armed is not None:
+            return self._inbox.get()
+        try:
+            return self._inbox.get(timeout=0.0 if self._backlog or self._safe else IDLE_WAIT_S)
+        except queue.Empty:
+            return None
+
+    def _guarded(self, order: Order | None) -> None:
+        """Carry out an order (None: something useful meanwhile); on a device error recover and tell."""
+        stop = order.stop if isinstance(order, SetUp) else self._armed.stop if self._armed else None
+        try:
+            self._carry_out(order)
+        except DeviceError as error:
+            self._armed = None
+            self._put(Broken(self.side, stop, error, recovered=self._recover(error)))
+
+    def _carry_out(self, order: Order | None) -> None:
+        match order:
+            case None if self._safe:
+                self._finish(self._safe.popleft())
+            case None if self._backlog:
+                self._transfer_chunk(CHUNK_BYTES, pause=True)
+            case None:
+                self._stay_awake()
+            case SetUp():
+                self._set_up(order)
+            case Fire(open_at_s) if self._armed is not None:
+                self._expose(self._armed, open_at_s)
+            case StandDown():
+                self._armed = None
+            case Safe() if self._armed is None:
+                self._finish(order)
+            case Safe():
+                self._safe.append(order)  # an armed camera is left alone until it has fired
+
+    def _set_up(self, order: SetUp) -> None:
+        while self._safe:
+            self._finish(self._safe.popleft())
+        self._shutter = self._camera.set_shutter(order.shutter_s)
+        self._camera.arm()
+        self._armed = order
+        self._put(Ready(self.side, order.stop))
+
+    def _expose(self, order: SetUp, open_at_s: float) -> None:
+        self._clock.sleep(open_at_s - self.release_lag_s - self._clock.monotonic_s())
+        released_utc, released_s = self._clock.utc_now(), self._clock.monotonic_s()
+        self._camera.release()
+        self._put(Released(self.side, order.stop, released_s))
+        frames = self._wait_exposure(self._shutter.nominal_s)
+        self._armed = None
+        announced_utc = self._clock.utc_now()
+        for frame in frames:
+            shot = Shot(
+                side=self.side,
+                stop=order.stop,
+                frame=frame,
+                asked_s=order.shutter_s,
+                shutter=self._shutter,
+                released_utc=released_utc,
+                released_s=released_s,
+                announced_utc=announced_utc,
+                retakes=order.retakes,
+            )
+            self._backlog.append(_Transfer(shot))
+        self._put(Exposed(self.side, order.stop, len(frames), self._camera.can_transfer_while_exposing))
+
+    def _wait_exposure(self, shutter_s: float) -> tuple[FrameRef, ...]:
+        deadline = Deadline.after(self._clock, 2 * shutter_s + EXPOSURE_GRACE_S)
+        while not deadline.expired:
+            progress = self._camera.poll_exposure()
+            if progress.done and progress.frames:
+                return progress.frames
+            if progress.done:
+                raise ExposureFailedError(
+                    "the exposure ended without a picture",
+                    where=str(self.side),
+                    likely="no focus, or the card refused it",
+                )
+            if self._backlog and self._camera.can_transfer_while_exposing:
+                self._transfer_chunk(EXPOSING_CHUNK_BYTES)
+        raise DeviceTimeoutError(
+            f"no picture within {deadline.limit_s:g} s of the release",
+            where=str(self.side),
+            limit_s=deadline.limit_s,
+        )
+
+    def _transfer_chunk(self, max_bytes: int, *, pause: bool = False) -> None:
+        """Fetch one chunk of the oldest frame; a frame that fails is fetched anew once, then reported lost."""
+        transfer = self._backlog[0]
+        try:
+            self._read_into(transfer, max_bytes)
+        except DeviceBusyError as error:
+            if not pause:
+                return  # it exposes; that has its own limit
+            if self._busy_too_long(transfer):
+                self._restart(transfer, error)
+                raise
+            self._clock.sleep(BUSY_PAUSE_S)
+        except DeviceError as error:
+            self._restart(transfer, error)
+            raise
+
+    def _read_into(self, transfer: _Transfer, max_bytes: int) -> None:
+        frame = transfer.shot.frame
+        if frame.size_bytes > FRAME_CAP_BYTES:
+            raise ProtocolViolationError(
+                f"a frame of {frame.size_bytes} bytes is announced, more than {FRAME_CAP_BYTES}", where=str(self.side)
+            )
+        data = self._camera.read_chunk(frame, transfer.offset, min(max_bytes, frame.size_bytes - transfer.offset))
+        if not data:
+            raise ExposureFailedError("the camera sent nothing of the frame", where=str(self.side), handle=frame.handle)
+        self._intake.write(transfer.shot, data)
+        transfer.offset += len(data)
+        transfer.busy_since_s = None
+        self._put(Progress(self.side, transfer.shot.stop, transfer.offset, frame.size_bytes))
+        if transfer.offset >= frame.size_bytes:
+            self._backlog.popleft()
+            self._intake.complete(transfer.shot)
+
+    def _busy_too_long(self, transfer: _Transfer) -> bool:
+        now_s = self._clock.monotonic_s()
+        if transfer.busy_since_s is None:
+            transfer.busy_since_s = now_s
+        return now_s - transfer.busy_since_s > BUSY_LIMIT_S
+
+    def _restart(self, transfer: _Transfer, error: DeviceError) -> None:
+        self._intake.abort(transfer.shot)
+        transfer.offset, transfer.busy_since_s = 0, None
+        transfer.attempts += 1
+        if transfer.attempts >= MAX_TRANSFER_ATTEMPTS:
+            self._backlog.remove(transfer)
+            self._put(Lost(self.side, transfer.shot.stop, error))
+
+    def _give_up_backlog(self) -> None:
+        while self._backlog:
+            shot = self._backlog.popleft().shot
+            self._intake.abort(shot)
+            self._put(Lost(self.side, shot.stop, DeviceTimeoutError("left on the camera", where=str(self.side))))
+
+    def _finish(self, safe: Safe) -> None:
+        self._camera.finish_frame(safe.frame)
+        if self._delete_after and safe.acknowledged:
+            self._camera.delete(safe.frame)
+
+    def _stay_awake(self) -> None:
+        now_s = self._clock.monotonic_s()
+        if now_s - self._alive_at_s > KEEP_ALIVE_S:
+            self._alive_at_s = now_s
+            self._camera.keep_alive()
+
+    def _recover(self, cause: DeviceError) -> bool:
+        """Bring the camera back and set it anew (settings may be lost with power); False if it stays broken."""
+        try:
+            self._camera.recover()
+            self._camera.prepare(self._settings)
+        except DeviceError as error:
+            cause.details["recovery"] = str(error)
+            self._give_up_backlog()
+            return False
+        return True

@@ -1,0 +1,384 @@
+"""One capture from preflight to manifest, as a stream of events; and the completion of a partial one.
+
+::
+
+    preflight ── reading ── bracket ──────────────── reading ── manifest
+                            pairs, fetched behind    (while the last frames come in)
+
+Everything that counts is durable before it is told: a capture that ends at any instant leaves a session that
+`Capture.resume` completes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import queue
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import uuid4
+
+from drivers.errors import DeviceError
+from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost
+from station.capture.camera_worker import CameraWorker
+from station.capture.conductor import Conductor, Doubts
+from station.capture.events import CaptureEvent, EventKind
+from station.capture.intake import Intake
+from station.capture.notices import Notice
+from station.capture.preflight import Findings, Level, check_rig, require
+from station.capture.readings import ReadingTaker, When, drift_frac
+from station.capture.rig import Rig
+from station.crash_report import software_versions
+from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError
+from station.frames.check import FrameChecker
+from station.frames.rules import check_not_too_dark, check_order
+from station.session.session import (
+    MAX_ROOM_CHARACTERS,
+    BracketRecord,
+    DeviceRecord,
+    MeterTarget,
+    ReadingRecord,
+    SessionManifest,
+    SessionStatus,
+    Side,
+    WarningRecord,
+)
+from station.session.store import SessionStore
+
+SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+"""Keys of a camera's table that the frames of one bracket must share."""
+
+
+@dataclass(frozen=True)
+class CaptureRequest:
+    """What to capture and where; empty fields mean "as the rig file says".
+
+    ``typed_readings`` (cd/m2) stand for the meter: the first before, the second after the bracket.
+    """
+
+    room: str
+    into: Path
+    mode: Mode | None = None
+    stops_s: tuple[float, ...] = ()
+    typed_readings: tuple[float, ...] = ()
+    target: MeterTarget | None = None
+
+
+class Capture:
+    """A capture that is about to run: iterate `events`, then look at ``store.manifest``; `ask_stop` ends it early.
+
+    ``resumed`` is the partial session to complete, or None; use `new` and `resume` to make one.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        plan: BracketPlan,
+        readings: ReadingTaker,
+        request: CaptureRequest,
+        resumed: SessionStore | None,
+    ) -> None:
+        self._rig = rig
+        self._plan = plan
+        self._readings = readings
+        self._request = request
+        self._store = resumed
+        self._conductor: Conductor | None = None
+        self._stop_asked = False
+        self._checkers = {side: FrameChecker() for side in plan.sides}
+
+    @classmethod
+    def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
+        """Return the capture of a new session.
+
+        Raises
+        ------
+        UsageError
+            No camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed readings.
+        """
+        if len(request.room) > MAX_ROOM_CHARACTERS:
+            raise UsageError("the room's name is too long", where="capture", advice="its folder takes 60 characters")
+        if not rig.cameras:
+            raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
+        mode = request.mode or rig.file.bracket.mode
+        plan = plan_bracket(request.stops_s or rig.file.bracket.stops_s(), mode, tuple(rig.cameras))
+        return cls(rig, plan, ReadingTaker(rig, request.typed_readings), request, None)
+
+    @classmethod
+    def resume(cls, rig: Rig, store: SessionStore, *, typed_readings: tuple[float, ...] = ()) -> Capture:
+        """Return the capture that completes a partial session.
+
+        Raises
+        ------
+        SessionError
+            The session was imported, or needs a camera that the rig lacks or has set otherwise.
+        """
+        bracket, where = store.manifest.bracket, str(store.path)
+        if bracket.mode not in ("full", "adaptive"):
+            raise SessionError("an imported session cannot be resumed", where=where, advice="import it anew")
+        needed = {side for side in bracket.sides if store.manifest.missing_stops(side)}
+        if lacking := needed - set(rig.cameras):
+            names = " or ".join(sorted(lacking))
+            raise SessionError(f"the rig has no {names} camera", where=where, advice="use the rig it was made with")
+        for side in sorted(needed):
+            _require_same_table(rig, store, side)
+        plan = plan_bracket(bracket.stops_s, bracket.mode, bracket.sides)
+        request = CaptureRequest(room=store.manifest.name, into=store.path.parent)
+        return cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
+
+    @property
+    def n_stops(self) -> int:
+        """How many stops the bracket has."""
+        return len(self._plan.stops_s)
+
+    @property
+    def store(self) -> SessionStore:
+        """The session on disk; of a new capture, once preflight has passed."""
+        if self._store is None:
+            raise SessionError("the session does not exist yet", likely="preflight has not passed")
+        return self._store
+
+    def ask_stop(self) -> None:
+        """End after the running pair; what is exposed is still saved. Safe in a signal handler."""
+        self._stop_asked = True
+        if self._conductor is not None:
+            self._conductor.ask_stop()
+
+    def events(self) -> Iterator[CaptureEvent]:
+        """Run the capture. Raises `DaylitError` kinds; what was acknowledged until then is kept and resumable."""
+        starters = [threading.Thread(target=_start_quietly, args=(c,)) for c in self._checkers.values()]
+        for starter in starters:
+            starter.start()  # behind preflight
+        whole = False
+        try:
+            yield from self._preflight()
+            yield from self._collect_reading()
+            yield from self._bracket()
+            yield from self._collect_reading()
+            yield from self._end()
+            whole = True
+        finally:
+            self._readings.close(wait=whole)
+            for starter in starters:
+                starter.join()  # bounded by the checker's own limit; one that starts after its close would stay
+            for checker in self._checkers.values():
+                checker.close()
+            if not whole and self._store is not None:
+                self._store.close()  # gives the lock back, so that the session can be resumed
+
+    def _preflight(self) -> Iterator[CaptureEvent]:
+        yield self._say(EventKind.STARTED, "preflight")
+        first = self._first_reading()
+        if first is not None and self._rig.meter is None:
+            self._readings.start(first)
+        findings = check_rig(
+            self._rig,
+            self._request.into,
+            bytes_needed=self._bytes_needed(),
+            on_meter_ready=lambda: self._readings.start(first) if first is not None else None,
+        )
+        for check in findings.checks:
+            yield self._say(EventKind.CHECK, f"{check.name}: {check.text}", **check.to_dict())
+        require(findings)
+        if self._store is None:
+            self._store = SessionStore.create(self._request.into, self._manifest(findings), clock=self._rig.clock)
+            yield from self._opening_warnings()
+        else:
+            yield from self._withdraw_damaged(self._store)
+            self._store.update(devices=_merged(self._store.manifest.devices, findings.devices))
+            yield self._warn("resumed", "the session was completed later: its light may have changed in between")
+        for check in findings.checks:
+            if check.level is Level.WARN:
+                self._store.add_warning(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
+
+    def _withdraw_damaged(self, store: SessionStore) -> Iterator[CaptureEvent]:
+        """Frames whose file is gone or changed since they were saved are taken anew; the file is kept aside."""
+        for frame in store.manifest.frames:
+            path = store.path / frame.file
+            try:
+                with path.open("rb") as file:
+                    changed = hashlib.file_digest(file, "sha256").hexdigest() != frame.sha256
+            except OSError:
+                changed = True
+            if changed:
+                reason = "changed or missing since it was saved"
+                store.withdraw_frame(frame.side, frame.stop, frame.format, reason)
+                yield self._warn("damaged", f"{frame.file}: {reason}; taken anew")
+
+    def _bytes_needed(self) -> int:
+        tables = (t for s, t in self._rig.file.cameras().items() if s in self._plan.sides)
+        exposure_bytes = sum(typical_cost(t.kind, keep_raw=t.keep_raw).frame_bytes for t in tables)
+        return exposure_bytes * len(self._plan.stops_s)
+
+    def _manifest(self, findings: Findings) -> SessionManifest:
+        rig = self._rig.file
+        return SessionManifest(
+            session_id=uuid4().hex,
+            name=self._request.room,
+            created_utc=self._rig.clock.utc_now(),
+            software=software_versions(),
+            simulated=self._rig.simulated,
+            site=rig.site,
+            heading_rad=None if rig.heading_deg is None else math.radians(rig.heading_deg),
+            camera_height_m=rig.camera_height_m,
+            bracket=BracketRecord(
+                mode=self._plan.mode,
+                stops_s=self._plan.stops_s,
+                sides=self._plan.sides,
+                order=self._plan.order,
+                raw_sides=tuple(s for s in self._plan.sides if rig.cameras()[s].keep_raw),
+            ),
+            devices=findings.devices,
+            target=self._request.target or (rig.meter.target() if rig.meter else None),
+            readings_planned=self._readings.planned,
+            rig=rig.model_dump(mode="json"),
+        )
+
+    def _opening_warnings(self) -> Iterator[CaptureEvent]:
+        if len(self._plan.sides) == 1:
+            yield self._warn("one_side", f"{self._plan.sides[0]} only")
+        if self.store.manifest.readings_planned == 0:
+            yield self._warn("no_meter", "no meter reading: luminance stays relative until one is given")
+        elif self.store.manifest.target is None:
+            yield self._warn("no_target", "where the meter looks is not given: set target_deg in the rig, or --target")
+
+    def _first_reading(self) -> When | None:
+        """Return which reading to begin with: "before" where it is missing, one more when the capture goes on later."""
+        lacks = self._readings.planned > 0 if self._store is None else self._lacks("before")
+        when: When = "before" if lacks else "extra"
+        return when if (lacks or self._store is not None) and self._readings.can_take(when) else None
+
+    def _lacks(self, when: When) -> bool:
+        return when in self.store.manifest.missing_readings()
+
+    def _start_last_reading(self) -> None:
+        if self._lacks("after") and self._readings.can_take("after"):
+            self._readings.start("after")
+
+    def _collect_reading(self) -> Iterator[CaptureEvent]:
+        try:
+            record = self._readings.collect()
+        except DeviceError as error:
+            if self.store.manifest.frames:  # the frames must not suffer from a meter that died meanwhile
+                yield self._warn("meter", f"no reading: {error}")
+                return
+            raise
+        if record is None:
+            return
+        self.store.add_reading(record)
+        text = f"meter {record.when}: {_in_words(record)}"
+        yield self._say(EventKind.READING, text, **record.model_dump(mode="json"))
+        if record.luminance_cd_m2 is None:
+            yield self._warn("reading", f"the reading {record.when} has no number: {_in_words(record)}")
+
+    def _bracket(self) -> Iterator[CaptureEvent]:
+        notices: queue.SimpleQueue[Notice] = queue.SimpleQueue()
+        sides = [s for s in self._plan.sides if self.store.manifest.missing_stops(s)]
+        intakes = {side: self._intake(side, notices) for side in sides}
+        try:
+            self._conductor = Conductor(
+                self._plan,
+                {side: self._worker(side, intakes[side]) for side in sides},
+                notices,
+                self.store,
+                self._rig.clock,
+                max_start_skew_s=self._rig.file.limits.max_start_skew_s,
+                on_last_exposure=self._start_last_reading,
+                doubts=lambda: _doubts(intakes, self._plan.stops_s),
+            )
+            if self._stop_asked:
+                self._conductor.ask_stop()
+            yield from self._conductor.run()
+            for (side, _), why in _doubts(intakes, self._plan.stops_s).items():
+                yield self._warn("brightness_order", f"{side}: {why}")
+        finally:
+            for intake in intakes.values():
+                intake.close()
+
+    def _intake(self, side: Side, notices: queue.SimpleQueue[Notice]) -> Intake:
+        table, checker = self._rig.file.cameras()[side], self._checkers[side]
+        offset_s = next((d.clock_offset_s for d in self.store.manifest.devices if d.role == side.value), None)
+        exact = self._plan.mode == "adaptive"
+        return Intake(side, self.store, checker, table, notices, exact=exact, clock_offset_s=offset_s)
+
+    def _worker(self, side: Side, intake: Intake) -> CameraWorker:
+        camera, table = self._rig.cameras[side], self._rig.file.cameras()[side]
+        worker = CameraWorker(
+            camera,
+            table.settings(),
+            intake,
+            self._rig.clock,
+            release_lag_s=camera.release_lag_s if table.release_lag_s is None else table.release_lag_s,
+            delete_after=table.delete_after,
+        )
+        intake.on_safe = worker.tell
+        return worker
+
+    def _end(self) -> Iterator[CaptureEvent]:
+        drift = drift_frac(self.store.manifest.readings)
+        if drift is not None:
+            self.store.update(drift_frac=drift)
+            if abs(drift) > self._rig.file.limits.max_drift_frac:
+                yield self._warn("drift", f"the light changed by {drift:+.1%} between the two readings")
+        manifest = self.store.finish()
+        text = f"session {manifest.status}: {self.store.path.name}"
+        yield self._say(EventKind.FINISHED, text, status=manifest.status, missing=list(manifest.missing))
+        dead = self._conductor.dead if self._conductor else {}
+        if dead and manifest.status is SessionStatus.PARTIAL:
+            raise next(iter(dead.values()))
+
+    def _warn(self, code: str, text: str) -> CaptureEvent:
+        self.store.add_warning(WarningRecord(code=code, message=text[:500]))
+        return self._say(EventKind.WARNING, text, code=code)
+
+    def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
+        return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
+
+
+def _require_same_table(rig: Rig, store: SessionStore, side: Side) -> None:
+    """Refuse to mix frames of two settings in one bracket."""
+    before = store.manifest.rig.get(side.value)
+    if not isinstance(before, dict):
+        return  # nothing is known of it
+    now = rig.file.cameras()[side].model_dump(mode="json")
+    changed = [
+        f"{key} was {before[key]}, is {now[key]}" for key in SAME_ON_RESUME if before.get(key, now[key]) != now[key]
+    ]
+    if changed:
+        raise SessionError(
+            f"the rig has another {side} camera: {'; '.join(changed)}",
+            where=str(store.path),
+            advice="use the rig (and --size) it was made with",
+        )
+
+
+def _doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> Doubts:
+    """Return the frames whose brightness does not fit: the light jumped, or the camera did not do as it said."""
+    found: Doubts = {}
+    for side, intake in intakes.items():
+        for check in (check_order, check_not_too_dark):
+            try:
+                check(intake.facts, stops_s)
+            except FrameRejectedError as error:
+                found |= {(side, stop): f"{error.where}: {error.message}" for stop in error.details["stops"]}
+    return found
+
+
+def _start_quietly(checker: FrameChecker) -> None:
+    """Start a checker; one that does not start says so at its first frame."""
+    with suppress(ResourceError):
+        checker.start()
+
+
+def _in_words(record: ReadingRecord) -> str:
+    number = "" if record.luminance_cd_m2 is None else f" {record.luminance_cd_m2:g} cd/m2"
+    return f"{record.status}{number} {record.detail}".rstrip()
+
+
+def _merged(earlier: tuple[DeviceRecord, ...], now: tuple[DeviceRecord, ...]) -> tuple[DeviceRecord, ...]:
+    """Return the devices of the session with those of this run in place of earlier ones of the same role."""
+    roles = {d.role for d in now}
+    return (*(d for d in earlier if d.role not in roles), *now)

@@ -1,0 +1,385 @@
+"""The bracket itself: pairs fired together, frames fetched behind, what fails retaken once and then named."""
+
+from __future__ import annotations
+
+import queue
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+
+from drivers.clock import Clock, Deadline
+from drivers.errors import (
+    BatteryLowError,
+    DaylitError,
+    DeviceClaimedError,
+    DevicePermissionError,
+    StoreFullError,
+)
+from station.capture.bracket import BracketPlan, useless_because
+from station.capture.camera_worker import EXPOSURE_GRACE_S, CameraWorker
+from station.capture.events import CaptureEvent, EventKind
+from station.capture.notices import (
+    Broken,
+    Exposed,
+    Fatal,
+    Fire,
+    Leave,
+    Left,
+    Lost,
+    Notice,
+    Progress,
+    Ready,
+    Rejected,
+    Released,
+    Saved,
+    SetUp,
+    StandDown,
+)
+from station.session.session import FrameStatistics, Side, SkippedStop, WarningRecord, shutter_label
+from station.session.store import SessionStore
+
+SET_UP_LIMIT_S = 45.0
+"""Setting one stop, including one recovery of the camera."""
+LAST_TRANSFERS_LIMIT_S = 300.0
+LEAVE_LIMIT_S = 60.0
+"""For a camera's thread to end an exposure or a recovery when nobody listens any more."""
+FIRE_AHEAD_S = 0.008
+"""Both threads are told this long before the shutters are to open, more than a thread takes to wake."""
+MAX_RETAKES = 1
+MAX_DEVICE_FAILURES = 2
+"""Of one stop: recovered that often, then the stop is named as missing."""
+PUMP_WAIT_S = 0.25
+JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED)
+"""What the store's own records do not tell. The rest would only put disk waits between two exposures."""
+NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
+"""Errors after which a retake is useless until somebody acts."""
+
+
+Doubts = dict[tuple[Side, int], str]
+"""Frames that do not fit the others of their bracket, and why."""
+
+
+class Conductor:
+    """Takes the stops of a plan that are missing; iterate over `run` to make it happen."""
+
+    def __init__(
+        self,
+        plan: BracketPlan,
+        workers: Mapping[Side, CameraWorker],
+        notices: queue.SimpleQueue[Notice],
+        store: SessionStore,
+        clock: Clock,
+        *,
+        max_start_skew_s: float,
+        on_last_exposure: Callable[[], None],
+        doubts: Callable[[], Doubts],
+    ) -> None:
+        self._plan = plan
+        self._workers = workers
+        self._notices = notices
+        self._store = store
+        self._clock = clock
+        self._max_start_skew_s = max_start_skew_s
+        self._on_last_exposure = on_last_exposure
+        self._doubts = doubts
+        self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
+        self._answers: dict[tuple[Side, int], Notice] = {}
+        self._set_ahead: dict[Side, int] = {}
+        self._released_s: dict[Side, float] = {}
+        self._in_flight: Counter[tuple[Side, int]] = Counter()
+        self._rejected: dict[tuple[Side, int], str] = {}
+        self._retakes: Counter[tuple[Side, int]] = Counter()
+        self._failures: Counter[tuple[Side, int]] = Counter()
+        self._statistics: dict[Side, dict[int, FrameStatistics]] = {side: {} for side in plan.sides}
+        self._left: set[Side] = set()
+        self._stop_asked = False
+        self.dead: dict[Side, DaylitError] = {}
+
+    def ask_stop(self) -> None:
+        """Take no further stop; what is exposed is still fetched. Safe to call from a signal handler."""
+        self._stop_asked = True
+
+    def run(self) -> Iterator[CaptureEvent]:
+        """Take every missing stop; yields events; returns when all frames are saved or given up."""
+        manifest = self._store.manifest
+        for record in manifest.frames:
+            if record.statistics is not None:
+                self._statistics[record.side][record.stop] = record.statistics
+        missing = {side: manifest.missing_stops(side) for side in self._plan.sides}
+        self._todo = deque(self._plan.remaining(missing))
+        for worker in self._workers.values():
+            worker.start()
+        try:
+            yield from self._take_and_dismiss()
+        except (GeneratorExit, KeyboardInterrupt):
+            self._leave_unheard()
+            raise
+
+    def _take_and_dismiss(self) -> Iterator[CaptureEvent]:
+        try:
+            yield from self._take_all()
+        except Exception as error:  # noqa: BLE001 (raised again when every camera's thread is over)
+            yield from self._dismiss(error)
+        else:
+            yield from self._dismiss(None)
+
+    def _leave_unheard(self) -> None:
+        """Nobody listens any more: no event may be yielded, but no camera may be left in use either."""
+        for worker in self._workers.values():
+            worker.tell(Leave(at_once=True))
+        for worker in self._workers.values():
+            worker.join(LEAVE_LIMIT_S)
+
+    def _take_all(self) -> Iterator[CaptureEvent]:
+        announced = False
+        while not (self._stop_asked or self.dead):
+            if self._todo:
+                stop, sides = self._todo.popleft()
+                sides = yield from self._sides_in_need(stop, sides)
+                if sides and not self._stop_asked:
+                    announced = False
+                    yield from self._take(stop, sides)
+            elif not announced:
+                self._on_last_exposure()
+                announced = True
+            elif self._in_flight:
+                yield from self._pump()
+            elif not (yield from self._retake_doubtful()):
+                return
+
+    def _retake_doubtful(self) -> Generator[CaptureEvent, None, bool]:
+        """Put back, once, what only the whole bracket shows to be wrong; frames stay until better ones are saved."""
+        found = {key: why for key, why in self._doubts().items() if self._retakes[key] < MAX_RETAKES}
+        for (side, stop), why in found.items():
+            self._retakes[side, stop] += 1
+            self._todo.append((stop, (side,)))
+            text = f"{side} {self._label(stop)}: {why}; taken again"
+            yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=why, retaken=True)
+        return bool(found)
+
+    def _dismiss(self, error: Exception | None) -> Iterator[CaptureEvent]:
+        """Let the workers fetch what is exposed and end, bounded; then raise ``error``, or what goes wrong meanwhile.
+
+        The first error is the one that is told; a thread of a camera must be over whatever happens, for its camera
+        is closed next.
+        """
+        self._stop_asked = True
+        for side, worker in self._workers.items():
+            worker.tell(Leave(at_once=side in self.dead))
+        deadline = Deadline.after(self._clock, LAST_TRANSFERS_LIMIT_S)
+        while (self._left != set(self._workers) and not deadline.expired) or not self._notices.empty():
+            try:
+                yield from self._pump()
+            except Exception as another:  # noqa: BLE001 (the first is raised below)
+                error = error or another
+        if self._left != set(self._workers):
+            self._leave_unheard()
+        if error is not None:
+            raise error
+
+    def _sides_in_need(self, stop: int, sides: Iterable[Side]) -> Generator[CaptureEvent, None, tuple[Side, ...]]:
+        """Return the sides that need the stop; in an adaptive bracket, after the frames that tell are judged."""
+        if self._plan.mode == "full":
+            return tuple(sides)
+        neighbours = [(side, near) for side in sides for near in (stop - 1, stop + 1)]
+        while any(self._in_flight[key] for key in neighbours) and not (self.dead or self._stop_asked):
+            yield from self._pump()
+        needed = []
+        for side in sides:
+            reason = useless_because(stop, self._statistics[side])
+            if reason is None:
+                needed.append(side)
+                continue
+            self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
+            yield self._event(
+                EventKind.SKIPPED,
+                f"{side} {self._label(stop)} left out: {reason}",
+                side=side,
+                stop=stop,
+                reason=reason,
+            )
+        return tuple(needed)
+
+    def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
+        yield self._event(EventKind.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
+        self._set_up(stop, sides)
+        yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera made ready")
+        if not all(isinstance(self._answers.get((s, stop)), Ready) for s in sides) or self.dead:
+            for side in sides:
+                self._workers[side].tell(StandDown())
+            yield from self._again(stop, sides)
+            return
+        for side in sides:
+            del self._answers[side, stop]
+        self._released_s = {}
+        open_at_s = self._clock.monotonic_s() + FIRE_AHEAD_S + max(self._workers[s].release_lag_s for s in sides)
+        for side in sides:
+            self._workers[side].tell(Fire(open_at_s))
+        limit_s = 2 * self._plan.stops_s[stop] + EXPOSURE_GRACE_S + SET_UP_LIMIT_S
+        yield from self._pump_until(lambda: self._answered(stop, sides), limit_s, "exposure finished")
+        yield from self._judge_start(stop, sides)
+        broken = tuple(s for s in sides if isinstance(self._answers.get((s, stop)), Broken))
+        if broken:
+            yield from self._again(stop, broken)
+
+    def _set_up(self, stop: int, sides: tuple[Side, ...]) -> None:
+        """Order the set-up of a stop from the sides that have not been ordered it ahead; forget other orders ahead."""
+        for side, worker in self._workers.items():
+            ahead = self._set_ahead.pop(side, None)
+            if ahead == stop and side in sides:
+                continue
+            if ahead is not None:
+                worker.tell(StandDown())
+            if side in sides:
+                self._order_set_up(side, stop)
+
+    def _order_set_up(self, side: Side, stop: int) -> None:
+        self._answers.pop((side, stop), None)
+        self._workers[side].tell(SetUp(stop, self._plan.stops_s[stop], self._retakes[side, stop]))
+
+    def _set_up_ahead(self, notice: Exposed) -> None:
+        """A camera that is through sets the next stop while its partner still exposes or saves.
+
+        Not in an adaptive bracket, where the frames must say first whether there is a next stop, and not where
+        transfers cannot hide behind exposures: a camera that is set up is left alone until it fires.
+        """
+        if self._plan.mode != "full" or not notice.overlaps or not self._todo or self._stop_asked or self.dead:
+            return
+        stop, sides = self._todo[0]
+        if notice.side in sides:
+            self._set_ahead[notice.side] = stop
+            self._order_set_up(notice.side, stop)
+
+    def _answered(self, stop: int, sides: Iterable[Side]) -> bool:
+        return bool(self.dead) or all((side, stop) in self._answers for side in sides)
+
+    def _again(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
+        """Put a stop back, unless its camera failed it too often; then it stays missing and is named."""
+        for side in sides:
+            self._failures[side, stop] += isinstance(self._answers.get((side, stop)), Broken)
+        spent = tuple(s for s in sides if self._failures[s, stop] > MAX_DEVICE_FAILURES)
+        for side in spent:
+            text = f"{side} {self._label(stop)}: the camera failed {self._failures[side, stop]} times; missing"
+            yield self._warn("frame_missing", text, side=side, stop=stop)
+        kept = tuple(s for s in sides if s not in spent)
+        if kept:
+            self._todo.appendleft((stop, kept))
+
+    def _judge_start(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
+        if len(self._released_s) < 2:
+            return
+        opened_s = [self._released_s[s] + self._workers[s].release_lag_s for s in sides]
+        skew_s = max(opened_s) - min(opened_s)
+        if skew_s > self._max_start_skew_s:
+            text = f"{self._label(stop)}: the shutters opened {skew_s * 1000:.0f} ms apart"
+            yield self._warn("start_skew", text, stop=stop, skew_s=skew_s)
+
+    def _pump_until(self, done: Callable[[], bool], limit_s: float, what: str) -> Iterator[CaptureEvent]:
+        deadline = Deadline.after(self._clock, limit_s)
+        while not done():
+            deadline.check(what, "capture")
+            yield from self._pump()
+
+    def _pump(self) -> Iterator[CaptureEvent]:
+        """Handle one notice, if one comes."""
+        try:
+            notice = self._notices.get(timeout=PUMP_WAIT_S)
+        except queue.Empty:
+            return
+        match notice:
+            case Ready():
+                self._answers[notice.side, notice.stop] = notice
+            case Released() | Exposed():
+                yield self._opened_or_closed(notice)
+            case Progress(side, stop, done_bytes, total_bytes):
+                data = {"side": side, "stop": stop, "done_bytes": done_bytes, "total_bytes": total_bytes}
+                yield CaptureEvent(EventKind.PROGRESS, "", self._clock.monotonic_s(), data)
+            case Left(side):
+                self._left.add(side)
+            case _:
+                yield from self._outcome(notice)
+
+    def _opened_or_closed(self, notice: Released | Exposed) -> CaptureEvent:
+        side, stop = notice.side, notice.stop
+        if isinstance(notice, Released):
+            self._released_s[side] = notice.at_s
+            text = f"{side} {self._label(stop)} released"
+            return self._event(EventKind.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
+        self._answers[side, stop] = notice
+        self._in_flight[side, stop] += notice.n_frames
+        self._set_up_ahead(notice)
+        return self._event(EventKind.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
+
+    def _outcome(self, notice: Notice) -> Iterator[CaptureEvent]:
+        match notice:
+            case Saved():
+                yield from self._saved(notice)
+            case Rejected(side, stop, record):
+                yield from self._frame_failed(side, stop, record.reason)
+            case Lost(side, stop, error):
+                yield from self._frame_failed(side, stop, str(error))
+            case Broken():
+                yield from self._broken(notice)
+            case Fatal(_, error):
+                raise error
+
+    def _saved(self, notice: Saved) -> Iterator[CaptureEvent]:
+        side, stop, record = notice.side, notice.stop, notice.record
+        if record.statistics is not None:
+            self._statistics[side][stop] = record.statistics
+        yield self._event(
+            EventKind.SAVED,
+            f"{side} {self._label(stop)} saved: {record.file}",
+            side=side,
+            stop=stop,
+            file=record.file,
+            size_bytes=record.size_bytes,
+        )
+        yield from self._settle(side, stop)
+
+    def _frame_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
+        self._rejected.setdefault((side, stop), reason)
+        yield from self._settle(side, stop)
+
+    def _settle(self, side: Side, stop: int) -> Iterator[CaptureEvent]:
+        """Count a frame that has come to its end; with the last of its exposure, judge the exposure."""
+        self._in_flight[side, stop] -= 1
+        if self._in_flight[side, stop] > 0:
+            return
+        del self._in_flight[side, stop]
+        reason = self._rejected.pop((side, stop), None)
+        if reason is not None:
+            yield from self._exposure_failed(side, stop, reason)
+
+    def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
+        again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked)
+        kept = "what was saved of it before stays" if self._store.manifest.frame(side, stop) else "missing"
+        text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else kept)
+        yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
+        if again:
+            self._retakes[side, stop] += 1
+            self._todo.append((stop, (side,)))
+        else:
+            yield self._warn("frame_missing", text, side=side, stop=stop)
+
+    def _broken(self, notice: Broken) -> Iterator[CaptureEvent]:
+        side, error = notice.side, notice.error
+        if notice.stop is not None:
+            self._answers[side, notice.stop] = notice
+        data = {"side": side, "stop": notice.stop, "error": error.to_dict(), "recovered": notice.recovered}
+        if notice.recovered and not isinstance(error, NEEDS_A_PERSON):
+            yield self._event(EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
+        else:
+            self.dead[side] = error
+            yield self._event(EventKind.FAILED, f"{side}: {error}", **data)
+
+    def _label(self, stop: int) -> str:
+        return shutter_label(self._plan.stops_s[stop])
+
+    def _warn(self, code: str, text: str, /, **data: object) -> CaptureEvent:
+        self._store.add_warning(WarningRecord(code=code, message=text[:500]))
+        return self._event(EventKind.WARNING, text, code=code, **data)
+
+    def _event(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
+        if kind in JOURNALLED:
+            self._store.event(str(kind), **data)
+        return CaptureEvent(kind, text, self._clock.monotonic_s(), data)

@@ -1,0 +1,182 @@
+"""From bytes to acknowledged frames: written, digested, checked, journalled, and only then called safe.
+
+One intake a side. The camera's thread writes chunks; a thread of the intake checks and commits whole frames, so that
+checking never delays a shutter.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from typing import Literal
+
+from drivers.camera import FrameFormat
+from station.capture.notices import Fatal, Notice, Rejected, Safe, Saved, Shot
+from station.capture.rig_file import CameraTable
+from station.errors import FrameRejectedError
+from station.frames.check import FrameChecker
+from station.frames.facts import ExpectedFrame, FrameFacts
+from station.session.session import FrameRecord, RejectedFrame, Side, shutter_label
+from station.session.store import FramePart, SessionStore, StoredFrame
+
+IDLE_LIMIT_S = 120.0
+"""A frame that is being checked and committed is through by then, even on a slow disk."""
+
+
+class Intake:
+    """Receives the frames of one camera."""
+
+    def __init__(
+        self,
+        side: Side,
+        store: SessionStore,
+        checker: FrameChecker,
+        table: CameraTable,
+        notices: queue.SimpleQueue[Notice],
+        *,
+        exact: bool,
+        clock_offset_s: float | None,
+    ) -> None:
+        self.side = side
+        self.notices = notices
+        self.on_safe: Callable[[Safe], None] = lambda _safe: None
+        self._store = store
+        self._checker = checker
+        self._table = table
+        self._exact = exact
+        self._clock_offset_s = clock_offset_s
+        self.facts: dict[int, FrameFacts] = {}
+        """Of the JPEGs that counted, by stop."""
+        self._parts: dict[Shot, FramePart] = {}
+        self._whole: queue.SimpleQueue[tuple[Shot, FramePart] | None] = queue.SimpleQueue()
+        self._idle = threading.Condition()
+        self._n_open = 0
+        self._thread = threading.Thread(target=self._run, name=f"intake-{side}", daemon=True)
+        self._thread.start()
+
+    def write(self, shot: Shot, data: bytes) -> None:
+        """Append bytes of a frame (its first bytes open a new temporary file)."""
+        part = self._parts.get(shot)  # not by handle: a camera may use one again after a reset
+        if part is None:
+            part = self._store.begin_frame(shot.side, shot.stop, shot.asked_s, shot.frame.format)
+            self._parts[shot] = part
+        part.write(data)
+
+    def abort(self, shot: Shot) -> None:
+        """Forget a frame that will not be completed; its temporary file goes."""
+        part = self._parts.pop(shot, None)
+        if part is not None:
+            part.abort()
+
+    def complete(self, shot: Shot) -> None:
+        """All bytes are there: check and commit in the background."""
+        part = self._parts.pop(shot)
+        with self._idle:
+            self._n_open += 1
+        self._whole.put((shot, part))
+
+    def wait_idle(self, timeout_s: float = IDLE_LIMIT_S) -> bool:
+        """Wait until every completed frame is saved or rejected; returns whether that came true."""
+        with self._idle:
+            return self._idle.wait_for(lambda: self._n_open == 0, timeout_s)
+
+    def close(self) -> None:
+        """Finish what is queued and end the thread."""
+        self._whole.put(None)
+        self._thread.join(IDLE_LIMIT_S)
+
+    def _run(self) -> None:
+        while (whole := self._whole.get()) is not None:
+            try:
+                self._take(*whole)
+            except Exception as error:  # noqa: BLE001 (the conductor must hear of it, whatever it is)
+                self.notices.put(Fatal(self.side, error))
+            finally:
+                with self._idle:
+                    self._n_open -= 1
+                    self._idle.notify_all()
+
+    def _take(self, shot: Shot, part: FramePart) -> None:
+        counts = True
+        try:
+            facts = self._check(shot, part)
+        except FrameRejectedError as error:
+            counts = False
+            file = part.reject(error.message)
+            record = RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=error.message[:500])
+            self._store.add_rejected(record)
+            self.notices.put(Rejected(self.side, shot.stop, record))
+        else:
+            stored = part.commit()
+            self._replace_earlier(shot)
+            frame = _frame_record(shot, facts, stored)
+            self._store.add_frame(frame)
+            self.notices.put(Saved(self.side, shot.stop, frame))
+        self.on_safe(Safe(shot.frame, acknowledged=counts))
+
+    def _replace_earlier(self, shot: Shot) -> None:
+        """Let the frames of an earlier exposure of this stop make room: JPEG and raw file are of one exposure."""
+        for frame in self._store.manifest.frames:
+            if (frame.side, frame.stop) == (shot.side, shot.stop) and frame.taken_utc != shot.released_utc:
+                self._store.withdraw_frame(frame.side, frame.stop, frame.format, "taken anew")
+
+    def _check(self, shot: Shot, part: FramePart) -> FrameFacts:
+        """Return what the frame is known by; raises `FrameRejectedError` with the reason if it does not count."""
+        name = f"{self.side} {shutter_label(shot.asked_s)}"
+        if part.size_bytes != shot.frame.size_bytes:
+            raise FrameRejectedError(
+                f"{part.size_bytes} bytes came, the camera announced {shot.frame.size_bytes}", where=part.path.name
+            )
+        if shot.frame.format is not FrameFormat.JPEG:
+            self._require_jpeg_of(shot, name)
+            raw: Literal["cr2", "dng"] = "cr2" if shot.frame.format is FrameFormat.CR2 else "dng"
+            return self._checker.check_raw(part.path, raw, name=name)
+        earlier = [facts for stop, facts in self.facts.items() if stop != shot.stop]
+        facts = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=earlier, name=name)
+        self.facts[shot.stop] = facts
+        return facts
+
+    def _require_jpeg_of(self, shot: Shot, name: str) -> None:
+        """Refuse a raw file whose JPEG does not count: that comes first, and alone tells the exposure."""
+        jpeg = self._store.manifest.frame(shot.side, shot.stop)
+        if jpeg is None or jpeg.taken_utc != shot.released_utc:
+            raise FrameRejectedError("the JPEG of its exposure does not count", where=name)
+
+    def _expected(self, shot: Shot) -> ExpectedFrame:
+        width_px, height_px = self._table.size_px
+        return ExpectedFrame(
+            exposure_s=shot.shutter.nominal_s,
+            iso=self._table.iso,
+            f_number=self._table.f_number,
+            width_px=width_px,
+            height_px=height_px,
+            taken_after_utc=shot.released_utc,
+            taken_before_utc=shot.announced_utc,
+            clock_offset_s=self._clock_offset_s,
+            light_expected=self.side is Side.INDOOR and not self._table.nd_filter,
+            image_circle=self._table.image_circle,
+        )
+
+
+def _frame_record(shot: Shot, facts: FrameFacts, stored: StoredFrame) -> FrameRecord:
+    return FrameRecord(
+        side=shot.side,
+        stop=shot.stop,
+        file=stored.file,
+        format=shot.frame.format.value,
+        size_bytes=stored.size_bytes,
+        sha256=stored.sha256,
+        asked_s=shot.asked_s,
+        camera_s=shot.shutter.nominal_s,
+        exif_s=facts.exif.exposure_s,
+        iso=facts.exif.iso,
+        f_number=facts.exif.f_number,
+        width_px=facts.width_px,
+        height_px=facts.height_px,
+        taken_utc=shot.released_utc,
+        release_monotonic_s=shot.released_s,
+        camera_name=shot.frame.name[:200],
+        statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None,
+        retakes=shot.retakes,
+    )

@@ -1,0 +1,204 @@
+"""Before the first picture: connect, set, read back, and look for everything that would spoil a bracket."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from drivers.camera import Camera, CameraIdentity, CameraStatus, SettingReadback
+from drivers.clock import Clock
+from drivers.errors import DaylitError, DeviceError
+from station.capture.rig import Rig
+from station.capture.rig_file import CameraTable, LimitsTable
+from station.session.session import DeviceRecord, SettingRecord, Side
+
+
+class Level(StrEnum):
+    """How bad a finding is."""
+
+    OK = "ok"
+    WARN = "warn"
+    FAIL = "fail"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One finding of preflight or doctor."""
+
+    level: Level
+    name: str
+    text: str
+    advice: str = ""
+    error: DaylitError | None = None
+
+    def to_dict(self) -> dict[str, str]:
+        """Return level, name, text and advice."""
+        return {"level": str(self.level), "name": self.name, "text": self.text, "advice": self.advice}
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All checks of a rig, and the devices as they are to be recorded."""
+
+    checks: tuple[Check, ...]
+    devices: tuple[DeviceRecord, ...]
+
+    def failures(self) -> tuple[Check, ...]:
+        """Return the checks that forbid a capture."""
+        return tuple(c for c in self.checks if c.level is Level.FAIL)
+
+
+class PreflightError(DeviceError):
+    """Something would spoil the bracket; the message lists all of it at once."""
+
+    code = "DEV-020"
+
+
+def check_rig(
+    rig: Rig, folder: Path, *, bytes_needed: int, on_meter_ready: Callable[[], None] = lambda: None
+) -> Findings:
+    """Connect and set every instrument, in parallel, and report all findings together (never raises for a device).
+
+    ``on_meter_ready`` is called, in another thread, as soon as the meter answers: cameras take longer to set.
+    """
+    jobs: list[Callable[[], Findings]] = [
+        lambda side=side, camera=camera: _check_camera(side, camera, rig)  # type: ignore[misc]
+        for side, camera in rig.cameras.items()
+    ]
+    if rig.meter is not None:
+        jobs.append(lambda: _check_meter(rig, on_meter_ready))
+    with ThreadPoolExecutor(max_workers=max(1, len(jobs))) as pool:
+        found = list(pool.map(lambda job: job(), jobs))
+    checks = [c for f in found for c in f.checks]
+    checks.append(check_disk(folder, rig.file.limits, bytes_needed))
+    return Findings(tuple(checks), tuple(d for f in found for d in f.devices))
+
+
+def require(findings: Findings) -> None:
+    """Raise `PreflightError` naming every failed check; a single device error is raised as itself."""
+    failures = findings.failures()
+    if not failures:
+        return
+    if len(failures) == 1 and failures[0].error is not None:
+        raise failures[0].error
+    raise PreflightError(
+        "; ".join(f"{c.name}: {c.text}" for c in failures),
+        where="preflight",
+        advice="; ".join(dict.fromkeys(c.advice for c in failures if c.advice)) or "see daylit doctor",
+        checks=[c.to_dict() for c in failures],
+    )
+
+
+def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:
+    """Check that the folder's disk has room for the session and the margin of the rig file."""
+    existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    free = shutil.disk_usage(existing).free
+    needed = bytes_needed + int(limits.min_free_disk_mb * 1e6)
+    text = f"{free / 1e9:.1f} GB free, {needed / 1e9:.1f} GB needed with margin"
+    if free >= needed:
+        return Check(Level.OK, "disk", text)
+    return Check(Level.FAIL, "disk", text, advice="free some space or choose another folder with --into")
+
+
+def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
+    table = rig.file.cameras()[side]
+    try:
+        identity = camera.connect()
+        settings = camera.prepare(table.settings())
+        status = camera.status()
+    except DaylitError as error:
+        return Findings((Check(Level.FAIL, str(side), error.message, error.advice, error),), ())
+    offset_s = clock_offset_s(status, rig.clock)
+    checks = [
+        Check(Level.OK, str(side), f"{identity.model} {identity.serial} (firmware {identity.firmware})"),
+        *_setting_checks(side, settings),
+        *_status_checks(side, status, offset_s, rig.file.limits),
+    ]
+    device = _camera_record(side, table, identity, settings, offset_s, simulated=rig.simulated)
+    return Findings(tuple(checks), (device,))
+
+
+def clock_offset_s(status: CameraStatus, clock: Clock) -> float | None:
+    """Return the camera's clock minus ours, in seconds, where it tells its time."""
+    if status.clock_utc is None:
+        return None
+    return (status.clock_utc - clock.utc_now()).total_seconds()
+
+
+def _setting_checks(side: Side, settings: Sequence[SettingReadback]) -> list[Check]:
+    return [
+        Check(Level.WARN, f"{side} {s.name}", f"asked {s.asked}, the camera has {s.got}")
+        for s in settings
+        if not s.honoured
+    ]
+
+
+def _status_checks(side: Side, status: CameraStatus, offset_s: float | None, limits: LimitsTable) -> list[Check]:
+    checks = [
+        Check(Level.FAIL, str(side), problem, advice=f"correct this on the camera: {problem}")
+        for problem in status.problems
+    ]
+    checks += [Check(Level.WARN, str(side), warning) for warning in status.warnings]
+    if status.battery_frac is not None and status.battery_frac < limits.min_battery_frac:
+        text = f"battery at {status.battery_frac:.0%}, the limit is {limits.min_battery_frac:.0%}"
+        checks.append(Check(Level.FAIL, f"{side} battery", text, advice="charge it or change the battery"))
+    if status.free_frames is not None and status.free_frames < 20:
+        text = f"room for {status.free_frames} frames on the card"
+        checks.append(Check(Level.FAIL, f"{side} card", text, advice="empty the card"))
+    if offset_s is not None and abs(offset_s) > limits.max_clock_skew_s:
+        text = f"its clock is {offset_s:+.0f} s from the computer's"
+        checks.append(Check(Level.WARN, f"{side} clock", text, advice="set the camera's clock"))
+    return checks
+
+
+def _camera_record(
+    side: Side,
+    table: CameraTable,
+    identity: CameraIdentity,
+    settings: Sequence[SettingReadback],
+    offset_s: float | None,
+    *,
+    simulated: bool,
+) -> DeviceRecord:
+    return DeviceRecord(
+        role=side.value,
+        kind=table.kind,
+        manufacturer=identity.manufacturer[:200],
+        model=identity.model[:200],
+        serial=identity.serial[:200],
+        firmware=identity.firmware[:200],
+        simulated=simulated,
+        clock_offset_s=offset_s,
+        lens=table.lens,
+        nd_filter=table.nd_filter,
+        settings=tuple(
+            SettingRecord(name=s.name, asked=s.asked[:500], got=s.got[:500], raw=s.raw[:500]) for s in settings
+        ),
+    )
+
+
+def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:
+    assert rig.meter is not None
+    try:
+        identity = rig.meter.connect()
+    except DaylitError as error:
+        return Findings((Check(Level.FAIL, "meter", error.message, error.advice, error),), ())
+    on_ready()
+    checks = [Check(Level.OK, "meter", f"{identity.model} on {identity.port}, dialect {identity.dialect}")]
+    if not identity.dialect_verified:
+        text = f"dialect {identity.dialect} is ASSUMED: nobody has confirmed it on the instrument yet"
+        checks.append(Check(Level.WARN, "meter", text, advice="send in a transcript: daylit meter probe"))
+    device = DeviceRecord(
+        role="meter",
+        kind=rig.meter.kind,
+        model=identity.model[:200],
+        serial=identity.serial[:200],
+        simulated=rig.simulated,
+        dialect=identity.dialect,
+        dialect_verified=identity.dialect_verified,
+    )
+    return Findings(tuple(checks), (device,))

@@ -1,0 +1,261 @@
+"""Opens the instruments that rig.toml names, or simulated ones; the only place that knows which are which."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.camera import Camera
+from drivers.clock import Clock, SystemClock
+from drivers.meter.interface import Meter
+from station.capture.rig_file import CameraTable, RigFile
+from station.errors import RigError
+from station.session.session import Side
+
+if TYPE_CHECKING:
+    from mocks.instruments.bench import SimulatedBench, WantedCamera
+
+
+@dataclass
+class Rig:
+    """The instruments of a capture, not yet connected."""
+
+    file: RigFile
+    cameras: dict[Side, Camera]
+    meter: Meter | None
+    clock: Clock
+    simulated: bool = False
+    bench: SimulatedBench | None = None
+    on_close: list[Callable[[], None]] = field(default_factory=list)
+
+    def close(self) -> None:
+        """Leave every instrument usable; never raises."""
+        for camera in self.cameras.values():
+            camera.close()
+        if self.meter is not None:
+            self.meter.close()
+        for action in self.on_close:
+            action()
+
+
+def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
+    """Return a rig of real instruments; nothing is opened before `Camera.connect` and `Meter.connect`.
+
+    Raises
+    ------
+    RigError
+        A meter dialect that does not exist.
+    """
+    clock = clock or SystemClock()
+    cameras = {side: _camera(table, None, clock) for side, table in file.cameras().items()}
+    meter = meter_on_port(file.meter.dialect, file.meter.port, clock) if file.meter else None
+    return Rig(file, cameras, meter, clock)
+
+
+def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
+    """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks.
+
+    The meter looks where the bench's meter does, unless the rig file says otherwise.
+    """
+    if file.meter is not None and file.meter.target_deg is None:
+        meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
+        file = file.model_copy(update={"meter": meter_table})
+    file = file.model_copy(update=_as_measured(file, bench))
+    cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
+    meter = None
+    if file.meter is not None:
+        meter = meter_on_port(file.meter.dialect, bench.meter_port, bench.clock)
+    return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
+
+
+def _as_measured(file: RigFile, bench: SimulatedBench) -> dict[str, object]:
+    """Return the camera tables with the bench's mean release lags, as a rig file has them that somebody measured."""
+    return {
+        side.value: table.model_copy(update={"release_lag_s": bench.cameras[table.kind].timing.release_lag_s})
+        for side, table in file.cameras().items()
+        if table.release_lag_s is None
+    }
+
+
+def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
+    from drivers.canon_5d2 import codes as canon_codes
+    from drivers.theta_z1 import codes as ricoh_codes
+    from drivers.usb_link import UsbLink
+
+    vendor_id, product_id = ricoh_codes.USB_ID if table.kind == "theta_z1" else canon_codes.USB_ID
+
+    def open_transport() -> UsbLink:
+        return UsbLink.open(vendor_id, product_id, serial=table.serial or None, backend=backend, clock=clock)
+
+    if table.kind == "theta_z1":
+        from drivers.theta_z1.camera import ThetaZ1
+
+        return ThetaZ1(open_transport, clock)
+    from drivers.canon_5d2.camera import Canon5D2
+
+    # A simulated camera calls its one picture size "large", whatever it is.
+    sizes_px = canon_codes.IMAGE_SIZES_PX if backend is None else {canon_codes.IMAGE_SIZE_LARGE: table.size_px}
+    return Canon5D2(open_transport, clock, sizes_px=sizes_px)
+
+
+def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
+    """Return the meter of a dialect on a serial port; ``"auto"`` looks for its USB ids each time it connects.
+
+    Raises
+    ------
+    DialectError
+        No such dialect, or a file that is none.
+    """
+    from drivers.meter.dialect import load_dialect
+    from drivers.meter.ls160 import KonicaMinoltaMeter
+    from drivers.port_finder import PortOpener
+
+    dialect = load_dialect(dialect_name)
+    open_line = PortOpener(port, dialect.port.settings(), usb_ids=dialect.usb_ids, clock=clock)
+    return KonicaMinoltaMeter(open_line, dialect, clock)
+
+
+_SIMULATED_PREFLIGHT_S = 1.0
+SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
+"""Picture sizes of simulated cameras, as divisors of the full size."""
+
+
+def open_named_rig(
+    path: Path | None,
+    simulate: str | None,
+    *,
+    size: str = "full",
+    rate: float = 1.0,
+    on_progress: Callable[[str, int, int], None] | None = None,
+    in_its_place: bool = False,
+    **changes: object,
+) -> Rig:
+    """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
+
+    Without a file, simulated instruments are those of the paper. ``size`` is a key of `SIZE_STEPS` (simulated only);
+    ``rate``: how much faster than life simulated time runs;
+    ``on_progress`` hears what is being rendered, steps done and steps in all; ``in_its_place``: the rig stands where a
+    generated room does, at its time, and knows its heading, so that the sun is where it should be; ``changes`` replace
+    tables of the rig file (``outdoor=None``).
+
+    Raises
+    ------
+    RigError
+        No rig file, or one that cannot be right.
+    """
+    from station.capture.rig_file import PAPER_RIG, load_rig
+
+    file = PAPER_RIG if simulate and path is None else load_rig(find_rig_file(path))
+    file = file.model_copy(update=changes)
+    if not simulate:
+        return open_rig(file)
+    from mocks.instruments.bench import BenchOptions, make_bench
+    from mocks.instruments.clock import ScaledClock
+
+    place, start_utc = _place_of(simulate) if in_its_place else ({}, None)
+    file = simulated_rig_file(file.model_copy(update=place), size)
+    cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
+    as_lived = rate == 1.0 and start_utc is None
+    clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
+    options = BenchOptions(clock=clock, on_progress=on_progress)
+    bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
+    return open_simulated_rig(file, bench)
+
+
+def _place_of(simulate: str) -> tuple[dict[str, object], datetime | None]:
+    """Return tables of the rig file as they are in a generated room, and its moment; nothing for other worlds."""
+    from mocks.rooms.world import RoomWorld
+    from mocks.worlds.world import open_world
+    from station.session.session import Site
+
+    world = open_world(simulate)
+    if not isinstance(world, RoomWorld):
+        return {}, None
+    moment, plan = world.room.moment, world.room.plan
+    place = Site(latitude_deg=moment.latitude_deg, longitude_deg=moment.longitude_deg)
+    heading_deg = round(math.degrees(moment.heading_rad), 4)
+    return {"site": place, "heading_deg": heading_deg, "camera_height_m": plan.camera_height_m}, moment.utc
+
+
+def simulated_renderer() -> str:
+    """Return what renders generated rooms here, in words; takes seconds once on a computer, then none.
+
+    Raises
+    ------
+    DaylitError
+        None can: a library is missing, or the renderer asked for is.
+    """
+    from mocks.rooms.light.engine import EngineError, engine, missing_libraries
+
+    if missing := missing_libraries():
+        raise EngineError(
+            f"{', '.join(missing)} not installed: rooms cannot be generated",
+            likely="a system without such packages (Linux on ARM), or an installation that is not whole",
+            advice="capture works without; for generated rooms install daylit anew (make demo) or on x86-64",
+        )
+    return str(engine())
+
+
+def planned_times_s(file: RigFile) -> dict[str, tuple[float, ...]]:
+    """Return when each stop of the rig's bracket will begin on simulated instruments, by camera kind.
+
+    Seconds from their making; right to about a second, in which daylight changes little.
+    """
+    from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, plan_bracket, typical_cost
+
+    tables = file.cameras()
+    stops_s = file.bracket.stops_s()
+    plan = plan_bracket(stops_s, file.bracket.mode, tuple(tables))
+    costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
+    start_s = _SIMULATED_PREFLIGHT_S + (TYPICAL_READING_S if file.meter else 0.0)
+    starts = {}
+    for row in estimate_bracket(plan, costs).rows:
+        starts[row.asked_s] = start_s
+        start_s += row.pair_s
+    return {table.kind: tuple(starts[stop] for stop in stops_s) for table in tables.values()}
+
+
+def wanted_cameras(file: RigFile) -> list[WantedCamera]:
+    """Return the cameras of a rig file as the simulated bench wants them."""
+    from mocks.instruments.bench import WantedCamera
+
+    names = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+    return [
+        WantedCamera(**{n: getattr(table, n) for n in names}, nd_filter=bool(table.nd_filter))
+        for table in file.cameras().values()
+    ]
+
+
+def simulated_rig_file(file: RigFile, size: str) -> RigFile:
+    """Return the rig file with the pictures of its cameras at a fraction of their size."""
+    step = SIZE_STEPS[size]
+    changes: dict[str, object] = {}
+    for side, table in file.cameras().items():
+        width_px, height_px = (n // step // 2 * 2 for n in table.size_px)
+        changes[side.value] = table.model_copy(update={"size_px": (width_px, height_px)})
+    return file.model_copy(update=changes)
+
+
+def find_rig_file(path: Path | None) -> Path:
+    """Return the rig file to use: the one given, else ``rig.toml`` here, else the one in the user's config folder.
+
+    Raises
+    ------
+    RigError
+        None of them exists.
+    """
+    if path is not None:
+        return path
+    from platformdirs import user_config_path
+
+    for candidate in (Path("rig.toml"), user_config_path("daylit") / "rig.toml"):
+        if candidate.is_file():
+            return candidate
+    raise RigError(
+        "no rig file: neither ./rig.toml nor one in your configuration folder",
+        advice="write one with `daylit doctor --write-rig rig.toml`, or try `--simulate room`",
+    )

@@ -1,0 +1,251 @@
+"""``daylit meter``: one reading, or a transcript of an unknown meter."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from station.capture.conform import Outcome
+    from station.capture.preflight import Check
+    from station.capture.rig import Rig
+
+
+# ``daylit doctor``: is everything ready for a day on site?
+
+
+_MARKS = {"ok": ("ok  ", "green"), "warn": ("warn", "yellow"), "fail": ("FAIL", "red")}
+
+
+@click.command()
+@click.option(
+    "--rig",
+    "rig_path",
+    type=click.Path(path_type=Path),
+    help="Connect to, set and check every instrument of this rig file.",
+)
+@click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead, e.g. room.")
+@click.option(
+    "--into", type=click.Path(path_type=Path, file_okay=False), default=Path("sessions"), help="Folder of sessions."
+)
+@click.option("--write-rig", type=click.Path(path_type=Path), metavar="FILE", help="Write an example rig file and end.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: Path | None, *, as_json: bool) -> int:
+    """Check the computer, the links and, with --rig, the instruments themselves.
+
+    \b
+    Examples:
+      daylit doctor
+      daylit doctor --write-rig rig.toml
+      daylit doctor --rig rig.toml
+    Exit code: 0 nothing forbids a capture · 1 something does.
+    """
+    if write_rig is not None:
+        return _write_example(write_rig)
+    from station.capture.doctor import check_computer, list_instruments
+
+    checks = list(check_computer(into))
+    if simulate is None:
+        checks += list_instruments()
+    checks += _check_rig(rig_path, simulate, into)
+    failed = any(c.level == "fail" for c in checks)
+    if as_json:
+        click.echo(json.dumps({"ok": not failed, "checks": [c.to_dict() for c in checks]}))
+    else:
+        for check in checks:
+            _print(check)
+    return 1 if failed else 0
+
+
+def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[Check]:
+    if rig_path is None and simulate is None:
+        return []
+    from station.capture.preflight import check_rig
+    from station.capture.rig import open_named_rig
+
+    rig = open_named_rig(rig_path, simulate, size="small")
+    try:
+        return list(check_rig(rig, into, bytes_needed=0).checks)
+    finally:
+        rig.close()
+
+
+def _write_example(path: Path) -> int:
+    from station.capture.rig_file import EXAMPLE
+    from station.errors import ResourceError, UsageError
+
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(EXAMPLE)
+    except FileExistsError as error:
+        raise UsageError("is already there", where=str(path), advice="choose another name") from error
+    except OSError as error:
+        raise ResourceError(
+            f"cannot be written: {error.strerror}", where=str(path), advice="choose a folder you may write to"
+        ) from error
+    click.echo(f"wrote {path}: look through it, then daylit doctor --rig {path}")
+    return 0
+
+
+def _print(check: Check) -> None:
+    from station.commands.views import printable
+
+    mark, colour = _MARKS[str(check.level)]
+    click.echo(f"{click.style(mark, fg=colour)}  {check.name}: {printable(check.text)}")
+    if check.advice and check.level != "ok":
+        click.echo(f"      do: {printable(check.advice)}")
+
+
+# ``daylit conform``: does an instrument, real or simulated, do what daylit relies on?
+
+
+@click.command()
+@click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file (default: ./rig.toml).")
+@click.option("--simulate", metavar="WORLD", help="Simulated instruments instead.")
+@click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="One instrument.")
+@click.option("--delete", "may_delete", is_flag=True, help="May delete from the camera the pictures it took.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object (to send in).")
+def conform(rig_path: Path | None, simulate: str | None, only: str | None, *, may_delete: bool, as_json: bool) -> int:
+    """Run the conformance suite on the rig's instruments; it takes about eight pictures a camera.
+
+    \b
+    Examples:
+      daylit conform --simulate room
+      daylit conform --rig rig.toml --only meter
+      daylit conform --rig rig.toml --json > conform.json
+    Exit code: 0 all passed · 1 something failed.
+    """
+    from station.capture.rig import open_named_rig
+    from station.errors import UsageError
+
+    rig = open_named_rig(rig_path, simulate, size="small")
+    outcomes: list[Outcome] = []
+    try:
+        for outcome in _run(rig, only, may_delete=may_delete or rig.simulated):
+            outcomes.append(outcome)
+            if not as_json:
+                click.echo(f"{_mark(outcome)}  {outcome.instrument} {outcome.name.replace('_', ' ')}: {outcome.detail}")
+    finally:
+        rig.close()
+    if not outcomes:
+        raise UsageError(f"the rig has no {only or 'instrument'}", where="conform", advice="name another instrument")
+    passed = all(o.passed for o in outcomes)
+    if as_json:
+        click.echo(json.dumps({"ok": passed, "simulated": rig.simulated, "outcomes": [o.to_dict() for o in outcomes]}))
+    return 0 if passed else 1
+
+
+def _mark(outcome: Outcome) -> str:
+    if not outcome.passed:
+        return click.style("FAIL", fg="red")
+    return click.style("skip", fg="yellow") if outcome.detail.startswith("skipped") else click.style("ok  ", fg="green")
+
+
+def _while_there(outcomes: Iterator[Outcome]) -> Iterator[Outcome]:
+    """End after the first outcome when the instrument is not there at all: the others would say nothing new."""
+    for outcome in outcomes:
+        yield outcome
+        if outcome.detail.startswith("DeviceNotFoundError"):
+            return
+
+
+def _run(rig: Rig, only: str | None, *, may_delete: bool) -> Iterator[Outcome]:
+    from station.capture.conform import CameraBench, run_camera, run_meter
+
+    for side, camera in rig.cameras.items():
+        if only in (None, side.value):
+            settings = rig.file.cameras()[side].settings()
+            bench = CameraBench(camera, settings, rig.clock, may_delete=may_delete)
+            yield from _while_there(run_camera(bench))
+    if rig.meter is not None and only in (None, "meter"):
+        yield from _while_there(run_meter(rig.meter, rig.clock))
+
+
+@click.group()
+def meter() -> None:
+    """Read a luminance meter, or find out what it speaks."""
+
+
+@meter.command()
+@click.option("--port", default="auto", show_default=True, help="Serial port, e.g. /dev/ttyUSB0 or COM3.")
+@click.option("--dialect", default="ls160", show_default=True, help="ls160 (assumed), ls100, cs100a, or a file.")
+@click.option("--samples", type=click.IntRange(1, 50), default=3, show_default=True)
+@click.option(
+    "--timeout", "timeout_s", type=click.FloatRange(0.1, 120), default=20.0, show_default=True, help="Seconds."
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bool) -> int:
+    """Take one reading (mean of some samples, with their spread).
+
+    \b
+    Example: daylit meter read --port /dev/ttyUSB0 --dialect ls100
+    Exit code: 0 a number · 3 a status without a number, or no meter.
+    """
+    from drivers.clock import SystemClock
+    from station.capture.readings import record_reading
+    from station.capture.rig import meter_on_port
+
+    instrument = meter_on_port(dialect, port, SystemClock())
+    try:
+        identity = instrument.connect()
+        record = record_reading("extra", instrument.measure(n_samples=samples, timeout_s=timeout_s))
+    finally:
+        instrument.close()
+    ok = record.luminance_cd_m2 is not None
+    if as_json:
+        click.echo(json.dumps({"ok": ok, "port": identity.port, **record.model_dump(mode="json")}))
+    elif ok:
+        assumed = "" if record.dialect_verified else f"  (dialect {record.dialect} is ASSUMED)"
+        click.echo(f"{record.luminance_cd_m2:g} cd/m2, spread {record.spread_frac:.2%} of {record.n_samples}{assumed}")
+    else:
+        click.echo(f"{record.status}: {record.detail}")
+    return 0 if ok else 3
+
+
+@meter.command()
+@click.argument("transcript", type=click.Path(path_type=Path))
+@click.option("--port", required=True, help="Serial port, e.g. /dev/ttyACM0 or COM3.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object instead of lines on the screen.")
+def probe(transcript: Path, port: str, *, as_json: bool) -> int:
+    """Ask a meter harmless questions in every dialect and write TRANSCRIPT, to be sent in.
+
+    \b
+    Example: daylit meter probe transcript.txt --port /dev/ttyACM0
+    Exit code: 0 something answered · 3 nothing did.
+    """
+    from drivers.clock import SystemClock
+    from drivers.meter.dialect import SHIPPED, load_dialect
+    from drivers.meter.probe import Exchange, transcript_lines
+    from drivers.meter.probe import probe as ask
+    from drivers.serial_link import PortSettings, SerialLink
+    from station.errors import UsageError
+
+    clock = SystemClock()
+    dialects = tuple(load_dialect(name) for name in SHIPPED)
+    answered: list[Exchange] = []
+
+    def open_line(settings: PortSettings) -> SerialLink:
+        return SerialLink.open(port, settings, clock=clock)
+
+    def watched() -> Iterator[Exchange]:
+        for exchange in ask(open_line, dialects, clock):
+            if exchange.received:
+                answered.append(exchange)
+            yield exchange
+
+    if transcript.exists():
+        raise UsageError("is already there", where=str(transcript), advice="choose another name")
+    with transcript.open("x", encoding="utf-8") as file:
+        for line in transcript_lines(watched(), port):
+            file.write(line + "\n")
+            if not as_json:
+                click.echo(line)
+    if as_json:
+        click.echo(json.dumps({"ok": bool(answered), "answers": len(answered), "transcript": str(transcript)}))
+    else:
+        click.echo(f"{len(answered)} answers; please send {transcript} in")
+    return 0 if answered else 3

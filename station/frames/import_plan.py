@@ -1,0 +1,155 @@
+"""Which files of a plain folder make a bracket: pure decisions from what the frame checker found.
+
+Whatever does not fit the rest (another size, another camera, a time that is there already, darker than a
+shorter frame) is refused by name, and the rest goes on.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from station.errors import FrameRejectedError
+from station.frames.facts import ExpectedFrame, FrameFacts, Reason
+from station.frames.rules import check_order, judge, rejection, same_stop, seconds_text
+from station.session.session import Side
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A file that decodes, and its exposure time (typed by the user, or else EXIF's; None: neither)."""
+
+    path: Path
+    facts: FrameFacts
+    time_s: float | None
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A file that does not become a frame; ``time_s`` is its exposure time where that is known."""
+
+    side: Side
+    name: str
+    reason: str
+    message: str
+    time_s: float | None = None
+
+
+@dataclass
+class _Sieve:
+    """The files of one side: those that fit so far, and those refused."""
+
+    side: Side
+    kept: list[Candidate]
+    refused: list[Refusal]
+
+    def refuse(self, candidate: Candidate, error: FrameRejectedError) -> None:
+        self.kept = [other for other in self.kept if other is not candidate]
+        self.refused.append(refusal(self.side, candidate.facts.name, error, candidate.time_s))
+
+
+def refusal(side: Side, name: str, error: FrameRejectedError, time_s: float | None) -> Refusal:
+    """Return the record of a refused file."""
+    return Refusal(side, name, str(error.details.get("reason", "")), error.message, time_s)
+
+
+def plan_side(side: Side, candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[Refusal]]:
+    """Return the frames of one side, longest exposure first, and the files that do not fit.
+
+    What most files agree on (size, camera, ISO, F-number) is taken to be meant; of equals, what comes first
+    by name.
+    """
+    sieve = _Sieve(side, list(candidates), [])
+    for candidate in candidates:
+        if candidate.time_s is None:
+            sieve.refuse(candidate, _no_time(candidate))
+    _keep_most(sieve, Reason.WRONG_SIZE, _size, "pixels")
+    _keep_most(sieve, Reason.WRONG_CAMERA, _camera, "taken by")
+    _keep_most(sieve, Reason.WRONG_ISO, lambda c: c.facts.exif.iso, "ISO")
+    _keep_most(sieve, Reason.WRONG_F_NUMBER, lambda c: c.facts.exif.f_number, "F-number")
+    _judge_each(sieve)
+    _keep_order(sieve)
+    return sorted(sieve.kept, key=_time, reverse=True), sieve.refused
+
+
+def _time(candidate: Candidate) -> float:
+    assert candidate.time_s is not None
+    return candidate.time_s
+
+
+def _no_time(candidate: Candidate) -> FrameRejectedError:
+    why = candidate.facts.exif_problem or "its EXIF has no exposure time"
+    return rejection(
+        candidate.facts.name, Reason.EXIF_MISSING, f"no exposure time: {why}", "give the times with --shutter"
+    )
+
+
+def _size(candidate: Candidate) -> str:
+    return f"{candidate.facts.width_px}x{candidate.facts.height_px}"
+
+
+def _camera(candidate: Candidate) -> str:
+    exif = candidate.facts.exif
+    return " ".join(part for part in (exif.make, exif.model, exif.serial) if part) or "an unnamed camera"
+
+
+def _keep_most(sieve: _Sieve, reason: Reason, key: Callable[[Candidate], Hashable], what: str) -> None:
+    """Refuse the files that differ from what most files say."""
+    if not sieve.kept:
+        return
+    most = Counter(key(candidate) for candidate in sieve.kept).most_common(1)[0][0]
+    for candidate in list(sieve.kept):
+        if key(candidate) != most:
+            message = f"{what} {key(candidate)}, while the others say {most}"
+            sieve.refuse(candidate, rejection(candidate.facts.name, reason, message, "sort the folder"))
+
+
+def _judge_each(sieve: _Sieve) -> None:
+    """Refuse repeated pictures, times that contradict EXIF, times that are there already, and black
+    frames."""
+    accepted: list[Candidate] = []
+    for candidate in list(sieve.kept):
+        time_s = _time(candidate)
+        twin = next((other for other in accepted if same_stop(_time(other), time_s)), None)
+        try:
+            expected = ExpectedFrame(exposure_s=time_s, require_exif=False)
+            judge(candidate.facts, expected, [other.facts for other in accepted])
+            if twin is not None:
+                message = f"the same exposure time ({seconds_text(time_s)}) as {twin.facts.name}"
+                raise rejection(candidate.facts.name, Reason.REPEATED, message, "keep the better one")
+        except FrameRejectedError as error:
+            sieve.refuse(candidate, error)
+        else:
+            accepted.append(candidate)
+
+
+def _keep_order(sieve: _Sieve) -> None:
+    """Refuse the frames whose brightness contradicts their exposure times."""
+    while True:
+        by_stop = dict(enumerate(candidate.facts for candidate in sieve.kept))
+        try:
+            check_order(by_stop, [_time(candidate) for candidate in sieve.kept])
+        except FrameRejectedError as error:
+            for candidate in [sieve.kept[stop] for stop in error.details["stops"]]:
+                sieve.refuse(candidate, error)
+        else:
+            return
+
+
+def join_stops(times_s: Sequence[float]) -> tuple[float, ...]:
+    """Return the stops of a session from the exposure times of both sides, longest first, forms of one stop
+    once."""
+    stops: list[float] = []
+    for time_s in sorted(times_s, reverse=True):
+        if not stops or not same_stop(stops[-1], time_s):
+            stops.append(time_s)
+    return tuple(stops)
+
+
+def stop_of(stops_s: Sequence[float], time_s: float | None) -> int:
+    """Return the index of the stop that a time belongs to; -1 for an unknown time."""
+    if time_s is None:
+        return -1
+    return min(range(len(stops_s)), key=lambda i: abs(stops_s[i] / time_s - 1))

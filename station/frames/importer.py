@@ -1,0 +1,348 @@
+"""A session from plain folders of JPEGs: every file checked, copied durably, and the folders left as they
+are."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from uuid import uuid4
+
+from drivers.clock import Clock, SystemClock
+from station.capture.readings import drift_frac
+from station.crash_report import software_versions
+from station.errors import (
+    FrameRejectedError,
+    IncompleteBracketError,
+    SessionNotFoundError,
+    UsageError,
+)
+from station.frames.check import FrameChecker
+from station.frames.facts import Reason
+from station.frames.import_plan import Candidate, Refusal, join_stops, plan_side, refusal, stop_of
+from station.frames.rules import printable, rejection
+from station.session.session import (
+    MAX_ROOM_CHARACTERS,
+    BracketRecord,
+    DeviceRecord,
+    FrameRecord,
+    MeterTarget,
+    ReadingRecord,
+    RejectedFrame,
+    SessionManifest,
+    Side,
+    Site,
+    SkippedStop,
+    WarningRecord,
+)
+from station.session.store import SessionStore
+
+MAX_FRAMES = 99
+JPEG_SUFFIXES = (".jpg", ".jpeg")
+_COPY_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class ImportRequest:
+    """What to import, and what no file tells.
+
+    ``shutter_s`` gives the exposure times in the order of the file names, seconds (empty: EXIF's).
+    ``readings_cd_m2`` are none, one (before) or two (before and after). ``camera_zone_min`` is the zone of
+    the cameras' clocks, minutes east of UTC (None: unknown, unless EXIF says). ``strict`` refuses the import
+    when any file is refused.
+    """
+
+    room: str
+    folders: Mapping[Side, Path]
+    into: Path
+    shutter_s: tuple[float, ...] = ()
+    readings_cd_m2: tuple[float, ...] = ()
+    site: Site = field(default_factory=Site)
+    heading_rad: float | None = None
+    target: MeterTarget | None = None
+    camera_zone_min: int | None = None
+    strict: bool = False
+
+
+@dataclass(frozen=True)
+class ImportReport:
+    """What became of the files: the session, the refused files, and the files that are no JPEG by name."""
+
+    session: Path
+    manifest: SessionManifest
+    refused: tuple[Refusal, ...]
+    ignored: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Sorted:
+    """The files of all folders, sorted into frames, refusals and files of no interest."""
+
+    frames: Mapping[Side, Sequence[Candidate]]
+    refused: tuple[Refusal, ...]
+    ignored: tuple[str, ...]
+    stops_s: tuple[float, ...]
+
+
+def import_session(
+    request: ImportRequest, *, checker: FrameChecker | None = None, clock: Clock | None = None
+) -> ImportReport:
+    """Make a session from plain folders; nothing in them is changed.
+
+    Raises
+    ------
+    UsageError
+        No folder, or not as many times as JPEGs.
+    SessionNotFoundError
+        A folder that is not there.
+    FrameRejectedError
+        ``strict``, and a file is refused; no session is made.
+    IncompleteBracketError
+        No file is a usable frame; no session is made.
+    ResourceError
+        The disk is full or failing; what was copied so far stays as a partial session.
+    """
+    clock = clock or SystemClock()
+    if checker is None:
+        with closing(FrameChecker()) as own:
+            return import_session(request, checker=own, clock=clock)
+    found = _sort_files(request, checker)
+    if request.strict and found.refused:
+        raise _strict_error(found.refused)
+    if not any(found.frames.values()):
+        raise _nothing_error(found)
+    with SessionStore.create(request.into, _manifest(request, found, clock), clock=clock) as store:
+        refused = (*found.refused, *_fill(store, request, found, clock))
+        manifest = store.finish()
+        return ImportReport(store.path, manifest, refused, found.ignored)
+
+
+def _strict_error(refused: Sequence[Refusal]) -> FrameRejectedError:
+    others = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
+    error = rejection(refused[0].name, Reason.DAMAGED, refused[0].message + others, "import without --strict")
+    error.details["reason"] = refused[0].reason
+    error.details["refused"] = [f"{r.side}/{r.name}: {r.message}" for r in refused]
+    return error
+
+
+def _nothing_error(found: _Sorted) -> IncompleteBracketError:
+    message, advice = "no file is a usable frame", "name the folder that holds the JPEGs of the bracket"
+    if found.refused:
+        first = found.refused[0]
+        others = f" (and {len(found.refused) - 1} more)" if len(found.refused) > 1 else ""
+        message += f": {first.side}/{first.name}: {first.message}{others}"
+        advice = "correct what is named (--shutter has one time a file, in the order of the file names)"
+    return IncompleteBracketError(
+        message,
+        where="import",
+        advice=advice,
+        refused=[f"{r.side}/{r.name}: {r.message}" for r in found.refused],
+        ignored=list(found.ignored),
+    )
+
+
+def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
+    if not request.folders:
+        raise UsageError("nothing to import", where="import", advice="give --indoor FOLDER")
+    if len(request.room) > MAX_ROOM_CHARACTERS:
+        raise UsageError("the room's name is too long", where="import", advice="its folder takes 60 characters")
+    frames: dict[Side, Sequence[Candidate]] = {}
+    refused: list[Refusal] = []
+    ignored: list[str] = []
+    for side, folder in request.folders.items():
+        files, others = _list_files(folder)
+        ignored += [f"{side}/{name}" for name in others]
+        candidates, unreadable = _inspect(side, files, _times(request, side, files), checker)
+        frames[side], misfits = plan_side(side, candidates)
+        refused += [*unreadable, *misfits]
+    known_s = [c.time_s for c in itertools.chain(*frames.values()) if c.time_s is not None]
+    known_s += [r.time_s for r in refused if r.time_s is not None]
+    return _Sorted(frames, tuple(refused), tuple(ignored), join_stops(known_s))
+
+
+def _list_files(folder: Path) -> tuple[list[Path], list[str]]:
+    """Return the JPEGs of a folder by name, and the names of everything else in it."""
+    try:
+        entries = sorted(folder.iterdir(), key=lambda path: path.name)
+    except OSError as error:
+        raise SessionNotFoundError(f"cannot be listed: {error.strerror}", where=str(folder)) from error
+    files = [path for path in entries if path.suffix.lower() in JPEG_SUFFIXES and not path.is_dir()]
+    if len(files) > MAX_FRAMES:
+        raise UsageError(
+            f"{len(files)} JPEGs, a bracket has at most {MAX_FRAMES}", where=str(folder), advice="sort the folder"
+        )
+    return files, [printable(path.name) for path in entries if path not in files]
+
+
+def _times(request: ImportRequest, side: Side, files: Sequence[Path]) -> Sequence[float | None]:
+    if not request.shutter_s:
+        return [None] * len(files)
+    if len(request.shutter_s) != len(files):
+        raise UsageError(
+            f"{len(request.shutter_s)} exposure times for {len(files)} JPEGs ({side})",
+            where="--shutter",
+            advice="give one time a file, in the order of the file names",
+        )
+    return request.shutter_s
+
+
+def _inspect(
+    side: Side, files: Sequence[Path], times_s: Sequence[float | None], checker: FrameChecker
+) -> tuple[list[Candidate], list[Refusal]]:
+    candidates: list[Candidate] = []
+    refused: list[Refusal] = []
+    for path, typed_s in zip(files, times_s, strict=True):
+        try:
+            facts = checker.inspect(path.resolve(), name=path.name)
+        except FrameRejectedError as error:
+            refused.append(refusal(side, printable(path.name), error, typed_s))
+        else:
+            candidates.append(Candidate(path, facts, typed_s or facts.exif.exposure_s))
+    return candidates, refused
+
+
+def _manifest(request: ImportRequest, found: _Sorted, clock: Clock) -> SessionManifest:
+    n_readings = len(request.readings_cd_m2)
+    if n_readings > 2:
+        raise UsageError("more than two readings", where="--reading", advice="give one, or before and after")
+    sides = tuple(side for side in Side if side in found.frames)
+    return SessionManifest(
+        session_id=uuid4().hex,
+        name=request.room,
+        created_utc=clock.utc_now(),
+        software=software_versions(),
+        site=request.site,
+        heading_rad=request.heading_rad,
+        bracket=BracketRecord(mode="imported", stops_s=found.stops_s, sides=sides),
+        devices=tuple(_device(side, found.frames[side]) for side in sides if found.frames[side]),
+        target=request.target,
+        readings_planned=0 if n_readings == 0 else 1 if n_readings == 1 else 2,
+    )
+
+
+def _device(side: Side, frames: Sequence[Candidate]) -> DeviceRecord:
+    exif = frames[0].facts.exif
+    return DeviceRecord(role=side.value, kind="imported", manufacturer=exif.make, model=exif.model, serial=exif.serial)
+
+
+def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Clock) -> list[Refusal]:
+    """Copy and record everything; return the files that changed under the import."""
+    changed: list[Refusal] = []
+    for side, frames in found.frames.items():
+        for candidate in frames:
+            try:
+                _copy(store, side, candidate, found.stops_s, request.camera_zone_min)
+            except FrameRejectedError as error:
+                changed.append(refusal(side, candidate.facts.name, error, candidate.time_s))
+    for refused in (*found.refused, *changed):
+        stop = stop_of(found.stops_s, refused.time_s)
+        reason = f"{refused.name}: {refused.message}"[:500]
+        store.add_rejected(RejectedFrame(side=refused.side, stop=stop, reason=reason))
+    for skipped in _other_side_only(found):
+        store.add_skipped(skipped)
+    for reading in _readings(request, clock.utc_now()):
+        store.add_reading(reading)
+    drift = drift_frac(store.manifest.readings)
+    if drift is not None:
+        store.update(drift_frac=drift)
+    for warning in _warnings(request, found):
+        store.add_warning(warning)
+    return changed
+
+
+def _copy(
+    store: SessionStore, side: Side, candidate: Candidate, stops_s: Sequence[float], zone_min: int | None
+) -> None:
+    """Copy one file into the session, make sure that it is what was checked, and acknowledge it."""
+    facts, time_s = candidate.facts, candidate.time_s
+    assert time_s is not None
+    stop = stop_of(stops_s, time_s)
+    part = store.begin_frame(side, stop, stops_s[stop])
+    try:
+        for chunk in _chunks(candidate):
+            part.write(chunk)
+        stored = part.commit()
+    finally:
+        part.abort()
+    record = FrameRecord(
+        side=side,
+        stop=stop,
+        file=stored.file,
+        size_bytes=stored.size_bytes,
+        sha256=stored.sha256,
+        asked_s=stops_s[stop],
+        camera_s=time_s,
+        exif_s=facts.exif.exposure_s,
+        iso=facts.exif.iso,
+        f_number=facts.exif.f_number,
+        width_px=facts.width_px,
+        height_px=facts.height_px,
+        taken_utc=_taken_utc(candidate, zone_min),
+        camera_name=facts.name,
+        statistics=facts.statistics,
+    )
+    store.add_frame(record)
+    if stored.sha256 != facts.sha256:
+        message = "changed while it was imported"
+        store.withdraw_frame(side, stop, "jpeg", message)
+        raise rejection(facts.name, Reason.DAMAGED, message, "import again")
+
+
+def _chunks(candidate: Candidate) -> Iterator[bytes]:
+    try:
+        with candidate.path.open("rb") as file:
+            while chunk := file.read(_COPY_BYTES):
+                yield chunk
+    except OSError as error:
+        raise rejection(
+            candidate.facts.name, Reason.NOT_A_FILE, f"cannot be read any more: {error.strerror}"
+        ) from error
+
+
+def _taken_utc(candidate: Candidate, zone_min: int | None) -> datetime | None:
+    """Return the moment of the frame by the camera's clock, where its zone is known."""
+    taken, told_min = candidate.facts.exif.taken_local, candidate.facts.exif.offset_min
+    zone_min = told_min if zone_min is None else zone_min
+    if taken is None or zone_min is None:
+        return None
+    return taken.replace(tzinfo=UTC) - timedelta(minutes=zone_min)
+
+
+def _other_side_only(found: _Sorted) -> Iterator[SkippedStop]:
+    """Yield the stops that only the other folder has: nothing of them was lost, unless a file is unreadable."""
+    for side, frames in found.frames.items():
+        times_s = [c.time_s for c in frames] + [r.time_s for r in found.refused if r.side == side]
+        have = {stop_of(found.stops_s, time_s) for time_s in times_s}
+        for stop in range(len(found.stops_s)):
+            if stop not in have and -1 not in have:
+                yield SkippedStop(side=side, stop=stop, reason="the folder has no such exposure time")
+
+
+def _readings(request: ImportRequest, now: datetime) -> Iterator[ReadingRecord]:
+    for when, luminance in zip(("before", "after"), request.readings_cd_m2, strict=False):
+        yield ReadingRecord(
+            when="before" if when == "before" else "after",
+            status="typed",
+            luminance_cd_m2=luminance,
+            taken_utc=now,
+            detail="typed at import",
+        )
+
+
+def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]:
+    if not request.readings_cd_m2:
+        text = "no meter reading: luminance stays relative until one is given"
+        yield WarningRecord(code="no_meter", message=text)
+    if len(found.frames) == 1:
+        yield WarningRecord(code="one_side", message=f"{next(iter(found.frames))} only")
+    for side, frames in found.frames.items():
+        for candidate in frames:
+            notes = [*candidate.facts.notes, candidate.facts.exif_problem]
+            for note in filter(None, notes):
+                yield WarningRecord(code="frame_note", message=f"{side}/{candidate.facts.name}: {note}"[:500])
+    if found.ignored:
+        names = ", ".join(found.ignored)
+        yield WarningRecord(code="ignored_files", message=f"not JPEGs, left out: {names}"[:500])

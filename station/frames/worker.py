@@ -1,0 +1,279 @@
+"""The process in which strangers' bytes are decoded; started by `station.frames.check`, never imported by it.
+
+It reads one JSON request a line from standard input and answers one JSON line. Before the first request it
+locks itself in: 2 GiB of address space, no new files, no children, few open files, an empty folder, no
+network where the system lets it. OpenCV is the decoder because it says what libjpeg found odd ("premature end
+of data segment") on standard error, which is read here; Pillow keeps that to itself and fills the rest of the
+picture with grey.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import mmap
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.ground.arrays import Bytes
+from station.frames.exif import ExifFacts, check_raw, read_exif
+from station.frames.facts import FrameProblemError, Reason
+from station.frames.jpeg import read_header
+
+Circle = Sequence[float]
+
+MAX_JPEG_BYTES = 256 * 2**20
+MAX_RAW_BYTES = 1_000_000_000
+MAX_OPEN_FILES = 64
+CLIPPED_FROM, DARK_TO = 250, 8
+SMALL_PIXELS = 60_000
+"""The small picture has at least so many pixels, where the frame has."""
+TELLING_FRAC, TELLING_PIXELS = 0.02, 200
+"""Below so many pixels between dark and clipped, two different frames may well look the same."""
+
+_REDUCED = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
+_CLONE_NEWUSER, _CLONE_NEWNET = 0x10000000, 0x40000000
+
+
+def main() -> None:
+    """Serve requests until standard input ends."""
+    requests = os.fdopen(os.dup(0), "rb")
+    answers = os.fdopen(os.dup(1), "wb")
+    complaints = _catch_output()
+    limits = lock_in(memory_bytes=int(sys.argv[1]))
+    _answer(answers, {"ok": True, "limits": limits})
+    while line := requests.readline(100_000):
+        request = json.loads(line)
+        _limit_cpu(request["cpu_s"])
+        _answer(answers, _serve(request, complaints))
+
+
+def _answer(answers: Any, answer: dict[str, Any]) -> None:
+    answers.write(json.dumps(answer).encode() + b"\n")
+    answers.flush()
+
+
+def _serve(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, Any]:
+    """Return the facts of a file, or the reason why there are none."""
+    try:
+        return {
+            "ok": True,
+            "facts": inspect(request, complaints),
+        }
+    except FrameProblemError as problem:
+        return {"ok": False, "reason": problem.reason, "message": problem.message}
+    except MemoryError:
+        return {"ok": False, "reason": Reason.TOO_MUCH_MEMORY, "message": "decoding it takes too much memory"}
+    except OSError as error:
+        return {"ok": False, "reason": Reason.NOT_A_FILE, "message": f"cannot be read: {error.strerror}"}
+
+
+def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, Any]:
+    """Read and measure one file; ``complaints`` returns what the decoder said since it was last called."""
+    path, format_ = request["path"], request["format"]
+    descriptor = os.open(path, _open_flags())
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        limit_bytes = MAX_JPEG_BYTES if format_ == "jpeg" else MAX_RAW_BYTES
+        if not stat.S_ISREG(status.st_mode):
+            raise FrameProblemError(Reason.NOT_A_FILE, "not an ordinary file")
+        if status.st_size > limit_bytes:
+            raise FrameProblemError(Reason.TOO_LARGE, f"{status.st_size} bytes; the limit is {limit_bytes}")
+        if format_ == "jpeg":
+            data = file.read(status.st_size)
+            return _inspect_jpeg(data, request["exact"], request.get("circle"), complaints)
+        if status.st_size == 0:
+            raise FrameProblemError(Reason.NOT_RAW, "an empty file")
+        with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as raw:
+            check_raw(raw, format_)
+            return {"size_bytes": len(raw), "sha256": hashlib.sha256(raw).hexdigest()}
+
+
+def _open_flags() -> int:
+    """Refuse links, and do not wait for the writer of a pipe."""
+    flags = os.O_RDONLY
+    for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"):
+        flags |= getattr(os, name, 0)
+    return flags
+
+
+def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: Callable[[], str]) -> dict[str, Any]:
+    header = read_header(data)
+    exif, exif_problem = _exif(header.exif)
+    scale = next((s for s in (8, 4, 2) if header.width_px * header.height_px >= SMALL_PIXELS * s * s), 1)
+    small = _decode(data, scale, complaints)
+    pixels = _decode(data, 1, complaints) if exact and scale > 1 else small
+    width_px, height_px = -(-header.width_px // scale), -(-header.height_px // scale)
+    if small.shape != (height_px, width_px, 3):
+        raise FrameProblemError(Reason.DAMAGED, f"decodes to {small.shape}, not {width_px}x{height_px}")
+    measures = measure(pixels, circle)
+    return {
+        "size_bytes": len(data),
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "width_px": header.width_px,
+        "height_px": header.height_px,
+        "exif": exif,
+        "exif_problem": exif_problem,
+        "exact": exact or scale == 1,
+        "picture_sha256": _picture_digest(small, measures),
+        "notes": list(header.notes),
+        **measures,
+    }
+
+
+def _exif(block: bytes | None) -> tuple[dict[str, Any], str]:
+    """Return the EXIF facts and what is wrong with them; whether that matters is the asker's choice."""
+    if block is None:
+        return {}, "no EXIF"
+    try:
+        facts = read_exif(block)
+    except FrameProblemError as problem:
+        return {}, problem.message
+    values = {name: getattr(facts, name) for name in ExifFacts.__dataclass_fields__}
+    taken = values.pop("taken_local")
+    return {**values, "taken_local": taken and taken.isoformat()}, ""
+
+
+def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Bytes:
+    """Decode at 1/scale (libjpeg's scaled transform); whatever the decoder complains of is refused."""
+    flags = _REDUCED.get(scale, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        if error.code == cv2.Error.StsNoMem:
+            raise MemoryError from error
+        raise FrameProblemError(Reason.DAMAGED, f"does not decode: {error.err[:200]}") from error
+    complaint = complaints()
+    if complaint:
+        raise FrameProblemError(Reason.DAMAGED, f"the picture data is damaged: {complaint}")
+    if pixels is None:
+        raise FrameProblemError(Reason.DAMAGED, "the picture data does not decode")
+    return np.asarray(pixels, np.uint8)
+
+
+def measure(pixels: Bytes, circle: Circle | None = None) -> dict[str, Any]:
+    """Return brightness measures of an 8-bit picture, band by band so that little memory is needed.
+
+    With ``circle`` (centre column, centre row, radius as fractions of width, height and width) only what lies inside
+    counts: around a fisheye's picture all is black.
+    """
+    counts = np.zeros((4, 256), np.int64)
+    for top in range(0, pixels.shape[0], 256):
+        band = pixels[top : top + 256]
+        inside = None if circle is None else _inside(pixels.shape, range(top, top + len(band)), circle)
+        blue, green, red = cv2.split(band)
+        brightest = cv2.max(cv2.max(blue, green), red)
+        for row, plane in enumerate((red, green, blue, brightest)):
+            values = plane.ravel() if inside is None else plane[inside]
+            counts[row] += np.bincount(values, minlength=256)
+    n_pixels = max(1, int(counts[3].sum()))
+    clipped = counts[:, CLIPPED_FROM:].sum(axis=1) / n_pixels
+    return {
+        "mean_frac": float((counts[:3] @ np.arange(256)).sum() / (3 * 255 * n_pixels)),
+        "clipped_frac": float(clipped[3]),
+        "dark_frac": float(counts[3, : DARK_TO + 1].sum() / n_pixels),
+        "clipped_rgb_frac": [float(share) for share in clipped[:3]],
+    }
+
+
+def _inside(shape: tuple[int, ...], rows: range, circle: Circle) -> npt.NDArray[np.bool_]:
+    """Return which pixels of the rows have their centre in the circle."""
+    height_px, width_px = shape[:2]
+    x = (np.arange(width_px) + 0.5) / width_px - circle[0]
+    y = ((np.array(rows) + 0.5) / height_px - circle[1]) * height_px / width_px
+    return np.asarray(x[None, :] ** 2 + y[:, None] ** 2 <= circle[2] ** 2)
+
+
+def _picture_digest(small: Bytes, measures: dict[str, Any]) -> str | None:
+    """Return the digest of the small picture; None where too little shows to tell two frames apart."""
+    telling_frac = 1.0 - measures["clipped_frac"] - measures["dark_frac"]
+    if telling_frac < TELLING_FRAC or telling_frac * small.shape[0] * small.shape[1] < TELLING_PIXELS:
+        return None
+    return hashlib.sha256(repr(small.shape).encode() + small.tobytes()).hexdigest()
+
+
+def _catch_output() -> Callable[[], str]:
+    """Send whatever libraries print into a pipe of our own, and return a function that empties it."""
+    read_end, write_end = os.pipe()
+    for descriptor in (read_end, write_end):
+        if hasattr(os, "set_blocking"):
+            os.set_blocking(descriptor, False)
+    for standard in (1, 2):
+        os.dup2(write_end, standard)
+
+    def complaints() -> str:
+        try:
+            text = os.read(read_end, 65536).decode("ascii", "replace")
+        except BlockingIOError:
+            return ""
+        return " ".join(text.split())[:200]
+
+    return complaints
+
+
+def lock_in(memory_bytes: int) -> list[str]:
+    """Give up what decoding does not need; return what is in force, in words, and what could not be had."""
+    cv2.setNumThreads(0)
+    folder = tempfile.mkdtemp(prefix="daylit-empty-")
+    os.chdir(folder)
+    with suppress(OSError):
+        os.rmdir(folder)  # noqa: PTH106 (the folder lives on as our working folder, and nobody has to clean it up)
+    return [_leave_network(), *_limit_resources(memory_bytes)]
+
+
+def _leave_network() -> str:
+    """Move into a network name space of our own, which has no interface (Linux)."""
+    if sys.platform != "linux":
+        return "network: not blocked on this system"
+    import ctypes
+
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.unshare(_CLONE_NEWNET) == 0 or libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET) == 0:
+        return "network: none"
+    return f"network: not blocked ({os.strerror(ctypes.get_errno())})"
+
+
+def _limit_resources(memory_bytes: int) -> list[str]:
+    try:
+        import resource
+    except ImportError:
+        return ["memory, processor time and files: not limited on this system"]
+    wanted = {
+        "address space": (resource.RLIMIT_AS, memory_bytes),
+        "file size": (resource.RLIMIT_FSIZE, 0),
+        "core dump": (resource.RLIMIT_CORE, 0),
+        "open files": (resource.RLIMIT_NOFILE, MAX_OPEN_FILES),
+        "processes": (resource.RLIMIT_NPROC, 0),
+    }
+    said = []
+    for name, (kind, value) in wanted.items():
+        try:
+            resource.setrlimit(kind, (value, value))
+        except (ValueError, OSError) as error:  # macOS refuses RLIMIT_AS
+            said.append(f"{name}: not limited ({error})")
+        else:
+            said.append(f"{name}: {value}")
+    return said
+
+
+def _limit_cpu(cpu_s: int) -> None:
+    """Allow ``cpu_s`` more seconds of processor time; the system ends the process behind them."""
+    with suppress(ImportError):
+        import resource
+
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        limit_s = int(used.ru_utime + used.ru_stime) + 1 + cpu_s
+        resource.setrlimit(resource.RLIMIT_CPU, (limit_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+
+
+if __name__ == "__main__":
+    main()

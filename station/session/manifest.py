@@ -1,0 +1,136 @@
+"""Reading session.json with suspicion, and writing it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from station.errors import IntegrityError, ManifestError, SchemaTooNewError, SessionNotFoundError
+from station.session import strict_json
+from station.session.folder import Folder
+from station.session.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManifest
+
+MAX_MANIFEST_BYTES = 16 << 20
+_REMAKE = "if the journal is intact, `daylit verify --repair` restores it"
+
+Migration = Callable[[dict[str, Any]], dict[str, Any]]
+MIGRATIONS: dict[int, Migration] = {}
+"""From schema version n to n + 1, for older manifests; version 1 is the first, so there is none yet."""
+
+
+def _migrate(data: dict[str, Any], where: str) -> dict[str, Any]:
+    version = data.get("schema_version", 1)
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise ManifestError(f"schema_version is {version!r:.40}", where=where)
+    if version > SCHEMA_VERSION:
+        raise SchemaTooNewError(
+            f"written with schema {version}; this daylit knows up to {SCHEMA_VERSION}",
+            where=where,
+            advice="update daylit",
+        )
+    while version < SCHEMA_VERSION:
+        data = MIGRATIONS[version](data)
+        version += 1
+        data["schema_version"] = version
+    return data
+
+
+def _reasons(exc: ValidationError) -> str:
+    shown = []
+    for error in exc.errors(include_url=False, include_input=False, include_context=False)[:5]:
+        shown.append(f"{'.'.join(str(part)[:60] for part in error['loc'])}: {error['msg']}")
+    more = exc.error_count() - len(shown)
+    return "; ".join(shown) + (f"; and {more} more" if more > 0 else "")
+
+
+def _check_consistent(manifest: SessionManifest, where: str) -> None:
+    """Refuse what the types allow but no station writes: shared files, a frame in the other side's folder."""
+    files = [f.file for f in manifest.frames] + [r.file for r in manifest.rejected if r.file]
+    keys = [(f.side, f.stop, f.format) for f in manifest.frames]
+    if len({name.casefold() for name in files}) != len(files):
+        raise ManifestError("two records name one file", where=where)
+    if len(set(keys)) != len(keys):
+        raise ManifestError("two frames of one side, stop and format", where=where)
+    for frame in manifest.frames:
+        if not frame.file.startswith(f"{frame.side}/"):
+            raise ManifestError(f"{frame.file} cannot be a frame of {frame.side}", where=where)
+        if frame.stop >= len(manifest.bracket.stops_s):
+            raise ManifestError(f"{frame.file}: the bracket has no stop {frame.stop}", where=where)
+
+
+def manifest_of(data: Any, where: str) -> SessionManifest:
+    """Return the manifest that JSON data describe; `ManifestError` or `SchemaTooNewError` name ``where``."""
+    if not isinstance(data, dict):
+        raise ManifestError("not a JSON object", where=where)
+    try:
+        manifest = SessionManifest.model_validate(_migrate(data, where))
+    except ValidationError as exc:
+        raise ManifestError(f"not of the schema: {_reasons(exc)}", where=where, advice=_REMAKE) from exc
+    _check_consistent(manifest, where)
+    return manifest
+
+
+def parse_manifest(raw: bytes, where: str) -> SessionManifest:
+    """Return the manifest in the bytes of a session.json."""
+    if len(raw) > MAX_MANIFEST_BYTES:
+        raise ManifestError(f"larger than {MAX_MANIFEST_BYTES} bytes", where=where)
+    try:
+        data = strict_json.loads(raw)
+    except strict_json.StrictJsonError as exc:
+        raise ManifestError(str(exc), where=where, advice=_REMAKE) from exc
+    return manifest_of(data, where)
+
+
+def read_manifest(folder: Folder, name: str = MANIFEST_NAME) -> SessionManifest | None:
+    """Return the manifest in an open session folder; None if there is none."""
+    where = str(folder.path / name)
+    try:
+        raw = folder.read_file(name, MAX_MANIFEST_BYTES)
+    except IntegrityError as exc:
+        raise ManifestError(exc.message, where=where) from exc
+    return None if raw is None else parse_manifest(raw, where)
+
+
+def load_manifest(path: Path) -> SessionManifest:
+    """Return the manifest of a session; ``path`` is its folder or its session.json.
+
+    Raises `SessionNotFoundError`, `ManifestError` (file and reason) or `SchemaTooNewError`; bounded in time
+    and memory whatever the file holds.
+    """
+    path = Path(path)
+    folder_path, name = (path, MANIFEST_NAME) if path.is_dir() else (path.parent, path.name)
+    try:
+        folder = Folder.open(folder_path)
+    except (FileNotFoundError, NotADirectoryError) as exc:
+        raise SessionNotFoundError("no such folder", where=str(folder_path)) from exc
+    except (OSError, ValueError) as exc:
+        raise SessionNotFoundError(f"cannot be opened: {exc}", where=str(folder_path)) from exc
+    try:
+        manifest = read_manifest(folder, name)
+    finally:
+        folder.close()
+    if manifest is None:
+        raise SessionNotFoundError(
+            f"no {name} here",
+            where=str(folder_path),
+            advice="name a session folder (one that holds session.json)",
+        )
+    return manifest
+
+
+def manifest_bytes(manifest: SessionManifest) -> bytes:
+    """Return session.json's content."""
+    return manifest.model_dump_json(indent=2).encode() + b"\n"
+
+
+def schema_text() -> str:
+    """Return the JSON schema of session.json, as kept in docs/schemas/session-1.schema.json."""
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **SessionManifest.model_json_schema(),
+    }
+    return json.dumps(schema, indent=2, sort_keys=True) + "\n"

@@ -1,0 +1,319 @@
+"""Whether a session is what its manifest says: every file, size and digest, and the journal agrees."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from station.errors import (
+    IntegrityError,
+    JournalError,
+    ResourceError,
+    SessionError,
+    SessionNotFoundError,
+)
+from station.session import durable, recovery
+from station.session.folder import PART_PREFIX, READ_BYTES, Folder, write_file
+from station.session.journal import read_journal
+from station.session.lock import LOCK_NAME, SessionLock
+from station.session.manifest import manifest_bytes, read_manifest
+from station.session.recovery import RECORDS, REJECTED, SUBFOLDERS, FileProblem, replay
+from station.session.session import (
+    JOURNAL_NAME,
+    MANIFEST_NAME,
+    PANORAMA_FOLDER,
+    FrameRecord,
+    Model,
+    PanoramaRecord,
+    SessionManifest,
+    SessionStatus,
+)
+
+# What a check of a session found.
+
+
+def printable(text: str) -> str:
+    """Return the text with everything unprintable spelled as an escape."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is not as it should be: a code to sort by, the file inside the session, and words."""
+
+    code: str
+    file: str
+    message: str
+
+
+@dataclass
+class VerifyReport:
+    """All that was found; without ``problems`` the session is intact (but maybe partial: ``status``)."""
+
+    path: str
+    fast: bool
+    status: str = "unknown"
+    missing: tuple[str, ...] = ()
+    frames_checked: int = 0
+    bytes_read: int = 0
+    problems: list[Problem] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def intact(self) -> bool:
+        """Whether there is no problem."""
+        return not self.problems
+
+    def add(self, code: str, file: str, message: str) -> None:
+        """Note a problem; text from a hostile session cannot reach a terminal as control characters."""
+        self.problems.append(Problem(code, printable(file), printable(message)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as a JSON-able mapping."""
+        return {"intact": self.intact, **asdict(self)}
+
+    def raise_for_problems(self) -> None:
+        """Raise `IntegrityError` listing every problem, if there is one."""
+        if self.problems:
+            told = "; ".join(f"{p.file}: {p.message}" for p in self.problems[:5])
+            more = f"; and {len(self.problems) - 5} more" if len(self.problems) > 5 else ""
+            raise IntegrityError(
+                f"{len(self.problems)} problems: {told}{more}",
+                where=self.path,
+                advice="restore the files from a copy, or take them anew with `daylit capture --resume`",
+                files=[p.file for p in self.problems],
+            )
+
+
+__all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
+
+FrameCheck = Callable[[Path, FrameRecord], str | None]
+"""Looks into a frame whose digest is right; returns what is wrong with it, or None."""
+
+_CAPTURED = ("indoor", "outdoor")
+
+
+def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | None = None) -> VerifyReport:
+    """Check a session without changing anything (works on a read-only folder and takes no lock).
+
+    ``fast`` looks at names and sizes alone and reads no frame. All problems are listed at once; the only
+    error raised is `SessionNotFoundError` where there is no session.
+    """
+    try:
+        root = Folder.open(Path(path))
+    except OSError as exc:
+        raise SessionNotFoundError(
+            f"cannot be opened: {exc.strerror}", where=str(path), advice="name a session folder"
+        ) from exc
+    report = VerifyReport(str(path), fast)
+    try:
+        if not any(root.lstat(name) for name in (MANIFEST_NAME, JOURNAL_NAME)):
+            raise SessionNotFoundError(f"no {MANIFEST_NAME} here", where=str(path), advice="name a session folder")
+        manifest = _check_manifest(root, report)
+        told = _check_journal(root, manifest, report)
+        _check_root(root, report)
+        best = manifest or told
+        if best:
+            report.status, report.missing = best.status.value, best.missing
+            listed = {file for m in (manifest, told) if m for file in _files(m)}
+            for name in SUBFOLDERS:
+                _check_folder(root, name, listed, report)
+            for frame in best.frames:
+                _check_frame(root, frame, report, frame_check)
+            if best.panorama:
+                _check_panorama(root, best.panorama, report)
+    finally:
+        root.close()
+    return report
+
+
+def repair_session(path: Path) -> VerifyReport:
+    """Write session.json anew from the journal, then verify; a damaged one goes to rejected/.
+
+    Raises `SessionLockedError` while somebody works on the session, `JournalError` if the journal is no help.
+    """
+    try:
+        root = Folder.open(Path(path))
+    except OSError as exc:
+        raise SessionNotFoundError(
+            f"cannot be opened: {exc.strerror}", where=str(path), advice="name a session folder"
+        ) from exc
+    lock = None
+    try:
+        if root.lstat(JOURNAL_NAME) is None:
+            raise JournalError(
+                "there is no journal to restore from",
+                where=str(Path(path) / JOURNAL_NAME),
+                advice="restore it from a copy; daylit verify tells whether the session is whole without it",
+            )
+        lock = SessionLock(root)
+        memory = recovery.remember(root)
+        manifest = memory.state.manifest
+        if memory.manifest != manifest:
+            if memory.manifest_problem:
+                root.make_sub(REJECTED)
+                rejected = root.sub(REJECTED)
+                recovery.keep_damaged_manifest(root, rejected)
+                rejected.close()
+            write_file(root, MANIFEST_NAME, manifest_bytes(manifest))
+    finally:
+        if lock:
+            lock.release()
+        root.close()
+    return verify_session(path)
+
+
+def _check_manifest(root: Folder, report: VerifyReport) -> SessionManifest | None:
+    try:
+        manifest = read_manifest(root)
+    except (SessionError, ResourceError) as exc:
+        report.add("manifest", MANIFEST_NAME, exc.message)
+        return None
+    if manifest is None:
+        report.add("manifest", MANIFEST_NAME, "is missing")
+        return None
+    if manifest.status is SessionStatus.COMPLETE and manifest.assess().missing:
+        report.add("manifest-status", MANIFEST_NAME, "says complete and is not")
+    return manifest
+
+
+def _check_journal(root: Folder, manifest: SessionManifest | None, report: VerifyReport) -> SessionManifest | None:
+    """Compare journal and manifest; returns the manifest as the journal tells it."""
+    told = None
+    try:
+        content = read_journal(root)
+        if content is None or not (content.entries or content.torn):
+            report.notes.append("no journal: the manifest alone vouches for the files")
+            return None
+        if content.torn:
+            report.add("journal-torn", JOURNAL_NAME, f"ends in a damaged line of {len(content.torn)} bytes")
+        if content.entries:
+            told = replay(content.entries, JOURNAL_NAME).manifest
+            if manifest:
+                _compare(told, manifest, report)
+    except (SessionError, ResourceError) as exc:
+        report.add("journal", JOURNAL_NAME, exc.message)
+    return told
+
+
+def _compare(told: SessionManifest, manifest: SessionManifest, report: VerifyReport) -> None:
+    """Say where journal and manifest disagree, record by record."""
+    for kind, (name, _) in RECORDS.items():
+        ours, theirs = getattr(manifest, name), getattr(told, name)
+        for record in _lacking(theirs, ours):
+            file = getattr(record, "file", None) or MANIFEST_NAME
+            report.add("manifest-behind", file, f"a {kind} of the journal is not in the manifest")
+        for record in _lacking(ours, theirs):
+            file = getattr(record, "file", None) or JOURNAL_NAME
+            report.add("not-journalled", file, f"a {kind} of the manifest is not in the journal")
+    lists = {name for name, _ in RECORDS.values()} | {"status", "missing"}
+    for name in set(SessionManifest.model_fields) - lists:
+        if getattr(manifest, name) != getattr(told, name):
+            report.add("manifest-differs", MANIFEST_NAME, f"{name} is not what the journal says")
+
+
+def _lacking(records: tuple[Model, ...], others: tuple[Model, ...]) -> list[Model]:
+    have = set(others)
+    return [record for record in records if record not in have]
+
+
+def _check_root(root: Folder, report: VerifyReport) -> None:
+    """Beside our own files the root may hold results (folders); links, pipes and leftovers are told."""
+    for name in root.names():
+        if name in SUBFOLDERS or name in (MANIFEST_NAME, JOURNAL_NAME, LOCK_NAME):
+            continue
+        info = root.lstat(name)
+        reason = durable.irregular(info) if info else None
+        if name.startswith(PART_PREFIX):
+            report.notes.append(f"{name!r} was left by an interrupted run; it does no harm")
+        elif reason and reason != durable.IS_FOLDER:
+            report.add("irregular", name, reason)
+
+
+def _files(manifest: SessionManifest) -> list[str]:
+    return [f.file for f in manifest.frames] + [r.file for r in manifest.rejected if r.file]
+
+
+def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyReport) -> None:
+    """Tell what is in a folder and in no record."""
+    if root.lstat(name) is None:
+        return
+    try:
+        folder = root.sub(name)
+    except SessionError as exc:
+        report.add("irregular", name, exc.message)
+        return
+    for inside in folder.names():
+        file = f"{name}/{inside}"
+        if file in listed:
+            continue
+        info = folder.lstat(inside)
+        reason = durable.irregular(info) if info else None
+        if reason:
+            report.add("irregular", file, reason)
+        elif inside.startswith(PART_PREFIX):
+            report.notes.append(f"{file!r} was left by an interrupted run; it does no harm")
+        elif name in _CAPTURED:
+            report.add("extra", file, "is in no record")
+    folder.close()
+
+
+def _check_frame(root: Folder, frame: FrameRecord, report: VerifyReport, frame_check: FrameCheck | None) -> None:
+    try:
+        folder = root.sub(frame.side.value)
+    except SessionError as exc:
+        report.add("missing", frame.file, exc.message)
+        return
+    try:
+        problem = recovery.file_problem(folder, frame)
+        if problem is None and not report.fast:
+            problem = _digest_problem(folder, frame, report)
+        if problem is None and frame_check:
+            told = frame_check(folder.path / frame.file.partition("/")[2], frame)
+            problem = FileProblem("content", told) if told else None
+    except (SessionError, ResourceError) as exc:
+        problem = FileProblem("unreadable", exc.message)
+    finally:
+        folder.close()
+    report.frames_checked += 1
+    if problem:
+        report.add(problem.code, frame.file, problem.message)
+
+
+def _check_panorama(root: Folder, panorama: PanoramaRecord, report: VerifyReport) -> None:
+    try:
+        folder = root.sub(PANORAMA_FOLDER)
+    except SessionError as exc:
+        report.add("missing", panorama.file, exc.message)
+        return
+    try:
+        problem = recovery.file_problem(folder, panorama)
+        if problem is None and not report.fast:
+            problem = _digest_problem(folder, panorama, report)
+    except (SessionError, ResourceError) as exc:
+        problem = FileProblem("unreadable", exc.message)
+    finally:
+        folder.close()
+    report.frames_checked += 1
+    if problem:
+        report.add(problem.code, panorama.file, problem.message)
+
+
+def _digest_problem(folder: Folder, frame: FrameRecord | PanoramaRecord, report: VerifyReport) -> FileProblem | None:
+    name = frame.file.partition("/")[2]
+    fd = folder.open_file(name)
+    digest = hashlib.sha256()
+    try:
+        with durable.disk_errors(folder.path / name, "reading"):
+            while block := os.read(fd, READ_BYTES):
+                digest.update(block)
+                report.bytes_read += len(block)
+    finally:
+        os.close(fd)
+    if digest.hexdigest() == frame.sha256:
+        return None
+    return FileProblem("digest", "its SHA-256 is not the recorded one")
