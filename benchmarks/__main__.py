@@ -14,7 +14,7 @@ import traceback
 
 import click
 
-from benchmarks._form import Result, names, run_one
+from benchmarks.form import Result, names, run_one
 
 
 @click.command()

@@ -158,7 +158,7 @@ STAGES: tuple[Stage, ...] = (
         reads=("camera_height_m", "site", "heading_rad", "frames"),
         makes=(
             Artifact("panorama", "picture", optional=True),
-            Artifact("room", "json", optional=True, check="processing.room.model:check_room"),
+            Artifact("room", "json", optional=True, check="processing.ground.room_model:check_room"),
             Artifact("evidence", "file", optional=True, file_name="evidence.npz"),
         ),
         parameters="processing.stages.parameters:RoomParameters",

@@ -27,10 +27,10 @@ def main() -> None:
 @click.option("--furniture", type=click.Path(path_type=Path, exists=True), multiple=True, help="Folder of model files.")
 def generate(out: Path, split: str, first: int, batches: int, minutes: float, furniture: tuple[Path, ...]) -> None:
     """Draw batches of pictures (about 120 each) that are not there yet."""
-    from training.pieces import built_in_pieces, folder_pieces
     from training.recipe import batch
+    from training.rooms.pieces import built_in_pieces, folder_pieces
+    from training.rooms.textures import saved_bank
     from training.shards import write_shard
-    from training.textures import saved_bank
 
     out.mkdir(parents=True, exist_ok=True)
     tiles = saved_bank(out.parent / "bank.npz")

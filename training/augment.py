@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Floats
-from training.recoat import recoated
+from training.rooms.recoat import recoated
 from training.shards import Examples
 from training.stretch import stretched, wall_direction_rad
 

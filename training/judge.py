@@ -13,10 +13,10 @@ from processing.pictures.images import LuminanceImage
 from processing.segmentation.embedded import WIDTH_PX, scene_evidence
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from training.camera import small_labels
-from training.classes_of_rooms import class_picture
 from training.labels import boundary_latitudes
 from training.real import SEEN, furniture_masks, zind_layouts
+from training.rooms.camera import small_labels
+from training.rooms.classes_of_rooms import class_picture
 from training.scores import Tally, floor_iou
 from training.shards import read_shards
 
@@ -46,8 +46,8 @@ def on_validation(model: Path, pictures: Path, *, quality: str = "standard", eve
 
 
 def on_rooms(model: Path, split: Split, count: int, *, quality: str = "standard", empty: bool = False) -> Tally:
-    """Return the figures on fully lit simulated rooms (`benchmarks._truth_rooms`), as calibrated pictures."""
-    from benchmarks._truth_rooms import kept_list, truth_of
+    """Return the figures on fully lit simulated rooms (`benchmarks.truth_rooms`), as calibrated pictures."""
+    from benchmarks.truth_rooms import kept_list, truth_of
 
     tally = Tally()
     for seed, use in kept_list(split, count):

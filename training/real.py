@@ -15,8 +15,8 @@ from processing.ground.arrays import Floats
 from processing.pictures.images import RelativeImage
 from processing.segmentation.embedded import WIDTH_PX
 from processing.sphere import Equirectangular
-from training.camera import decoded
 from training.labels import boundary_latitudes
+from training.rooms.camera import decoded
 
 SEEN = 6
 """Of the ZInD panoramas, in order of their names: these may be looked at, the others are only scored."""

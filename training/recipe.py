@@ -1,4 +1,4 @@
-"""The recipe of the training pictures: batches of rooms, some from `mocks.rooms`, most of `training.house`."""
+"""The recipe of the training pictures: batches of rooms, some from `mocks.rooms`, most of `training.rooms.house`."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from mocks.rooms.mesh import Part
 from mocks.rooms.room import Room, make_room
 from processing.ground.arrays import Floats
 from processing.segmentation.embedded import WIDTH_PX
-from training.camera import add_foot, photographed, small_labels
-from training.classes_of_rooms import room_soup
-from training.house import draw_house
 from training.labels import boundary_latitudes, corner_likelihood
-from training.outlines import draw_cameras, draw_eye_m
-from training.pieces import Piece, pieces_of
-from training.props import furnish_house
-from training.render import Stage, radiance, see
-from training.textures import Tile
+from training.rooms.camera import add_foot, photographed, small_labels
+from training.rooms.classes_of_rooms import room_soup
+from training.rooms.house import draw_house
+from training.rooms.outlines import draw_cameras, draw_eye_m
+from training.rooms.pieces import Piece, pieces_of
+from training.rooms.props import furnish_house
+from training.rooms.render import Stage, radiance, see
+from training.rooms.textures import Tile
 
 ROOMS_A_BATCH, HOUSES_A_BATCH = 5, 26
 CAMERAS, LOOKS = 2, 2

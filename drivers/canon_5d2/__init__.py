@@ -1,1 +1,1 @@
-"""canon_5d2"""
+"""The Canon EOS 5D Mark II over PTP."""

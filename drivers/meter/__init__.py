@@ -1,1 +1,1 @@
-"""meter"""
+"""Luminance meters on a serial line: their dialects, dialogue and probe."""

@@ -1,1 +1,1 @@
-"""theta_z1"""
+"""The Ricoh Theta Z1 over PTP."""

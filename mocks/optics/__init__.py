@@ -1,1 +1,1 @@
-"""optics"""
+"""From radiance to a frame: lens, sensor, response, noise, JPEG."""

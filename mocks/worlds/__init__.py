@@ -1,1 +1,1 @@
-"""worlds"""
+"""What simulated cameras look at."""

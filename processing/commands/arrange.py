@@ -110,9 +110,9 @@ def _items(options: dict[str, Any]) -> list[Item]:
 def _plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
     """Return the plan of a plan.json, a room.json, or a session's folder (its room corrected by hand goes first)."""
     from processing.errors import PlanError
+    from processing.ground.room_model import read_json, read_room
     from processing.layout.plan import from_room_model
     from processing.layout.plan_files import read_plan
-    from processing.room.model import read_json, read_room
 
     if path.is_dir():
         for inner in IN_A_SESSION:

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from processing.calibration.outdoor.clear_sky import Place
-    from processing.light.relighting.relit_session import Relighting, RelitRoom
-    from processing.light.relighting.session_room import SessionRoom
-    from processing.light.relighting.weather import Weather
+    from processing.relighting.relit_session import Relighting, RelitRoom
+    from processing.relighting.session_room import SessionRoom
+    from processing.relighting.weather import Weather
 
 SHEET_ROWS, ANIMATION_ROWS = 192, 384
 
@@ -58,9 +58,9 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sky other/stages/calibrate/outdoor.exr
     """
     _check(asked)
-    from processing.light.relighting.relit_session import FOLDER, Relighting
-    from processing.light.relighting.session_room import check_sky, read_session_room
     from processing.light.solver.relight_basis import BASIS_EFFORTS
+    from processing.relighting.relit_session import FOLDER, Relighting
+    from processing.relighting.session_room import check_sky, read_session_room
 
     room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
     check_sky(room)
@@ -107,10 +107,10 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     from datetime import timedelta
     from math import radians
 
-    from processing.light.relighting.relight_land import with_captured_land
-    from processing.light.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
-    from processing.light.relighting.session_room import heading_of, other_sky, place_of
-    from processing.light.relighting.weather import daylight_at
+    from processing.light.picture.relight_land import with_captured_land
+    from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
+    from processing.relighting.session_room import heading_of, other_sky, place_of
+    from processing.relighting.weather import daylight_at
 
     if asked["sky"] is not None:
         outdoors = with_captured_land(other_sky(asked["sky"]), room.scene.outdoors)
@@ -150,7 +150,7 @@ def _caption(local: datetime, facts: dict[str, Any]) -> str:
 
 
 def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
-    from processing.light.relighting.weather import captured_weather, usual_weather
+    from processing.relighting.weather import captured_weather, usual_weather
 
     if kind == "captured":
         return captured_weather(room.scene.outdoors, room.time_utc, place)
@@ -192,7 +192,7 @@ def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) ->
 
 
 def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
-    from processing.light.relighting.sheet import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
+    from processing.relighting.sheet import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
 
     relits = [ready.under(outdoors, said) for _, _, outdoors, said in moments["lights"]]
     exposure = common_exposure([r.picture.rgb for r in relits])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from processing.room.model import RoomModel
+    from processing.ground.room_model import RoomModel
 
 ROOM_FILE = "room.json"
 
@@ -71,7 +71,7 @@ def _beginning(
     session: Path, start: Path | None, imported: tuple[str | None, str | None], camera_height_m: float
 ) -> RoomModel:
     """Return the room to begin with: the one given, the one that the stage room has told, or a rectangle."""
-    from processing.room.model import read_room, starter_room
+    from processing.ground.room_model import read_room, starter_room
 
     layout_format, panorama = imported
     if start and layout_format:
@@ -87,7 +87,7 @@ def _beginning(
 def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
     """Put a room to edit in its place, unless there is one already."""
     from processing.errors import ParameterError
-    from processing.room.model import write_room
+    from processing.ground.room_model import write_room
 
     if start and path.exists() and start.resolve() != path.resolve():
         raise ParameterError(
@@ -98,7 +98,7 @@ def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
 
 
 def _tell(path: Path, *, as_json: bool) -> int:
-    from processing.room.model import read_json, room_problems
+    from processing.ground.room_model import read_json, room_problems
 
     found, problems = room_problems(read_json(path))
     if as_json:

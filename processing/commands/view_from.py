@@ -12,7 +12,7 @@ import click
 
 if TYPE_CHECKING:
     from processing.light.picture.viewpoint import Elsewhere
-    from processing.light.relighting.session_room import SessionRoom
+    from processing.relighting.session_room import SessionRoom
 
 MOST_PX = 4096
 
@@ -48,8 +48,8 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     """
     _check(asked)
     from processing.light.picture.viewpoint import check_place, seen_from
-    from processing.light.relighting.session_room import read_session_room
     from processing.light.solver.irradiance import EFFORTS
+    from processing.relighting.session_room import read_session_room
 
     eye = _numbers(asked["eye"], 3, "--eye")
     geometry = _geometry(asked)
@@ -129,8 +129,8 @@ def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float
 
     import numpy as np
 
-    from processing.light.relighting.session_room import MODELLED
     from processing.pictures.images import Validity
+    from processing.relighting.session_room import MODELLED
 
     return replace(
         room.picture,

@@ -1,1 +1,1 @@
-"""figures"""
+"""Light figures: illuminance, glare and luminance statistics."""

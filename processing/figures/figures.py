@@ -16,8 +16,8 @@ from processing.errors import ScaleError
 from processing.figures.glare import bright_spots, glare_of
 from processing.figures.views import panorama_of, reduced
 from processing.ground.arrays import Bytes, Doubles, Flags
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, Validity
-from processing.room.model import RoomModel
 from processing.sphere import Equirectangular, directions, solid_angles
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.planes import planes_of

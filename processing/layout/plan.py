@@ -15,8 +15,8 @@ import numpy as np
 
 from processing.errors import PlanError
 from processing.ground.arrays import Doubles
+from processing.ground.room_model import OpeningKind, RoomModel
 from processing.layout.solver.polygons import repaired_ring, signed_area
-from processing.room.model import OpeningKind, RoomModel
 
 Hinge: TypeAlias = Literal["left", "right", "unknown"]
 """Where a door hangs, seen from inside the room looking at it."""

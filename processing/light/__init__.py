@@ -1,1 +1,1 @@
-"""light"""
+"""Light: the scene, one solver, pictures of staged rooms, relighting."""

@@ -1,1 +1,1 @@
-"""The room of a session in another light, and from other places."""
+"""A session under another sky or at another time, and seen from another place in the room."""

@@ -15,12 +15,12 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError, RemovalError
 from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
 from processing.removal.regions import TEXELS, soften_edges, texture_density
 from processing.removal.skirting import Skirting, find_skirting
 from processing.removal.smooth import ToneScale, blurred, grey, spread
-from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map
 from processing.surfaces.planes import FIRST_WALL, FLOOR, Plane, planes_of

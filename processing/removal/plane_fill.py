@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
 from processing.removal.regions import opening_regions, too_bright
 from processing.removal.skirting import Skirting
 from processing.removal.sources import plane_sources
-from processing.room.model import RoomModel
 from processing.surfaces.planes import FIRST_WALL, FLOOR
 from processing.surfaces.textures import Texture
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import RoomModel
 from processing.removal.smooth import blurred
-from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import boundary_rows
 from processing.surfaces.planes import FIRST_WALL, Plane

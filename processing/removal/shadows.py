@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
-from processing.room.model import RoomModel
+from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.planes import CEILING, FLOOR, planes_of
 from processing.surfaces.textures import unwrap, wrap

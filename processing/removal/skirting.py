@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import RoomModel
 from processing.removal.regions import opening_regions
 from processing.removal.smooth import ToneScale, grey
-from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.planes import FIRST_WALL, Plane, planes_of
 from processing.surfaces.textures import Texture, unwrap

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.room.model import RoomModel
+from processing.ground.room_model import RoomModel
 from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,

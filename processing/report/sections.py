@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Flags
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.pictures.preview import jpeg_bytes, preview_rgb8
 from processing.report.data import Picture, Quantity, Section, Table
 from processing.report.plots import plan_plot
-from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map, surface_maps
 

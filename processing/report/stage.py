@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
+from processing.ground.room_model import RoomModel
 from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
 from processing.report.light_figures_section import light_figures_section
@@ -14,7 +15,6 @@ from processing.report.page import write_page
 from processing.report.room_states import MOST_STAGED
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import staging_sections
-from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import NO_SUCH
 from processing.stages.upright import upright_panorama

@@ -14,11 +14,11 @@ import numpy as np
 
 from processing.errors import NoRoomError, ParameterError
 from processing.ground.arrays import Doubles
+from processing.ground.room_model import RoomModel, geometry_problems
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.room.columns import Columns, columns_of
 from processing.room.confidence import Diagnostics, check_picture, confidence_of, diagnose, doubts, wall_confidences
 from processing.room.hypotheses import ClassTable, Hypothesis, class_entropy, hypotheses, overhead_share
-from processing.room.model import RoomModel, geometry_problems
 from processing.room.outline import Outline
 from processing.room.refine import Refined, refine
 from processing.segmentation.evidence import SceneEvidence

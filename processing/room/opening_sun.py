@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import Opening, RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.room.model import Opening, RoomModel
 from processing.room.openings import find_openings
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions

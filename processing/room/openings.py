@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.room.opening_fit import (
     DOOR,
     LEAST_SIDE_M,

@@ -24,7 +24,7 @@ from pydantic import ValidationError
 
 from processing.errors import LayoutFileError, RoomError
 from processing.ground.arrays import Doubles
-from processing.room.model import Opening, OpeningKind, RoomModel, geometry_problems, read_json
+from processing.ground.room_model import Opening, OpeningKind, RoomModel, geometry_problems, read_json
 from station.session.strict_json import StrictJsonError, loads
 
 # Openings given by two places of the plan: which wall they are in, and where along it.

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Floats
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
-from processing.room.model import RoomModel
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
 from processing.surfaces.planes import FIRST_WALL, Plane, planes_of

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
 from processing.layout.drawn.drawing import write_drawings
@@ -16,7 +17,6 @@ from processing.layout.items import KINDS, Item, parse_items, set_items, set_lis
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import FloorPlan, from_room_model
 from processing.layout.rules import built_in_rules
-from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, ArrangeParameters
 from processing.stages.upright import known_room

@@ -14,7 +14,7 @@ from station.session.session import DeviceRecord, FrameRecord, Side
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from processing.calibration.response.samples import Bytes as Codes8
+    from processing.ground.arrays import Bytes
     from processing.pictures.frames import FrameSource, Reduce
     from station.session.session import SessionManifest
 
@@ -69,7 +69,7 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
     return SideBracket(side, records, frames, device)
 
 
-def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Codes8]:
+def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Bytes]:
     """Decode 8-bit frames, in order, by a few threads."""
     import numpy as np
 

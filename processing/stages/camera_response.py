@@ -13,7 +13,7 @@ from processing.stages.contract import StageWarning
 if TYPE_CHECKING:
     from processing.calibration.profile import CameraProfile, RigProfile
     from processing.calibration.response.curve import NoiseModel, ResponseCurve
-    from processing.calibration.response.samples import Bytes as Codes8
+    from processing.ground.arrays import Bytes
     from processing.pictures.frames import FrameSource
 
 DRIFTED = "drifted"
@@ -75,7 +75,7 @@ def camera_response(
     return _recovered(bracket, codes, method), held
 
 
-def _recovered(bracket: SideBracket, codes: Sequence[Codes8], method: str) -> CameraResponse:
+def _recovered(bracket: SideBracket, codes: Sequence[Bytes], method: str) -> CameraResponse:
     """Take what the bracket tells; its times too, unless the camera's rule is known."""
     from processing.calibration.response.response import Bracket8, recover_response
     from processing.calibration.response.shutter import camera_rule, true_time_s
@@ -118,7 +118,7 @@ def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfi
     return CameraResponse(curve, noise, times_s, time_sigma, "profile", "profile", check, left, warnings)
 
 
-def code_residuals(codes: Sequence[Codes8], times_s: Sequence[float], curve: ResponseCurve) -> dict[str, Any]:
+def code_residuals(codes: Sequence[Bytes], times_s: Sequence[float], curve: ResponseCurve) -> dict[str, Any]:
     """Return what frames say of a patch's light apart from one another, by code: lists for response.json.
 
     ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no patch has such a code; empty where none are told.

@@ -6,8 +6,8 @@ import json
 from typing import Any
 
 from processing.figures.figures import camera_figures, level_ratio, meter_figures, outdoor_figures, surface_figures
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
-from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.upright import upright_panorama
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.errors import SceneError
+from processing.ground.room_model import RoomModel
 from processing.light.scene.albedo import RoomAlbedo, albedo_of_room
 from processing.light.scene.facing import facing_sunlight, outdoors_facing
 from processing.light.scene.outdoor import outdoors_of
@@ -19,7 +20,6 @@ from processing.light.scene.scene_file import write_scene
 from processing.light.scene.shell import REVEAL_M
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
-from processing.room.model import RoomModel
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MaterialsParameters
 from processing.stages.upright import known_room, upright_panorama

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import NoRoomError
+from processing.ground.room_model import RoomModel, read_room
 from processing.pictures.images import LuminanceImage
 from processing.room.confidence import check_picture
 from processing.room.estimate import RoomEstimate, estimate_room
 from processing.room.layout_networks import layout_boundary, load_layout_network
 from processing.room.level import Upright, find_upright, make_upright
-from processing.room.model import RoomModel, read_room
 from processing.room.opening_sun import find_openings_in_sun
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, write_evidence

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from processing.calibration.outdoor.clear_sky import Place, sun_place
 from processing.errors import ParameterError
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
-from processing.room.model import RoomModel
 from processing.stages.contract import StageContext
 from station.session.session import FrameRecord, SessionManifest, Side
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Int16s
-from processing.room.model import RoomModel
+from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR, planes_of
 from processing.surfaces.sight import boundary_latitudes, check_stands, wall_ranges
@@ -81,7 +81,7 @@ def surface_maps(room: RoomModel, geometry: Equirectangular) -> SurfaceMaps:
     Raises
     ------
     RoomError
-        The room cannot stand: `processing.room.model.geometry_problems` says why.
+        The room cannot stand: `processing.ground.room_model.geometry_problems` says why.
     """
     check_stands(room)
     columns, latitude = columns_of(room, geometry), latitudes(geometry)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles
-from processing.room.model import RoomModel
+from processing.ground.room_model import RoomModel
 
 # A flat surface of a room with its own axes.
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from processing.errors import RoomError
 from processing.ground.arrays import Doubles, Flags, Int16s
-from processing.room.model import RoomModel, geometry_problems
+from processing.ground.room_model import RoomModel, geometry_problems
 
 TOUCH = 1e-9
 """Relative: a place this much behind a wall lies on it."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Flags, Floats
-from processing.room.model import RoomModel
+from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map
 from processing.surfaces.planes import FIRST_WALL, Plane

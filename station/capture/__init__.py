@@ -1,1 +1,1 @@
-"""capture"""
+"""A capture from preflight to manifest."""

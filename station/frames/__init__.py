@@ -1,1 +1,1 @@
-"""frames"""
+"""Frames: their headers, checks and import."""

@@ -18,17 +18,17 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Bytes
 from station.frames.exif import ExifFacts, check_raw, read_exif
 from station.frames.facts import FrameProblemError, Reason
 from station.frames.jpeg import read_header
 
+Bytes: TypeAlias = npt.NDArray[np.uint8]
 Circle = Sequence[float]
 
 MAX_JPEG_BYTES = 256 * 2**20

@@ -1,1 +1,1 @@
-"""session"""
+"""The session on disk: manifest, journal, frames, recovery, verification."""

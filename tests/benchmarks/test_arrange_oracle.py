@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks._arrange_oracle import ask, first_solution_s
-from benchmarks._arrange_raster import Raster
+from benchmarks.layout.oracle import ask, first_solution_s
+from benchmarks.layout.raster import Raster
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement
 from processing.layout.items import parse_items

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import end_to_end
-from benchmarks._end_to_end_plot import spread_lines, table_lines, worst_of, write_plot
-from benchmarks._end_to_end_room import staged_room
-from benchmarks._end_to_end_run import _quantiles
+from benchmarks.whole import end_to_end
+from benchmarks.whole.end_to_end_plot import spread_lines, table_lines, worst_of, write_plot
+from benchmarks.whole.end_to_end_room import staged_room
+from benchmarks.whole.end_to_end_run import _quantiles
 from mocks.rooms.room import make_room
 from processing.errors import BracketError
 from processing.layout.arrange import arrange

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks._kept_rows import Rows
+from benchmarks.kept_rows import Rows
 
-CODE = {"ours": ("benchmarks/_kept_rows.py",), "theirs": ()}
+CODE = {"ours": ("benchmarks/kept_rows.py",), "theirs": ()}
 
 
 def test_a_row_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -43,7 +43,7 @@ def test_rows_of_rivals_outlast_changes_of_ours(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("DAYLIT_CACHE", str(tmp_path))
     first = Rows("room", 0, CODE, keep=True)
     assert (first.row("one", lambda: 1), first.row("one", lambda: 2, "theirs")) == (1, 2)
-    changed = Rows("room", 0, {"ours": ("benchmarks/_form.py",), "theirs": ()}, keep=True)
+    changed = Rows("room", 0, {"ours": ("benchmarks/form.py",), "theirs": ()}, keep=True)
     assert not changed.knows("one")
     assert changed.row("one", lambda: 3) == 3
     assert changed.row("one", lambda: pytest.fail("made twice"), "theirs") == 2

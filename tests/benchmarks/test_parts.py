@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import _paired
-from benchmarks._memory import MemoryWatch, peak_mb
-from benchmarks._paired import Cost, compare, robust_spread
-from benchmarks._plots import Point, time_against_error
+from benchmarks import paired as _paired
+from benchmarks.memory import MemoryWatch, peak_mb
+from benchmarks.paired import Cost, compare, robust_spread
+from benchmarks.plots import Point, time_against_error
 from benchmarks.seeds import TEST, TRAIN, VALIDATION, Split, seeds
 
 ROOT = Path(__file__).resolve().parents[2]

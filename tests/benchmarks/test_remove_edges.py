@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks._remove_composites import near_shadow
-from benchmarks._remove_edges import edge_sharpness, joined_truth, smooth_error
+from benchmarks.removal.composites import near_shadow
+from benchmarks.removal.edges import edge_sharpness, joined_truth, smooth_error
 
 SHAPE = (40, 60)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks._render_daylight import HEAD_ON, _glass
-from benchmarks._render_race import KINDS, race_rooms
-from benchmarks._render_time import seconds_to
-from benchmarks.render import race_figures
+from benchmarks.light.render import race_figures
+from benchmarks.light.render_daylight import HEAD_ON, _glass
+from benchmarks.light.render_race import KINDS, race_rooms
+from benchmarks.light.render_time import seconds_to
 from processing.light.scene.scene import transmittance_at
 
 ROW = {

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import _room_light
-from benchmarks._paired import Cost
-from benchmarks._room_light import Run, cost_ratio, summary, sunny_rooms
+from benchmarks.light import room_light as _room_light
+from benchmarks.light.room_light import Run, cost_ratio, summary, sunny_rooms
+from benchmarks.paired import Cost
 from benchmarks.seeds import TEST
 from mocks.rooms.light.sunlight import enters
 from mocks.rooms.model import Use

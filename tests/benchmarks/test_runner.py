@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks import __main__ as runner
-from benchmarks import _form
+from benchmarks import form as _form
 
 KEYS = {"name", "metrics", "rivals", "units", "notes", "seconds", "machine", "versions", "seed", "quick"}
 
@@ -29,6 +29,7 @@ def offer(monkeypatch: pytest.MonkeyPatch, **found: Any) -> None:
         module.run = run  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, f"benchmarks.{name}", module)
     monkeypatch.setattr(runner, "names", lambda: list(found))
+    monkeypatch.setattr(_form, "modules", lambda: {name: f"benchmarks.{name}" for name in found})
 
 
 def test_json_has_the_form(monkeypatch: pytest.MonkeyPatch) -> None:

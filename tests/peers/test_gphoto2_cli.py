@@ -17,7 +17,7 @@ from drivers.theta_z1.codes import RicohProp
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
 from mocks.instruments.ptp.ip import LOOPBACK, PtpIpServer
 from mocks.instruments.theta_z1 import SimulatedThetaZ1
-from tests.mocks.shot_sources import TinyShots
+from tests.mocks.optics.shot_sources import TinyShots
 
 GPHOTO2 = shutil.which("gphoto2")
 pytestmark = [

@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from tests.station.pictures import jpeg
+from tests.station.frames.pictures import jpeg
 
 TIME_S = 1 / 4
 SIZE = (160, 120)

@@ -16,7 +16,7 @@ from typing import Any
 
 from processing.running.requests import RunRequest
 from processing.running.runner import process
-from tests.processing.toy_stages import TOYS
+from tests.processing.running.toy_stages import TOYS
 
 
 def _child(case: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from PIL import Image
 
 from station.errors import FrameRejectedError
 from station.frames.check import ExpectedFrame, FrameChecker, FrameFacts, Reason
-from tests.station.pictures import TAKEN
+from tests.station.frames.pictures import TAKEN
 from tests.torture.hostile_frames import SIZE, TIME_S, cases, good_frames
 from tests.torture.ledger import record
 

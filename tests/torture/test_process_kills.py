@@ -19,7 +19,7 @@ import pytest
 from processing.running.fingerprint import DigestMemory
 from processing.running.result_store import ResultStore
 from station.session.folder import Folder
-from tests.station.sessions import complete_session
+from tests.station.session.sessions import complete_session
 from tests.torture.ledger import record
 
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"

@@ -7,12 +7,12 @@ import pytest
 from shapely.errors import GEOSException
 
 from processing.segmentation.evidence import SceneClass
-from training.forms import bed, block, couch, heap, laden, shelf, wardrobe
-from training.house import draw_house, triangulated
 from training.labels import boundary_latitudes
-from training.pieces import Piece, built_in_pieces, folder_pieces, joined
-from training.props import furnish_house
-from training.recoat import recoated
+from training.rooms.forms import bed, block, couch, heap, laden, shelf, wardrobe
+from training.rooms.house import draw_house, triangulated
+from training.rooms.pieces import Piece, built_in_pieces, folder_pieces, joined
+from training.rooms.props import furnish_house
+from training.rooms.recoat import recoated
 from training.stretch import stretched, wall_direction_rad
 
 ROWS, COLUMNS = 64, 128
@@ -134,7 +134,7 @@ def test_outline_without_triangles_is_drawn_again(monkeypatch: pytest.MonkeyPatc
             raise GEOSException("Unable to find a convex corner")
         return triangulated(outline)
 
-    monkeypatch.setattr("training.house.triangulated", refused_once)
+    monkeypatch.setattr("training.rooms.house.triangulated", refused_once)
     house = draw_house(np.random.default_rng(5), 1)
     assert len(asked) == 2
     assert np.array_equal(house.outline, asked[1])

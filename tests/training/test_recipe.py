@@ -7,16 +7,16 @@ import pytest
 
 from processing.segmentation.evidence import SceneClass
 from training.augment import drawn_batch, recoloured, turned
-from training.camera import add_foot, small_labels
-from training.house import draw_house
 from training.labels import boundary_latitudes
-from training.outlines import draw_cameras, draw_outline
-from training.props import furnish_house
 from training.recipe import Example, looks_of
-from training.render import Stage, see
+from training.rooms.camera import add_foot, small_labels
+from training.rooms.house import draw_house
+from training.rooms.outlines import draw_cameras, draw_outline
+from training.rooms.props import furnish_house
+from training.rooms.render import Stage, see
+from training.rooms.soup import WORLD, Soup
+from training.rooms.textures import plain_tile
 from training.shards import read_shards, write_shard
-from training.soup import WORLD, Soup
-from training.textures import plain_tile
 
 ROWS = 128
 

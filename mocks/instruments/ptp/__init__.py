@@ -1,1 +1,1 @@
-"""ptp"""
+"""The device side of PTP, over USB or TCP."""

@@ -1,1 +1,1 @@
-"""usb"""
+"""A simulated USB bus below the drivers."""

@@ -1,1 +1,1 @@
-"""furnish"""
+"""Where furniture stands in a generated room, and a check."""

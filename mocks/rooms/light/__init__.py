@@ -1,1 +1,1 @@
-"""light"""
+"""The light of a generated room: traced, baked and denoised."""

@@ -1,1 +1,1 @@
-"""plan"""
+"""Floor plans: outline, openings, fixtures, and their check."""

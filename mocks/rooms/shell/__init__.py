@@ -1,1 +1,1 @@
-"""shell"""
+"""Walls, windows, doors, fixtures and lamps as meshes."""

@@ -1,1 +1,1 @@
-"""sky"""
+"""The sky and the land outside the windows."""

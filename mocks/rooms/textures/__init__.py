@@ -1,1 +1,1 @@
-"""textures"""
+"""Generated patterns of surfaces."""

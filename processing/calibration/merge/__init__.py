@@ -1,1 +1,1 @@
-"""merge"""
+"""A bracket becomes one relative HDR picture with an uncertainty per pixel."""

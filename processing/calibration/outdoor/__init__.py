@@ -1,1 +1,1 @@
-"""outdoor"""
+"""The outdoor picture: lens, image circle, ND filter, north, sun."""

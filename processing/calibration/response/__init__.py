@@ -1,1 +1,1 @@
-"""response"""
+"""The camera's response curve, noise and shutter times."""

@@ -1,1 +1,1 @@
-"""drawn"""
+"""Plans and pictures of arrangements."""

@@ -218,26 +218,26 @@ def bookshelf(b: Bench) -> None:
         lo, hi = sorted((side * x, side * (x - SHELF_BOARD_M)))
         b.block((lo, -y, 0), (hi, y, h), timber, bevel_m=0.003, grain=2)
     b.block((-x + 0.01, -y + 0.003, 0.05), (x - 0.01, -y + 0.011, h - 0.01), b.style.second_timber, grain=2)
-    b.block((-x + SHELF_BOARD_M, -y + 0.01, 0.0), (x - SHELVES_BOARD_M, y - 0.03, 0.06), timber, grain=0)
+    b.block((-x + SHELF_BOARD_M, -y + 0.01, 0.0), (x - SHELF_BOARD_M, y - 0.03, 0.06), timber, grain=0)
     columns = max(1, round(w / 0.85))
     inner = (w - SHELF_BOARD_M * (columns + 1)) / columns
     for k in range(1, columns):
         at = -x + k * (inner + SHELF_BOARD_M)
-        b.block((at, -y + 0.01, 0.06), (at + SHELF_BOARD_M, y - 0.002, h - SHELVES_BOARD_M), timber, grain=2)
+        b.block((at, -y + 0.01, 0.06), (at + SHELF_BOARD_M, y - 0.002, h - SHELF_BOARD_M), timber, grain=2)
     rows = max(1, round((h - 0.08) / 0.345))
     step = (h - SHELF_BOARD_M - 0.06) / rows
     for r in range(rows + 1):
         z = 0.06 + r * step
         b.block(
             (-x + SHELF_BOARD_M - 0.001, -y + 0.008, z),
-            (x - SHELF_BOARD_M + 0.001, y - 0.001, z + SHELVES_BOARD_M),
+            (x - SHELF_BOARD_M + 0.001, y - 0.001, z + SHELF_BOARD_M),
             timber,
             grain=0,
         )
     for r in range(rows):
         for k in range(columns):
-            low = -x + SHELF_BOARD_M + k * (inner + SHELVES_BOARD_M)
-            _fill(b, (low, low + inner), 0.06 + r * step + SHELF_BOARD_M, step - SHELVES_BOARD_M)
+            low = -x + SHELF_BOARD_M + k * (inner + SHELF_BOARD_M)
+            _fill(b, (low, low + inner), 0.06 + r * step + SHELF_BOARD_M, step - SHELF_BOARD_M)
 
 
 def _fill(b: Bench, x: tuple[float, float], z: float, tall: float) -> None:

@@ -1,1 +1,1 @@
-"""models"""
+"""Furniture models from files."""

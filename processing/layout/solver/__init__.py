@@ -1,1 +1,1 @@
-"""solver"""
+"""The search for arrangements that break no rule."""

@@ -1,1 +1,1 @@
-"""picture"""
+"""Pictures of a lit scene: staged panoramas and other viewpoints."""

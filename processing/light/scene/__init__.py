@@ -1,1 +1,1 @@
-"""scene"""
+"""The scene to light: surfaces, albedo, windows, sky."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from processing.errors import AlbedoError
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.room_model import RoomModel
 from processing.light.scene.gloss import MOST_SHARE, gloss_factor, mirrored
 from processing.light.scene.lamps import Lamp, find_lamps
 from processing.light.scene.room_light import MeasuredLight, irradiance_by_picture, measured_light
@@ -30,7 +31,6 @@ from processing.light.solver.stage import Stage
 from processing.light.solver.sun_picture import sun_of
 from processing.light.solver.upsample import upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
-from processing.room.model import RoomModel
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample
 from processing.surfaces.planes import FLOOR, planes_of

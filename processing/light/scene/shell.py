@@ -13,8 +13,8 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.scene import Pane, Surface, Vector, plain
-from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.surfaces.planes import FIRST_WALL, Plane, planes_of
 from processing.surfaces.sight import check_stands
 

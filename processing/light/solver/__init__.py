@@ -1,1 +1,1 @@
-"""solver"""
+"""The light solver."""

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from processing.errors import NoBalanceError, RelightError
 from processing.ground.arrays import Doubles, Floats
-from processing.light.relighting.relight_photo import panes_for_sun
+from processing.light.picture.relight_photo import panes_for_sun
 from processing.light.scene.scene import Outdoors
 from processing.light.solver.kernels import random
 from processing.light.solver.relight_basis import RADIUS_PX, LightBasis, SkyRays, scene_digest, sky_values

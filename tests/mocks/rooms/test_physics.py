@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from benchmarks import _analytic as analytic
-from benchmarks import _physics, _spot
+from benchmarks.light import analytic
+from benchmarks.light import physics as _physics
+from benchmarks.photometry import spot as _spot
 from mocks.rooms.light import engine as engines
 from mocks.rooms.light import llvm
 from mocks.rooms.light.engine import EngineError, environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter

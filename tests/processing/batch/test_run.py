@@ -19,7 +19,7 @@ from processing.batch.rows import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, or
 from processing.batch.run import BatchReport, find_sessions
 from processing.batch.work import Outcome
 from processing.errors import ClusterError, ParameterError
-from tests.station.sessions import complete_session
+from tests.station.session.sessions import complete_session
 
 ROOT = Path(__file__).resolve().parents[3]
 NAMES = ("a", "b", "broken", "cursed", "mortal")

@@ -14,7 +14,7 @@ import pytest
 from processing.batch.work import Outcome, Task, outcome_of, work
 from station.session.folder import Folder
 from station.session.lock import SessionLock
-from tests.station.sessions import complete_session
+from tests.station.session.sessions import complete_session
 
 
 @pytest.fixture

@@ -20,8 +20,8 @@ from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
 from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping
-from tests.processing.rendering.rooms import box_room, scene_of, uniform_sky
-from tests.station.sessions import complete_session
+from tests.processing.light.rooms import box_room, scene_of, uniform_sky
+from tests.station.session.sessions import complete_session
 
 
 def picture(level: float, rows: int = 48) -> LuminanceImage:

@@ -15,7 +15,7 @@ from PIL import Image
 from processing.errors import ParameterError
 from processing.exchange.gltf import scene_glb, write_scene_glb
 from processing.light.scene.scene import Part, Scene, Sun
-from tests.processing.rendering.rooms import box, box_room, scene_of, uniform_sky
+from tests.processing.light.rooms import box, box_room, scene_of, uniform_sky
 
 
 def textured(name: str) -> np.ndarray:

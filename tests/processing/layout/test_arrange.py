@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks._arrange_raster import Raster
-from benchmarks._arrange_rooms import KINDS, generated
+from benchmarks.layout.raster import Raster
+from benchmarks.layout.rooms import KINDS, generated
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError, RulesError
+from processing.ground.room_model import RoomModel, starter_room, write_room
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.layout.drawn.drawing import write_drawings
@@ -25,7 +26,6 @@ from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.rules import built_in_rules, read_rules
 from processing.layout.solver.canonical import mirrored_plan
 from processing.layout.verify import Piece, verify
-from processing.room.model import RoomModel, starter_room, write_room
 
 ROOM = make_plan(
     [[0, 0], [4.6, 0], [4.6, 3.9], [0, 3.4]], doors=[Door(0, 0.1, 0.95)], windows=[Window(1, 1.0, 2.6, 0.9, 2.1)]

@@ -14,7 +14,7 @@ RULES = built_in_rules().named("tight")
 
 
 def place_of(item: Item, placed: list[Piece], plan: FloorPlan) -> tuple[float, ...] | None:
-    from benchmarks import _layout_reasons
+    from benchmarks.layout import reasons as _layout_reasons
 
     return _layout_reasons.place_of(item, placed, plan, RULES)
 

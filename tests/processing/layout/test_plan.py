@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from processing.errors import PlanError
+from processing.ground.room_model import starter_room
 from processing.layout.plan import Door, Window, from_room_model, make_plan
 from processing.layout.plan_files import plan_from_mapping, plan_to_mapping, read_plan
-from processing.room.model import starter_room
 
 SQUARE = [[0, 0], [4, 0], [4, 3], [0, 3]]
 

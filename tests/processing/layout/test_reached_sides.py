@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from benchmarks._arrange_raster import Raster
+from benchmarks.layout.raster import Raster
 from processing.layout.arrange import arrange
 from processing.layout.items import KINDS, Item, parse_items
 from processing.layout.plan import Door, FloorPlan, make_plan

@@ -13,11 +13,11 @@ import pytest
 
 from processing.errors import FillerError, ParameterError, RemovalError
 from processing.ground.arrays import Flags
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.plane_fill import SURE, FilledPlane
-from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
 

@@ -17,8 +17,8 @@ from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 from processing.stages.parameters import ReportParameters
 from station.session.session import SessionManifest
-from tests.processing.rendering.rooms import box, box_room, scene_of, uniform_sky
-from tests.station.sessions import manifest
+from tests.processing.light.rooms import box, box_room, scene_of, uniform_sky
+from tests.station.session.sessions import manifest
 
 SIZE_PX = (240, 120)
 PLAN = b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><rect width="4" height="3" fill="#ccc"/></svg>'

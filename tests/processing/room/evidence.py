@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import RelativeImage
-from processing.room.model import RoomModel
 from processing.segmentation.evidence import BoundaryEvidence, SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.errors import NoRoomError, ParameterError
+from processing.ground.room_model import geometry_problems
 from processing.room.columns import columns_of
 from processing.room.confidence import diagnose, wall_confidences
 from processing.room.estimate import estimate_room, tidied, walls_azimuth
 from processing.room.hypotheses import hypotheses
-from processing.room.model import geometry_problems
 from processing.room.outline import ALONG_X, ALONG_Y, Outline, Wall, corners_of, polygon_of, values_of, with_values
 from processing.room.refine import Refined
 from processing.segmentation.evidence import SceneEvidence

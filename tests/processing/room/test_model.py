@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import daylit
 from processing.errors import RoomError
-from processing.room.model import (
+from processing.ground.room_model import (
     Opening,
     OpeningKind,
     RoomModel,
@@ -24,7 +24,7 @@ from processing.room.model import (
     starter_room,
     write_room,
 )
-from tests.station.sessions import complete_session
+from tests.station.session.sessions import complete_session
 
 L_SHAPE = ((-2.0, -1.0), (3.0, -1.0), (3.0, 1.0), (1.0, 1.0), (1.0, 4.0), (-2.0, 4.0))
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from processing.room.model import OpeningKind
+from processing.ground.room_model import OpeningKind
 from processing.room.opening_sun import find_openings_in_sun, sun_patches
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR

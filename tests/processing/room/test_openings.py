@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from processing.ground.room_model import Opening, OpeningKind, RoomModel, geometry_problems
 from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.room.model import Opening, OpeningKind, RoomModel, geometry_problems
 from processing.room.opening_fit import WINDOW as KIND
 from processing.room.opening_fit import Candidate, Field, brighter_inside
 from processing.room.openings import find_openings, uncovered

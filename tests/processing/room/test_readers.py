@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from processing.errors import LayoutFileError
-from processing.room.model import OpeningKind
+from processing.ground.room_model import OpeningKind
 from processing.room.readers import horizonnet_room, panoannotator_room, read_layout, zind_room
 from processing.surfaces.sight import boundary_latitudes
 

@@ -174,8 +174,8 @@ def test_a_real_network_of_pascal_voc() -> None:
     pytest.importorskip("ai_edge_litert")
     from PIL import Image
 
-    from benchmarks._detect_rivals import voc_segmenter
-    from benchmarks._detect_truth import DATA
+    from benchmarks.room.detect_rivals import voc_segmenter
+    from benchmarks.room.detect_truth import DATA
 
     network = voc_segmenter()
     if network is None:

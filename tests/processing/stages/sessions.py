@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from station.session.session import BracketRecord, DeviceRecord, FrameRecord, Side
 from station.session.store import SessionStore
-from tests.station.sessions import manifest
+from tests.station.session.sessions import manifest
 
 Frames = Sequence[npt.NDArray[np.uint8]]
 

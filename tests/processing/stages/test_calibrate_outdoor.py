@@ -22,8 +22,8 @@ from processing.stages.contract import StageContext
 from processing.stages.outdoor_optics import corrections_unlike, find_optics, veil_taken_off
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import FrameRecord, Side
-from tests.processing.calibration.sky_pictures import optics_of, sky_picture
-from tests.station.sessions import manifest
+from tests.processing.calibration.outdoor.sky_pictures import optics_of, sky_picture
+from tests.station.session.sessions import manifest
 
 WIDTH = 240
 NOW = datetime(2026, 6, 1, tzinfo=UTC)

@@ -22,7 +22,7 @@ from processing.stages.parameters import DetectParameters
 from processing.stages.upright import sun_direction
 from station.session.session import FrameRecord, Side, Site
 from tests.processing.removal.painted_room import Painted, iou, paint
-from tests.station.sessions import manifest
+from tests.station.session.sessions import manifest
 
 FOUND_SUN = {"outdoor": {"sun": {"found": "yes, 35.00 degrees high"}}}
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
+from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
 from processing.removal.round_masks import grown
 from processing.report.sections import remove_section
-from processing.room.model import RoomModel
 from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from processing.errors import RoomError
+from processing.ground.room_model import check_room, write_room
 from processing.pictures.images import LuminanceImage
 from processing.room.estimate import estimate_room
-from processing.room.model import check_room, write_room
 from processing.segmentation.evidence import read_evidence
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import RoomParameters
 from processing.stages.room import run
 from tests.processing.room.evidence import BOX, evidence_of, painted, picture_of, room_of, turned
-from tests.station.sessions import manifest
+from tests.station.session.sessions import manifest
 
 NETWORKS = Path(__file__).parents[1] / "room" / "networks"
 

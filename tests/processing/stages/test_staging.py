@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from processing.errors import ItemError, LayoutError
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.picture.render import render
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import Effort
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
-from processing.room.model import Opening, OpeningKind, RoomModel
 from processing.sphere import Equirectangular
 from processing.stages import arrange, materials
 from processing.stages import render as rendering
 from processing.stages.arrange import fitting_choice, named_choice, with_door
 from processing.stages.contract import Quality, StageContext, StageParameters
 from processing.stages.parameters import ArrangeParameters, MaterialsParameters, RenderParameters
-from tests.processing.rendering.rooms import EYE, box_room, scene_of, uniform_sky
+from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
 
 ROWS = 48
 LOOK = Effort(texel_m=0.3, patch_samples=32, rows=ROWS, pixel_samples=32, clean=False)

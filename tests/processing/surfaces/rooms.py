@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing.room.model import Opening, OpeningKind, RoomModel
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import surface_maps
 

@@ -1,0 +1,1 @@
+"""Benchmarks of furniture arrangement, and its rivals."""

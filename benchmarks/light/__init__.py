@@ -1,0 +1,1 @@
+"""Benchmarks of light: rendering, relighting, albedo, and the analytic truth."""

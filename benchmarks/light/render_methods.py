@@ -1,0 +1,140 @@
+"""The four methods of putting furniture in, beside the simulated room in which the same furniture truly stands.
+
+The photograph is the emptied room's true panorama; windows, albedo and lamps are told from it and from the outdoor
+picture as in `daylit process`. LDR-to-HDR starts from what an ordinary camera gives of it: 8 bits, exposed so that
+`LDR_WHITE` of its pixels are white, brought back by an inverse power law. Its furniture is lit by that panorama, and
+its pixels are those that count, as it is all that is known without a calibrated bracket.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from benchmarks.light.albedo import REVEAL_M, outdoors_of_room, picture
+from benchmarks.plots import IMAGES
+from benchmarks.truth_rooms import QUALITY, room_model_of, truth_of
+from benchmarks.whole.end_to_end_room import StagedRoom, staged_room
+from mocks.rooms.model import Use
+from mocks.rooms.truth import equirectangular
+from mocks.rooms.world import RoomWorld
+from mocks.worlds.light import Site
+from processing.ground.arrays import Floats
+from processing.layout.arrange import arrange
+from processing.layout.items import set_items
+from processing.layout.models.catalogue import Catalogue
+from processing.layout.plan import from_room_model
+from processing.light.picture.composite import differential, ibl, inverse_tone_curve
+from processing.light.picture.render import render
+from processing.light.scene.albedo import albedo_of_room
+from processing.light.solver.irradiance import EFFORTS, Effort
+from processing.pictures.images import LUMINANCE_WEIGHTS
+from processing.sphere import Equirectangular, solid_angles
+from processing.stages.furnishing import furniture_parts
+
+ROWS, STYLE, CHANGED = 192, "oak", 0.02
+SETS = {Use.BEDROOM: "bedroom", Use.LIVING: "living", Use.OFFICE: "office", Use.DINING: "dining"}
+METHODS = ("inverse_tone_curve", "ibl", "global", "differential")
+LDR_WHITE, GAMMA = 0.02, 2.2
+WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
+
+
+def methods_row(number: int, use: Use, sheet: Path) -> dict[str, Any]:
+    """Return each method's errors in one room; pictures of them go to ``sheet`` (.npz)."""
+    start_s = time.process_time()
+    room, truth = truth_of(number, use)
+    model = room_model_of(room)
+    found = arrange(from_room_model(model, keep_camera_free=True), set_items(SETS[use]), n=1, seed=0)
+    items = found.arrangements[0].items
+    parts = furniture_parts(items, Catalogue.builtin(STYLE))
+    photograph = np.asarray(cv2.resize(truth.empty_rgb, (2 * ROWS, ROWS), interpolation=cv2.INTER_AREA), np.float32)
+    true = _true_picture(staged_room(room, items, STYLE))
+    known = albedo_of_room(
+        picture(photograph),
+        model,
+        outdoors_of_room(room),
+        reveal_m=REVEAL_M,
+        rows=ROWS,
+        effort=Effort(pixel_samples=32),
+    )
+    made = _pictures(photograph, known.scene, parts, room.eye)
+    furniture = made.pop("furniture")[..., 0] > 0
+    changed = np.abs((true @ WEIGHTS) / np.maximum(photograph @ WEIGHTS, 1e-9) - 1) > CHANGED
+    row: dict[str, Any] = {"room": room.name, "items": len(items), "changed": float(changed.mean())}
+    for name in METHODS:
+        row[name] = _errors(made[name] @ WEIGHTS, true @ WEIGHTS, changed) | {
+            f"furniture_{k}": v for k, v in _errors(made[name] @ WEIGHTS, true @ WEIGHTS, changed & furniture).items()
+        }
+    np.savez_compressed(sheet, ldr=_ldr(photograph)[0], truth=true, **made)  # type: ignore[arg-type]
+    return row | {"cpu_s": time.process_time() - start_s}
+
+
+def _pictures(photograph: Floats, scene: Any, parts: Any, eye: Any) -> dict[str, Floats]:
+    picture8, white = _ldr(photograph)
+    guessed = inverse_tone_curve(picture8, white, gamma=GAMMA)
+    ours = differential(photograph, scene, parts, eye)
+    geometry = Equirectangular(2 * ROWS, ROWS)
+    whole = render(scene.furnished(parts), geometry, eye, effort=replace(EFFORTS["standard"], cleaning="fast"))
+    return {
+        "inverse_tone_curve": ibl(guessed, parts, eye, scene).rgb,
+        "ibl": ibl(photograph, parts, eye, scene).rgb,
+        "global": whole.rgb,
+        "differential": ours.rgb,
+        "furniture": np.repeat(ours.furniture[..., None], 3, axis=2).astype(np.float32),
+    }
+
+
+def _ldr(photograph: Floats) -> tuple[np.ndarray, float]:
+    """Return an ordinary 8-bit picture, and the radiance of its white."""
+    white = float(np.quantile(photograph.max(axis=2), 1 - LDR_WHITE))
+    return np.rint(255 * np.clip(photograph / white, 0, 1) ** (1 / GAMMA)).astype(np.uint8), white
+
+
+def _true_picture(room: StagedRoom) -> Floats:
+    """Return the panorama (ROWS, 2 ROWS, 3) of a truly furnished room, mean of 2 x 2 rays a pixel."""
+    fine = equirectangular(2 * ROWS)
+    world = RoomWorld(room, QUALITY)
+    found = world.radiance(Site.INDOOR, fine.reshape(-1, 3), math.pi / (2 * ROWS)).reshape(fine.shape)
+    return np.asarray(found.reshape(ROWS, 2, 2 * ROWS, 2, 3).mean(axis=(1, 3)), np.float32)
+
+
+def _errors(ours: np.ndarray, true: np.ndarray, where: np.ndarray) -> dict[str, float]:
+    """Return median, 95th percentile and bias of luminance's relative error by solid angle."""
+    use = where & (true > 0)
+    area = solid_angles(Equirectangular(true.shape[1], true.shape[0]))[use]
+    ratio = ours[use] / true[use]
+    off = np.abs(ratio - 1)
+    order = np.argsort(off)
+    upto = np.cumsum(area[order]) / area.sum()
+    median, high = (float(off[order][np.searchsorted(upto, q)]) for q in (0.5, 0.95))
+    return {"median": median, "p95": high, "bias": float(np.median(ratio)) - 1}
+
+
+def contact_sheet(sheets: list[Path], names: list[str], path: Path = IMAGES / "render-methods.jpg") -> Path:
+    """Draw rooms side by side and methods below one another, each room at one exposure; the last row is the truth."""
+    rows = (("ldr", "8 bits"), *((m, m.replace("_", " ")) for m in METHODS), ("truth", "truly furnished"))
+    tiles = []
+    for sheet, name in zip(sheets, names, strict=True):
+        kept = np.load(sheet)
+        level = 0.22 / float(np.median(kept["truth"] @ WEIGHTS))
+        column = []
+        for key, text in rows:
+            shown = kept[key] if key == "ldr" else _toned(kept[key] * level)
+            shown = np.ascontiguousarray(shown[ROWS // 6 : -ROWS // 6])
+            label = f"{name}: {text}" if key == "ldr" else text
+            cv2.putText(shown, label, (5, 13), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
+            column.append(shown)
+        tiles.append(np.concatenate(column))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.concatenate(tiles, axis=1)[..., ::-1])
+    return path
+
+
+def _toned(rgb: np.ndarray) -> np.ndarray:
+    return np.rint(255 * np.clip(rgb / (1 + 0.35 * rgb), 0, 1) ** (1 / 2.2)).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""Benchmarks of calibration: response, merge, photometry, resampling of the sphere."""

@@ -1,0 +1,89 @@
+"""End to end: a simulated rig is calibrated from its sessions, then rooms and skies are scaled and compared with truth.
+
+Response curves, k2, fall-off and filter come from rig sessions; k1 from the meter's readings in each session. Truth is
+the radiance that each pixel averages. ``indoor_*`` are by solid angle over all valid pixels, edges included; those with
+``smooth`` leave out pixels within two of a step of 10 %, where JPEG and mixed pixels, not photometry, decide.
+``k1_err_pct`` is against the camera's own gain, the veiling glare at the board counted in (0.5 % of the mean light
+scatters in the simulated lens and none in the meter); ``k1_raw_err_pct`` is without. The sky leaves out 3 degrees
+around the sun, whose light is in the illuminance; the veil seen around the image circle is treated as in
+`daylit process`. ``sky_floor_*`` is what the same frames give with everything known (true curve, noise, veil, fall-off,
+tint, scale): photon noise and JPEG; ``*_spot_*`` are of means over the meter's spot of 1/3 degree.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.photometry.rig import calibrated_rig, measured
+from benchmarks.seeds import seeds
+from mocks.worlds.simple_room import SimpleRoom
+
+QUICK_DIVISOR, FULL_DIVISOR = 4, 1
+QUICK_ROOMS, FULL_ROOMS = 1, 3
+GAIN = 0.6
+"""Of the rooms' light: the sun then has 6e8 cd/m2, which the shortest frame just holds in all channels."""
+
+
+def run(*, quick: bool, seed: int) -> dict[str, Any]:
+    """Return metrics; see the module's docstring."""
+    divisor = QUICK_DIVISOR if quick else FULL_DIVISOR
+    rig_seed, *rooms = seeds("test", 1 + (QUICK_ROOMS if quick else FULL_ROOMS), seed)
+    with tempfile.TemporaryDirectory() as folder:
+        rig = calibrated_rig(Path(folder), divisor, rig_seed)
+        found = [measured(Path(folder) / f"room-{n}", rig, SimpleRoom(n, gain=GAIN), divisor, n) for n in rooms]
+    k2 = rig.result.profile.k2
+    assert k2 is not None
+    inside, outside = [one for one, _ in found], [one for _, one in found]
+    metrics: dict[str, float] = {
+        "k1_err_pct": _worst(one.k1 for one in inside),
+        "k1_raw_err_pct": _worst(one.k1_without_glare for one in inside),
+        "k2_err_pct": _worst([k2.value / rig.k2_truth - 1]),
+        "k2_white_err_pct": _worst([k2.white_ratio / rig.k2_truth - 1]),
+        "k2_uncertainty_pct": round(100 * k2.relative_uncertainty, 3),
+        "indoor_median_err_pct": _middle(one.median for one in inside),
+        "indoor_p95_err_pct": _middle(one.p95 for one in inside),
+        "indoor_smooth_median_err_pct": _middle(one.smooth_median for one in inside),
+        "indoor_smooth_p95_err_pct": _middle(one.smooth_p95 for one in inside),
+        "outdoor_lux_err_pct": _worst(one.lux for one in outside),
+        "sky_median_err_pct": _middle(one.sky.median for one in outside),
+        "sky_p95_err_pct": _middle(one.sky.p95 for one in outside),
+        "sky_spot_p95_err_pct": _middle(one.sky.spot_p95 for one in outside),
+        "sky_floor_p95_err_pct": _middle(one.sky_floor.p95 for one in outside),
+        "sky_floor_spot_p95_err_pct": _middle(one.sky_floor.spot_p95 for one in outside),
+    }
+    notes = [f"pictures at 1/{divisor} of full size, {len(rooms)} rooms; worst room for k1 and lux, else the median"]
+    notes += [f"valid share of the panorama: {min(one.covered for one in inside):.1%} or more"]
+    notes += [f"clipped share of the sky: {max(one.clipped_share for one in outside):.4%} or less"]
+    notes += list(rig.result.profile.warnings)
+    metrics |= _canon(quick=quick, notes=notes)
+    return {"metrics": metrics, "notes": notes}
+
+
+def _canon(*, quick: bool, notes: list[str]) -> dict[str, float]:
+    """Return the real bracket's illuminance, where the shared bracket is."""
+    from benchmarks.photometry import canon_real as _canon_real
+
+    try:
+        found = _canon_real.canon_real(quick=quick)
+    except FileNotFoundError as error:
+        notes.append(f"the real bracket was not measured: {error}")
+        return {}
+    return _numbers(found)
+
+
+def _numbers(found: Any) -> dict[str, float]:
+    """Return the figures of the real bracket under their keys."""
+    if isinstance(found, dict):
+        return {key: value for key, value in found.items() if isinstance(value, int | float)}
+    return {"canon_lux": float(found)}
+
+
+def _worst(values: Any) -> float:
+    return round(100 * max(abs(value) for value in values), 3)
+
+
+def _middle(values: Any) -> float:
+    return round(100 * statistics.median(values), 3)

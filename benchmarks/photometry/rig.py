@@ -1,0 +1,232 @@
+"""One rig calibrated and its sessions scaled, beside what the simulated world truly radiates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.photometry.sky_floor import SkyErrors, sky_all_known, sky_errors
+from benchmarks.sessions import STOPS_S, Taken, write_session
+from mocks.optics.chart import ChartRoom
+from mocks.optics.optics import scene_rows
+from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
+from mocks.worlds.simple_room import SimpleRoom
+from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
+from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import Validity
+from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
+from processing.rig.session_side import SessionSide, read_side
+from processing.sphere import solid_angles
+from processing.stages.outdoor_optics import veil_taken_off
+from processing.stages.parameters import CalibrateParameters
+from station.session.session import Side
+
+DENSE_STOPS_S = (
+    4.0,
+    2.5,
+    1.0,
+    0.6,
+    1 / 4,
+    1 / 6,
+    1 / 15,
+    1 / 25,
+    1 / 60,
+    1 / 100,
+    1 / 250,
+    1 / 400,
+    1 / 1000,
+    1 / 1600,
+)
+"""For response curves: steps of different size, so that no wave in the curve repeats from frame to frame."""
+CHART_STOPS_S = (30.0, 20.0, 10.0, *STOPS_S)
+"""For the chart, which is dim through the ND filter."""
+_SUN_RAD = math.radians(3)
+_EDGE_RATIO = 1.1
+_BAND = 12
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A rig with what is true of it."""
+
+    result: RigResult
+    k2_truth: float
+
+
+def calibrated_rig(folder: Path, divisor: int, seed: int) -> Calibrated:
+    """Make rig sessions and calibrate from them; the k2 that is true follows from both curves' gauges."""
+    outdoor = (Side.OUTDOOR,)
+    chart = write_session(folder / "chart", Taken(ChartRoom(seed % 5), divisor, stops_s=CHART_STOPS_S, seed=seed))
+    room = write_session(
+        folder / "response", Taken(SimpleRoom(seed), divisor, (Side.INDOOR,), stops_s=DENSE_STOPS_S, seed=seed)
+    )
+    plain = write_session(
+        folder / "plain", Taken(ChartRoom(seed % 5), divisor, outdoor, nd=False, stops_s=DENSE_STOPS_S, seed=seed)
+    )
+    flat = write_session(folder / "flat", Taken(UniformWorld(20_000.0), divisor, outdoor, seed=seed))
+    request = RigRequest(chart, (room,), (flat,), (chart, plain), ("theta_z1",))
+    result = calibrate_rig(request, datetime.now(UTC))
+    return Calibrated(result, _gain(result, Side.INDOOR) / _gain(result, Side.OUTDOOR))
+
+
+def _gain(result: RigResult, side: Side) -> float:
+    """Return the merged value of 1 cd/m2 of neutral light in the middle of the field, by the simulated camera.
+
+    The green channel at the gauge code ties the recovered curve to the true one.
+    """
+    optics = Taken(ChartRoom(), 1).optics(side)
+    curve = result.cameras[side].response.curve
+    exposure = optics.sensor.exposure_gain(optics.usual_settings) / optics.sensor.true_shutter.seconds(1.0)
+    z = np.arange(64, 220)
+    # The gauge is a choice of scale: it is where the true curve lies over the recovered one, over the middle codes.
+    true = np.stack([np.log2(tone.decode(z / 255)) for tone in optics.sensor.tone])
+    gauge = 2 ** float(np.median(true - curve.log2_exposure[:, z]))
+    return exposure * 10**-optics.filter.density / gauge
+
+
+@dataclass(frozen=True)
+class Indoor:
+    """Errors of one indoor session, relative; by solid angle."""
+
+    k1: float
+    k1_without_glare: float
+    median: float
+    p95: float
+    smooth_median: float
+    smooth_p95: float
+    covered: float
+
+
+@dataclass(frozen=True)
+class Outdoor:
+    """Errors of one outdoor session, relative."""
+
+    lux: float
+    sky: SkyErrors
+    sky_floor: SkyErrors
+    """Of the same frames with true curve, noise, veil, fall-off, tint and scale."""
+    clipped_share: float
+
+
+def measured(folder: Path, rig: Calibrated, world: World, divisor: int, seed: int) -> tuple[Indoor, Outdoor]:
+    """Take a session of a world, scale it by its meter and k2, and compare with the world's own radiance."""
+    taken = Taken(world, divisor, seed=seed)
+    path = write_session(folder, taken)
+    inside, outside = read_side(path, Side.INDOOR), read_side(path, Side.OUTDOOR)
+    assert inside is not None
+    assert outside is not None
+    k1, indoor = _indoor(rig, taken, inside)
+    return indoor, _outdoor(rig, taken, outside, k1)
+
+
+def _indoor(rig: Calibrated, taken: Taken, side: SessionSide) -> tuple[ScaleFactor, Indoor]:
+    camera = rig.result.cameras[Side.INDOOR]
+    image = camera.corrected(camera.merged(side))
+    assert side.target is not None
+    k1 = scale_from_reading(
+        image, side.readings, side.target.longitude_rad, side.target.latitude_rad, frames=side.records
+    )
+    rows, scene = _truth(taken, Side.INDOOR)
+    truth = luminance_cd_m2(scene).astype(np.float64)
+    solid = solid_angles(image.geometry)[rows]
+    shown = luminance_cd_m2(scaled(image, k1).rgb[rows])
+    use = (image.validity[rows] == Validity.VALID) & (truth > 0)
+    error = np.abs(shown / np.maximum(truth, 1e-9) - 1)
+    smooth = use & ~_edges(truth)
+    k1_truth = 1 / _gain(rig.result, Side.INDOOR)
+    glare, board = taken.optics(Side.INDOOR).glare, k1.measured
+    # The lens spreads a share of all light evenly: the rest stays where it belongs.
+    displayed = (1 - glare) * board + glare * float((truth * solid).sum() / solid.sum())
+    return k1, Indoor(
+        k1=k1.value / (k1_truth * board / displayed) - 1,
+        k1_without_glare=k1.value / k1_truth - 1,
+        median=_quantile(error[use], solid[use], 0.5),
+        p95=_quantile(error[use], solid[use], 0.95),
+        smooth_median=_quantile(error[smooth], solid[smooth], 0.5),
+        smooth_p95=_quantile(error[smooth], solid[smooth], 0.95),
+        covered=float(solid[use].sum() / solid.sum()),
+    )
+
+
+def _outdoor(rig: Calibrated, taken: Taken, side: SessionSide, k1: ScaleFactor) -> Outdoor:
+    camera = rig.result.cameras[Side.OUTDOOR]
+    assert camera.lens is not None
+    k2 = rig.result.profile.k2
+    assert k2 is not None
+    scale = combined(k1, ScaleFactor(k2.value, k2.relative_uncertainty))
+    merged, _ = veil_taken_off(camera.merged(side), camera.lens, CalibrateParameters())
+    sky = camera.corrected(merged)
+    rows, scene = _truth(taken, Side.OUTDOOR)
+    truth = luminance_cd_m2(scene).astype(np.float64)
+    shown = luminance_cd_m2(scaled(sky, scale).rgb[rows]).astype(np.float64)
+    known = sky_all_known(camera, taken, side, rows, scene)
+    x = np.arange(truth.shape[1]) + 0.5
+    y = (rows + 0.5)[:, None]
+    lens = taken.optics(Side.OUTDOOR).lens
+    ways, seen = lens.directions(x, y, taken.size_px(Side.OUTDOOR))
+    use = seen & (sky.validity[rows] == Validity.VALID) & (ways[..., 2] > math.sin(math.radians(3)))
+    for disc in taken.world.discs(Site.OUTDOOR):
+        use &= ways @ np.array(disc.direction, dtype=np.float32) < math.cos(_SUN_RAD)
+    pixel_sr = 2 * math.pi / (math.pi * camera.lens.circle.radius_px**2)
+    optics = OutdoorOptics(camera.lens, camera.vignetting, camera.filter)
+    view = outdoor_view(OutdoorView.HEMISPHERICAL, max(64, round(2 * camera.lens.circle.radius_px)))
+    flat = scaled(correct_outdoor(merged, optics, view), scale)
+    lux = illuminance_lx(flat).value_lx
+    true_lux = _true_lux(taken.world)
+    return Outdoor(
+        lux=lux / true_lux - 1,
+        sky=sky_errors(shown, truth, use, rows, pixel_sr),
+        sky_floor=sky_errors(known, truth, use, rows, pixel_sr),
+        clipped_share=float(np.mean(sky.validity[rows][seen] == Validity.CLIPPED)),
+    )
+
+
+def _true_lux(world: World) -> float:
+    """Return the horizontal illuminance of the sky by midpoints of equal solid angle, and of the discs exactly."""
+    rows, columns = 720, 1440
+    height = (np.arange(rows) + 0.5) / rows
+    turn = (np.arange(columns) + 0.5) / columns * 2 * math.pi
+    flat = np.sqrt(1 - height**2)
+    ways = np.stack(np.broadcast_arrays(
+        flat[:, None] * np.sin(turn), flat[:, None] * np.cos(turn), height[:, None] * np.ones_like(turn)
+    ), axis=-1).astype(np.float32)  # fmt: skip
+    level = luminance_cd_m2(world.radiance(Site.OUTDOOR, ways)).astype(np.float64)
+    total = float((level * height[:, None]).mean()) * 2 * math.pi
+    for disc in world.discs(Site.OUTDOOR):
+        shine = float(luminance_cd_m2(np.array(disc.radiance_rgb, dtype=np.float32)))
+        total += shine * disc.solid_angle_sr * max(disc.direction[2], 0.0)
+    return total
+
+
+def _truth(taken: Taken, side: Side) -> tuple[npt.NDArray[np.intp], Floats]:
+    """Return some bands of rows and the radiance (h, W, 3) that each of their pixels truly averages.
+
+    Without fall-off, filter or glare; a quarter of the picture, as each costs as much as all of its frames.
+    """
+    size = taken.size_px(side)
+    bands = [range(first, min(first + _BAND, size[1])) for first in range(0, size[1], 4 * _BAND)]
+    found = [scene_rows(taken.world, taken.optics(side), size, band) for band in bands]
+    return np.concatenate([np.array(band) for band in bands]), np.concatenate(found)
+
+
+def _edges(truth: Doubles) -> npt.NDArray[np.bool_]:
+    """Return pixels within two of a neighbour that is 10 % brighter or darker: JPEG and mixed pixels."""
+    import cv2
+
+    level = np.log(np.maximum(truth, 1e-9)).astype(np.float32)
+    span = cv2.dilate(level, np.ones((3, 3), np.uint8)) - cv2.erode(level, np.ones((3, 3), np.uint8))
+    near = cv2.dilate((span > math.log(_EDGE_RATIO)).astype(np.uint8), np.ones((5, 5), np.uint8))
+    return np.asarray(near > 0)
+
+
+def _quantile(values: Doubles, weights: Doubles, share: float) -> float:
+    order = np.argsort(values)
+    summed = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(summed, share * summed[-1])])

@@ -1,0 +1,78 @@
+"""Geometry of the sphere: sums of light, a sun through each projection pair, views against py360convert and cv2.remap.
+
+``speedup_py360convert`` compares CPU time on views that neither has seen before, ``_warm`` on views whose maps both
+have (``_warm_wall``: wall time). ``remap_ratio`` is our CPU time over that of a bare `cv2.remap` with its float32 maps
+made before, both on the same 8-bit panorama; ``remap_fixed_ratio`` with fixed-point maps, ``remap_float_ratio``
+on a float32 panorama. Round trips are rms errors over the rms of a band-limited truth, panorama to six faces and back.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from benchmarks.photometry import sphere_light as _sphere_light
+from benchmarks.photometry import sphere_views as _sphere_views
+from benchmarks.photometry.sphere_plot import error_against_size
+from benchmarks.plots import Point
+
+PLOT = Path("sphere-roundtrip.png")
+WIDTH_PX, FACES = 1344, (168, 240, 336, 432, 672)
+USUAL_FACE = 336
+SUN_SIZES, QUICK_SUN_SIZES = (1000, 3600), (400,)
+VIEW_REPEATS, QUICK_VIEW_REPEATS = 12, 4
+ELEVATIONS_RAD = (0.9, 0.35)
+FEW_PAIRS_ABOVE_PX = 2000
+TRIPS = ("roundtrip_err", "roundtrip_cubic_err", "roundtrip_overlapping_err")
+
+
+def run(*, quick: bool, seed: int) -> dict[str, Any]:
+    """Return metrics; see the module's docstring."""
+    sums = _sphere_light.sums(seed, quick=quick)
+    suns: dict[str, float] = {}
+    for size in QUICK_SUN_SIZES if quick else SUN_SIZES:
+        for elevation in ELEVATIONS_RAD[: 1 if quick or size > FEW_PAIRS_ABOVE_PX else 2]:
+            few = quick or size > FEW_PAIRS_ABOVE_PX
+            found = _sphere_light.sun_errors(size, elevation, quick=few)
+            suns |= {f"{name}, sun at {elevation:.2f} rad": error for name, error in found.items()}
+    worst = max(suns, key=lambda name: abs(suns[name]))
+    repeats = QUICK_VIEW_REPEATS if quick else VIEW_REPEATS
+    speed = _sphere_views.speed(pairs=3 if quick else 7, repeats=repeats)
+    trips = {face: _sphere_views.round_trips(WIDTH_PX, face, seed) for face in ((USUAL_FACE,) if quick else FACES)}
+    if not quick:
+        points = [Point(name, face, error) for face, errors in trips.items() for name, error in errors.items()]
+        error_against_size(points, PLOT, panorama_px=WIDTH_PX)
+    usual = trips[USUAL_FACE]
+    py360 = speed.py360convert
+    return {
+        "metrics": {
+            "speedup_py360convert": round(1 / speed.first_views.cpu_ratio, 2),
+            "speedup_py360convert_warm": round(repeats / py360.cpu_ratio, 2),
+            "speedup_py360convert_warm_wall": round(repeats / py360.wall_ratio, 2),
+            "remap_ratio": round(speed.remap.cpu_ratio, 4),
+            "remap_ratio_spread": round(speed.remap.cpu_ratio_spread, 4),
+            "remap_wall_ratio": round(speed.remap.wall_ratio, 4),
+            "remap_fixed_ratio": round(speed.remap_fixed.cpu_ratio, 4),
+            "remap_float_ratio": round(speed.remap_float.cpu_ratio, 4),
+            "view_ms": round(py360.ours.cpu_s / repeats / len(_sphere_views.LOOKS_DEG) * 1000, 3),
+            "first_view_ms": round(speed.first_views.ours.cpu_s / len(_sphere_views.LOOKS_DEG) * 1000, 1),
+            "uniform_err": sums.uniform,
+            "hemisphere_err": sums.hemisphere,
+            "tilted_fisheye_err": sums.tilted_fisheye,
+            "sun_energy_err_pct": round(abs(suns[worst]), 5),
+            "roundtrip_err": usual["ours, linear"],
+            "roundtrip_cubic_err": usual["ours, cubic"],
+            "roundtrip_overlapping_err": _sphere_views.overlapping_round_trip(WIDTH_PX, USUAL_FACE, seed),
+        },
+        "rivals": {
+            "py360convert": {
+                "first_view_ms": round(speed.first_views.rival.cpu_s / len(_sphere_views.LOOKS_DEG) * 1000, 1),
+                "view_ms": round(py360.rival.cpu_s / len(_sphere_views.LOOKS_DEG) * 1000, 2),
+                "roundtrip_err": usual["py360convert, bilinear"],
+                "roundtrip_cubic_err": usual["py360convert, bicubic"],
+            },
+            "cv2_remap": {"roundtrip_err": usual["plain cv2.remap"]},
+        },
+        "units": dict.fromkeys(TRIPS, "of the truth's rms"),
+        "notes": [f"the sun's worst of {len(suns)}: {worst} ({suns[worst]:+.4f} %)"],
+    }

@@ -1,0 +1,1 @@
+"""Benchmarks of furniture removal, and its rivals."""

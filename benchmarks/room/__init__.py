@@ -1,0 +1,1 @@
+"""Benchmarks of room layout and of detection masks."""

@@ -1,0 +1,140 @@
+"""Windows and doors measured: found rectangles against true ones, on the true wall as the camera sees it."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import shapely
+
+from benchmarks.room.room_level import as_image
+from benchmarks.seeds import Split
+from benchmarks.truth_rooms import kept_list, room_model_of, truth_of
+from mocks.rooms.truth import TruthPictures
+from processing.ground.arrays import Doubles
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.pictures.images import RelativeImage
+from processing.room.openings import find_openings
+from processing.segmentation.embedded import scene_evidence
+from processing.segmentation.evidence import SceneEvidence
+
+Source = Callable[[RelativeImage, TruthPictures], SceneEvidence]
+
+
+def rectangle_m(room: RoomModel, opening: Opening) -> Doubles:
+    """Return the corners (4, 3) of an opening, seen from the camera."""
+    first, second = np.array(room.floor[opening.wall]), np.array(room.floor[(opening.wall + 1) % len(room.floor)])
+    along = (second - first) / np.linalg.norm(second - first)
+    at = [first + along * opening.start_m, first + along * opening.end_m]
+    low, high = opening.sill_m - room.camera_height_m, opening.head_m - room.camera_height_m
+    return np.array([[*at[0], low], [*at[1], low], [*at[1], high], [*at[0], high]])
+
+
+def overlap(true_room: RoomModel, true: Opening, room: RoomModel, found: Opening) -> float:
+    """Return the IoU of two openings where the camera sees them on the true wall."""
+    mine, other = rectangle_m(true_room, true), rectangle_m(room, found)
+    origin, u, v = mine[0], mine[1] - mine[0], mine[3] - mine[0]
+    normal = np.cross(u, v)
+    depth = other @ normal / (origin @ normal)
+    if (depth < 0.05).any():
+        return 0.0
+    hit = other / depth[:, None] - origin
+    there = shapely.Polygon(np.stack([hit @ u / np.linalg.norm(u), hit @ v / np.linalg.norm(v)], axis=1)).buffer(0)
+    here = shapely.box(0, 0, float(np.linalg.norm(u)), float(np.linalg.norm(v)))
+    union = here.union(there).area
+    return float(here.intersection(there).area / union) if union > 0 else 0.0
+
+
+def matched(
+    true_room: RoomModel, true: Sequence[Opening], room: RoomModel, found: Sequence[Opening]
+) -> tuple[list[float], int]:
+    """Return the IoU of every true opening (0: missed) and how many found ones lie on none (IoU below 0.1)."""
+    from scipy.optimize import linear_sum_assignment
+
+    if not true or not found:
+        return [0.0] * len(true), len(found)
+    table = np.array([[overlap(true_room, a, room, b) for b in found] for a in true])
+    rows, columns = linear_sum_assignment(-table)
+    best = np.zeros(len(true))
+    best[rows] = table[rows, columns]
+    return [float(value) for value in best], int((table.max(axis=0) < 0.1).sum())
+
+
+def score_room(true_room: RoomModel, room: RoomModel, found: Sequence[Opening]) -> dict[str, Any]:
+    """Return IoUs of windows and of doors (passages count as doors), and false ones of each."""
+    out: dict[str, Any] = {}
+    for name, kinds in (("window", {OpeningKind.WINDOW}), ("door", {OpeningKind.DOOR, OpeningKind.PASSAGE})):
+        true = [o for o in true_room.openings if o.kind in kinds]
+        mine = [o for o in found if o.kind in kinds]
+        out[name], out[f"{name}_false"] = matched(true_room, true, room, mine)
+    return out
+
+
+def simulated(split: Split, count: int, source: Source, *, empty: bool = False) -> dict[str, list[Any]]:
+    """Return for each room of a split its scores, with the true room given; ``source`` makes the evidence."""
+    out: dict[str, list[Any]] = {"room": [], "score": [], "found": [], "cpu_s": []}
+    for seed, use in kept_list(split, count):
+        room, truth = truth_of(seed, use)
+        if not np.isfinite(truth.luminance_rgb).all():
+            continue
+        true_room = room_model_of(room)
+        image = as_image(truth.empty_rgb if empty else truth.luminance_rgb)
+        evidence = source(image, truth)
+        bare = true_room.model_copy(update={"openings": ()})
+        start = time.process_time()
+        found = find_openings(image, evidence, bare)
+        out["cpu_s"].append(time.process_time() - start)
+        out["room"].append((room.name, true_room))
+        out["found"].append(found)
+        out["score"].append(score_room(true_room, bare, found))
+    return out
+
+
+def on_real(half: str, source: Callable[[RelativeImage], SceneEvidence], most: int | None = None) -> dict[str, Any]:
+    """Return the scores of a half of the ZInD pictures, their true rooms given; reduced to 1024 pixels across.
+
+    ``most``: of that half, so many; None: all.
+    """
+    from benchmarks.room.detect_truth import photograph
+    from processing.errors import DaylitError
+    from processing.room.readers import zind_pictures, zind_room
+
+    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "panoramas" / "zind"
+    out: dict[str, Any] = {"name": [], "score": [], "left_out": []}
+    if not folder.is_dir():
+        return out
+    pictures = zind_pictures(json.loads((folder / "zind_data.json").read_text("utf-8")))
+    for number, path in enumerate(sorted(folder.glob("*.jpg"))):
+        if (number % 2 == 0) != (half == "looked at") or (most is not None and number // 2 >= most):
+            continue
+        light = cv2.resize(photograph(path).rgb, (1024, 512), interpolation=cv2.INTER_AREA)
+        image = as_image(light)
+        try:
+            true_room = zind_room(pictures[path.stem])
+            found = find_openings(image, source(image), true_room.model_copy(update={"openings": ()}))
+        except DaylitError as error:
+            out["left_out"].append(f"{path.stem}: {error.code}")
+            continue
+        out["name"].append(path.stem)
+        out["score"].append(score_room(true_room, true_room, found))
+    return out
+
+
+def opening_metrics(*, quick: bool) -> dict[str, float]:
+    """Return the benchmark's figures of openings alone: the shipped network's evidence, the true room given."""
+    rooms = simulated("test", 3 if quick else 24, lambda image, _: scene_evidence(image))
+    real = on_real("scored", scene_evidence, 2 if quick else None)
+    out: dict[str, float] = {"openings_cpu_s": float(np.median(rooms["cpu_s"]))}
+    for name, scores in (("sim", rooms["score"]), ("zind", real["score"])):
+        for kind in ("window", "door"):
+            values = [value for score in scores for value in score[kind]]
+            if values:
+                out[f"{kind}_iou_{name}_given_room"] = float(np.mean(values))
+            if scores:
+                out[f"{kind}s_false_{name}_given_room"] = float(sum(score[f"{kind}_false"] for score in scores))
+    return out

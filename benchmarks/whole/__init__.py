@@ -1,0 +1,1 @@
+"""Benchmarks of the whole: capture, hostile files, batches, and a session from end to end."""

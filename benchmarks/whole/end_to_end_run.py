@@ -1,0 +1,174 @@
+"""One simulated room through the whole pipeline, compared with its truth stage by stage: a row of figures."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import tempfile
+import time
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.room.detect_truth import score, simulated_masks
+from benchmarks.room.room_scores import score_room
+from benchmarks.sessions import Taken, write_session
+from benchmarks.truth_rooms import QUALITY, room_model_of, truth_of
+from benchmarks.whole.end_to_end_room import staged_luminance, staged_room
+from mocks.rooms.model import Use
+from mocks.rooms.room import Room
+from mocks.rooms.truth import TruthPictures
+from mocks.rooms.world import RoomWorld
+from processing.ground.arrays import Doubles, Flags
+from processing.ground.room_model import RoomModel
+from processing.layout.arrangement import Arrangements
+from processing.light.scene.scene_file import read_scene
+from processing.light.solver.sight import albedo_of, sight_of
+from processing.light.solver.stage import Stage
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.pictures.masks import read_mask
+from processing.running.requests import RunRequest
+from processing.running.runner import process
+from processing.sphere import Equirectangular, solid_angles
+from processing.stages.contract import Quality
+from station.session.session import Site as Place
+
+CHANGED = 0.02
+"""Relative change of luminance by furniture from which a pixel counts as changed."""
+PANORAMA_PX = 6720
+
+
+def measured(number: int, use: Use, profile: Path, divisor: int, quality: str) -> dict[str, Any]:
+    """Return the figures of one room; what a stage left out has no key and is named under ``left_out``."""
+    rows = PANORAMA_PX // divisor // 2 * 2 // 2
+    room, truth = truth_of(number, use, rows=rows)
+    folder = Path(tempfile.mkdtemp(prefix="end-to-end-"))
+    try:
+        session = write_session(folder / room.name, taken_of(room, divisor))
+        start_s = time.process_time()
+        request = RunRequest(
+            quality=Quality(quality), options={"--calibration": str(profile), "--alternatives": 1, "--set": "auto"}
+        )
+        done = process(session, request)
+        row: dict[str, Any] = {"room": room.name, "cpu_s": round(time.process_time() - start_s, 2)}
+        row["stage_cpu_s"] = {s.stage: round(s.cost.cpu_seconds, 2) for s in done.stages if s.cost}
+        row["peak_mb"] = round(done.cost.peak_bytes / 1e6)
+        row["left_out"] = {s.stage: s.summary.get("skipped") for s in done.stages if s.summary.get("skipped")}
+        return row | compared(session / "stages", room, truth)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def taken_of(room: Room, divisor: int) -> Taken:
+    """Return the session of a room at its own place and time."""
+    moment = room.moment
+    return Taken(
+        RoomWorld(room, QUALITY),
+        divisor,
+        seed=room.seed,
+        # The brackets are taken some 20 s after the session has begun.
+        begun=moment.utc - timedelta(seconds=20),
+        place=Place(latitude_deg=moment.latitude_deg, longitude_deg=moment.longitude_deg),
+        heading_rad=moment.heading_rad,
+    )
+
+
+def compared(stages: Path, room: Room, truth: TruthPictures) -> dict[str, Any]:
+    """Return errors, stage by stage, of what is there."""
+    found: dict[str, Any] = {}
+    picture = _picture(stages / "calibrate" / "indoor.exr")
+    valid = picture.validity == Validity.VALID
+    found |= _errors("luminance", picture.rgb, truth.luminance_rgb, valid)
+    shape = stages / "room" / "room.json"
+    if not shape.is_file():
+        return found
+    model = RoomModel.model_validate_json(shape.read_text("utf-8"))
+    scored = score_room(model, room_model_of(room))
+    found |= {"iou3d": round(scored.iou3d, 4), "corner_err_pct": round(scored.corner_err_pct, 3)}
+    found |= _masks(stages / "detect", room, truth)
+    empty = stages / "remove" / "empty.exr"
+    if empty.is_file():
+        filled = read_mask(stages / "remove" / "filled.png")
+        found |= _errors("empty", _picture(empty).rgb, truth.empty_rgb, filled)
+        found |= _errors("empty_all", _picture(empty).rgb, truth.empty_rgb, valid | filled)
+    if (stages / "materials" / "scene.npz").is_file():
+        found |= _albedo(stages, model, truth)
+    if (stages / "render" / "staged-1.exr").is_file():
+        found |= _staged(stages, room, truth)
+    return found
+
+
+def _picture(path: Path) -> LuminanceImage:
+    image = read_exr(path)
+    assert isinstance(image, LuminanceImage)
+    return image
+
+
+def _errors(name: str, rgb: Any, true_rgb: Any, where: Flags) -> dict[str, float]:
+    """Return median and 95th percentile (%) of the relative error of luminance, by solid angle; none of no pixels."""
+    ours, true = luminance_cd_m2(rgb).astype(np.float64), luminance_cd_m2(true_rgb).astype(np.float64)
+    return _quantiles(name, ours, true, where)
+
+
+def _quantiles(name: str, ours: Doubles, true: Doubles, where: Flags) -> dict[str, float]:
+    use = where & (true > 0)
+    if not use.any():
+        return {}
+    off = np.abs(ours[use] / true[use] - 1)
+    area = solid_angles(Equirectangular(ours.shape[1], ours.shape[0]))[use]
+    order = np.argsort(off)
+    upto = np.cumsum(area[order])
+    median, high = (float(off[order][np.searchsorted(upto, q * upto[-1])]) for q in (0.5, 0.95))
+    return {f"{name}_median_err_pct": round(100 * median, 3), f"{name}_p95_err_pct": round(100 * high, 3)}
+
+
+def _masks(folder: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
+    true = simulated_masks(room, truth)
+    none = np.zeros(true.furniture.shape, bool)
+    masks = {
+        name: read_mask(folder / f"{name}.png") if (folder / f"{name}.png").is_file() else none
+        for name in ("furniture", "sunlight", "target")
+    }
+    found = {
+        "furniture_iou": round(score(masks["furniture"], true.furniture, true.ignore).iou, 4),
+        "target_recall": round(score(masks["target"], true.furniture | true.equipment, true.ignore).recall, 4),
+    }
+    if true.sunlight.mean() > 0.002:
+        found["sunlight_iou"] = round(score(masks["sunlight"] & true.planar, true.sunlight).iou, 4)
+    return found
+
+
+def _albedo(stages: Path, model: RoomModel, truth: TruthPictures) -> dict[str, float]:
+    """Return errors of the albedo that the camera sees, mean of the channels, where both have one."""
+    height, width = truth.empty_albedo.shape[:2]
+    stage = Stage.of(read_scene(stages / "materials" / "scene.npz"), 0.2)
+    sight = sight_of(stage, Equirectangular(width, height), (0.0, 0.0, model.camera_height_m))
+    ours = albedo_of(stage, sight).reshape(height, width, 3)
+    both = (ours.max(axis=2) > 0) & (truth.empty_albedo.max(axis=2) > 0)
+    if not both.any():
+        return {}
+    off = np.abs(ours - truth.empty_albedo).mean(axis=2)[both]
+    return {
+        "albedo_median_err": round(float(np.median(off)), 4),
+        "albedo_p95_err": round(float(np.quantile(off, 0.95)), 4),
+    }
+
+
+def _staged(stages: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
+    """Return errors of the first staged picture where furniture, or its light and shadow, truly change the picture."""
+    arranged = json.loads((stages / "arrange" / "arrangement.json").read_text("utf-8"))
+    first = Arrangements.model_validate_json(json.dumps(arranged)).arrangements[0]
+    told = json.loads((stages / "render" / "staged.json").read_text("utf-8"))["alternatives"][0]
+    ours = luminance_cd_m2(_picture(stages / "render" / "staged-1.exr").rgb).astype(np.float64)
+    true = staged_luminance(staged_room(room, first.items, told["style"]), QUALITY, ours.shape[0]).astype(np.float64)
+    bare = luminance_cd_m2(truth.empty_rgb).astype(np.float64)
+    changed = np.abs(true / np.maximum(bare, 1e-9) - 1) > CHANGED
+    found = _quantiles("staged", ours, true, changed)
+    found["staged_changed_share"] = round(float(changed.mean()), 4)
+    ratio = ours[changed & (true > 0)] / true[changed & (true > 0)]
+    found["staged_bias_pct"] = round(100 * (math.exp(float(np.median(np.log(np.maximum(ratio, 1e-6))))) - 1), 2)
+    return found

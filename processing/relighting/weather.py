@@ -1,0 +1,250 @@
+"""The sun and the sky at another time, in the weather of the captured picture or in a weather of one's own.
+
+The captured picture of the sky tells how much of a clear sky's beam arrives and how bright the rest of the sky is
+beside a clear one. The same shares of the clear sky at another time give its sun and its diffuse light, and the
+all-weather model (`rendering.perez`) spreads that over the sky; the colour is the captured sky's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+import numpy as np
+
+from processing.calibration.outdoor.clear_sky import Beam, Place, SunPlace, clear_beam, sun_place
+from processing.errors import DaylightError
+from processing.ground.arrays import Doubles
+from processing.light.picture.relight_land import with_captured_land
+from processing.light.scene.scene import Outdoors, Sun, Vector
+from processing.pictures.images import LUMINANCE_WEIGHTS
+from processing.sphere import Equirectangular, directions, solid_angles
+
+# The all-weather model of the sky's luminance (Perez, Seals, Michalsky 1993, Solar Energy 50, 235; erratum 51, 423).
+#
+# Five coefficients, by how clear and how bright the sky is, tell the luminance of every direction relative to the
+# others; the absolute level comes from the diffuse illuminance.
+
+
+EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)
+"""Of the eight bins of clearness."""
+_TABLE = np.array(
+    [
+        *(1.3525, -0.2576, -0.2690, -1.4366, -0.7670, 0.0007, 1.2734, -0.1233, 2.8000, 0.6004),
+        *(1.2375, 1.0000, 1.8734, 0.6297, 0.9738, 0.2809, 0.0356, -0.1246, -0.5718, 0.9938),
+        *(-1.2219, -0.7730, 1.4148, 1.1016, -0.2054, 0.0367, -3.9128, 0.9156, 6.9750, 0.1774),
+        *(6.4477, -0.1239, -1.5798, -0.5081, -1.7812, 0.1080, 0.2624, 0.0672, -0.2190, -0.4285),
+        *(-1.1000, -0.2515, 0.8952, 0.0156, 0.2782, -0.1812, -4.5000, 1.1766, 24.7219, -13.0812),
+        *(-37.7000, 34.8438, -5.0000, 1.5218, 3.9229, -2.6204, -0.0156, 0.1597, 0.4199, -0.5562),
+        *(-0.5484, -0.6654, -0.2672, 0.7117, 0.7234, -0.6219, -5.6812, 2.6297, 33.3389, -18.3000),
+        *(-62.2500, 52.0781, -3.5000, 0.0016, 1.1477, 0.1062, 0.4659, -0.3296, -0.0876, -0.0329),
+        *(-0.6000, -0.3566, -2.5000, 2.3250, 0.2937, 0.0496, -5.6812, 1.8415, 21.0000, -4.7656),
+        *(-21.5906, 7.2492, -3.5000, -0.1554, 1.4062, 0.3988, 0.0032, 0.0766, -0.0656, -0.1294),
+        *(-1.0156, -0.3670, 1.0078, 1.4051, 0.2875, -0.5328, -3.8500, 3.3750, 14.0000, -0.9999),
+        *(-7.1406, 7.5469, -3.4000, -0.1078, -1.0750, 1.5702, -0.0672, 0.4016, 0.3017, -0.4844),
+        *(-1.0000, 0.0211, 0.5025, -0.5119, -0.3000, 0.1922, 0.7023, -1.6317, 19.0000, -5.0000),
+        *(1.2438, -1.9094, -4.0000, 0.0250, 0.3844, 0.2656, 1.0468, -0.3788, -2.4517, 1.4656),
+        *(-1.0500, 0.0289, 0.4260, 0.3590, -0.3250, 0.1156, 0.7781, 0.0025, 31.0625, -14.5000),
+        *(-46.1148, 55.3750, -7.2312, 0.4050, 13.3500, 0.6234, 1.5000, -0.6426, 1.8564, 0.5636),
+    ]
+).reshape(8, 5, 4)
+"""By bin, coefficient (a to e) and term."""
+LOWEST = math.sin(math.radians(1.0))
+"""Sine of the elevation under which the sky is taken as there, where the model's horizon has no end."""
+
+
+def clearness(diffuse_w_m2: float, normal_w_m2: float, zenith_rad: float) -> float:
+    """Return Perez's epsilon of a sky: 1 overcast, above 6.2 clear."""
+    twist = 1.041 * zenith_rad**3
+    return (1 + normal_w_m2 / max(diffuse_w_m2, 1e-9) + twist) / (1 + twist)
+
+
+def coefficients(epsilon: float, brightness: float, zenith_rad: float) -> Doubles:
+    """Return a, b, c, d, e; ``brightness`` is Perez's Delta, ``zenith_rad`` the sun's distance from the zenith."""
+    number = sum(epsilon >= edge for edge in EDGES)
+    delta = brightness
+    if EDGES[0] < epsilon < EDGES[4]:
+        # As in Radiance's gendaylit: below, the model was not fitted and tells no sky.
+        delta = max(delta, 0.2)
+    t = _TABLE[number]
+    found = t[:, 0] + t[:, 1] * zenith_rad + delta * (t[:, 2] + t[:, 3] * zenith_rad)
+    if number == 0:
+        c, d = t[2], t[3]
+        found[2] = math.exp(max(delta * (c[0] + c[1] * zenith_rad), 0.0) ** c[2]) - c[3]
+        found[3] = -math.exp(delta * (d[0] + d[1] * zenith_rad)) + d[2] + delta * d[3]
+    return np.asarray(found)
+
+
+def relative_luminance(rays: Doubles, sun: Vector, five: Doubles) -> Doubles:
+    """Return the relative luminance (...,) of unit directions (..., 3) above the horizon, never below 0."""
+    a, b, c, d, e = (float(v) for v in five)
+    away = np.arccos(np.clip(rays @ np.asarray(sun), -1.0, 1.0))
+    gradation = 1 + a * np.exp(b / np.maximum(rays[..., 2], LOWEST))
+    scattering = 1 + c * np.exp(d * away) + e * np.cos(away) ** 2
+    return np.asarray(np.maximum(gradation * scattering, 0.0))
+
+
+Sky = Literal["captured", "clear", "overcast"]
+MOST_BEAM, LEAST_DIFFUSE, MOST_DIFFUSE = 1.3, 0.03, 6.0
+"""Of a clear sky's: between which the captured picture is believed."""
+OVERCAST_GLOBAL = 0.25
+"""Of the clear sky's light on level ground, that an overcast sky gives (Kasten, Czeplak 1980: 1 - 0.75)."""
+RAYLEIGH = (0.06, 0.10, 0.20)
+"""Optical depth of clean air for red, green and blue light."""
+USUAL_SUN, USUAL_SKY = (1.04, 1.0, 0.88), (0.92, 1.0, 1.22)
+"""Colours where none were captured."""
+_WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
+
+
+@dataclass(frozen=True)
+class Weather:
+    """What of a clear sky's light there is, and its colours."""
+
+    kind: Sky
+    beam: float
+    """Of a clear sky's sun."""
+    diffuse: float
+    """The sky's light on level ground, of what `_clear_share` says that there is."""
+    sun_colour: Vector
+    """Of luminance 1, at `sun_air_mass`."""
+    sun_air_mass: float
+    sky_colour: Vector
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Daylight:
+    """The light outdoors at a time."""
+
+    outdoors: Outdoors
+    place: SunPlace
+    diffuse_lx: float
+    """Of the sky on level ground."""
+    normal_lx: float
+    """Of the sun on a plane that faces it."""
+    clearness: float
+    """Perez's epsilon."""
+
+    @property
+    def global_lx(self) -> float:
+        """Return the light of sun and sky on level ground."""
+        return self.diffuse_lx + self.normal_lx * max(math.sin(self.place.elevation_rad), 0.0)
+
+
+def level_illuminance(outdoors: Outdoors) -> tuple[Doubles, Doubles]:
+    """Return the illuminance (3,) on level ground by the sky alone, and by the sun alone."""
+    rays, area = _grid(outdoors.rgb.shape[0])
+    sky = np.tensordot(np.maximum(rays[..., 2], 0) * area, outdoors.rgb.astype(np.float64), axes=2)
+    sun = outdoors.sun
+    direct = np.zeros(3) if sun is None else np.asarray(sun.normal_illuminance_lx) * max(sun.direction[2], 0.0)
+    return np.asarray(sky), direct
+
+
+def captured_weather(outdoors: Outdoors, time_utc: datetime, place: Place) -> Weather:
+    """Return the weather that a captured sky shows.
+
+    The sun's height is that of the picture where the sun is in it, else that of time and place.
+    """
+    sun, sky_rgb = outdoors.sun, level_illuminance(outdoors)[0]
+    elevation = math.asin(sun.direction[2]) if sun else sun_place(time_utc, place).elevation_rad
+    clear = clear_beam(time_utc, place, elevation_rad=max(elevation, math.radians(3.0)))
+    shown_lx = float(np.asarray(sun.normal_illuminance_lx) @ _WEIGHTS) if sun else 0.0
+    beam = shown_lx / max(clear.normal_lx, 1.0)
+    height = max(elevation, math.radians(3.0))
+    diffuse = float(sky_rgb @ _WEIGHTS) / max(_clear_share(clear, min(beam, 1.0), height), 1.0)
+    held = min(beam, MOST_BEAM), min(max(diffuse, LEAST_DIFFUSE), MOST_DIFFUSE)
+    of = "a clear sky's light and beam together" if beam < 0.5 else "its diffuse light"
+    notes = [f"captured: {beam:.2f} of a clear sky's beam; the sky gives {diffuse:.2f} of {of}"]
+    if held != (beam, diffuse):
+        notes.append(f"held to {held[0]:.2f} and {held[1]:.2f}: more or less is not believed")
+    if sun:
+        off = math.degrees(elevation - sun_place(time_utc, place).elevation_rad)
+        if abs(off) > 8:
+            notes.append(f"the captured sun stands {off:+.1f} degrees off where time and site say: one is wrong")
+    colour = _unit(np.asarray(sun.normal_illuminance_lx)) if sun else _unit(np.asarray(USUAL_SUN))
+    return Weather("captured", *held, colour, clear.air_mass if sun else 1.5, _unit(sky_rgb), tuple(notes))
+
+
+def usual_weather(kind: Sky, glass: Vector = (1.0, 1.0, 1.0)) -> Weather:
+    """Return a clear or an overcast weather.
+
+    ``glass``: the windows' transmittance as it was measured. Its colour is mostly what two cameras differ by, and
+    goes with the captured sky; a sky of known colour is given the other way round, so that it looks so indoors.
+    """
+    clear = kind == "clear"
+    back = 1 / np.maximum(np.asarray(glass), 1e-3)
+    sun, sky = (np.asarray(USUAL_SUN), np.asarray(USUAL_SKY)) if clear else (np.ones(3), np.ones(3))
+    return Weather(
+        kind, 1.0 if clear else 0.0, 1.0 if clear else OVERCAST_GLOBAL, _unit(sun * back), 1.5, _unit(sky * back)
+    )
+
+
+def sun_direction(sun: SunPlace, heading_rad: float) -> Vector:
+    """Return the sun's direction in a room whose +y has the compass azimuth ``heading_rad``."""
+    azimuth, level = sun.azimuth_rad - heading_rad, math.cos(sun.elevation_rad)
+    return (math.sin(azimuth) * level, math.cos(azimuth) * level, math.sin(sun.elevation_rad))
+
+
+def daylight_at(
+    time_utc: datetime, place: Place, heading_rad: float, weather: Weather, captured: Outdoors, *, rows: int = 128
+) -> Daylight:
+    """Return the light outdoors at a time; ground, trees and houses are the captured ones under the new light.
+
+    Raises
+    ------
+    DaylightError
+        The sun is below the horizon: twilight is not modelled.
+    """
+    sun = sun_place(time_utc, place)
+    if sun.elevation_rad <= 0:
+        raise DaylightError(
+            f"the sun is {math.degrees(-sun.elevation_rad):.1f} degrees below the horizon",
+            where=time_utc.isoformat(timespec="minutes"),
+            advice="give a time by day; twilight and night are not modelled",
+        )
+    clear = clear_beam(time_utc, place)
+    share = (
+        weather.diffuse * _clear_share(clear, min(weather.beam, 1.0), sun.elevation_rad) / max(clear.diffuse_lx, 1e-9)
+    )
+    normal_lx, diffuse_lx = weather.beam * clear.normal_lx, share * clear.diffuse_lx
+    direction = sun_direction(sun, heading_rad)
+    zenith = math.pi / 2 - sun.elevation_rad
+    epsilon = clearness(share * clear.diffuse_w_m2, weather.beam * clear.normal_w_m2, zenith)
+    brightness = share * clear.diffuse_w_m2 * clear.air_mass / max(clear.top_w_m2, 1e-9)
+    rays, area = _grid(rows)
+    above = rays[..., 2] > 0
+    level = np.where(above, relative_luminance(rays, direction, coefficients(epsilon, brightness, zenith)), 0.0)
+    whole = float((level * np.maximum(rays[..., 2], 0) * area).sum())
+    sky = (level * diffuse_lx / max(whole, 1e-12))[..., None] * np.asarray(weather.sky_colour)
+    disc = Sun(direction, _sunlight(normal_lx, weather, clear)) if normal_lx > 0 else None
+    found = Outdoors(sky.astype(np.float32), disc)
+    return Daylight(with_captured_land(found, captured), sun, diffuse_lx, normal_lx, epsilon)
+
+
+def _clear_share(clear: Beam, beam: float, elevation_rad: float) -> float:
+    """Return the light (lx) on level ground that a sky's is measured by: the clear sky's, and what clouds scatter.
+
+    The less of the sun's ``beam`` arrives, the more of it comes as the light of clouds: an overcast sky gives a share
+    of sun and sky together (Kasten and Czeplak 1980).
+    """
+    return clear.diffuse_lx + (1 - beam) * clear.normal_lx * max(math.sin(elevation_rad), 0.0)
+
+
+def _sunlight(normal_lx: float, weather: Weather, clear: Beam) -> Vector:
+    """Return the sun's RGB illuminance: the captured colour, reddened or not by the air it comes through."""
+    more = np.exp(-np.asarray(RAYLEIGH) * (clear.air_mass - weather.sun_air_mass))
+    red, green, blue = (normal_lx * v for v in _unit(np.asarray(weather.sun_colour) * more))
+    return (red, green, blue)
+
+
+def _unit(rgb: Doubles) -> Vector:
+    level = float(rgb @ _WEIGHTS)
+    red, green, blue = (float(v) / level if level > 0 else 1.0 for v in rgb)
+    return (red, green, blue)
+
+
+def _grid(rows: int) -> tuple[Doubles, Doubles]:
+    geometry = Equirectangular(2 * rows, rows)
+    return directions(geometry)[0], solid_angles(geometry)

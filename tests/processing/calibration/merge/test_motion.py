@@ -1,0 +1,68 @@
+"""Regions that moved, on masks made by hand; and which frame shows them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from processing.calibration.merge.motion import Planes, ghost_regions, settle_ghosts
+from processing.calibration.merge.tables import merge_tables
+from tests.processing.calibration.merge.merge_cases import NOISE, true_curve
+
+TABLES = merge_tables(true_curve(), NOISE, np.array([4.0, 1.0, 0.25]), np.zeros(3), 0.02)
+
+
+def planes(suspect: np.ndarray) -> Planes:
+    shape = suspect.shape
+    return Planes(
+        np.ones((*shape, 3), np.float32), np.full(shape, 0.01, np.float32), np.zeros(shape, np.uint8), suspect
+    )
+
+
+def test_scattered_odd_pixels_are_noise_and_sure_ones_are_not() -> None:
+    suspect = np.zeros((40, 60), np.uint8)
+    suspect[5::10, 5::10] = 1
+    assert not ghost_regions(suspect).any()
+    suspect[20, 33] = 2
+    assert ghost_regions(suspect)[20, 33]
+    assert ghost_regions(suspect).sum() == 1
+
+
+def test_crowded_odd_pixels_are_a_region_without_holes() -> None:
+    suspect = np.zeros((40, 60), np.uint8)
+    suspect[10:20, 10:30] = np.random.default_rng(0).random((10, 20)) < 0.7
+    region = ghost_regions(suspect)
+    assert region[11:19, 11:29].mean() > 0.95
+    assert region[25:].sum() == 0
+
+
+def test_a_region_is_shown_by_the_frame_that_exposes_it_best_and_the_rest_stays() -> None:
+    suspect = np.zeros((20, 30), np.uint8)
+    suspect[4:10, 4:12] = 2
+    frames = [np.full((20, 30, 3), code, np.uint8) for code in (255, 200, 90)]
+    merged = planes(suspect)
+    ghost = settle_ghosts(frames, TABLES, merged)
+    assert set(np.unique(ghost)) == {0, 2}
+    np.testing.assert_array_equal(ghost > 0, suspect > 0)
+    np.testing.assert_allclose(merged.rgb[6, 6], 2.0 ** true_curve().log2_exposure[:, 200], rtol=1e-5)
+    assert merged.uncertainty[6, 6] > 0
+    assert merged.rgb[0, 0, 0] == 1
+
+
+def test_pixels_that_the_reference_cannot_show_take_the_nearest_frame_that_can() -> None:
+    suspect = np.zeros((20, 30), np.uint8)
+    suspect[4:10, 4:12] = 2
+    frames = [np.full((20, 30, 3), code, np.uint8) for code in (255, 200, 90)]
+    frames[1][5, 5] = 255
+    merged = planes(suspect)
+    ghost = settle_ghosts(frames, TABLES, merged)
+    assert ghost[5, 5] == 3
+    for frame in frames:
+        frame[6, 6] = 255
+    merged = planes(suspect)
+    merged.rgb[6, 6], merged.validity[6, 6], merged.uncertainty[6, 6] = 123.0, 1, np.inf
+    ghost = settle_ghosts(frames, TABLES, merged)
+    assert ghost[6, 6] == 0, "no frame shows it"
+    assert merged.validity[6, 6] == 1
+    assert (merged.rgb[6, 6] == 123.0).all(), "the merged bound stays"
+    assert np.isinf(merged.uncertainty[6, 6])
+    assert np.isfinite(merged.rgb).all()

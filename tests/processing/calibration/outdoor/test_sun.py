@@ -1,0 +1,182 @@
+"""The sun found in simulated skies, clipped and cut; north from it; its repair, which is never silent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from mocks.rooms.sky.moment import Moment, sun_of
+from mocks.worlds.sky import SimpleSky
+from processing.calibration.outdoor import outdoor
+from processing.calibration.outdoor.clear_sky import Place, clear_beam, direct_efficacy_lm_w, sun_place
+from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.north import north_from_heading, north_from_sun, oriented
+from processing.calibration.outdoor.sun_disc import find_sun
+from processing.calibration.outdoor.sun_repair import repair_sun
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.errors import ParameterError, SunError
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
+from processing.sphere import LensMapping
+from tests.processing.calibration.outdoor.sky_pictures import in_cd_m2, optics_of, sky_picture, true_horizontal_lx
+
+WIDTH = 420
+PIXEL_RAD = 36 / 8 / WIDTH
+PITTSBURGH = Place(40.44, -79.99, 300.0)
+NOON = datetime(2023, 5, 19, 16, 30, tzinfo=UTC)
+
+
+def corrected(sky: SimpleSky, width: int = WIDTH, clip: float | None = None) -> RelativeImage:
+    optics = optics_of(width)
+    image = outdoor.with_lens(sky_picture(sky, width, clip=clip), optics)
+    return outdoor.correct_colour(outdoor.correct_vignetting(image, optics), optics)
+
+
+def angle_to(sky: SimpleSky, direction: tuple[float, float, float]) -> float:
+    return 2 * math.asin(min(1.0, math.dist(sky.sun_direction, direction) / 2))
+
+
+@pytest.mark.parametrize(("azimuth", "elevation_deg"), [(0.3, 12.0), (-2.6, 41.0), (1.9, 89.5)])
+def test_found_to_a_part_of_a_pixel(azimuth: float, elevation_deg: float) -> None:
+    sky = SimpleSky(azimuth, math.radians(elevation_deg))
+    found = find_sun(corrected(sky))
+    assert angle_to(sky, found.direction) < min(0.25 * PIXEL_RAD, 4 * found.sigma_rad)
+    assert not found.clipped
+    assert not found.cut
+    assert found.normal_illuminance == pytest.approx(6.72e4, rel=0.02)
+
+
+def test_clipped_is_told_and_its_middle_found() -> None:
+    sky = SimpleSky(1.2, math.radians(37))
+    found = find_sun(corrected(sky, clip=3e5))
+    assert found.clipped
+    assert angle_to(sky, found.direction) < min(0.6 * PIXEL_RAD, 3 * found.sigma_rad)
+    assert found.normal_illuminance < 6e4
+
+
+@pytest.mark.parametrize("clip", [None, 3e5])
+@pytest.mark.parametrize("inside_deg", [0.45])
+def test_cut_by_the_edge_of_the_field(inside_deg: float, clip: float | None) -> None:
+    """A field of 2 x 60 degrees whose outermost whole pixels hold a part of the sun."""
+    sky = SimpleSky(-0.5, math.radians(30 + inside_deg))
+    whole = optics_of(640).lens
+    half = math.pi / 3
+    circle = replace(whole.circle, radius_px=whole.circle.radius_px * math.sin(half / 2) / math.sin(math.pi / 4))
+    optics = replace(optics_of(640), lens=LensModel(LensMapping.EQUISOLID, circle, half))
+    found = find_sun(outdoor.with_lens(sky_picture(sky, 640, clip=clip), optics))
+    assert found.cut
+    assert found.clipped == (clip is not None)
+    assert angle_to(sky, found.direction) < min(3.5 * found.sigma_rad, math.radians(0.8))
+
+
+@pytest.mark.parametrize("kind", ["uniform", "dark", "bright cloud", "all clipped", "outside"])
+def test_no_sun_is_a_named_refusal(kind: str) -> None:
+    geometry = optics_of(120).lens.fisheye()
+    rgb = np.full((80, 120, 3), 0.0 if kind == "dark" else 2000.0, dtype=np.float32)
+    validity = np.zeros((80, 120), dtype=np.uint8)
+    if kind == "bright cloud":
+        rgb[30:45, 50:75] = 12_000.0
+    validity[:] = {"all clipped": Validity.CLIPPED, "outside": Validity.OUTSIDE}.get(kind, Validity.VALID)
+    with pytest.raises(SunError, match="no sun"):
+        find_sun(RelativeImage(rgb, np.full((80, 120), 0.01, np.float32), validity, geometry))
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.1])
+def test_north_to_a_tenth_of_a_degree(heading: float) -> None:
+    """The picture's top faces azimuth 0 of the world, whose +y has the compass azimuth ``heading``."""
+    azimuth, elevation = sun_of(Moment(PITTSBURGH.latitude_deg, PITTSBURGH.longitude_deg, NOON, heading))
+    image = corrected(SimpleSky(azimuth, elevation))
+    north = north_from_sun(image, NOON, PITTSBURGH)
+    off = math.remainder(north.top_azimuth_rad - heading, 2 * math.pi)
+    assert abs(off) < max(math.radians(0.1), 3 * north.sigma_rad)
+    assert abs(off) < math.radians(0.25)
+    assert north.source == "sun"
+    assert not north.warnings
+    assert north.elevation_off_rad == pytest.approx(0, abs=math.radians(0.1))
+    turned = oriented(image.geometry, north, heading)  # type: ignore[arg-type]
+    assert turned.top_azimuth_rad == pytest.approx(off, abs=1e-9)
+
+
+def test_a_wrong_clock_is_named() -> None:
+    azimuth, elevation = sun_of(Moment(PITTSBURGH.latitude_deg, PITTSBURGH.longitude_deg, NOON, 0.0))
+    image = corrected(SimpleSky(azimuth, elevation), 240)
+    with pytest.raises(SunError, match="degrees high in the picture"):
+        north_from_sun(image, datetime(2023, 5, 19, 21, 30, tzinfo=UTC), PITTSBURGH)
+    late = north_from_sun(image, datetime(2023, 5, 19, 15, 55, tzinfo=UTC), PITTSBURGH)
+    assert any("than time and site say" in warning for warning in late.warnings)
+    with pytest.raises(ParameterError, match="zone"):
+        north_from_sun(image, datetime(2023, 5, 19, 16, 30), PITTSBURGH)
+    assert north_from_heading(-1.0).top_azimuth_rad == pytest.approx(2 * math.pi - 1.0)
+    with pytest.raises(ParameterError, match="no place"):
+        Place(95.0, 0.0)
+
+
+def test_positions_are_those_of_the_almanac() -> None:
+    """At an equinox's true noon on the equator the sun is overhead; the pole sees it on the horizon, refracted."""
+    equinox = datetime(2024, 3, 20, 3, 6, tzinfo=UTC)
+    pole = sun_place(equinox, Place(90.0, 0.0))
+    assert math.degrees(pole.elevation_rad) == pytest.approx(0.5, abs=0.15)
+    overhead = max(
+        sun_place(datetime(2024, 3, 20, 12, minute, tzinfo=UTC), Place(0.0, 0.0)).elevation_rad
+        for minute in range(4, 11)
+    )
+    assert math.degrees(overhead) > 89.6
+
+
+def clipped_sky() -> tuple[SimpleSky, LuminanceImage, float]:
+    sky = SimpleSky(0.8, math.radians(40))
+    return sky, in_cd_m2(corrected(sky, clip=3e5)), sum(true_horizontal_lx(sky))
+
+
+def test_repaired_from_a_reading() -> None:
+    sky, image, lux = clipped_sky()
+    assert illuminance_lx(image).value_lx < 0.6 * lux
+    done, repair = repair_sun(image, horizontal_lx=lux, reading_uncertainty=0.02)
+    assert illuminance_lx(done).value_lx == pytest.approx(lux, rel=0.01)
+    assert repair.sun_cd_m2 == pytest.approx(sky.sun_luminance_cd_m2, rel=0.05)
+    assert repair.n_pixels == int((done.validity == Validity.REPAIRED).sum()) > 0
+    assert done.attributes["sun_repaired"] == repair.note
+    assert "reading" in repair.note
+    assert 0.01 < repair.relative_uncertainty < 0.1
+    assert (image.validity != Validity.REPAIRED).all(), "the picture given is left as it was"
+    assert find_sun(done).direction == pytest.approx(sky.sun_direction, abs=0.01)
+
+
+def test_repaired_from_a_clear_sky() -> None:
+    azimuth, elevation = sun_of(Moment(PITTSBURGH.latitude_deg, PITTSBURGH.longitude_deg, NOON, 0.0))
+    image = in_cd_m2(corrected(SimpleSky(azimuth, elevation), clip=3e5))
+    beam = clear_beam(NOON, PITTSBURGH)
+    assert 7e4 < beam.normal_lx < 1.1e5
+    done, repair = repair_sun(image, beam=beam)
+    assert repair.horizontal_lx == pytest.approx(beam.normal_lx * math.sin(elevation), rel=0.01)
+    gained = illuminance_lx(done).value_lx - repair.rest_lx
+    assert gained == pytest.approx(repair.horizontal_lx, rel=0.01)
+    assert "clear-sky" in repair.note
+
+
+def test_what_cannot_be_repaired_is_refused() -> None:
+    sky, image, lux = clipped_sky()
+    with pytest.raises(SunError, match="leaves"):
+        repair_sun(image, horizontal_lx=0.2 * lux)
+    with pytest.raises(SunError, match="cd/m2"):
+        repair_sun(image, horizontal_lx=40 * lux)
+    with pytest.raises(SunError, match="not clipped"):
+        repair_sun(in_cd_m2(corrected(sky)), horizontal_lx=lux)
+    with pytest.raises(ParameterError, match="one of them"):
+        repair_sun(image)
+    with pytest.raises(ParameterError):
+        repair_sun(image, horizontal_lx=math.nan)
+
+
+def test_the_clear_skys_beam() -> None:
+    """Night gives none; haze takes light; the efficacy of a high clear sun is near 100 lm/W."""
+    night = clear_beam(datetime(2023, 5, 20, 4, 0, tzinfo=UTC), PITTSBURGH)
+    assert night.normal_lx == 0
+    clean, hazy = (clear_beam(NOON, PITTSBURGH, turbidity).normal_lx for turbidity in (2.0, 6.0))
+    assert hazy < 0.8 * clean
+    assert 95 < direct_efficacy_lm_w(math.radians(25), 900.0, 90.0, 0.07) < 112
+    with pytest.raises(ParameterError, match="turbidity"):
+        clear_beam(NOON, PITTSBURGH, 0.1)

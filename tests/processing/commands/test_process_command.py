@@ -1,0 +1,127 @@
+"""`daylit process` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import pytest
+
+import daylit
+import processing.pipeline
+from processing.commands.process import process
+from processing.commands.process_views import PlainView, TerminalView, plain_or_terminal, printable
+from processing.running.results import RunEvent, RunEventKind
+from tests.processing.running.toy_stages import TOTAL, TOYS
+from tests.station.session.sessions import complete_session
+
+
+@pytest.fixture(autouse=True)
+def _toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DAYLIT_STATE", str(tmp_path / "state"))
+    monkeypatch.setattr(processing.pipeline, "STAGES", TOYS)
+    monkeypatch.setattr(processing.pipeline.options, "__defaults__", (TOYS,))
+    monkeypatch.setattr(processing.pipeline.trades, "__defaults__", (TOYS,))
+    from processing.running import runner
+
+    monkeypatch.setitem(runner.process.__kwdefaults__, "stages", TOYS)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    return complete_session(tmp_path / "sessions")
+
+
+def test_first_and_second_run(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["process", str(session)]) == 0
+    first = capsys.readouterr().out
+    assert "frames: a number a frame (there is no result yet)" in first
+    assert "left out: extra: nobody asked" in first
+    assert "warning: a toy (toy)" in first
+    assert "quality: standard" in first
+    assert "3 of 3 stages done in" in first
+    assert "peak memory" in first
+    assert daylit.main(["process", str(session)]) == 0
+    second = capsys.readouterr().out
+    assert second.count("nothing it depends on has changed") == 3
+    assert "nothing was done" in second
+
+
+def test_options_of_stages_reach_them_and_are_explained(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["process", str(session), "--json"]) == 0
+    capsys.readouterr()
+    assert daylit.main(["process", str(session), "--scale", "2", "--rounds", "4", "--explain", "--dry-run"]) == 0
+    told = capsys.readouterr().out
+    assert "would run" in told
+    assert "parameters rounds: 3 -> 4" in told
+    assert daylit.main(["process", str(session), "--scale", "2", "--max-error", "0.02", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["ok"] is True
+    assert [s["action"] for s in report["stages"]] == ["skipped", "ran", "ran"]
+    assert {"what": "parameters scale", "old": 1.0, "new": 2.0} in report["stages"][1]["changes"]
+    assert report["stages"][1]["cost"]["peak_bytes"] > 0
+
+
+def test_the_run_says_who_honoured_a_trade(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["process", str(session), "--time-budget", "5"]) == 0
+    assert "--time-budget 5: honoured by no stage; the others cannot trade it" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "exit_code", "words"),
+    [
+        (["--until", "roof"], 2, "no stage 'roof'"),
+        (["--scale", "much"], 2, "--scale"),
+        (["--k9", "1"], 2, "--k9"),
+        (["--total", "none.json"], 2, "no file none.json"),
+        (["--max-error", "7"], 2, "out of range"),
+        (["--until", "frames", "--scale", "2"], 2, "belongs to no stage of this run"),
+    ],
+)
+def test_errors_are_usage_errors(
+    session: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], exit_code: int, words: str
+) -> None:
+    assert daylit.main(["process", str(session), *arguments]) == exit_code
+    assert words in capsys.readouterr().err
+
+
+def test_only_what_a_stage_does_is_offered(monkeypatch: pytest.MonkeyPatch) -> None:
+    def flags() -> set[str]:
+        context = click.Context(process)
+        return {opt for param in process.get_params(context) for opt in param.opts}
+
+    assert {"--scale", "--total", "--rounds", "--quality", "--max-error", "--time-budget"} <= flags()
+    only = (TOYS[0],)
+    monkeypatch.setattr(processing.pipeline, "STAGES", only)
+    monkeypatch.setattr(processing.pipeline.options, "__defaults__", (only,))
+    monkeypatch.setattr(processing.pipeline.trades, "__defaults__", (only,))
+    assert not flags() & {"--scale", "--total", "--max-error", "--time-budget"}
+    assert flags() >= {"--rounds", "--quality", "--json", "--until"}
+    assert TOTAL.options[0].flag == "--scale"
+
+
+def test_views(capsys: pytest.CaptureFixture[str]) -> None:
+    assert isinstance(plain_or_terminal(False), PlainView)
+    view = plain_or_terminal(True)
+    assert isinstance(view, TerminalView)
+    with view:
+        view.show(RunEvent(RunEventKind.STARTED, "merge", "merge", left_s=200.0))
+        view.show(RunEvent(RunEventKind.PROGRESS, "merge", "[bold]half", 0.5, 30.0))
+        view.show(RunEvent(RunEventKind.FINISHED, "merge", "done", 1.0))
+    capsys.readouterr()
+    PlainView().show(RunEvent(RunEventKind.STARTED, "merge", "x\x1b[2J", left_s=100.0))
+    assert capsys.readouterr().out == "merge: x?[2J, about 2 min left\n"
+    assert printable("a\tb\n") == "a?b?"
+
+
+def test_help_lists_options_stage_by_stage(capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["process", "--help"]) == 0
+    told = capsys.readouterr().out
+    sections = [line for line in told.splitlines() if line and not line.startswith(" ")]
+    own = [stage for stage in TOYS if stage.options]
+    assert sections[-len(own) :] == [f"{stage.name}: {stage.title}:" for stage in own]
+    for stage in own:
+        for option in stage.options:
+            assert told.count(f"  {option.flag} ") == 1
+    assert "[SESSION]" not in told.partition("Options:")[2]

@@ -1,0 +1,156 @@
+"""Furniture in the photograph: what changes, what is kept bit by bit, and the named refusals."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from processing.errors import MaterialError, ParameterError, SceneError
+from processing.light.picture.composite import differential, ibl, inverse_tone_curve
+from processing.light.picture.render import render
+from processing.light.scene.scene import Material, Outdoors, Part, Sun
+from processing.light.solver.irradiance import Effort
+from processing.sphere import Equirectangular, Perspective
+from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
+
+ROWS = 64
+GEOMETRY = Equirectangular(2 * ROWS, ROWS)
+# Not cleaned: the denoiser loads torch where that is installed, which takes longer than these tests.
+LOOK = Effort(texel_m=0.2, patch_samples=64, rows=ROWS, pixel_samples=64, sun_samples=64, clean=False)
+TABLE = box((1.2, 0.8, 0.4), (0.8, 0.8, 0.8))
+
+
+@pytest.fixture(scope="module")
+def room():
+    return scene_of(box_room(), uniform_sky(4000.0), 0.5, reveal_m=0.2)
+
+
+@pytest.fixture(scope="module")
+def photograph(room) -> np.ndarray:
+    return render(room, GEOMETRY, EYE, effort=LOOK, seed=8).rgb
+
+
+def test_nothing_added_changes_nothing(room, photograph) -> None:
+    staged = differential(photograph, room, (), EYE, effort=LOOK)
+    assert np.array_equal(staged.rgb, photograph)
+    assert staged.kept.all()
+
+
+def test_differential_is_the_furnished_room_and_keeps_the_window(room, photograph) -> None:
+    staged = differential(photograph, room, (TABLE,), EYE, effort=LOOK, seed=2)
+    truth = render(room.furnished((TABLE,)), GEOMETRY, EYE, effort=LOOK, seed=9).rgb
+    window = ~np.isclose(photograph, 0) & (photograph == photograph.max())
+    assert np.array_equal(staged.rgb[staged.kept], photograph[staged.kept])
+    assert staged.kept[window.all(axis=2)].all()
+    ratio = staged.rgb.sum(axis=2) / truth.sum(axis=2)
+    # Both pictures are noisy: single pixels differ by 5 %, their means hardly.
+    assert np.median(np.abs(ratio - 1)) < 0.08
+    assert staged.rgb.sum() == pytest.approx(truth.sum(), rel=0.01)
+    # Pixels at its edges are smooth, as those of a larger picture are that is made small.
+    large = render(room.furnished((TABLE,)), Equirectangular(8 * ROWS, 4 * ROWS), EYE, effort=LOOK, seed=9).rgb
+    fine = large.reshape(ROWS, 4, 2 * ROWS, 4, 3).mean(axis=(1, 3))
+    inside = cv2.erode(staged.furniture.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    assert staged.rgb[inside].sum() == pytest.approx(fine[inside].sum(), rel=0.03)
+    assert 0.01 < staged.furniture.mean() < 0.2
+    # The table darkens the room on average.
+    assert staged.ratio[~staged.furniture & ~staged.kept].mean() < 1
+    assert np.array_equal(differential(photograph, room, (TABLE,), EYE, effort=LOOK, seed=2).rgb, staged.rgb)
+
+
+def test_furniture_throws_a_shadow_in_the_sun() -> None:
+    direction = np.array([0.0, -0.7, 0.7]) / np.linalg.norm([0.7, 0.7])
+    sunny = uniform_sky(1000.0, Sun(tuple(direction), (7e4, 7e4, 7e4)))
+    room = scene_of(box_room(), sunny, 0.5)
+    photograph = render(room, GEOMETRY, EYE, effort=LOOK).rgb
+    low = box((0.0, -1.2, 0.1), (0.4, 0.4, 0.2))
+    staged = differential(photograph, room, (low,), EYE, effort=LOOK)
+    assert (staged.ratio[~staged.furniture] < 0.5).any()
+    assert staged.ratio.max() <= 4
+
+
+def test_ibl_lights_furniture_by_the_panorama_and_changes_nothing_else(room) -> None:
+    even = np.full((ROWS, 2 * ROWS, 3), 100.0, np.float32)
+    staged = ibl(even, (TABLE,), EYE, room, samples=64, clean=False)
+    assert np.array_equal(staged.rgb[staged.kept], even[staged.kept])
+    # A convex thing in even light L shows albedo x L.
+    assert staged.rgb[staged.furniture].mean(axis=0) == pytest.approx(np.array([0.5, 0.3, 0.2]) * 100, rel=0.02)
+
+
+def test_inverse_tone_curve() -> None:
+    found = inverse_tone_curve(np.array([[[0, 128, 255]]], np.uint8), 500.0)
+    assert found.ravel() == pytest.approx([0, 500 * (128 / 255) ** 2.2, 500])
+    with pytest.raises(ParameterError):
+        inverse_tone_curve(np.zeros((1, 1, 3), np.float32), 500.0)
+
+
+def test_other_places_and_views(room) -> None:
+    view = Perspective(48, 32, 1.2, yaw_rad=0.5)
+    small = Effort(texel_m=0.3, patch_samples=16, rows=16, pixel_samples=8, sun_samples=8, clean=False)
+    rgb = render(room.furnished((TABLE,)), view, (0.5, 0.5, 1.2), effort=small).rgb
+    assert rgb.shape == (32, 48, 3)
+    assert np.isfinite(rgb).all()
+    assert (rgb > 0).all()
+
+
+def stable(scene, eye=EYE) -> np.ndarray:
+    small = Effort(texel_m=0.3, patch_samples=16, rows=32, pixel_samples=8, sun_samples=8, clean=False)
+    rgb = render(scene, Equirectangular(64, 32), eye, effort=small).rgb
+    assert np.isfinite(rgb).all()
+    assert (rgb >= 0).all()
+    return rgb
+
+
+def test_a_window_of_one_square_centimetre_and_a_sun_of_1e9() -> None:
+    tiny = box_room(window=(2.0, 2.01, 1.5, 1.51))
+    sun = Sun((0.0, -0.8, 0.6), (9e4, 9e4, 9e4))
+    rgb = stable(scene_of(tiny, Outdoors(np.full((16, 32, 3), 1e9, np.float32), sun), 0.5))
+    # About 2e5 lm enter: no pixel may be brighter than the glass itself.
+    assert 0 < np.median(rgb) < 1e6
+
+
+def test_a_room_of_100_m_a_camera_1_cm_from_a_wall_and_black_walls() -> None:
+    stable(scene_of(box_room(100.0, 4.0, window=(40.0, 60.0, 0.8, 2.3)), uniform_sky(), 0.5))
+    stable(scene_of(box_room(), uniform_sky(), 0.5), (2.49, 0.0, 1.6))
+    rgb = stable(scene_of(box_room(), uniform_sky(), 0.0))
+    assert np.median(rgb) == 0
+
+
+def test_slivers_and_furniture_through_a_wall() -> None:
+    angle = np.linspace(0, 2 * np.pi, 1001)[:-1]
+    ring = np.column_stack([0.5 * np.cos(angle) + 1, 0.5 * np.sin(angle) + 1, np.full(1000, 0.5)])
+    corners = np.vstack([ring, [[1.0, 1.0, 0.5]]])
+    index = np.arange(1000)
+    faces = np.column_stack([index, (index + 1) % 1000, np.full(1000, 1000)]).astype(np.int32)
+    disc = Part("slivers", corners, faces, Material("grey", (0.5, 0.5, 0.5)))
+    stable(scene_of(box_room(), uniform_sky(), 0.5).furnished((disc, box((2.5, 0, 1), (1, 1, 1)))))
+
+
+def test_what_cannot_be_is_refused_by_name(photograph, room) -> None:
+    with pytest.raises(MaterialError, match="material rug"):
+        Material("rug", (0.5, 0.5, 0.5), np.full((2, 2, 3), np.nan, np.float32))
+    with pytest.raises(MaterialError, match="not a number within 0 and 1"):
+        Material("white", (1.2, 1, 1))
+    with pytest.raises(SceneError, match="part chair"):
+        Part("chair", np.full((3, 3), np.nan), np.array([[0, 1, 2]], np.int32), TABLE.material)
+    with pytest.raises(SceneError, match="names no vertex"):
+        Part("chair", np.zeros((3, 3)), np.array([[0, 1, 3]], np.int32), TABLE.material)
+    with pytest.raises(ParameterError, match="whole panorama"):
+        differential(photograph[:, :10], room, (TABLE,), EYE)
+    with pytest.raises(ParameterError, match="light cannot have"):
+        differential(np.full_like(photograph, np.nan), room, (TABLE,), EYE)
+
+
+def test_sunlight_returns_where_removal_took_it() -> None:
+    direction = np.array([0.0, -0.7, 0.7]) / np.linalg.norm([0.7, 0.7])
+    room = scene_of(box_room(), uniform_sky(1000.0, Sun(tuple(direction), (7e4, 7e4, 7e4))), 0.5)
+    photograph = render(room, GEOMETRY, EYE, effort=LOOK).rgb
+    floor = np.zeros((ROWS, 2 * ROWS), bool)
+    floor[ROWS // 2 + 8 :] = True
+    sunny = floor & (photograph[..., 1] > 10 * np.median(photograph[floor]))
+    assert sunny.any()
+    shaded = np.where(sunny[..., None], np.median(photograph[floor], axis=0), photograph).astype(np.float32)
+    far = box((2.0, 1.6, 0.2), (0.3, 0.3, 0.4))
+    staged = differential(shaded, room, (far,), EYE, effort=LOOK, sunless=sunny)
+    back = staged.rgb[sunny & ~staged.furniture][:, 1] / photograph[sunny & ~staged.furniture][:, 1]
+    assert np.median(back) == pytest.approx(1, abs=0.3)

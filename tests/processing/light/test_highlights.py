@@ -1,0 +1,144 @@
+"""Highlights: energy, Fresnel, the sun's glint, lamps, smooth edges and round shapes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from processing.errors import SceneError
+from processing.light.picture.edges import edge_pixels
+from processing.light.picture.highlights import _sun_glint, facet_rays, is_glossy
+from processing.light.scene.lamps import find_lamps
+from processing.light.scene.scene import Material, Part, Scene, plain
+from processing.light.solver.sight import FIRST_PART, sight_of
+from processing.light.solver.stage import Stage
+from processing.sphere import Equirectangular
+from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
+
+
+def facets(facing: float, width: float, samples: int = 4096) -> tuple[np.ndarray, np.ndarray]:
+    """Return mirrored rays and their weights for an eye whose ray meets a level surface at a cosine."""
+    ray = np.array([[np.sqrt(1 - facing**2), 0, -facing]], np.float32)
+    normal = np.array([[0, 0, 1]], np.float32)
+    out, weight = np.empty((1, samples, 3), np.float32), np.empty((1, samples, 2), np.float32)
+    facet_rays(ray, normal, np.array([[0.3, 0.6]]), samples, width, out, weight)
+    return out[0], weight[0]
+
+
+@pytest.mark.parametrize("facing", [0.2, 0.6, 1.0])
+@pytest.mark.parametrize("width", [0.02, 0.2, 0.5])
+def test_a_white_mirror_gives_back_what_it_gets_and_no_more(facing: float, width: float) -> None:
+    rays, weight = facets(facing, width)
+    assert np.allclose(np.linalg.norm(rays[weight[:, 0] > 0], axis=1), 1, atol=1e-4)
+    whole = float(weight[:, 0].mean())
+    assert whole <= 1
+    # What is lost is what facets shade of each other: nothing of a smooth surface, a third of a rough one at most.
+    assert whole > (0.99 if width < 0.1 else 0.67)
+
+
+def test_smooth_facets_mirror_and_rims_mirror_more() -> None:
+    rays, weight = facets(0.6, 0.02)
+    assert np.allclose(rays.mean(axis=0), [0.8, 0, 0.6], atol=0.01)
+    assert facets(0.1, 0.02)[1][:, 1].mean() > 5 * weight[:, 1].mean()
+    assert weight[:, 1].mean() == pytest.approx(0.4**5, rel=0.1)
+
+
+def test_the_suns_glint_has_the_energy_of_the_facets() -> None:
+    """Over all directions of the eye the glint gives what facets mirror of a ray: one lobe, both ways."""
+    rng = np.random.default_rng(1)
+    up = rng.uniform(0.01, 1, 200_000)
+    around = rng.uniform(0, 2 * np.pi, len(up))
+    level = np.sqrt(1 - up**2)
+    eyes = -np.column_stack([level * np.cos(around), level * np.sin(around), up])
+    normal = np.broadcast_to([0.0, 0.0, 1.0], eyes.shape)
+    sight: Any = SimpleNamespace(rays=eyes, normal=normal)
+    glint = _sun_glint(
+        sight, np.arange(len(up)), np.ones((len(up), 3), np.float32), np.array([0.6, 0, 0.8]), 0.3, np.ones(3)
+    )
+    whole = 2 * np.pi * float((glint[:, 0] * up).mean())
+    assert whole == pytest.approx(float(facets(0.8, 0.3)[1][:, 0].mean()), rel=0.04)
+
+
+def test_which_materials_are_glossy() -> None:
+    assert not is_glossy(Material("wool", (0.5, 0.5, 0.5), roughness=0.95))
+    assert is_glossy(Material("lacquer", (0.5, 0.5, 0.5), roughness=0.3))
+    assert is_glossy(Material("cast", (0.5, 0.5, 0.5), roughness=0.9, metallic=1.0))
+
+
+def test_lamps_are_what_gives_more_light_than_it_gets() -> None:
+    stage = Stage.of(scene_of(box_room(window=None), uniform_sky(0.0), 0.5))
+    sight = sight_of(stage, Equirectangular(64, 32), EYE)
+    n = len(sight.label)
+    irradiance = np.full((n, 3), 300.0)
+    rgb = np.full((n, 3), 0.5 * 300 / np.pi)
+    shining = np.zeros(n, bool)
+    shining[5 * 64 + 10 : 5 * 64 + 14] = shining[6 * 64 + 10 : 6 * 64 + 14] = True
+    rgb[shining] = 5000.0
+    emission, lamps = find_lamps(rgb, irradiance, np.full((n, 3), 0.5), sight, np.ones(n, bool))
+    assert len(lamps) == 1
+    assert lamps[0].luminance_cd_m2 == pytest.approx(5000 - 0.5 * 300 / np.pi, rel=1e-3)
+    assert np.array_equal(emission.any(axis=1), shining)
+    assert not find_lamps(rgb, irradiance, np.full((n, 3), 0.5), sight, ~shining)[1]
+
+
+def test_lamps_light_the_room() -> None:
+    from processing.light.solver.lightmap import light_map
+
+    dark = scene_of(box_room(window=None), uniform_sky(0.0), 0.5)
+    ceiling = replace(dark.surfaces[1], emission_cd_m2=plain(100.0))
+    lit = Scene((dark.surfaces[0], ceiling, *dark.surfaces[2:]), (), dark.outdoors)
+    assert light_map(Stage.of(dark, 0.5), 16).total.sum() == 0
+    assert (light_map(Stage.of(lit, 0.5), 64).total[:4] > 100).all()
+
+
+def ball(normals: bool) -> Part:
+    """A coarse round column."""
+    angle = np.linspace(0, 2 * np.pi, 13)[:-1]
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    low, high = (np.column_stack([0.4 * ring + (0, 1.2), np.full(12, z)]) for z in (0.2, 2.0))
+    k = np.arange(12)
+    following = (k + 1) % 12
+    faces = np.concatenate(
+        [np.column_stack([k, following, following + 12]), np.column_stack([k, following + 12, k + 12])]
+    )
+    outwards = np.column_stack([ring, np.zeros(12)]).astype(np.float32)
+    return Part(
+        "column",
+        np.concatenate([low, high]),
+        faces.astype(np.int32),
+        Material("paint", (0.5, 0.5, 0.5)),
+        normals=np.concatenate([outwards, outwards]) if normals else None,
+    )
+
+
+def test_round_shapes_look_round() -> None:
+    def turns(part: Part) -> int:
+        stage = Stage.of(scene_of(box_room(window=None), uniform_sky(0.0), 0.5).furnished((part,)))
+        sight = sight_of(stage, Equirectangular(256, 128), EYE)
+        row = sight.normal.reshape(128, 256, 3)[66][(sight.label == FIRST_PART).reshape(128, 256)[66]]
+        return len(np.unique(row.round(3), axis=0))
+
+    assert turns(ball(normals=False)) <= 7
+    assert turns(ball(normals=True)) > 20
+
+
+def test_normals_that_fit_no_vertices_are_refused() -> None:
+    one = ball(normals=True)
+    with pytest.raises(SceneError, match="normals"):
+        replace(one, normals=one.normals[:3])
+
+
+def test_edges_are_where_furniture_ends() -> None:
+    stage = Stage.of(scene_of(box_room(), uniform_sky(100.0), 0.5).furnished((box((0, 1.2, 0.5), (1, 1, 1)),)))
+    sight = sight_of(stage, Equirectangular(128, 64), EYE)
+    edge = edge_pixels(sight)
+    furniture = (sight.label >= FIRST_PART).reshape(64, 128)
+    assert 0 < edge.sum() < 0.7 * furniture.sum()
+    # Nothing of the room alone is an edge.
+    near = furniture | np.roll(furniture, 1, 0) | np.roll(furniture, -1, 0)
+    near |= np.roll(furniture, 1, 1) | np.roll(furniture, -1, 1)
+    assert not edge[~near].any()

@@ -1,0 +1,216 @@
+"""daylit relight and daylit view-from on a small session made by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from processing.calibration.outdoor.clear_sky import Place
+from processing.commands.relight import relight
+from processing.commands.view_from import view_from
+from processing.errors import DaylightError, RelightError, ViewpointError
+from processing.layout.arrange import arrange
+from processing.layout.items import KINDS, parse_items
+from processing.layout.models.catalogue import Catalogue
+from processing.layout.models.scene_files import write_model
+from processing.layout.plan import from_room_model
+from processing.light.picture.render import render
+from processing.light.scene.scene import Outdoors
+from processing.light.scene.scene_file import write_scene
+from processing.light.solver.irradiance import Effort
+from processing.pictures.exr import read_exr, write_exr
+from processing.pictures.images import LuminanceImage
+from processing.relighting.session_room import read_session_room
+from processing.relighting.sheet import common_exposure, contact_sheet
+from processing.relighting.weather import daylight_at, usual_weather
+from processing.sphere import Equirectangular
+from processing.stages.arrange import with_door
+from station.session.session import BracketRecord, SessionManifest, Side, Site
+from tests.processing.light.rooms import EYE, box_room, scene_of
+
+HERE = Place(40.44, -79.99)
+CAPTURED = datetime(2023, 5, 19, 19, tzinfo=UTC)
+LOOK = Effort(texel_m=0.3, patch_samples=48, rows=64, pixel_samples=48, sun_samples=16, clean=False)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("sessions") / "bedroom"
+    stages = folder / "stages"
+    for name in ("materials", "room", "remove"):
+        (stages / name).mkdir(parents=True)
+    light = daylight_at(
+        CAPTURED, HERE, 0.0, usual_weather("clear"), Outdoors(np.zeros((16, 32, 3), np.float32)), rows=32
+    )
+    room = box_room()
+    scene = scene_of(room, light.outdoors, 0.5, reveal_m=0.2)
+    manifest = SessionManifest(
+        session_id="0" * 32,
+        name="bedroom",
+        created_utc=CAPTURED,
+        site=Site(latitude_deg=HERE.latitude_deg, longitude_deg=HERE.longitude_deg),
+        heading_rad=0.0,
+        bracket=BracketRecord(mode="imported", stops_s=(1.0,), sides=(Side.INDOOR,)),
+    )
+    (folder / "session.json").write_text(manifest.model_dump_json(), "utf-8")
+    write_scene(stages / "materials" / "scene.npz", scene)
+    (stages / "materials" / "materials.json").write_text('{"outdoors": "outdoor picture"}', "utf-8")
+    (stages / "room" / "room.json").write_text(room.model_dump_json(), "utf-8")
+    rgb = render(scene, Equirectangular(128, 64), EYE, effort=LOOK).rgb
+    image = LuminanceImage(
+        rgb, np.full((64, 128), 0.05, np.float32), np.zeros((64, 128), np.uint8), Equirectangular(128, 64), 0.03
+    )
+    write_exr(stages / "remove" / "empty.exr", image)
+    return folder
+
+
+def run(command, *arguments: object) -> dict:
+    result = CliRunner().invoke(
+        command, [*map(str, arguments), "--json"], catch_exceptions=False, standalone_mode=False
+    )
+    if result.exception:
+        raise result.exception
+    return json.loads(result.output.splitlines()[-1])
+
+
+def size_of(path: Path) -> tuple[int, int]:
+    with Image.open(path) as picture:
+        picture.load()
+        return picture.size
+
+
+def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
+    found = run(relight, session, "--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
+    relit = read_exr(session / "relight" / "empty-2023-05-19T1400.exr")
+    taken = read_exr(session / "stages" / "remove" / "empty.exr")
+    assert isinstance(relit, LuminanceImage)
+    ratio = relit.rgb.sum(axis=2) / np.maximum(taken.rgb.sum(axis=2), 1e-6)
+    assert np.median(ratio) == pytest.approx(1, abs=0.03)
+    assert relit.attributes["relit"]["time_utc"] == "2023-05-19T19:00+00:00"  # type: ignore[index]
+    assert found["moments"][0]["detail_kept_share"] > 0.9
+    assert found["basis"] == "made"
+    assert size_of(session / "relight" / "empty-2023-05-19T1400.jpg") == (128, 64)
+    # The second time the stored rays are taken, and the day goes by.
+    day = run(relight, session, "--sweep", "day", "--step", "4h", "--rows", 64, "--quality", "draft")
+    assert day["basis"] == "kept"
+    assert [m["local_time"][-5:] for m in day["moments"]] == ["08:00", "12:00", "16:00"]
+    noon = day["moments"][1]
+    assert noon["global_horizontal_lx"] > day["moments"][0]["global_horizontal_lx"]
+    # The window faces south: sun at noon.
+    assert noon["sunny_share"] > 0
+    assert size_of(session / "relight" / "empty-2023-05-19.webp") == (128, 64)
+    assert (session / "relight" / "empty-2023-05-19-sheet.png").is_file()
+
+
+def test_another_sky(session, tmp_path) -> None:
+    even = np.full((32, 64, 3), 3000.0, np.float32)
+    sky = LuminanceImage(
+        even, np.full((32, 64), 0.1, np.float32), np.zeros((32, 64), np.uint8), Equirectangular(64, 32), 0.1
+    )
+    write_exr(tmp_path / "cloudy.exr", sky)
+    found = run(relight, session, "--sky", tmp_path / "cloudy.exr", "--rows", 64, "--quality", "draft")
+    assert found["moments"][0]["sky_horizontal_lx"] == pytest.approx(math.pi * 3000, rel=0.01)
+    assert found["moments"][0]["sunny_share"] == 0
+
+
+def test_from_another_place(session, monkeypatch) -> None:
+    # The denoiser loads torch where that is installed, which takes longer than this test.
+    monkeypatch.setattr("processing.light.solver.denoise.available", lambda: False)
+    found = run(view_from, session, "--eye", "-1,0.5,1.2", "--look", "20,-5", "--width", 96)
+    assert found["seen_share"] > 0.95
+    picture = read_exr(session / "views" / "empty-from--1_0.5_1.2.exr")
+    assert picture.rgb.shape == (72, 96, 3)
+    assert (picture.rgb > 0).all()
+    with pytest.raises(ViewpointError, match="outside of the room"):
+        run(view_from, session, "--eye", "9,0,1")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--at", "2023-05-19T19:00Z", "--sweep", "day"), "say one of"),
+        ((), "say one of"),
+        (("--sky", "x.exr", "--site", "1,2"), "does nothing beside --sky"),
+        (("--at", "2023-05-19T19:00Z", "--step", "1h"), "goes with --sweep"),
+        (("--at", "2023-05-19T19:00Z", "--site", "north"), "LATITUDE,LONGITUDE"),
+        (("--at", "2023-05-19T19:00Z", "--empty", "--staged", "1"), "exclude each other"),
+        (("--sweep", "day", "--step", "soon"), "30m or 1h"),
+    ],
+)
+def test_requests_that_cannot_be(session, arguments, words) -> None:
+    result = CliRunner().invoke(relight, [str(session), *arguments])
+    assert result.exit_code == 2
+    assert words in result.output
+
+
+def test_what_is_not_there_is_named(session, tmp_path) -> None:
+    with pytest.raises(RelightError, match="no session"):
+        run(relight, tmp_path, "--at", "2023-05-19T19:00Z")
+    with pytest.raises(RelightError, match="no staged alternative 2"):
+        run(relight, session, "--at", "2023-05-19T19:00Z", "--staged", 2)
+    with pytest.raises(DaylightError, match="below the horizon"):
+        run(relight, session, "--at", "2023-05-19T06:00Z", "--rows", 64)
+    for bad in (
+        ("--eye", "1,2"),
+        ("--eye", "0,0,1", "--panorama", "--fov", "50"),
+        ("--eye", "0,0,1", "--look", "0,95"),
+    ):
+        assert CliRunner().invoke(view_from, [str(session), *bad]).exit_code == 2
+
+
+def test_without_a_picture_of_the_sky_nobody_knows_another(session, tmp_path) -> None:
+    copy = Path(shutil.copytree(session, tmp_path / "copy"))
+    (copy / "stages" / "materials" / "materials.json").write_text(
+        '{"outdoors": "windows as seen from inside"}', "utf-8"
+    )
+    with pytest.raises(RelightError, match="no picture of the sky"):
+        run(relight, copy, "--at", "2023-05-19T19:00Z", "--rows", 64)
+
+
+def test_sheets_and_exposures() -> None:
+    dark, light = np.full((8, 16, 3), 1.0, np.float32), np.full((8, 16, 3), 100.0, np.float32)
+    assert common_exposure([dark, light]) == pytest.approx(common_exposure([light]))
+    sheet = contact_sheet([np.zeros((8, 16, 3), np.uint8)] * 4, ["a", "b", "c", "d"])
+    assert sheet.dtype == np.uint8
+    assert sheet.shape[1] == 3 * (16 + 8) + 8
+
+
+@pytest.fixture(scope="module")
+def own_furniture(session, tmp_path_factory) -> Path:
+    """A folder with one armchair, and what processing with it leaves behind."""
+    folder = tmp_path_factory.mktemp("furniture")
+    write_model(folder / "armchair.glb", Catalogue.builtin("walnut").mesh("armchair"))
+    stages = session / "stages"
+    (stages / "arrange").mkdir()
+    (stages / "render").mkdir()
+    items = parse_items("armchair", {**KINDS, **Catalogue.at(folder).kinds(0)})
+    found = arrange(from_room_model(with_door(box_room())[0], keep_camera_free=True), items, "tight", n=1, seed=0)
+    assert found.arrangements[0].items[0].model == "armchair"
+    found.write(stages / "arrange" / "arrangement.json")
+    (stages / "render" / "staged.json").write_text('{"alternatives": [{"style": "oak"}]}', "utf-8")
+    (stages / "render" / "result.json").write_text('{"ingredients": {"files": {"furniture": "0"}}}', "utf-8")
+    write_exr(stages / "render" / "staged-1.exr", read_exr(stages / "remove" / "empty.exr"))
+    return folder
+
+
+def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("processing.light.solver.denoise.available", lambda: False)
+    small = ("--staged", 1, "--output", tmp_path)
+    at = ("--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
+    with pytest.raises(RelightError, match="give --furniture FOLDER"):
+        run(relight, session, *at, *small)
+    assert run(relight, session, *at, *small, "--furniture", own_furniture)["staged"] == 1
+    view = ("--eye", "0.3,0.2,1.4", "--width", 64)
+    with pytest.raises(RelightError, match="folder of your own"):
+        run(view_from, session, *view, *small)
+    assert run(view_from, session, *view, *small, "--furniture", own_furniture)["staged"] == 1
+    chair = next(s for s in read_session_room(session, 1, 32, own_furniture).scene.parts if "armchair" in s.name)
+    assert 0.3 < np.ptp(chair.vertices_m[:, 2]) < 1.5

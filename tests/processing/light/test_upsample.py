@@ -1,0 +1,75 @@
+"""Irradiance from a small picture to a large one, sizes of textures, windows told from pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from processing.light.scene.gloss import gloss_factor
+from processing.light.scene.outdoor import sky_outdoors, without_sun
+from processing.light.scene.scene import Sun
+from processing.light.scene.triangles import ears
+from processing.light.solver.sight import sight_of
+from processing.light.solver.stage import Stage, area_means
+from processing.light.solver.upsample import upsampled
+from processing.sphere import Equirectangular, directions, solid_angles
+from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
+
+
+def test_each_surface_keeps_its_own_light_however_near_the_edge() -> None:
+    stage = Stage.of(scene_of(box_room(), uniform_sky()), 1.0)
+    small, large = (sight_of(stage, Equirectangular(2 * rows, rows), EYE) for rows in (24, 100))
+    values = np.repeat(small.label.reshape(*small.shape, 1), 3, axis=2).astype(np.float32)
+    found, missed = upsampled(values, small, large, wraps=True)
+    right = large.solid & ~missed
+    assert missed[large.solid].mean() < 0.01
+    assert found[right, 0] == pytest.approx(large.label[right])
+
+
+def test_area_means_keep_the_mean() -> None:
+    texture = np.random.default_rng(3).random((7, 11, 3)).astype(np.float32)
+    for rows, columns in ((1, 1), (3, 4), (20, 30)):
+        assert area_means(texture, rows, columns).mean(axis=(0, 1)) == pytest.approx(
+            texture.mean(axis=(0, 1)), rel=1e-6
+        )
+
+
+def test_outlines_of_any_form_are_covered_once() -> None:
+    cross = np.array(
+        [(0, 1), (1, 1), (1, 0), (2, 0), (2, 1), (3, 1), (3, 2), (2, 2), (2, 3), (1, 3), (1, 2), (0, 2)], float
+    )
+    for outline in (cross, cross[::-1]):
+        corners = ears(outline)
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        assert np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2 == pytest.approx(5)
+
+
+def test_the_sun_is_taken_out_of_the_sky_with_all_its_energy() -> None:
+    geometry = Equirectangular(256, 128)
+    rays, _ = directions(geometry)
+    area = solid_angles(geometry)
+    rgb = np.full((128, 256, 3), 5000.0)
+    rgb[30, 40] += np.array([9e4, 8e4, 7e4]) / area[30, 40]
+    rest, sun = without_sun(rgb, rays, area)
+    assert sun is not None
+    assert sun.normal_illuminance_lx == pytest.approx((9e4, 8e4, 7e4), rel=1e-6)
+    assert np.array(sun.direction) == pytest.approx(rays[30, 40], abs=1e-6)
+    assert rest == pytest.approx(5000)
+    assert without_sun(rest, rays, area)[1] is None
+
+
+def test_ground_below_the_horizon_reflects_sky_and_sun() -> None:
+    sun = Sun((0.0, 0.0, 1.0), (3e4, 3e4, 3e4))
+    found = sky_outdoors(lambda rays: np.full(rays.shape, 1000.0), rows=64, ground_albedo=0.3, sun=sun)
+    assert found.rgb[:32] == pytest.approx(1000)
+    assert found.rgb[32:] == pytest.approx(0.3 / np.pi * (np.pi * 1000 + 3e4), rel=1e-3)
+
+
+def test_gloss_is_told_where_it_is_and_not_where_it_is_not() -> None:
+    rng = np.random.default_rng(5)
+    mirror = np.repeat(rng.uniform(0.03, 0.4, (3000, 1)), 3, axis=1)
+    pattern = np.repeat(rng.choice([0.2, 0.3], (3000, 1)), 3, axis=1)
+    every = np.ones(3000, bool)
+    assert gloss_factor(pattern + 0.6 * mirror, mirror, every) == pytest.approx(0.6, abs=0.15)
+    assert gloss_factor(pattern, mirror, every) == 0
+    assert gloss_factor(pattern[:50], mirror[:50], every[:50]) == 0

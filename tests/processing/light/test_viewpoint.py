@@ -1,0 +1,110 @@
+"""The room from other places: what the camera saw, what it did not, and places that cannot be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from processing.errors import ViewpointError
+from processing.light.picture.render import render
+from processing.light.picture.viewpoint import check_place, own_pixels, seen_from
+from processing.light.scene.scene import plain
+from processing.light.solver.irradiance import Effort
+from processing.sphere import Equirectangular, Perspective
+from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
+
+ROWS = 48
+LOOK = Effort(texel_m=0.25, patch_samples=48, rows=48, pixel_samples=32, sun_samples=16, clean=False)
+TABLE = box((1.2, 0.8, 0.4), (0.8, 0.8, 0.8), name="table: oak")
+
+
+def colours(name: str) -> np.ndarray:
+    return plain({"floor": 0.2, "ceiling": 0.8}.get(name, 0.5))
+
+
+@pytest.fixture(scope="module")
+def room():
+    return scene_of(box_room(), uniform_sky(4000.0), colours, reveal_m=0.2).furnished((TABLE,))
+
+
+@pytest.fixture(scope="module")
+def photograph(room) -> np.ndarray:
+    return render(room, Equirectangular(2 * ROWS, ROWS), EYE, effort=LOOK, seed=1).rgb
+
+
+def test_from_elsewhere_it_is_what_a_render_from_there_shows(room, photograph) -> None:
+    eye = (2.2, 1.6, 0.5)
+    geometry = Equirectangular(96, 48)
+    found = seen_from(room, photograph, EYE, geometry, eye, effort=LOOK, seed=2)
+    truth = render(room, geometry, eye, effort=LOOK, seed=3).rgb
+    ratio = found.rgb.sum(axis=2) / truth.sum(axis=2)
+    assert np.median(np.abs(ratio[found.seen] - 1)) < 0.1
+    hidden = ~found.seen & ~found.glass
+    assert 0.05 < hidden.mean() < 0.5
+    assert np.median(np.abs(ratio[hidden] - 1)) < 0.15
+    assert found.seen.mean() > 0.4
+
+
+def test_from_the_camera_itself_it_is_the_photograph(room, photograph) -> None:
+    found = seen_from(room, photograph, EYE, Equirectangular(2 * ROWS, ROWS), EYE, effort=LOOK)
+    assert found.rgb[found.seen] == pytest.approx(photograph[found.seen], rel=1e-3)
+    assert found.seen[~found.glass].mean() > 0.9
+
+
+def test_what_hangs_only_in_the_photograph_is_seen_from_elsewhere(room, photograph) -> None:
+    painted = photograph.copy()
+    wall = np.zeros((ROWS, 2 * ROWS), bool)
+    wall[21:26, 45:51] = True  # ahead: the wall at y = 2
+    painted[wall] = (900.0, 0.0, 0.0)
+    view = Perspective(60, 40, 1.4)
+    found = seen_from(room, painted, EYE, view, (-0.5, 0.5, 1.5), effort=LOOK)
+    red = (found.rgb[..., 0] > 500) & (found.rgb[..., 1] < 50)
+    assert red.sum() > 15
+    # It hangs at x = 0: to the right of an eye at x = -0.5.
+    assert np.argwhere(red)[:, 1].mean() > 32
+
+
+def test_a_black_photograph_stays_black_and_finite(room) -> None:
+    found = seen_from(
+        room, np.zeros((16, 32, 3), np.float32), EYE, Perspective(16, 12, 1.2), (0.5, 0.5, 1.2), effort=LOOK
+    )
+    assert np.isfinite(found.rgb).all()
+    assert not found.rgb[found.seen].any()
+
+
+@pytest.mark.parametrize(
+    ("eye", "why"),
+    [
+        ((3.0, 0.0, 1.6), "outside of the room"),
+        ((0.0, 0.0, 2.8), "above the ceiling"),
+        ((0.0, 0.0, -0.1), "below the floor"),
+        ((1.2, 0.8, 0.4), "within table"),
+        ((float("nan"), 0.0, 1.0), "no number"),
+    ],
+)
+def test_places_that_cannot_be(room, eye, why) -> None:
+    with pytest.raises(ViewpointError, match=why):
+        check_place(room, eye)
+
+
+def test_places_that_can(room) -> None:
+    for eye in ((1.2, 0.8, 0.85), (2.49, 1.99, 0.01), EYE):
+        check_place(room, eye)
+    inside_out = replace(TABLE, faces=TABLE.faces[:, ::-1])
+    with pytest.raises(ViewpointError, match="within table"):
+        check_place(scene_of(box_room(), uniform_sky()).furnished((inside_out,)), (1.2, 0.8, 0.4))
+
+
+def test_pixels_of_another_surface_do_not_bleed() -> None:
+    picture = np.zeros((4, 8, 3), np.float32)
+    labels = np.zeros((4, 8), np.int32)
+    picture[:, 4:], labels[:, 4:] = 100.0, 1
+    ahead = np.array([[0.0, 1.0, 0.0]], np.float32)
+    for label, value in ((0, 0.0), (1, 100.0)):
+        found, weight = own_pixels(picture, labels, ahead, np.array([label], np.int32))
+        assert found[0, 0] == pytest.approx(value)
+        assert weight[0] > 0
+    _, none = own_pixels(picture, labels, ahead, np.array([7], np.int32))
+    assert none[0] == 0

@@ -1,0 +1,184 @@
+"""Panoramas of anyone's: what is read as light, what says its scale, and what is refused by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image, ImageCms
+
+from processing.errors import PanoramaError, PictureFileError
+from processing.pictures.exr import write_exr
+from processing.pictures.images import RelativeImage, Validity
+from processing.pictures.panorama import MIDDLE, WHITE, linear_from_srgb, read_panorama
+from processing.pictures.radiance import write_radiance_hdr
+from processing.sphere import Fisheye, LensMapping
+from tests.processing.pictures.picture_strategies import luminance_image
+
+HEIGHT, WIDTH = 64, 128
+
+
+def grey(level: int = 188) -> np.ndarray:
+    return np.full((HEIGHT, WIDTH, 3), level, np.uint8)
+
+
+def saved(path: Path, rgb: np.ndarray, **options: object) -> Path:
+    Image.fromarray(rgb).save(path, **options)
+    return path
+
+
+def test_a_photograph_goes_through_the_inverse_of_srgb(tmp_path: Path) -> None:
+    found = read_panorama(saved(tmp_path / "p.png", grey()))
+    # Code 188 of 255 is half of white's light (0.5029).
+    np.testing.assert_allclose(found.image.rgb, 0.5029 * WHITE, rtol=1e-3)
+    assert not found.image.absolute
+    assert found.factor == WHITE
+    assert (found.image.validity == Validity.VALID).all()
+
+
+def test_the_curve_is_exact_at_its_ends_and_its_knee() -> None:
+    codes = np.array([0, 1, 10, 11, 255], np.uint8)
+    np.testing.assert_allclose(linear_from_srgb(codes), [0, 1 / 255 / 12.92, 10 / 255 / 12.92, 0.0033465, 1], rtol=1e-4)
+    assert linear_from_srgb(np.array([65535], np.uint16))[0] == 1
+
+
+def test_sixteen_bits_are_read_as_such(tmp_path: Path) -> None:
+    path = tmp_path / "p.png"
+    assert cv2.imwrite(str(path), np.full((HEIGHT, WIDTH, 3), 188 * 257 + 100, np.uint16))
+    found = read_panorama(path)
+    assert found.source.startswith("16-bit PNG")
+    exact = (((188 * 257 + 100) / 65535 + 0.055) / 1.055) ** 2.4 * WHITE
+    np.testing.assert_allclose(found.image.rgb, exact, rtol=1e-5)
+
+
+def test_a_clipped_window_is_a_lower_bound_and_told(tmp_path: Path) -> None:
+    rgb = grey(100)
+    rgb[24:40, 50:70] = 255
+    rgb[:4] = 0
+    found = read_panorama(saved(tmp_path / "p.png", rgb))
+    assert (found.image.validity[24:40, 50:70] == Validity.CLIPPED).all()
+    assert (found.image.validity[:4] == Validity.DARK).all()
+    # 16 rows about the horizon of 64, 20 columns of 128: sin(pi / 8) x 20 / 128.
+    assert found.clipped_share == pytest.approx(np.sin(np.pi / 8) * 20 / 128, rel=1e-3)
+
+
+def test_k1_makes_it_absolute(tmp_path: Path) -> None:
+    found = read_panorama(saved(tmp_path / "p.png", grey(255)), k1=250.0)
+    assert found.image.absolute
+    np.testing.assert_allclose(found.image.rgb, 250.0)
+
+
+def test_light_without_a_scale_gets_a_middle(tmp_path: Path) -> None:
+    path = tmp_path / "p.exr"
+    rgb = np.full((HEIGHT, WIDTH, 3), 0.37, np.float32)
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION}, {"RGB": rgb}) as file:
+        file.write(str(path))
+    found = read_panorama(path)
+    assert not found.image.absolute
+    np.testing.assert_allclose(found.image.rgb, MIDDLE, rtol=1e-5)
+    assert found.factor == pytest.approx(MIDDLE / 0.37)
+
+
+def test_white_luminance_of_an_exr_is_its_scale(tmp_path: Path) -> None:
+    path = tmp_path / "p.exr"
+    rgb = np.full((HEIGHT, WIDTH, 3), 2.0, np.float32)
+    with OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "whiteLuminance": 80.0}, {"RGB": rgb}) as file:
+        file.write(str(path))
+    found = read_panorama(path)
+    assert found.image.absolute
+    np.testing.assert_allclose(found.image.rgb, 160.0)
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+@pytest.mark.parametrize("ending", ["exr", "hdr"])
+def test_our_own_pictures_keep_their_scale(tmp_path: Path, ending: str, absolute: bool) -> None:
+    image = luminance_image(np.full((HEIGHT, WIDTH, 3), 30.0), absolute=absolute)
+    path = tmp_path / f"p.{ending}"
+    (write_exr if ending == "exr" else write_radiance_hdr)(path, image)
+    found = read_panorama(path)
+    assert found.image.absolute is absolute
+    np.testing.assert_allclose(found.image.rgb, 30.0 if absolute else MIDDLE, rtol=0.01)
+
+
+def test_a_merged_bracket_is_relative_and_a_fisheye_is_no_panorama(tmp_path: Path) -> None:
+    image = luminance_image(np.full((HEIGHT, WIDTH, 3), 30.0))
+    path = tmp_path / "p.exr"
+    write_exr(path, RelativeImage(image.rgb, image.uncertainty, image.validity, image.geometry))
+    assert not read_panorama(path).image.absolute
+    lens = Fisheye(WIDTH, HEIGHT, LensMapping.EQUIDISTANT, HEIGHT / 2, np.pi / 2)
+    write_exr(path, replace(image, geometry=lens))
+    with pytest.raises(PanoramaError, match="fisheye"):
+        read_panorama(path)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "why"),
+    [
+        (128, 128, "stereo pair"),
+        (160, 120, "ordinary photograph, or a cube map"),
+        (180, 120, "ordinary photograph, or a part"),
+        (400, 100, "strip"),
+        (64, 32, "64 x 32"),
+    ],
+)
+def test_other_shapes_are_refused_with_what_they_may_be(tmp_path: Path, width: int, height: int, why: str) -> None:
+    with pytest.raises(PanoramaError, match=why):
+        read_panorama(saved(tmp_path / "p.png", np.full((height, width, 3), 90, np.uint8)))
+
+
+def test_two_fisheye_circles_are_refused(tmp_path: Path) -> None:
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    inside = np.hypot((x % HEIGHT) - 31.5, y - 31.5) < 32
+    with pytest.raises(PanoramaError, match="fisheye circles"):
+        read_panorama(saved(tmp_path / "p.png", np.where(inside[..., None], grey(150), grey(0))))
+    assert read_panorama(saved(tmp_path / "black.png", grey(0))).image.rgb.max() == 0
+
+
+def packet(**tags: object) -> bytes:
+    inner = " ".join(f'GPano:{name}="{value}"' for name, value in tags.items())
+    head = '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+    space = 'xmlns:GPano="http://ns.google.com/photos/1.0/panorama/"'
+    return f"{head}<rdf:Description {space} {inner}/></rdf:RDF></x:xmpmeta>".encode()
+
+
+def test_tags_tell_of_projections_and_parts(tmp_path: Path) -> None:
+    path = tmp_path / "p.jpg"
+    with pytest.raises(PanoramaError, match="cylindrical"):
+        read_panorama(saved(path, grey(), xmp=packet(ProjectionType="cylindrical")))
+    part = packet(
+        ProjectionType="equirectangular", FullPanoHeightPixels=HEIGHT * 2, CroppedAreaImageHeightPixels=HEIGHT
+    )
+    with pytest.raises(PanoramaError, match="64 of 128 pixels of height"):
+        read_panorama(saved(path, grey(), xmp=part))
+    exif = Image.Exif()
+    exif[274] = 6
+    with pytest.raises(PanoramaError, match="turned"):
+        read_panorama(saved(path, grey(), exif=exif))
+    whole = packet(ProjectionType="equirectangular", FullPanoWidthPixels=WIDTH, CroppedAreaImageWidthPixels=WIDTH)
+    assert read_panorama(saved(path, grey(), xmp=whole)).image.rgb.shape == (HEIGHT, WIDTH, 3)
+
+
+def test_another_colour_profile_is_converted_or_told_of(tmp_path: Path) -> None:
+    lab = ImageCms.ImageCmsProfile(ImageCms.createProfile("LAB")).tobytes()
+    found = read_panorama(saved(tmp_path / "lab.jpg", grey(), icc_profile=lab))
+    assert "taken as sRGB" in found.notes[0]
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    assert read_panorama(saved(tmp_path / "srgb.jpg", grey(), icc_profile=srgb)).notes == ()
+    broken = read_panorama(saved(tmp_path / "broken.jpg", grey(), icc_profile=b"no profile at all"))
+    assert "cannot be read" in broken.notes[0]
+
+
+def test_damage_and_other_files_are_named(tmp_path: Path) -> None:
+    whole = saved(tmp_path / "p.jpg", grey()).read_bytes()
+    (tmp_path / "cut.jpg").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(PictureFileError, match=r"cut\.jpg"):
+        read_panorama(tmp_path / "cut.jpg")
+    (tmp_path / "p.exr").write_bytes(b"nothing")
+    with pytest.raises(PictureFileError):
+        read_panorama(tmp_path / "p.exr")
+    with pytest.raises(PanoramaError, match="heic"):
+        read_panorama(tmp_path / "p.heic")

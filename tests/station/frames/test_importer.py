@@ -1,0 +1,332 @@
+"""Sessions from plain folders: what is good gets in, what is not is named, and the folders stay as they are."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+import daylit
+from station.commands.import_ import import_session as command
+from station.errors import FrameRejectedError, IncompleteBracketError, SessionNotFoundError, UsageError
+from station.frames.check import FrameChecker
+from station.frames.importer import ImportReport, ImportRequest, import_session
+from station.session.session import SessionStatus, Side
+from station.session.store import load_manifest
+from station.session.verify import verify_session
+from tests.station.frames.pictures import jpeg
+
+SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "brackets"
+TIMES_S = (1 / 60, 4.0, 1.0, 1 / 15, 1 / 4)
+"""In the order of the file names: not the order of the stops."""
+
+
+@pytest.fixture(scope="module")
+def checker() -> Iterator[FrameChecker]:
+    with FrameChecker() as worker:
+        yield worker
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    return fill(tmp_path / "room")
+
+
+def fill(folder: Path, **options: object) -> Path:
+    folder.mkdir()
+    for i, time_s in enumerate(TIMES_S):
+        (folder / f"IMG_{i}.JPG").write_bytes(jpeg(time_s, **options))
+    return folder
+
+
+def state(folder: Path) -> dict[str, tuple[str, int, int]]:
+    """Return digest, time of change and mode of every file."""
+    return {
+        p.name: (hashlib.sha256(p.read_bytes()).hexdigest(), p.stat().st_mtime_ns, p.stat().st_mode)
+        for p in folder.iterdir()
+        if p.is_file()
+    }
+
+
+def run(tmp_path: Path, checker: FrameChecker, **options: object) -> ImportReport:
+    """Import and check what holds for every import: folders unchanged, session sound."""
+    request = ImportRequest(room="A room", into=tmp_path / "sessions", **options)
+    before = {side: state(folder) for side, folder in request.folders.items()}
+    report = import_session(request, checker=checker)
+    assert {side: state(folder) for side, folder in request.folders.items()} == before
+    found = verify_session(report.session)
+    assert not found.problems
+    assert load_manifest(report.session) == report.manifest
+    return report
+
+
+def refusals(report: ImportReport) -> dict[str, str]:
+    return {r.name: r.reason for r in report.refused}
+
+
+def test_a_whole_bracket(tmp_path, checker, room):
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, readings_cd_m2=(34.63, 33.0))
+    manifest = report.manifest
+    assert manifest.status is SessionStatus.COMPLETE
+    assert manifest.bracket.mode == "imported"
+    assert manifest.bracket.stops_s == pytest.approx(sorted(TIMES_S, reverse=True))
+    assert [(f.stop, f.camera_name) for f in manifest.frames] == [
+        (0, "IMG_1.JPG"),
+        (1, "IMG_2.JPG"),
+        (2, "IMG_4.JPG"),
+        (3, "IMG_3.JPG"),
+        (4, "IMG_0.JPG"),
+    ]
+    for frame in manifest.frames:
+        assert (report.session / frame.file).read_bytes() == (room / frame.camera_name).read_bytes()
+        assert frame.statistics is not None
+    assert [r.status for r in manifest.readings] == ["typed", "typed"]
+    assert manifest.drift_frac == pytest.approx(33 / 34.63 - 1)
+    (device,) = manifest.devices
+    assert (device.model, device.serial, device.kind) == ("Canon EOS 5D Mark II", "0123456789", "imported")
+
+
+def test_times_from_the_command_line_in_file_order(tmp_path, checker):
+    room = fill(tmp_path / "room", with_exif=False)
+    assert set(refusals_only(tmp_path, checker, room)) == {f"IMG_{i}.JPG" for i in range(5)}
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, shutter_s=TIMES_S)
+    assert report.manifest.status is SessionStatus.COMPLETE
+    assert {f.camera_name: f.camera_s for f in report.manifest.frames} == {
+        f"IMG_{i}.JPG": time_s for i, time_s in enumerate(TIMES_S)
+    }
+    with pytest.raises(UsageError, match="4 exposure times for 5 JPEGs"):
+        run(tmp_path, checker, folders={Side.INDOOR: room}, shutter_s=TIMES_S[:4])
+
+
+def refusals_only(tmp_path: Path, checker: FrameChecker, room: Path) -> list[str]:
+    with pytest.raises(IncompleteBracketError) as caught:
+        run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert not (tmp_path / "sessions").exists(), "no session without frames"
+    return [line.partition("/")[2].partition(":")[0] for line in caught.value.details["refused"]]
+
+
+def test_typed_times_that_contradict_exif_are_named(tmp_path, checker, room):
+    typed = (1 / 60, 4.0, 1 / 2, 1 / 15, 1 / 4)
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, shutter_s=typed)
+    assert refusals(report) == {"IMG_2.JPG": "wrong_exposure"}
+    assert report.manifest.status is SessionStatus.PARTIAL
+
+
+def test_bad_files_are_named_and_the_rest_goes_on(tmp_path, checker, room):
+    data = (room / "IMG_2.JPG").read_bytes()
+    (room / "IMG_2.JPG").write_bytes(data[: len(data) // 2])
+    (room / "page.jpg").write_text("<html>not found</html>")
+    (room / "notes.txt").write_text("lens: 8 mm")
+    (room / "sub").mkdir()
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert refusals(report) == {"IMG_2.JPG": "truncated", "page.jpg": "not_jpeg"}
+    assert set(report.ignored) == {"indoor/notes.txt", "indoor/sub"}
+    assert len(report.manifest.frames) == 4
+    assert report.manifest.status is SessionStatus.PARTIAL
+    assert any("IMG_2.JPG" in line for line in report.manifest.missing)
+    assert any("notes.txt" in w.message for w in report.manifest.warnings)
+
+
+def test_a_refused_file_of_known_time_is_the_missing_stop(tmp_path, checker):
+    room = fill(tmp_path / "room", with_exif=False)
+    (room / "IMG_1.JPG").write_bytes(b"\0" * 1000)
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, shutter_s=TIMES_S)
+    assert report.manifest.missing == ("indoor: stop 0 (4 s)",)
+    assert report.manifest.rejected[0].stop == 0
+
+
+def test_strict_makes_no_session(tmp_path, checker, room):
+    (room / "IMG_2.JPG").write_bytes(b"\xff\xd8\xff")
+    (room / "IMG_3.JPG").write_bytes(b"")
+    with pytest.raises(FrameRejectedError, match="and 1 more") as caught:
+        run(tmp_path, checker, folders={Side.INDOOR: room}, strict=True)
+    assert len(caught.value.details["refused"]) == 2
+    assert not (tmp_path / "sessions").exists()
+
+
+def test_duplicates_equal_times_and_strangers_are_named(tmp_path, checker, room):
+    (room / "copy.jpg").write_bytes((room / "IMG_4.JPG").read_bytes())
+    (room / "later.jpg").write_bytes(jpeg(1 / 4, seed=2))
+    (room / "small.jpg").write_bytes(jpeg(1 / 8, size=(80, 60)))
+    (room / "phone.jpg").write_bytes(jpeg(1 / 30, MODEL="Phone"))
+    (room / "iso.jpg").write_bytes(jpeg(1 / 125, ISO=400))
+    (room / "aperture.jpg").write_bytes(jpeg(1 / 500, F_NUMBER=11.0))
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert refusals(report) == {
+        "copy.jpg": "repeated",
+        "later.jpg": "repeated",
+        "small.jpg": "wrong_size",
+        "phone.jpg": "wrong_camera",
+        "iso.jpg": "wrong_iso",
+        "aperture.jpg": "wrong_f_number",
+    }
+    assert len(report.manifest.frames) == 5
+
+
+def test_a_double_costs_nothing(tmp_path, checker, room):
+    (room / "zcopy.jpg").write_bytes((room / "IMG_4.JPG").read_bytes())
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert refusals(report) == {"zcopy.jpg": "repeated"}
+    assert report.manifest.status is SessionStatus.COMPLETE
+
+
+def test_a_swapped_time_shows_in_the_brightness(tmp_path, checker):
+    room = fill(tmp_path / "room", with_exif=False)
+    typed = (1 / 60, 1.0, 4.0, 1 / 15, 1 / 4)
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, shutter_s=typed)
+    assert set(refusals(report).values()) == {"out_of_order"}
+    assert set(refusals(report)) <= {"IMG_1.JPG", "IMG_2.JPG"}
+    assert report.manifest.status is SessionStatus.PARTIAL
+
+
+def test_two_sides_share_stops_and_may_have_their_own(tmp_path, checker, room):
+    sky = tmp_path / "sky"
+    sky.mkdir()
+    for i, time_s in enumerate((1 / 16, 1 / 64, 1 / 1000)):
+        (sky / f"{i}.jpeg").write_bytes(jpeg(time_s, seed=3))
+    report = run(tmp_path, checker, folders={Side.INDOOR: room, Side.OUTDOOR: sky})
+    manifest = report.manifest
+    assert manifest.status is SessionStatus.COMPLETE
+    assert len(manifest.bracket.stops_s) == 6
+    assert [f.stop for f in manifest.frames if f.side is Side.OUTDOOR] == [3, 4, 5]
+    assert {(s.side, s.stop) for s in manifest.skipped} == {
+        (Side.INDOOR, 5),
+        (Side.OUTDOOR, 0),
+        (Side.OUTDOOR, 1),
+        (Side.OUTDOOR, 2),
+    }
+
+
+def test_the_moment_is_known_where_the_zone_is(tmp_path, checker, room):
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert {f.taken_utc for f in report.manifest.frames} == {None}
+    report = run(tmp_path, checker, folders={Side.INDOOR: room}, camera_zone_min=-240)
+    assert report.manifest.frames[0].taken_utc == datetime(2023, 5, 19, 19, 54, 10, tzinfo=UTC)
+
+
+def test_hostile_names_are_text(tmp_path, checker, room):
+    name = "a\x1b[31m\n.jpg" if os.name == "posix" else "a.jpg"
+    (room / "IMG_0.JPG").rename(room / name)
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    assert {Path(f.file).name for f in report.manifest.frames} == {
+        "00_4s.jpg",
+        "01_1s.jpg",
+        "02_1-4s.jpg",
+        "03_1-15s.jpg",
+        "04_1-60s.jpg",
+    }
+    assert all(f.camera_name.isprintable() for f in report.manifest.frames)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs links")
+def test_links_to_files_are_read_and_broken_ones_named(tmp_path, checker, room):
+    links = tmp_path / "links"
+    links.mkdir()
+    for path in sorted(room.iterdir()):
+        (links / path.name).symlink_to(path)
+    (links / "gone.jpg").symlink_to(tmp_path / "nowhere.jpg")
+    report = run(tmp_path, checker, folders={Side.INDOOR: room})
+    linked = import_session(
+        ImportRequest(room="A room", into=tmp_path / "sessions", folders={Side.INDOOR: links}), checker=checker
+    )
+    assert refusals(linked) == {"gone.jpg": "not_a_file"}
+    assert [f.sha256 for f in linked.manifest.frames] == [f.sha256 for f in report.manifest.frames]
+
+
+def test_a_file_that_changes_under_the_import_does_not_count(tmp_path, room):
+    class Meddler(FrameChecker):
+        """Changes the last file once everything has been looked at."""
+
+        def inspect(self, path: Path, **options: object):
+            facts = super().inspect(path, **options)
+            if path.name == "IMG_4.JPG":
+                path.write_bytes(jpeg(1 / 4, seed=9))
+            return facts
+
+    with Meddler() as checker:
+        request = ImportRequest(room="A room", into=tmp_path / "sessions", folders={Side.INDOOR: room})
+        report = import_session(request, checker=checker)
+    assert [r.name for r in report.refused] == ["IMG_4.JPG"]
+    assert report.manifest.missing == ("indoor: stop 2 (1/4 s)",)
+    assert not verify_session(report.session).problems
+
+
+def test_folders_that_cannot_be_imported(tmp_path, checker):
+    with pytest.raises(UsageError):
+        run(tmp_path, checker, folders={})
+    with pytest.raises(SessionNotFoundError):
+        import_session(
+            ImportRequest(room="r", into=tmp_path, folders={Side.INDOOR: tmp_path / "none"}), checker=checker
+        )
+    many = tmp_path / "many"
+    many.mkdir()
+    for i in range(100):
+        (many / f"{i}.jpg").touch()
+    with pytest.raises(UsageError, match="100 JPEGs"):
+        run(tmp_path, checker, folders={Side.INDOOR: many})
+
+
+def invoke(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
+    if result.exception is not None:
+        raise result.exception
+    return int(result.return_value), result.output
+
+
+def test_the_command(tmp_path, room):
+    into = str(tmp_path / "sessions")
+    options = ["--site", "40.44,-79.99", "--heading", "-90", "--target", "10,-5", "--zone", "-04:00"]
+    code, output = invoke("room", "--indoor", str(room), "--reading", "34.63", "--into", into, *options, "--json")
+    assert code == 0
+    answer = json.loads(output)
+    assert answer["ok"]
+    assert answer["frames"] == 5
+    manifest = load_manifest(Path(answer["session"]))
+    assert manifest.heading_rad == pytest.approx(4.712389)
+    assert (manifest.site.latitude_deg, manifest.site.longitude_deg) == (40.44, -79.99)
+    assert manifest.target is not None
+    assert manifest.readings_planned == 1
+    (room / "IMG_0.JPG").write_bytes(b"nothing")
+    code, output = invoke("room", "--indoor", str(room), "--into", into)
+    assert code == 4
+    assert "IMG_0.JPG: not a JPEG" in output
+    assert "partial" in output
+
+
+@pytest.mark.parametrize(
+    "options", [["--site", "here"], ["--zone", "CET"], ["--target", "1"], ["--shutter", "4,x"], ["--site", "91,0"]]
+)
+def test_options_that_say_nothing_are_refused(tmp_path, room, options):
+    with pytest.raises(UsageError):
+        invoke("room", "--indoor", str(room), "--into", str(tmp_path / "s"), *options)
+    assert not (tmp_path / "s").exists()
+
+
+def test_errors_of_the_command_are_json_where_asked(tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    code = daylit.main(["import", "r", "--indoor", str(tmp_path / "empty"), "--into", str(tmp_path), "--json"])
+    assert code == 4
+    assert json.loads(capsys.readouterr().out)["error"]["kind"] == "IncompleteBracketError"
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "stops_s"),
+    [
+        ("canon5d2_8mm_bracket", (13, 3.2, 0.8, 1 / 5, 1 / 20, 1 / 80, 1 / 320, 1 / 1250, 1 / 5000)),
+        ("room_t2i", (2, 1 / 2, 1 / 8, 1 / 30, 1 / 125, 1 / 1000, 1 / 4000)),
+    ],
+)
+def test_real_brackets(tmp_path, checker, name, stops_s):
+    if not (SHARED / name).exists():
+        pytest.skip("the shared data folder is not beside the checkout")
+    report = run(tmp_path, checker, folders={Side.INDOOR: SHARED / name})
+    assert report.manifest.status is SessionStatus.COMPLETE
+    assert report.manifest.bracket.stops_s == pytest.approx(stops_s)
+    assert report.refused == ()

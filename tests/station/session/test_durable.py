@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from station.errors import DiskError, DiskFullError, IntegrityError, ResourceError
+from station.session import durable
+from station.session.folder import Folder, make_folders, write_file
+from station.session.session import Side
+from station.session.store import SessionStore
+from tests.station.session.sessions import frame_record, manifest
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (errno.ENOSPC, DiskFullError),
+        (errno.EDQUOT, DiskFullError),
+        (errno.EIO, DiskError),
+        (errno.EROFS, DiskError),
+        (errno.EACCES, DiskError),
+        (errno.EFBIG, DiskError),
+        (errno.EMFILE, ResourceError),
+        (errno.ENOMEM, ResourceError),
+    ],
+)
+def test_each_error_has_its_type_and_names_the_file(number: int, kind: type[ResourceError]) -> None:
+    with pytest.raises(ResourceError) as caught, durable.disk_errors(Path("indoor/x.jpg"), "writing"):
+        raise OSError(number, os.strerror(number))
+    assert type(caught.value) is kind
+    assert caught.value.where == "indoor/x.jpg"
+    assert caught.value.details["errno"] == errno.errorcode[number]
+    assert caught.value.advice
+
+
+def test_a_write_without_progress_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(durable.os_calls, "write", lambda _fd, _data: 0)
+    with pytest.raises(OSError, match="no progress"):
+        durable.write_all(1, b"abc")
+
+
+def test_a_replaced_file_is_the_old_or_the_new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Folder.open(tmp_path)
+    write_file(folder, "a", b"old")
+
+    def fails(_fd: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(durable.os_calls, "fsync", fails)
+        with pytest.raises(DiskError, match="a: writing failed"):
+            write_file(folder, "a", b"new")
+    assert (tmp_path / "a").read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["a"]
+    write_file(folder, "a", b"new")
+    assert (tmp_path / "a").read_bytes() == b"new"
+    folder.close()
+
+
+def test_a_file_that_grew_or_shrank_on_disk_does_not_count(tmp_path: Path) -> None:
+    with SessionStore.create(tmp_path, manifest()) as store:
+        part = store.begin_frame(Side.INDOOR, 0, 4.0)
+        part.write(b"abcdef")
+        os.truncate(part.path, 3)
+        with pytest.raises(DiskError, match="3 of 6 bytes"):
+            part.commit()
+        part.abort()
+        assert list((store.path / "indoor").iterdir()) == []
+
+
+def test_a_frame_whose_sync_failed_is_void(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_fd: int) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with SessionStore.create(tmp_path, manifest()) as store:
+        part = store.begin_frame(Side.INDOOR, 0, 4.0)
+        part.write(b"abc")
+        with monkeypatch.context() as patch:
+            patch.setattr(durable.os_calls, "fsync", fails)
+            with pytest.raises(DiskError):
+                part.commit()
+        with pytest.raises(Exception, match="frame is failed"):
+            part.commit()
+        with pytest.raises(Exception, match="frame is failed"):
+            part.write(b"more")
+        part.abort()
+
+
+def test_what_was_not_journalled_is_not_in_the_manifest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_fd: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with SessionStore.create(tmp_path, manifest()) as store:
+        part = store.begin_frame(Side.INDOOR, 0, 4.0)
+        part.write(b"abc")
+        record = frame_record(Side.INDOOR, 0, part.commit())
+        before = store.manifest
+        with monkeypatch.context() as patch:
+            patch.setattr(durable.os_calls, "fdatasync", fails)
+            for change in (lambda: store.add_frame(record), lambda: store.update(drift_frac=0.5)):
+                with pytest.raises(DiskFullError):
+                    change()
+                assert store.manifest == before
+        store.add_frame(record)
+        assert store.manifest.frames == (record,)
+
+
+def test_parents_are_made(tmp_path: Path) -> None:
+    make_folders(tmp_path / "a" / "b" / "c")
+    make_folders(tmp_path / "a" / "b" / "c")
+    assert (tmp_path / "a" / "b" / "c").is_dir()
+    (tmp_path / "file").touch()
+    with pytest.raises(DiskError, match="creating"):
+        make_folders(tmp_path / "file" / "below")
+
+
+def test_a_file_is_read_only_up_to_its_limit(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"12345")
+    folder = Folder.open(tmp_path)
+    assert folder.read_file("a", 5) == b"12345"
+    assert folder.read_file("none", 5) is None
+    with pytest.raises(IntegrityError, match="larger than 4"):
+        folder.read_file("a", 4)
+    folder.close()

@@ -1,0 +1,1 @@
+"""Rooms drawn for training: plans, surfaces, furniture, light and the pictures of them."""

@@ -1,0 +1,140 @@
+"""Albedos of a room's paints, drawn afresh for every picture: wider than homes are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from processing.ground.arrays import Floats
+from training.rooms.soup import Paint
+from training.rooms.textures import Tile
+
+_WOODS = np.array(
+    [
+        (0.38, 0.245, 0.135),
+        (0.19, 0.12, 0.07),
+        (0.30, 0.12, 0.05),
+        (0.52, 0.345, 0.175),
+        (0.33, 0.27, 0.2),
+        (0.50, 0.23, 0.06),
+        (0.26, 0.06, 0.02),
+        (0.42, 0.16, 0.05),
+        (0.10, 0.05, 0.03),
+    ]
+)
+_WHITE = ("ceiling", "trim", "window frame", "radiator", "door", "blind", "board", "fitted", "hallway")
+_DARK = ("gap", "dark", "metal")
+_COATED = ("furniture", "quilt", "linen", "fixture", "curtain", "rug", "frame")
+_GROUP = {
+    "floor": "floor", "rug": "rug", "picture": "picture", "wood door": "wood", "curtain": "cloth",
+    "quilt": "", "linen": "", "ceiling": "plain",
+    "accent wall": "wall", "wall": "wall", "fitted": "wood", "furniture": "", "fixture": "", "worktop": "plain",
+}  # fmt: skip
+_TEXTURED = {
+    "floor": 0.85, "rug": 0.9, "picture": 0.95, "wood door": 0.5, "curtain": 0.35, "wall": 0.12, "accent wall": 0.4,
+    "quilt": 0.65, "linen": 0.3, "ceiling": 0.06, "fitted": 0.4, "furniture": 0.28, "fixture": 0.1, "worktop": 0.4,
+}  # fmt: skip
+
+
+_MIXED = (("cloth", "rug", "plain", "picture"), ("cloth", "wood", "plain"))
+"""Groups of textures for cloth, and for furniture."""
+
+
+@dataclass(frozen=True)
+class Coats:
+    """What each paint (m) looks like in one picture."""
+
+    albedo: Floats
+    tile: npt.NDArray[np.int32]
+    """Number of its texture, -1 for none."""
+    scale: Floats
+    turn: Floats
+    contrast: Floats
+    gloss: Floats
+    """Share of mirrored light at right angles, 0 for matte."""
+    emission: Floats
+
+
+def draw_coats(rng: np.random.Generator, paints: list[Paint], bank: list[Tile]) -> Coats:
+    """Return the coats of one look; what is proposed in a paint is kept in some looks."""
+    count = len(paints)
+    keep = rng.random() < 0.45
+    room = {kind: _albedo(rng, kind) for kind in sorted({p.kind for p in paints})}
+    groups = {g: [k for k, t in enumerate(bank) if t.group == g] for g in sorted({t.group for t in bank})}
+    albedo, tile = np.empty((count, 3)), np.full(count, -1, np.int32)
+    one_tile: dict[str, int] = {}
+    palette = [_albedo(rng, "furniture") for _ in range(3)] + [_wood(rng)]
+    matched = float(rng.choice([0.0, 0.6, 0.95]))
+    for number, paint in enumerate(paints):
+        single = paint.kind in ("furniture", "quilt", "linen", "fixture", "picture", "frame", "rug")
+        drawn = _albedo(rng, paint.kind) if single else room[paint.kind]
+        if paint.kind in ("furniture", "quilt") and rng.random() < matched:
+            # Furniture of one home is of few colours.
+            drawn = palette[int(rng.integers(len(palette)))] * np.exp(rng.normal(0, 0.2))
+        albedo[number] = paint.rgb if keep and paint.rgb is not None else drawn
+        if rng.random() < _TEXTURED.get(paint.kind, 0.0):
+            among = groups.get(_GROUP.get(paint.kind, "") or str(rng.choice(_MIXED[paint.kind == "furniture"])), [])
+            if among:
+                chosen = int(rng.choice(among))
+                tile[number] = chosen if single else one_tile.setdefault(paint.kind, chosen)
+    gloss = np.where(rng.random(count) < 0.25, rng.uniform(0.02, 0.2, count), 0.0)
+    floor_gloss = rng.uniform(0.02, 0.25) if rng.random() < 0.5 else 0.0
+    gloss[[p.kind == "floor" for p in paints]] = floor_gloss
+    gloss[[p.kind in ("wall", "accent wall", "ceiling") for p in paints]] = 0.0
+    return Coats(
+        albedo=np.clip(albedo, 0.015, 0.92).astype(np.float32),
+        tile=tile,
+        scale=np.exp(rng.normal(0, 0.35, count)).astype(np.float32),
+        turn=np.where(rng.random(count) < 0.7, 0.0, rng.uniform(0, 1.57, count)).astype(np.float32),
+        contrast=rng.uniform(0.4, 1.3, count).astype(np.float32),
+        gloss=gloss.astype(np.float32),
+        emission=np.array([p.emission for p in paints], np.float32),
+    )
+
+
+def _tinted(rng: np.random.Generator, level: float, saturation: float) -> npt.NDArray[np.float64]:
+    """Return an albedo of a mean level and a chance hue."""
+    # Homes are mostly warm: half of the hues lie about orange.
+    hue = rng.normal(0.6, 0.5) if rng.random() < 0.5 else rng.uniform(0, 2 * np.pi)
+    tint = 1 + saturation * np.cos(hue - np.array([0.0, 2.094, 4.189]))
+    return np.asarray(level * tint / tint.mean(), dtype=np.float64)
+
+
+def _wood(rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    wood = _WOODS[rng.integers(len(_WOODS))]
+    # Varnish makes it redder and deeper.
+    return np.asarray(wood ** rng.uniform(0.9, 1.35) * np.exp(rng.normal(0, 0.35)) * np.exp(rng.normal(0, 0.06, 3)))
+
+
+def _albedo(rng: np.random.Generator, kind: str) -> npt.NDArray[np.float64]:
+    chance = rng.random()
+    if kind == "floor":
+        return _wood(rng) if chance < 0.55 else _tinted(rng, np.exp(rng.uniform(-3, -0.4)), rng.uniform(0, 0.35))
+    if kind in ("wall", "accent wall"):
+        strong = kind == "accent wall" or chance < 0.3
+        if not strong:
+            pale = _tinted(rng, rng.uniform(0.45, 0.86), rng.uniform(0, 0.08))
+            return np.asarray(pale * np.array([1.05, 1.0, 0.92]), dtype=np.float64)
+        return _tinted(rng, np.exp(rng.uniform(-2.3, -0.3)), rng.uniform(0.05, 0.8))
+    if kind == "wood door" or (kind == "fitted" and chance < 0.5):
+        return _wood(rng)
+    if kind in _COATED:
+        return _of_furniture(rng, kind, chance)
+    if kind in _DARK:
+        return _tinted(rng, rng.uniform(0.015, 0.08), 0.05)
+    if kind in _WHITE:
+        rare = chance < (0.12 if kind == "ceiling" else 0.25)
+        return _tinted(rng, rng.uniform(0.1, 0.6) if rare else rng.uniform(0.6, 0.9), 0.3 if rare else 0.04)
+    return _tinted(rng, rng.uniform(0.1, 0.8), rng.uniform(0, 0.5))
+
+
+def _of_furniture(rng: np.random.Generator, kind: str, chance: float) -> npt.NDArray[np.float64]:
+    if kind == "linen":
+        return _tinted(rng, rng.uniform(0.35, 0.85), rng.uniform(0, 0.25) * rng.random())
+    if chance < 0.2 and kind == "furniture":
+        return _tinted(rng, rng.uniform(0.5, 0.88), 0.06)
+    if chance < 0.5 and kind != "quilt":
+        return _wood(rng)
+    return _tinted(rng, np.exp(rng.uniform(-3.6, -0.25)), rng.uniform(0, 0.9) * rng.random())
