@@ -133,7 +133,7 @@ def _glare(session: Path, target: Path, done: Exported) -> dict[str, Any]:
     """Write the views, and return evalglare's figures of each where it is installed."""
     from processing.errors import ParameterError
     from processing.exchange.export import ROOM, pictures_of
-    from processing.figures.views import evalglare, write_glare_views
+    from processing.figures.figures import evalglare, write_glare_views
     from processing.pictures.exr import read_exr
     from processing.pictures.images import LuminanceImage
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import subprocess
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,15 +14,47 @@ import numpy.typing as npt
 
 from processing.calibration.scale.meter_spot import Spot, spot_pixels
 from processing.calibration.scale.photometry import Illuminance, illuminance_lx, luminance_map
-from processing.errors import ScaleError
+from processing.errors import ProcessingError, ScaleError
 from processing.figures.glare import bright_spots, glare_of
-from processing.figures.views import panorama_of, reduced
+from processing.figures.views import eye_view, panorama_of, reduced
 from processing.ground.arrays import Bytes, Doubles, Flags
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, Validity
+from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, directions, solid_angles
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.planes import planes_of
+
+SIZE_PX = 1000
+_TIMEOUT_S = 900.0
+
+
+def write_glare_views(folder: Path, name: str, image: LuminanceImage, *, size_px: int = SIZE_PX) -> list[Path]:
+    """Write a fisheye of 180 degrees for each direction of the light figures; return their paths in that order."""
+    found = []
+    for k in range(DIRECTIONS):
+        degrees = 360 * k // DIRECTIONS
+        path = folder / f"{name}_eye-{degrees:03d}.hdr"
+        write_radiance_hdr(path, eye_view(image, math.radians(degrees), size_px))
+        found.append(path)
+    return found
+
+
+def evalglare(tool: Path, view: Path) -> dict[str, float]:
+    """Return evalglare's own figures of a view: dgp, dgi, ugr, vcp, cgi, veiling luminance (by its names).
+
+    Raises `ProcessingError` where it gives none (its exit code says nothing).
+    """
+    try:
+        done = subprocess.run([str(tool), str(view)], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
+        names, _, values = done.stdout.partition(":")
+        found = dict(zip(names.split(","), (float(v) for v in values.split()), strict=False))
+    except (OSError, subprocess.TimeoutExpired, ValueError) as error:
+        raise ProcessingError(f"evalglare did not answer: {error}", where=view.name) from None
+    if "dgp" not in found:
+        raise ProcessingError(f"evalglare gave no dgp: {done.stderr.strip()[:200]}", where=view.name)
+    return found
+
 
 # Luminance statistics of a picture's parts, each pixel weighted by its solid angle.
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import math
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
-from processing.errors import ParameterError, ProcessingError
-from processing.figures.figures import DIRECTIONS
+from processing.errors import ParameterError
 from processing.pictures.images import LuminanceImage, Validity
-from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 from processing.sphere.resampling import resample, resample_uncertainty
 
@@ -99,34 +95,3 @@ def _nearest(rays: np.ndarray, panorama: Equirectangular) -> tuple[np.ndarray, n
 
 
 # What an observer's eye meets, as files that Radiance's evalglare takes; and what evalglare says of them.
-
-
-SIZE_PX = 1000
-_TIMEOUT_S = 900.0
-
-
-def write_glare_views(folder: Path, name: str, image: LuminanceImage, *, size_px: int = SIZE_PX) -> list[Path]:
-    """Write a fisheye of 180 degrees for each direction of the light figures; return their paths in that order."""
-    found = []
-    for k in range(DIRECTIONS):
-        degrees = 360 * k // DIRECTIONS
-        path = folder / f"{name}_eye-{degrees:03d}.hdr"
-        write_radiance_hdr(path, eye_view(image, math.radians(degrees), size_px))
-        found.append(path)
-    return found
-
-
-def evalglare(tool: Path, view: Path) -> dict[str, float]:
-    """Return evalglare's own figures of a view: dgp, dgi, ugr, vcp, cgi, veiling luminance (by its names).
-
-    Raises `ProcessingError` where it gives none (its exit code says nothing).
-    """
-    try:
-        done = subprocess.run([str(tool), str(view)], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False)
-        names, _, values = done.stdout.partition(":")
-        found = dict(zip(names.split(","), (float(v) for v in values.split()), strict=False))
-    except (OSError, subprocess.TimeoutExpired, ValueError) as error:
-        raise ProcessingError(f"evalglare did not answer: {error}", where=view.name) from None
-    if "dgp" not in found:
-        raise ProcessingError(f"evalglare gave no dgp: {done.stderr.strip()[:200]}", where=view.name)
-    return found

@@ -17,7 +17,7 @@ from processing.layout.furniture.model import FurnitureModel, Part, Size
 from processing.layout.furniture.surface import Solid, part_of
 from processing.layout.items import KINDS, OTHER_NAMES
 from processing.layout.models.catalogue import CatalogueEntry
-from processing.layout.models.catalogue_future import OTHER, category_of
+from processing.layout.models.catalogue_names import OTHER, category_of
 from processing.layout.models.mesh_files import SUFFIXES, read_model_file
 from processing.layout.models.mesh_pose import Given, posed
 from processing.layout.models.mesh_repair import Sound, repaired
