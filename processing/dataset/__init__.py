@@ -1,1 +1,0 @@
-"""Processed sessions as a data set: index, checksums, licence, splits, Croissant metadata."""
