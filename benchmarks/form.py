@@ -18,7 +18,7 @@ PACKAGES = (
     "daylit",
     "numpy",
     "scipy",
-    "opencv-python-headless",
+    "opencv-contrib-python-headless",
     "pillow",
     "openexr",
     "mitsuba",
