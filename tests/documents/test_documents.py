@@ -23,8 +23,9 @@ _FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]+")
 _NOT_OF_THE_FIELD = re.compile(r"\b(?:told|tells?|telling)\b", re.I)
 MAX_README_LINES = 130
 MAX_FILES_IN_A_FOLDER = 20
-OF_OTHERS = {"--name", "--quick", "--long", "--device"}
-"""Options of other programs that pages mention: git, pytest, the benchmark runner."""
+OF_OTHERS = {"--name", "--quick", "--long", "--device", "--memory-limit", "--minutes"}
+"""Options of other programs that pages mention: git, pytest, the benchmark runner, Dask, training."""
+PROGRAMS = ("gio ", "git ", "pytest ", "dask ")
 RUN = {
     "README.md": "a session of one panorama",
     "docs/guides/arranging.md": "a plan",
@@ -98,13 +99,12 @@ def all_flags() -> set[str]:
     return found
 
 
-def test_options_that_the_readme_and_troubleshooting_name_exist() -> None:
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_options_that_pages_name_exist(page: Path) -> None:
     known = all_flags() | OF_OTHERS
-    for page in (ROOT / "README.md", ROOT / "docs/reference/errors.md", ROOT / "docs/reference/pipeline.md"):
-        text = page.read_text("utf-8")
-        spans = [span for span in re.findall(r"`([^`\n]+)`", text) if not span.startswith(("gio ", "git ", "pytest "))]
-        named = {flag for span in spans for flag in _FLAG.findall(span)}
-        assert named <= known, f"{page_name(page)}: {sorted(named - known)}"
+    spans = [span for span in re.findall(r"`([^`\n]+)`", page.read_text("utf-8")) if not span.startswith(PROGRAMS)]
+    named = {flag for span in spans for flag in _FLAG.findall(span)}
+    assert named <= known, sorted(named - known)
 
 
 CODE = [(page_name(page), k, text) for page in PAGES for k, text in enumerate(blocks(page, "python"))]
