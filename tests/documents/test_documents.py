@@ -17,15 +17,19 @@ from PIL import Image
 import daylit
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 _BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.M | re.S)
 _FLAG = re.compile(r"(?<![\w-])--[a-z][a-z0-9-]+")
-OF_OTHERS = {"--name", "--quick", "--long", "--device"}
-"""Options of other programs that pages mention: git, pytest, the benchmark runner."""
+_NOT_OF_THE_FIELD = re.compile(r"\b(?:told|tells?|telling)\b", re.I)
+MAX_README_LINES = 130
+MAX_FILES_IN_A_FOLDER = 20
+OF_OTHERS = {"--name", "--quick", "--long", "--device", "--memory-limit", "--minutes"}
+"""Options of other programs that pages mention: git, pytest, the benchmark runner, Dask, training."""
+PROGRAMS = ("gio ", "git ", "pytest ", "dask ")
 RUN = {
     "README.md": "a session of one panorama",
-    "docs/arrangement.md": "a plan",
-    "docs/furniture.md": "nothing",
+    "docs/guides/arranging.md": "a plan",
+    "docs/guides/furniture.md": "nothing",
 }
 """Pages whose Python code is run here, and what it is given; others' needs minutes, or is an example of a stage."""
 
@@ -95,13 +99,12 @@ def all_flags() -> set[str]:
     return found
 
 
-def test_options_that_the_readme_and_troubleshooting_name_exist() -> None:
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_options_that_pages_name_exist(page: Path) -> None:
     known = all_flags() | OF_OTHERS
-    for page in (ROOT / "README.md", ROOT / "docs" / "troubleshooting.md", ROOT / "docs" / "pipeline.md"):
-        text = page.read_text("utf-8")
-        spans = [span for span in re.findall(r"`([^`\n]+)`", text) if not span.startswith(("gio ", "git ", "pytest "))]
-        named = {flag for span in spans for flag in _FLAG.findall(span)}
-        assert named <= known, f"{page_name(page)}: {sorted(named - known)}"
+    spans = [span for span in re.findall(r"`([^`\n]+)`", page.read_text("utf-8")) if not span.startswith(PROGRAMS)]
+    named = {flag for span in spans for flag in _FLAG.findall(span)}
+    assert named <= known, sorted(named - known)
 
 
 CODE = [(page_name(page), k, text) for page in PAGES for k, text in enumerate(blocks(page, "python"))]
@@ -143,6 +146,35 @@ def given(page: str, folder: Path) -> dict[str, object]:
     rgb = np.random.default_rng(1).integers(60, 200, (64, 128, 3), dtype=np.uint8)
     Image.fromarray(rgb).save(folder / "room.png")
     return {"session": panorama_session(folder / "room.png", folder / "sessions")}
+
+
+def test_the_readme_is_no_manual() -> None:
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= MAX_README_LINES
+
+
+def test_the_index_names_every_page() -> None:
+    index = ROOT / "docs" / "index.md"
+    linked = {target.partition("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", index.read_text("utf-8"))}
+    linked |= {f"measurements/{name}" for name in re.findall(r"\]\((\w+\.md)", _measurements_index())}
+    pages = {page.relative_to(index.parent).as_posix() for page in index.parent.rglob("*.md")} - {"index.md"}
+    assert pages <= linked, sorted(pages - linked)
+
+
+def _measurements_index() -> str:
+    return (ROOT / "docs" / "measurements" / "index.md").read_text("utf-8")
+
+
+def test_folders_of_documents_are_small() -> None:
+    folders = [ROOT / "docs", *(f for f in (ROOT / "docs").rglob("*") if f.is_dir() and f.name != "images")]
+    counts = {folder.name: sum(f.is_file() for f in folder.iterdir()) for folder in folders}
+    assert max(counts.values()) <= MAX_FILES_IN_A_FOLDER, counts
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=page_name)
+def test_words_are_those_of_the_field(page: Path) -> None:
+    """Rooms and values are estimated, detected, measured, reported; pages do not 'tell'."""
+    prose = re.sub(r"`[^`\n]*`", "", _BLOCK.sub("", page.read_text("utf-8")))
+    assert not _NOT_OF_THE_FIELD.findall(prose)
 
 
 def test_links_lead_somewhere() -> None:
