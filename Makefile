@@ -39,7 +39,7 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 	$(RUN) -m pytest -q tests/architecture
 
-## make torture   the long fault-injection runs; figures go to docs/reliability.md
+## make torture   the long fault-injection runs; figures go to docs/measurements/reliability.md
 torture: $(VENV)/.dev
 	$(RUN) -m tests.torture
 

@@ -32,7 +32,7 @@ def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
 
 
 def table() -> dict[str, int]:
-    text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    text = (ROOT / "docs" / "reference" / "errors.md").read_text("utf-8")
     return {code: int(exit_code) for code, exit_code in re.findall(r"^\| ([A-Z]{3}-\d{3}) \| (\d+) \|", text, re.M)}
 
 

@@ -1,4 +1,4 @@
-"""Who may import whom: the house's walls (docs/architecture.md)."""
+"""Who may import whom: the house's walls (docs/reference/architecture.md)."""
 
 from __future__ import annotations
 

@@ -33,7 +33,13 @@ KEYS = {
     "batch": "done wrong",
     "files": "",
 }
-NEEDS = {"room": "panoramas/zind", "detect": "panoramas", "remove": "textures", "batch": "paper", "arrange": "floorplans"}
+NEEDS = {
+    "room": "panoramas/zind",
+    "detect": "panoramas",
+    "remove": "textures",
+    "batch": "paper",
+    "arrange": "floorplans",
+}
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 SMALL: dict[str, dict[str, Any]] = {
     "truth": {
@@ -42,7 +48,10 @@ SMALL: dict[str, dict[str, Any]] = {
     },
     "files": {"benchmarks.whole.files.QUICK": (168, 84)},
     "response": {"benchmarks.photometry.response.QUICK_SIZE": (336, 168), "benchmarks.photometry.response.RUNS": 1},
-    "merge": {"benchmarks.photometry.merge.QUICK_SIZE": (336, 168), "benchmarks.photometry.merge.SMALL_SIZE": (336, 168)},
+    "merge": {
+        "benchmarks.photometry.merge.QUICK_SIZE": (336, 168),
+        "benchmarks.photometry.merge.SMALL_SIZE": (336, 168),
+    },
     "sphere": {"benchmarks.photometry.sphere.QUICK_SUN_SIZES": (100,), "benchmarks.photometry.sphere.WIDTH_PX": 336},
     "arrange": {"benchmarks.layout.arrange.QUICK_ROOMS": 2},
 }

@@ -158,7 +158,7 @@ def test_every_mistake_is_named_with_file_and_key(tmp_path: Path, old: str, new:
 
 
 def test_the_example_in_the_guide_is_one(tmp_path: Path) -> None:
-    guide = (Path(__file__).resolve().parents[2] / "docs" / "meter-dialects.md").read_text("utf-8")
+    guide = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "meter-dialects.md").read_text("utf-8")
     dialect = load_dialect(write(tmp_path, guide.split("```toml\n")[1].split("```")[0]))
     answer = interpret(dialect, dialect.measure[-1], b"OK00,CcPH 34.63")
     assert (answer.status, answer.value_text) == (ReadingStatus.OK, " 34.63")

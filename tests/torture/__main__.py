@@ -1,4 +1,4 @@
-"""``make torture``: the long fault-injection runs; writes the figures into docs/reliability.md."""
+"""``make torture``: the long fault-injection runs; writes the figures into docs/measurements/reliability.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "reliability.md"
+PAGE = ROOT / "docs" / "measurements" / "reliability.md"
 START, END = "<!-- figures: written by make torture -->", "<!-- end of figures -->"
 
 

@@ -1,4 +1,4 @@
-"""docs/coordinates.md holds for processing as for the simulation, and both agree on every direction."""
+"""docs/reference/coordinates.md holds for processing as for the simulation, and both agree on every direction."""
 
 import math
 
