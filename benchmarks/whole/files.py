@@ -175,7 +175,7 @@ from pathlib import Path
 resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30))
 resource.setrlimit(resource.RLIMIT_CPU, (60, 60))
 from processing.errors import PictureFileError
-from processing.image_files import read_exr_rgb
+from processing.pictures.exr import read_exr_rgb
 read = 0
 for name in sys.argv[1:]:
     try:

@@ -118,7 +118,7 @@ def test_what_cannot_be_is_refused(session: Path, tmp_path: Path) -> None:
 def test_as_a_user_meets_it(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import processing.figures.views as module
+    import processing.figures.figures as module
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")
