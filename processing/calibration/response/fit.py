@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from processing.calibration.response.samples import ChannelSamples
 from processing.ground.arrays import Doubles
+from processing.ground.colour import srgb_decoded
 
 # Smooth functions of the picture code: cubic B-splines whose knots are equally spaced in the root of the code.
 
@@ -78,8 +79,7 @@ def spline_basis() -> SplineBasis:
 def srgb_log2_exposure() -> Doubles:
     """Return (256,) log2 of the light of each sRGB code (IEC 61966-2-1), 0 at code 255; code 0 counts as half."""
     value = np.maximum(np.arange(256), 0.5) / 255
-    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return np.asarray(np.log2(linear))
+    return np.asarray(np.log2(srgb_decoded(value)))
 
 
 FIRST_CODE, LAST_CODE = 3.0, 252.0

@@ -20,7 +20,7 @@ from pathlib import Path
 for limit, value in ((resource.RLIMIT_AS, 4 << 30), (resource.RLIMIT_CPU, 60), (resource.RLIMIT_CORE, 0)):
     resource.setrlimit(limit, (value, value))
 from processing.errors import PictureFileError
-from processing.image_files import read_exr, read_exr_rgb
+from processing.pictures.exr import read_exr, read_exr_rgb
 import numpy as np
 for name in sys.argv[1:]:
     print(json.dumps(["begins", name]), flush=True)
