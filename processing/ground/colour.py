@@ -65,8 +65,8 @@ def srgb_of_linear(light: npt.ArrayLike) -> Bytes:
 
 def linear_of_srgb(codes: npt.NDArray[np.unsignedinteger]) -> Floats:
     """Return linear light, 0..1, of sRGB codes of any shape, uint8 or uint16, whose largest code is 1."""
-    table = _linear_of_code(int(np.iinfo(codes.dtype).max))
-    return table[codes]
+    light: Floats = _linear_of_code(int(np.iinfo(codes.dtype).max))[codes]
+    return light
 
 
 @cache
