@@ -116,7 +116,6 @@ STAGES: tuple[Stage, ...] = (
         options=(
             CALIBRATION,
             Option("--side", "parameter", "side", "Merge only indoor or outdoor.", "str"),
-            Option("--response", "parameter", "response_method", "Response method; daylit is the default.", "str"),
         ),
     ),
     Stage(

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.paired import cost_of
 from benchmarks.photometry.response_plot import error_over_codes
+from benchmarks.photometry.response_rivals import colour_hdri, mitsunaga_nayar, opencv_debevec, opencv_robertson
 from benchmarks.seeds import seeds
 from mocks.optics.sensor import TrueShutter
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
@@ -30,9 +30,8 @@ RUNS = 3
 FIRST, LAST = 5, 250
 JPEG_QUALITY = 95
 PLOT = Path("response.png")
-COLOUR_HDRI_SIZE = 105
 COLOUR_HDRI_SAMPLES, QUICK_COLOUR_HDRI_SAMPLES = 150, 75
-"""Rows and samples given to colour-hdri; its defaults take more than a minute of CPU."""
+"""Samples given to colour-hdri; its defaults take more than a minute of CPU."""
 WARM_SIZE = (336, 168)
 
 
@@ -104,61 +103,13 @@ def as_bracket(bracket: SyntheticBracket) -> Bracket8:
 def methods(colour_hdri_samples: int) -> dict[str, Callable[[SyntheticBracket], Doubles]]:
     """Return each method: a bracket to log2 exposure (3, 256)."""
 
-    def named(method: str) -> Callable[[SyntheticBracket], Doubles]:
-        return lambda bracket: recover_response([as_bracket(bracket)], method).curve.log2_exposure
-
     return {
-        "ours": named("daylit"),
+        "ours": lambda bracket: recover_response([as_bracket(bracket)]).curve.log2_exposure,
         "opencv_debevec": opencv_debevec,
         "opencv_robertson_every_8th": opencv_robertson,
         "colour_hdri": lambda bracket: colour_hdri(bracket, colour_hdri_samples),
-        "our_debevec_malik": named("debevec-malik"),
-        "our_mitsunaga_nayar": named("mitsunaga-nayar"),
-        "our_robertson": named("robertson"),
+        "mitsunaga_nayar": mitsunaga_nayar,
     }
-
-
-def opencv_debevec(bracket: SyntheticBracket) -> Doubles:
-    """OpenCV's defaults: 70 samples, lambda 10."""
-    import cv2
-
-    times = np.array(bracket.true_s, dtype=np.float32)
-    return _log2(cv2.createCalibrateDebevec(70, 10.0).process(list(bracket.frames), times))
-
-
-def opencv_robertson(bracket: SyntheticBracket) -> Doubles:
-    """OpenCV's on every 8th pixel each way: on all it takes minutes."""
-    import cv2
-
-    frames = [np.ascontiguousarray(frame[::8, ::8]) for frame in bracket.frames]
-    return _log2(cv2.createCalibrateRobertson().process(frames, np.array(bracket.true_s, dtype=np.float32)))
-
-
-def colour_hdri(bracket: SyntheticBracket, samples: int) -> Doubles:
-    """colour-hdri's Grossberg samples and Debevec's solution, on a reduced picture."""
-    from colour_hdri import Image, ImageStack, camera_response_functions_Debevec1997
-
-    step = max(bracket.frames[0].shape[0] // COLOUR_HDRI_SIZE, 1)
-    stack = ImageStack()
-    for frame, time_s in zip(bracket.frames, bracket.true_s, strict=True):
-        image = Image(data=frame[::step, ::step] / 255.0)
-        image.metadata = _colour_metadata(time_s)
-        stack.append(image)
-    curves = camera_response_functions_Debevec1997(stack, sampling_function_kwargs={"samples": samples})
-    return _log2(np.asarray(curves))
-
-
-def _colour_metadata(time_s: float) -> Any:
-    from colour_hdri import Metadata
-
-    return Metadata(
-        f_number=5.6, exposure_time=time_s, iso=100, black_level=None, white_level=None, white_balance_multipliers=None
-    )
-
-
-def _log2(response: npt.ArrayLike) -> Doubles:
-    curves = np.asarray(response, dtype=np.float64).reshape(256, 3).T
-    return np.asarray(np.log2(np.maximum(curves, 1e-9)))
 
 
 def agreement(fits: list[ResponseFit], truth: Doubles) -> dict[str, float]:

@@ -14,6 +14,7 @@ import numpy as np
 from mocks.worlds.light import Site, UniformWorld, Vector, World, direction_of, unit
 from mocks.worlds.world import HdrWorld, SimpleRoom, meter_luminance_cd_m2
 from processing.ground.arrays import Floats
+from processing.ground.colour import LUMINANCE_WEIGHTS
 
 SPOT_RAD = math.radians(1 / 3)
 RINGS, SECTORS = 256, 512
@@ -93,4 +94,4 @@ def dense_luminance_cd_m2(world: World, direction: Vector) -> float:
         weight * world.radiance(Site.INDOOR, directions, 0.0, component).astype(np.float64)
         for component, weight in enumerate(world.weights(0.0))
     )
-    return float(np.mean(light @ np.array([0.2127, 0.7151, 0.0722])))
+    return float(np.mean(light @ np.array(LUMINANCE_WEIGHTS)))

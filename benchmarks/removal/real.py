@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.colour import linear_of_srgb, srgb_of_linear
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
@@ -22,15 +23,12 @@ WHITE_CD_M2 = 200.0
 
 def linear(srgb: npt.NDArray[Any]) -> Floats:
     """Return the light of an sRGB picture (h, w, 3) in OpenCV's order, as RGB; 1 is white."""
-    x = srgb[..., ::-1].astype(np.float32) / 255
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return linear_of_srgb(srgb[..., ::-1])
 
 
 def encoded(light: Floats) -> npt.NDArray[np.uint8]:
     """Return the sRGB picture (h, w, 3) in OpenCV's order of light where 1 is white."""
-    x = np.clip(light, 0, 1)
-    srgb = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return np.rint(255 * srgb).astype(np.uint8)[..., ::-1]
+    return srgb_of_linear(light)[..., ::-1]
 
 
 def image_of(rgb: Floats) -> LuminanceImage:

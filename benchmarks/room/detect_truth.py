@@ -13,6 +13,7 @@ from mocks.rooms.model import Item, Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
 from processing.ground.arrays import Flags, Floats
+from processing.ground.colour import linear_of_srgb
 from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, directions, solid_angles
 from processing.surfaces.maps import surface_maps
@@ -131,9 +132,8 @@ def photograph(path: Path) -> RelativeImage:
     from PIL import Image
 
     with Image.open(path) as file:
-        shown = np.asarray(file.convert("RGB"), np.float32) / np.float32(255)
-    linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
-    return picture_of(linear.astype(np.float32))
+        shown = np.asarray(file.convert("RGB"))
+    return picture_of(linear_of_srgb(shown))
 
 
 def hand_mask(name: str) -> npt.NDArray[np.uint8]:

@@ -23,6 +23,7 @@ from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site, luminance_cd_m2
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.colour import srgb_of_linear
 
 COLUMNS, ROWS, TILE_ROWS_PX, GAP_PX = 4, 6, 240, 6
 SHEET_SEED = 3
@@ -63,8 +64,7 @@ def tone_mapped(radiance: Floats) -> Bytes:
     exposed, light = balanced * (MIDDLE / middle), light[..., None] * (MIDDLE / middle)
     soft = exposed * (1 + light / WHITE**2) / (1 + light)
     soft = np.maximum(soft, 0) ** CONTRAST
-    curve = np.where(soft <= 0.0031308, 12.92 * soft, 1.055 * np.maximum(soft, 1e-9) ** (1 / 2.4) - 0.055)
-    return np.asarray(np.clip(curve * 255 + 0.5, 0, 255), dtype=np.uint8)
+    return srgb_of_linear(soft)
 
 
 def contact_sheet(pictures: list[Bytes], columns: int = COLUMNS) -> Bytes:

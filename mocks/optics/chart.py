@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, Vector, luminance_cd_m2, unit
 from processing.ground.arrays import Floats
+from processing.ground.colour import RGB_OF_XYZ, srgb_decoded
 
 PATCHES = (
     ("dark skin", (115, 82, 68)), ("light skin", (194, 150, 130)), ("blue sky", (98, 122, 157)),
@@ -170,7 +171,7 @@ def _albedo(face: npt.NDArray[np.intp], point: Floats) -> Floats:
 def patch_albedos() -> Floats:
     """Return the patches' linear Rec. 709 reflectances (24, 3), decoded from their sRGB values (IEC 61966-2-1)."""
     value = np.array([rgb for _, rgb in PATCHES]) / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return srgb_decoded(value).astype(np.float32)
 
 
 def _bounced_lx(flux_lm: float) -> float:
@@ -191,7 +192,4 @@ def _blackbody_rgb(kelvin: float) -> Floats:
     else:
         x = -3.0258469 * t**3 + 2.1070379 * t**2 + 0.2226347 * t + 0.240390
         y = 3.0817580 * x**3 - 5.87338670 * x**2 + 3.75112997 * x - 0.37001483
-    to_rgb = np.array(
-        [[3.2409699, -1.5373832, -0.4986108], [-0.9692436, 1.8759675, 0.0415551], [0.0556301, -0.2039770, 1.0569715]]
-    )
-    return np.asarray(to_rgb @ np.array([x / y, 1.0, (1 - x - y) / y]), dtype=np.float32)
+    return np.asarray(np.array(RGB_OF_XYZ) @ np.array([x / y, 1.0, (1 - x - y) / y]), dtype=np.float32)

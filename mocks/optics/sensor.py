@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.colour import RGB_OF_XYZ
 
 _LUT_SIZE = 65536
 
@@ -150,8 +151,5 @@ def _daylight_rgb(color_temperature_k: float) -> npt.NDArray[np.float64]:
         x = -2.0064e9 / t**3 + 1.9018e6 / t**2 + 0.24748e3 / t + 0.237040
     y = -3.0 * x * x + 2.870 * x - 0.275
     xyz = np.array([x / y, 1.0, (1 - x - y) / y])
-    matrix = np.array(
-        [[3.2409699, -1.5373832, -0.4986108], [-0.9692436, 1.8759675, 0.0415551], [0.0556301, -0.2039770, 1.0569715]]
-    )
-    rgb: npt.NDArray[np.float64] = matrix @ xyz
+    rgb: npt.NDArray[np.float64] = np.array(RGB_OF_XYZ) @ xyz
     return rgb

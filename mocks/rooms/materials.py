@@ -9,6 +9,7 @@ import numpy as np
 from mocks.rooms.model import Material, Texture, Use
 from mocks.rooms.textures.catalogue import mean_albedo
 from mocks.worlds.light import Vector
+from processing.ground.colour import LUMINANCE_WEIGHTS, srgb_decoded
 
 # How people furnish: the colours that go together, as sRGB, and woods by name.
 
@@ -194,8 +195,7 @@ def linear(colour: str | Vector) -> Vector:
 
 
 def _decoded(value: float) -> float:
-    straight = value / 12.92 if value <= 0.04045 else ((value + 0.055) / 1.055) ** 2.4
-    return float(min(max(straight, 0.02), 0.9))
+    return float(np.clip(srgb_decoded(np.asarray(value)), 0.02, 0.9))
 
 
 def scaled(colour: str | Vector, factor: float) -> Vector:
@@ -207,7 +207,7 @@ def scaled(colour: str | Vector, factor: float) -> Vector:
 def of_luminance(colour: str | Vector, reflectance: float) -> Vector:
     """Return the colour's hue at a given luminous reflectance."""
     red, green, blue = linear(colour)
-    return scaled((red, green, blue), reflectance / (0.2127 * red + 0.7151 * green + 0.0722 * blue))
+    return scaled((red, green, blue), reflectance / float(np.dot(LUMINANCE_WEIGHTS, (red, green, blue))))
 
 
 def plain(name: str, colour: str | Vector, roughness: float | None = None) -> Material:

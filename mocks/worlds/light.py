@@ -15,12 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import DaylitError
+from processing.ground import colour
 from processing.ground.arrays import Floats
 
 Reals: TypeAlias = npt.NDArray[np.floating]
 Vector: TypeAlias = tuple[float, float, float]
 
-LUMINANCE_WEIGHTS = np.array([0.2127, 0.7151, 0.0722], dtype=np.float32)
+LUMINANCE_WEIGHTS = np.array(colour.LUMINANCE_WEIGHTS, dtype=np.float32)
 
 
 class WorldFileError(DaylitError):

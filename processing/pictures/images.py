@@ -11,14 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-import numpy as np
-import numpy.typing as npt
-
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.colour import LUMINANCE_WEIGHTS as LUMINANCE_WEIGHTS
+from processing.ground.colour import luminance_cd_m2 as luminance_cd_m2
 from processing.sphere import Geometry
 
-LUMINANCE_WEIGHTS = (0.2127, 0.7151, 0.0722)
-"""Of the paper's eq. 1."""
 ABSOLUTE_UNITS = "cd/m2"
 RELATIVE_UNITS = "relative units"
 
@@ -75,8 +72,3 @@ class LuminanceImage:
     def unit(self) -> str:
         """What luminances of this picture are in, for people: ``cd/m2`` or `RELATIVE_UNITS`."""
         return ABSOLUTE_UNITS if self.absolute else RELATIVE_UNITS
-
-
-def luminance_cd_m2(rgb: npt.ArrayLike) -> Floats:
-    """Return 0.2127 R + 0.7151 G + 0.0722 B of (..., 3) linear RGB (paper, eq. 1), float32."""
-    return np.asarray(np.asarray(rgb) @ np.array(LUMINANCE_WEIGHTS, dtype=np.float32), dtype=np.float32)

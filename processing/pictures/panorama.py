@@ -20,10 +20,11 @@ import numpy.typing as npt
 
 from processing.errors import PanoramaError, PictureFileError
 from processing.ground.arrays import Floats
+from processing.ground.colour import linear_of_srgb, luminance_cd_m2
 from processing.pictures.exr import read_exr, read_exr_rgb
 from processing.pictures.exr_header import read_header
 from processing.pictures.frames import Codes, frame_of
-from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.radiance import read_radiance_hdr
 from processing.sphere import Equirectangular
 
@@ -200,7 +201,7 @@ def _photograph(path: Path) -> GivenPanorama:
     _check_shape(*frame.size_px, path.name)
     codes, notes = to_srgb(frame.decode(), tags)
     top = float(np.iinfo(codes.dtype).max)
-    rgb = linear_from_srgb(codes)
+    rgb = linear_of_srgb(codes)
     brightest = codes.max(axis=2)
     validity = np.zeros(brightest.shape, np.uint8)
     validity[brightest <= DARK_SHARE_OF_RANGE * top] = Validity.DARK
@@ -255,14 +256,6 @@ def _plain(rgb: Floats, *, absolute: bool, source: str) -> GivenPanorama:
         absolute=absolute,
     )
     return GivenPanorama(image, f"{source}, {'cd/m2' if absolute else 'no scale'}", 1.0, 0.0)
-
-
-def linear_from_srgb(codes: Codes) -> Floats:
-    """Return light from 0 to 1 of sRGB codes of 8 or 16 bits (IEC 61966-2-1), float32."""
-    top = np.iinfo(codes.dtype).max
-    value = np.arange(top + 1, dtype=np.float64) / top
-    table = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    return np.asarray(table[codes])
 
 
 def _photograph_uncertainty(rgb: Floats, top: float) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Floats
-from processing.pictures.images import luminance_cd_m2
+from processing.ground.colour import luminance_cd_m2, srgb_of_linear
 from processing.pictures.writing import write_bytes
 from processing.sphere import Equirectangular, Geometry
 
@@ -33,7 +33,7 @@ def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:
         rows = rgb[top : top + _ROWS] * np.float32(scale)
         luminance = luminance_cd_m2(rows)[..., None]
         shown = rows * ((1 + luminance / np.float32(white * white)) / (1 + luminance))
-        out[top : top + _ROWS] = _srgb(np.clip(shown, 0, 1))
+        out[top : top + _ROWS] = srgb_of_linear(shown)
     return out
 
 
@@ -42,12 +42,6 @@ def auto_exposure(rgb: Floats) -> float:
     sample = luminance_cd_m2(rgb[:: max(1, rgb.shape[0] // 512), :: max(1, rgb.shape[1] // 1024)]).astype(np.float64)
     sample = sample[sample > 0]
     return KEY / float(np.exp(np.log(sample).mean())) if sample.size else 1.0
-
-
-def _srgb(linear: Floats) -> Bytes:
-    low = linear * np.float32(12.92)
-    high = np.float32(1.055) * np.maximum(linear, np.float32(0.0031308)) ** np.float32(1 / 2.4) - np.float32(0.055)
-    return np.asarray(np.where(linear <= 0.0031308, low, high) * np.float32(255) + np.float32(0.5), dtype=np.uint8)
 
 
 def jpeg_bytes(rgb8: Bytes, *, quality: int = 90, geometry: Geometry | None = None) -> bytes:

@@ -16,6 +16,7 @@ import numpy as np
 
 from processing.errors import FillerError
 from processing.ground.arrays import Flags, Floats
+from processing.ground.colour import srgb_decoded, srgb_encoded
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.plane_fill import FilledPlane
 from processing.segmentation.onnx_session import open_session
@@ -100,7 +101,7 @@ class LamaFiller:
         seen = filled.texture.known[window]
         among = seen if seen.any() else np.ones_like(seen)
         white = max(WHITE * float(np.median(luminance_cd_m2(light[among]))), 1e-6)
-        theirs = white * _linear(self._fitted(_srgb(light / white), hole | ~(seen | hole)))
+        theirs = white * srgb_decoded(self._fitted(srgb_encoded(np.clip(light / white, 0, 1)), hole | ~(seen | hole)))
         share = cv2.GaussianBlur(weight[window].astype(np.float32), (0, 0), 2.0)[..., None] * hole[..., None]
         # In the logarithm, so that bright places do not win.
         toe = np.float32(0.01 * white)
@@ -135,12 +136,3 @@ def _window(hole: Flags, context: float) -> tuple[slice, slice]:
         margin = 8 + round(context * (places[-1] - places[0]))
         parts.append(slice(max(0, int(places[0]) - margin), min(hole.shape[1 - axis], int(places[-1]) + margin + 1)))
     return parts[0], parts[1]
-
-
-def _srgb(light: Floats) -> Floats:
-    x = np.clip(light, 0, 1)
-    return np.asarray(np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055), np.float32)
-
-
-def _linear(srgb: Floats) -> Floats:
-    return np.asarray(np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4), np.float32)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import luminance_cd_m2
 
 # Wide Gaussian blurs at a cost that does not grow with their width.
@@ -39,7 +40,7 @@ def blurred(picture: Floats, sigma_px: float) -> Floats:
 
 TOE = 0.03
 """Of the median luminance: what is added before the logarithm, so that noise near black stays small."""
-TONE_WEIGHTS = np.array([0.2127, 0.7151, 0.0722], np.float32)
+TONE_WEIGHTS = np.array(LUMINANCE_WEIGHTS, np.float32)
 
 
 @dataclass(frozen=True)

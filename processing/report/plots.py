@@ -14,6 +14,7 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats
+from processing.ground.colour import colour_temperature_k
 from processing.pictures.false_colour import display_range, false_colour, legend, uncertainty_picture, with_legend
 from processing.pictures.preview import png_bytes, preview_rgb8
 
@@ -146,12 +147,9 @@ def uncertainty_map(uncertainty: Floats, *, width_px: int = 1200) -> bytes:
 
 def cct_picture(rgb: Floats, *, width_px: int = 1200) -> bytes:
     """Return a PNG of correlated colour temperature (H, W, 3 linear RGB) with its scale; grey: no meaningful CCT."""
-    from processing.calibration.scale.colour_maps import cct_map
-
-    step = max(1, -(-rgb.shape[1] // width_px))
-    found = cct_map(rgb[step // 2 :: step, step // 2 :: step])
+    kelvin, meaningful = colour_temperature_k(_shrunk(rgb, width_px))
     low, high = CCT_RANGE_K
-    shown = np.where(found.meaningful, np.clip(found.cct_k, low, high), 0)
+    shown = np.where(meaningful, np.clip(kelvin, low, high), 0)
     return png_bytes(with_legend(false_colour(shown, low, high), legend(low, high, "K", shown.shape[0])))
 
 

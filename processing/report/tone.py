@@ -9,6 +9,7 @@ import numpy as np
 
 from processing.exchange.jpeg_files import TEXT
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.colour import srgb_of_linear
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.pictures.preview import auto_exposure
 
@@ -50,8 +51,6 @@ def shown(rgb: Floats, look: Look) -> Bytes:
     for top in range(0, rgb.shape[0], _ROWS):
         rows = np.maximum(rgb[top : top + _ROWS], 0) * np.float32(look.exposure)
         luminance = luminance_cd_m2(rows)[..., None]
-        linear = np.clip(rows * ((1 + luminance / np.float32(look.white**2)) / (1 + luminance)), 0, 1)
-        high = np.float32(1.055) * np.maximum(linear, np.float32(0.0031308)) ** np.float32(1 / 2.4) - np.float32(0.055)
-        encoded = np.where(linear <= 0.0031308, linear * np.float32(12.92), high)
-        out[top : top + _ROWS] = np.asarray(encoded * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+        compressed = rows * ((1 + luminance / np.float32(look.white**2)) / (1 + luminance))
+        out[top : top + _ROWS] = srgb_of_linear(compressed)
     return out

@@ -13,6 +13,7 @@ from processing.calibration.scale.photometry import illuminance_lx
 from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, published_vignetting
 from processing.errors import LensError
+from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import SessionManifest, Side
@@ -145,4 +146,4 @@ def _target(
 
 
 def _luminance(rgb: tuple[float, float, float]) -> float:
-    return 0.2127 * rgb[0] + 0.7151 * rgb[1] + 0.0722 * rgb[2]
+    return sum(weight * value for weight, value in zip(LUMINANCE_WEIGHTS, rgb, strict=True))

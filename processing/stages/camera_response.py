@@ -57,9 +57,7 @@ class CameraResponse:
         }
 
 
-def camera_response(
-    bracket: SideBracket, profile: RigProfile | None, method: str
-) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
+def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
     """Return the profile's response where it has this camera's, else the one that the bracket tells; and the frames.
 
     The frames are in memory already where all of them were looked at. Raises `ResponseError` where no response can
@@ -72,19 +70,18 @@ def camera_response(
 
     codes = decoded(bracket.frames)
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
-    return _recovered(bracket, codes, method), held
+    return _recovered(bracket, codes), held
 
 
-def _recovered(bracket: SideBracket, codes: Sequence[Bytes], method: str) -> CameraResponse:
+def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
     """Take what the bracket tells; its times too, unless the camera's rule is known."""
     from processing.calibration.response.response import Bracket8, recover_response
     from processing.calibration.response.shutter import camera_rule, true_time_s
 
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
-    estimate = rule is None and method == "daylit"
-    fit = recover_response([Bracket8(codes, times_s)], method, estimate_times=estimate)
-    times_source = f"rule of the camera: {rule}" if rule else "estimated" if estimate else "nominal"
+    fit = recover_response([Bracket8(codes, times_s)], estimate_times=rule is None)
+    times_source = f"rule of the camera: {rule}" if rule else "estimated"
     warnings = _warnings("response", bracket, fit.warnings)
     left = code_residuals(codes, fit.times_s, fit.curve)
     return CameraResponse(
@@ -123,8 +120,7 @@ def code_residuals(codes: Sequence[Bytes], times_s: Sequence[float], curve: Resp
 
     ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no patch has such a code; empty where none are told.
     """
-    from processing.calibration.response.quality import residuals_by_code
-    from processing.calibration.response.response import Bracket8
+    from processing.calibration.response.response import Bracket8, residuals_by_code
     from processing.calibration.response.samples import take_samples
 
     try:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from processing.ground.colour import linear_of_srgb
 from processing.layout.arrangement import PlacedItem
 from processing.layout.furniture.model import Material as LookedUp
 from processing.layout.furniture.model import Part as MeshPart
-from processing.layout.furniture.model import linear_of_srgb
 from processing.layout.models.catalogue import Catalogue
 from processing.light.scene.scene import Material, Part
 

@@ -64,7 +64,7 @@ def run(context: StageContext) -> StageOutput:
             gathered.left_out[side.value] = f"the session has no {side} frames"
             continue
         try:
-            _merge_side(context, bracket, profile, parameters.response_method, gathered, 2 * number)
+            _merge_side(context, bracket, profile, gathered, 2 * number)
         except (ResponseError, BracketError) as error:
             if not gathered.artifacts:
                 raise
@@ -96,7 +96,6 @@ def _merge_side(
     context: StageContext,
     bracket: SideBracket,
     profile: RigProfile | None,
-    method: str,
     gathered: _Gathered,
     step: int,
 ) -> None:
@@ -104,7 +103,7 @@ def _merge_side(
 
     side = bracket.side.value
     context.progress((step + 0.1) / _STEPS, f"{side}: response curve")
-    response, frames = camera_response(bracket, profile, method)
+    response, frames = camera_response(bracket, profile)
     context.progress((step + 1) / _STEPS, f"{side}: merging")
     merged = merge(
         frames,

@@ -13,8 +13,6 @@ from processing.stages.contract import StageParameters
 class MergeParameters(StageParameters):
     """Of the stage merge."""
 
-    response_method: Literal["daylit", "debevec-malik", "mitsunaga-nayar", "robertson"] = "daylit"
-    """How a response curve is recovered where no profile has one."""
     side: Literal["both", "indoor", "outdoor"] = "both"
     """Which brackets are merged."""
 

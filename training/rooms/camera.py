@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Floats, Int8s
+from processing.ground.colour import linear_of_srgb
 from processing.segmentation.embedded import HEIGHT_PX, WIDTH_PX, network_picture
 from processing.segmentation.evidence import SceneClass
 
@@ -92,8 +93,7 @@ def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:
 
 def decoded(codes: npt.NDArray[np.uint8]) -> Floats:
     """Return linear light of sRGB codes (IEC 61966-2-1)."""
-    v = codes.astype(np.float32) / 255
-    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return linear_of_srgb(codes)
 
 
 def small_labels(label: Int8s) -> npt.NDArray[np.uint8]:

@@ -17,6 +17,7 @@ from mocks.rooms.sky.moment import Moment, sun_distance_au, sun_of
 from mocks.rooms.sky.outdoors import Ambient, Component, Surroundings
 from mocks.worlds.light import BrightDisc, Vector, direction_of
 from processing.ground.arrays import Floats
+from processing.ground.colour import LUMINANCE_WEIGHTS
 
 Kind: TypeAlias = Literal["clear", "intermediate", "overcast"]
 
@@ -182,7 +183,7 @@ def _scale(sky: Sky) -> float:
         return 1.0
     grid = outdoors.cosine_grid()
     light = sky._unscaled(grid, math.pi / 256)  # noqa: SLF001
-    luminance = light @ np.array((0.2127, 0.7151, 0.0722))
+    luminance = light @ np.array(LUMINANCE_WEIGHTS)
     return sky.horizontal_illuminance_lx()[0] / (math.pi * float(luminance.mean(dtype=np.float64)))
 
 

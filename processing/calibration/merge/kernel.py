@@ -17,6 +17,8 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import carray, types
 from numba.extending import intrinsic
 
+from processing.ground.colour import LUMINANCE_WEIGHTS
+
 # Compiled loops: numba's settings in one place, and what its language lacks.
 #
 # Compilation takes seconds once; the machine code is kept beside the package, or in the user's cache folder where the
@@ -83,7 +85,7 @@ TRIGGER_CHI2 = 26.0
 """Of a pixel's sums: one in 100,000 of two frames by chance (3 degrees of freedom). Then all frames are looked at."""
 CLIPPED_SNR2 = np.float32(1e-3)
 DARK_UNCERTAINTY = np.float32(0.5)
-_R, _G, _B = np.float32(0.2127), np.float32(0.7151), np.float32(0.0722)
+_R, _G, _B = (np.float32(weight) for weight in LUMINANCE_WEIGHTS)
 _ONE, _TINY = np.float32(1.0), np.float32(1e-30)
 VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)
 

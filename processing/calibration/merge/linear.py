@@ -16,12 +16,13 @@ from numba import carray
 from processing.calibration.merge.kernel import bytes_at, chi2_limit, compiled
 from processing.calibration.response.curve import NoiseModel
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.colour import LUMINANCE_WEIGHTS
 
 FULL = 65535.0
 CLIP_CODE = 64224
 """98 % of full scale: from here on a sample counts as clipped."""
 _DARK_UNCERTAINTY = 0.5
-_R, _G, _B = 0.2127, 0.7151, 0.0722
+_R, _G, _B = LUMINANCE_WEIGHTS
 
 
 @dataclass(frozen=True)

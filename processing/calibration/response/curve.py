@@ -1,11 +1,19 @@
-"""What a response curve is: from picture codes to relative exposure, per channel, with its uncertainty."""
+"""What a response curve and a camera's noise are, and the noise as the frames of a bracket show it.
+
+A response curve leads from picture codes to relative exposure, per channel. Two frames of one still patch differ by
+noise alone, whatever its texture: the longer exposure predicts the shorter one's code, and the variance about that
+prediction is a known linear function of the photon, read and coding terms of both (EMVA 1288's noise equation, carried
+through the response).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from processing.calibration.response.samples import ChannelSamples
 from processing.ground.arrays import Doubles
 
 
@@ -30,6 +38,7 @@ class ResponseCurve:
     balance_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Stops between ``sigma_code`` and the gauge."""
     method: str = "daylit"
+    """Which method gave it: "daylit", or that of an older profile or of another program."""
     n_samples: int = 0
     """Pixel samples that the fit used."""
     residual_stops: float = 0.0
@@ -67,3 +76,148 @@ class NoiseModel:
         slope = curve.log2_slope * np.log(2.0)  # d ln x / d code
         photon, read, codes = (np.array(v)[:, None] for v in (self.photon, self.read, self.code_variance))
         return np.asarray(photon / x + (read / x) ** 2 + codes * slope**2)
+
+
+FINE_STEPS = 16
+"""Table entries a code; between them tables are interpolated."""
+
+
+@dataclass(frozen=True)
+class FineCurve:
+    """A curve of 256 codes between them too: tables at steps of 1/16 code."""
+
+    log2: Doubles
+    slope: Doubles
+    """Stops a code."""
+    bend: Doubles
+    """Stops a squared code."""
+
+    @staticmethod
+    def of(log2_exposure: Doubles) -> FineCurve:
+        """Interpolate; in linear exposure, in which the toe of a curve is straight."""
+        from scipy.interpolate import PchipInterpolator
+
+        codes = np.linspace(0, 255, 255 * FINE_STEPS + 1)
+        log2 = np.asarray(np.log2(PchipInterpolator(np.arange(256), np.exp2(log2_exposure))(codes)), dtype=np.float64)
+        # Derivatives over whole codes: those of the interpolation itself jump.
+        slope = np.interp(codes, np.arange(256), np.gradient(log2_exposure))
+        bend = np.interp(codes, np.arange(256), np.gradient(np.gradient(log2_exposure)))
+        return FineCurve(log2, slope, bend)
+
+    def at(self, codes: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+        """Return log2 exposure, slope and bend at codes (clipped to 0..255)."""
+        place = np.clip(codes, 0, 255) * FINE_STEPS
+        first = np.minimum(place.astype(np.int64), len(self.log2) - 2)
+        share = place - first
+        nearest = np.rint(place).astype(np.int64)
+        log2 = np.asarray(self.log2[first] + share * (self.log2[first + 1] - self.log2[first]), dtype=np.float64)
+        return log2, self.slope[nearest], self.bend[nearest]
+
+    def code(self, log2_exposure: Doubles) -> Doubles:
+        """Return the code of an exposure, 0..255."""
+        codes = np.linspace(0, 255, len(self.log2))
+        return np.asarray(np.interp(log2_exposure, self.log2, codes), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class CodeNoise:
+    """Variance of a code (or of a mean of codes): photon x + read2 in exposure, and ``code`` in squared codes."""
+
+    photon: float
+    read2: float
+    code: float
+
+    def variance(self, log2_exposure: Doubles, slope: Doubles) -> Doubles:
+        """Return squared codes at exposures where the curve has a slope (stops a code)."""
+        x = np.exp2(log2_exposure)
+        return np.asarray((self.photon * x + self.read2) / (x * np.log(2.0) * slope) ** 2 + self.code)
+
+
+FIRST_GUESS = CodeNoise(0.0, 0.0, 0.25)
+
+
+@dataclass(frozen=True)
+class PatchNoise:
+    """Noise of the patches' means, by which they are weighed, and of single pixels."""
+
+    mean: CodeNoise = FIRST_GUESS
+    pixel: CodeNoise = CodeNoise(0.0, 0.0, 1.0)
+
+
+_LOW, _HIGH = 5.0, 250.0
+_LEAST_LONG_CODE = 8.0
+"""Codes of the longer exposure that predict."""
+_BINS = 40
+_LEAST = 20
+"""Differences that a bin must hold."""
+_TRIM = 4.0
+_ROUNDS = 4
+
+
+def fit_noise(
+    data: ChannelSamples, fine: FineCurve, log2_times: Doubles, *, least_code_variance: float, pixels: int = 0
+) -> CodeNoise | None:
+    """Return the noise of ``pixels`` single pixels of each patch, or with 0 of the patches' means.
+
+    None where too few patches tell.
+    """
+    longer, shorter = _pairs(data, log2_times)
+    step = log2_times[data.frame[shorter]] - log2_times[data.frame[longer]]
+    places = [4, 0, 8, 2, 6, 1, 3, 5, 7][:pixels]
+    columns = [data.pixels[:, place].astype(np.float64) for place in places] if pixels else [data.mean]
+    long_codes = np.concatenate([codes[longer] for codes in columns])
+    short_codes = np.concatenate([codes[shorter] for codes in columns])
+    at_long, slope_long, _ = fine.at(long_codes)
+    predicted = fine.code(at_long + np.tile(step, len(columns)))
+    use = (long_codes < _HIGH) & (long_codes > _LEAST_LONG_CODE) & (predicted > _LOW) & (predicted < _HIGH)
+    if use.sum() < _LEAST:
+        return None
+    terms = _terms(at_long[use], slope_long[use], predicted[use], fine)
+    return _solve_noise((short_codes - predicted)[use], terms, predicted[use], least_code_variance)
+
+
+def _pairs(data: ChannelSamples, log2_times: Doubles) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return observations of the same patch in neighbouring exposures: the longer, and the next shorter one."""
+    order = np.lexsort((-log2_times[data.frame], data.sample))
+    same = data.sample[order[1:]] == data.sample[order[:-1]]
+    return order[:-1][same], order[1:][same]
+
+
+def _terms(at_long: Doubles, slope_long: Doubles, predicted: Doubles, fine: FineCurve) -> Doubles:
+    """Return (n, 3): variance of the difference, in squared codes, for a unit of photon, read2 and code variance."""
+    at_short, slope_short, _ = fine.at(predicted)
+    x_long, x_short = np.exp2(at_long), np.exp2(at_short)
+    codes_per_log = 1 / (np.log(2.0) * slope_short)  # d code / d ln x in the shorter frame
+    ratio = slope_long / slope_short  # a code there is so many here
+    photon = codes_per_log**2 * (1 / x_short + 1 / x_long)
+    read = codes_per_log**2 * (1 / x_short**2 + 1 / x_long**2)
+    return np.stack([photon, read, 1 + ratio**2], axis=1)
+
+
+def _solve_noise(difference: Doubles, terms: Doubles, predicted: Doubles, least: float) -> CodeNoise | None:
+    """Fit mean squares over bins of the code, each weighed by its own variance, terms not below 0."""
+    from scipy.optimize import nnls
+
+    root = np.minimum((np.sqrt(predicted / 256) * _BINS).astype(np.int64), _BINS - 1)
+    centre = np.zeros(_BINS)
+    limit = np.zeros(_BINS)
+    count = np.bincount(root, minlength=_BINS)
+    for b in np.flatnonzero(count >= _LEAST):
+        mine = difference[root == b]
+        centre[b] = np.median(mine)
+        limit[b] = _TRIM * max(1.4826 * float(np.median(np.abs(mine - centre[b]))), 0.3)
+    kept = np.abs(difference - centre[root]) < limit[root]
+    count = np.bincount(root[kept], minlength=_BINS)
+    full = count >= _LEAST
+    if full.sum() < 4:
+        return None
+    square = np.bincount(root[kept], (difference - centre[root])[kept] ** 2, _BINS)[full] / count[full]
+    columns = np.stack([np.bincount(root[kept], t[kept], _BINS)[full] / count[full] for t in terms.T], axis=1)
+    offset = least * columns[:, 2]
+    answer = np.array([0.0, 0.0, 1.0])
+    for _ in range(_ROUNDS):
+        expected = np.maximum(columns @ answer + (offset if _ else 0), 1e-9)
+        weight = np.sqrt(count[full] / 2) / expected
+        size = np.maximum((columns * weight[:, None]).max(axis=0), 1e-300)
+        answer = nnls(columns * weight[:, None] / size, np.maximum(square - offset, 0) * weight)[0] / size
+    return CodeNoise(float(answer[0]), float(answer[1]), float(answer[2] + least))

@@ -14,15 +14,15 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from processing.calibration.response.curve import FINE_STEPS, FineCurve, PatchNoise
 from processing.calibration.response.samples import ChannelSamples
 from processing.ground.arrays import Doubles
+from processing.ground.colour import srgb_decoded
 
 # Smooth functions of the picture code: cubic B-splines whose knots are equally spaced in the root of the code.
 
 
 N_BASIS = 26
-_STEPS = 16
-"""Table entries a code; between them the basis is interpolated."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class SplineBasis:
 
     def at(self, codes: Doubles) -> Doubles:
         """Return (n, N_BASIS) at codes 0..255 (held at the ends)."""
-        place = np.clip(codes, 0, 255) * _STEPS
+        place = np.clip(codes, 0, 255) * FINE_STEPS
         first = np.minimum(place.astype(np.int64), len(self.value) - 2)
         share = (place - first)[:, None]
         low = self.value[first]
@@ -48,13 +48,13 @@ class SplineBasis:
 
     def entries(self, codes: Doubles) -> tuple[npt.NDArray[np.int64], Doubles]:
         """Return the columns (n, 4), growing, and values (n, 4) of what is not 0 at codes 0..255 (nearest 1/16)."""
-        place = np.rint(np.clip(codes, 0, 255) * _STEPS).astype(np.int64)
+        place = np.rint(np.clip(codes, 0, 255) * FINE_STEPS).astype(np.int64)
         return self.columns[place], self.four[place]
 
     @property
     def codes(self) -> Doubles:
         """Return (256, N_BASIS) at the whole codes."""
-        return self.value[::_STEPS]
+        return self.value[::FINE_STEPS]
 
 
 @lru_cache(maxsize=1)
@@ -66,7 +66,7 @@ def spline_basis() -> SplineBasis:
     inner = np.linspace(0, 1, N_BASIS - degree + 1)
     step = inner[1]
     knots = np.concatenate([inner[0] - step * np.arange(degree, 0, -1), inner, 1 + step * np.arange(1, degree + 1)])
-    codes = np.linspace(0, 255, 255 * _STEPS + 1)
+    codes = np.linspace(0, 255, 255 * FINE_STEPS + 1)
     root = (np.sqrt(codes + 2) - np.sqrt(2)) / (np.sqrt(257) - np.sqrt(2))
     value = np.asarray(BSpline.design_matrix(np.minimum(root, 1 - 1e-12), knots, degree).toarray(), dtype=np.float64)
     first = np.minimum((root * (N_BASIS - degree)).astype(np.int64), N_BASIS - degree - 1)
@@ -78,8 +78,7 @@ def spline_basis() -> SplineBasis:
 def srgb_log2_exposure() -> Doubles:
     """Return (256,) log2 of the light of each sRGB code (IEC 61966-2-1), 0 at code 255; code 0 counts as half."""
     value = np.maximum(np.arange(256), 0.5) / 255
-    linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return np.asarray(np.log2(linear))
+    return np.asarray(np.log2(srgb_decoded(value)))
 
 
 FIRST_CODE, LAST_CODE = 3.0, 252.0
@@ -92,60 +91,6 @@ _GAUGE_CODE = 128
 _CELLS, _CELL_PATCHES = 16, 8
 _MOST_SHIFT = 0.2
 """Stops: a correction of the second order that is larger is none."""
-
-
-@dataclass(frozen=True)
-class FineCurve:
-    """A curve of 256 codes between them too: tables at steps of 1/16 code."""
-
-    log2: Doubles
-    slope: Doubles
-    """Stops a code."""
-    bend: Doubles
-    """Stops a squared code."""
-
-    @staticmethod
-    def of(log2_exposure: Doubles) -> FineCurve:
-        """Interpolate; in linear exposure, in which the toe of a curve is straight."""
-        from scipy.interpolate import PchipInterpolator
-
-        codes = np.linspace(0, 255, 255 * _STEPS + 1)
-        log2 = np.asarray(np.log2(PchipInterpolator(np.arange(256), np.exp2(log2_exposure))(codes)), dtype=np.float64)
-        # Derivatives over whole codes: those of the interpolation itself jump.
-        slope = np.interp(codes, np.arange(256), np.gradient(log2_exposure))
-        bend = np.interp(codes, np.arange(256), np.gradient(np.gradient(log2_exposure)))
-        return FineCurve(log2, slope, bend)
-
-    def at(self, codes: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-        """Return log2 exposure, slope and bend at codes (clipped to 0..255)."""
-        place = np.clip(codes, 0, 255) * _STEPS
-        first = np.minimum(place.astype(np.int64), len(self.log2) - 2)
-        share = place - first
-        nearest = np.rint(place).astype(np.int64)
-        log2 = np.asarray(self.log2[first] + share * (self.log2[first + 1] - self.log2[first]), dtype=np.float64)
-        return log2, self.slope[nearest], self.bend[nearest]
-
-    def code(self, log2_exposure: Doubles) -> Doubles:
-        """Return the code of an exposure, 0..255."""
-        codes = np.linspace(0, 255, len(self.log2))
-        return np.asarray(np.interp(log2_exposure, self.log2, codes), dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class CodeNoise:
-    """Variance of a code (or of a mean of codes): photon x + read2 in exposure, and ``code`` in squared codes."""
-
-    photon: float
-    read2: float
-    code: float
-
-    def variance(self, log2_exposure: Doubles, slope: Doubles) -> Doubles:
-        """Return squared codes at exposures where the curve has a slope (stops a code)."""
-        x = np.exp2(log2_exposure)
-        return np.asarray((self.photon * x + self.read2) / (x * np.log(2.0) * slope) ** 2 + self.code)
-
-
-FIRST_GUESS = CodeNoise(0.0, 0.0, 0.25)
 
 
 @dataclass(frozen=True)
@@ -162,14 +107,6 @@ class Weighed:
     """Stops, observed minus predicted."""
     standard: Doubles
     """The residual in its own standard deviations, the patch's own share in its prediction taken into account."""
-
-
-@dataclass(frozen=True)
-class PatchNoise:
-    """Noise of the patches' means, by which they are weighed, and of single pixels."""
-
-    mean: CodeNoise = FIRST_GUESS
-    pixel: CodeNoise = CodeNoise(0.0, 0.0, 1.0)
 
 
 def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Doubles, noise: PatchNoise, rounds: int = 2) -> Weighed:

@@ -1,71 +1,57 @@
-"""A camera's response curve and noise from one bracket or several."""
+"""A camera's response curve and noise from one bracket or several, and whether those of its profile still hold."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from processing.calibration.response.curve import NoiseModel, ResponseCurve
-from processing.calibration.response.daylit_method import (
+from processing.calibration.response.bracket_fit import (
     ChannelFit,
     DaylitFit,
     check_enough,
-    check_order,
     fit_daylit,
-    monotone,
-    support,
 )
-from processing.calibration.response.fit import CodeNoise, FineCurve
-from processing.calibration.response.noise_fit import fit_noise
-from processing.calibration.response.quality import (
-    LEAST_HIGH,
-    MIDDLE_CODE,
-    WHITE_CODE,
-    ResponseCheck,
-    check_response,
-    curve_sigma,
-    regauge,
-    regauge_noise,
-    residuals_by_code,
-    sigma_from_residuals,
-)
-from processing.calibration.response.response_debevec import debevec_malik
-from processing.calibration.response.response_mitsunaga import mitsunaga_nayar
-from processing.calibration.response.response_robertson import robertson
-from processing.calibration.response.samples import CHANNELS, Bracket8, ChannelSamples, Samples, take_samples
+from processing.calibration.response.curve import NoiseModel, ResponseCurve, fit_noise
+from processing.calibration.response.fit import CodeNoise, FineCurve, PatchNoise, spline_basis, weigh
+from processing.calibration.response.samples import CHANNELS, Bracket8, Samples, take_samples
 from processing.calibration.response.shutter import ShutterRule
-from processing.errors import ParameterError, ResponseError
 from processing.ground.arrays import Doubles
 
-__all__ = [
-    "METHODS",
-    "Bracket8",
-    "ResponseCheck",
-    "ResponseFit",
-    "check_response",
-    "estimate_noise",
-    "recover_response",
-    "regauge",
-    "regauge_noise",
-]
+T = TypeVar("T", int, float)
 
-
-_NAMED: dict[str, Callable[[ChannelSamples, Doubles], Doubles]] = {
-    "debevec-malik": debevec_malik,
-    "mitsunaga-nayar": mitsunaga_nayar,
-    "robertson": robertson,
-}
-METHODS = ("daylit", *_NAMED)
+WHITE_CODE, MIDDLE_CODE = 255, 128
+"""A bracket gives the curve of each channel but for a factor. We choose exposure 1 at code 255, where the curve is
+continued by a few codes: cameras balance their channels so that a saturated sensor comes out white. Of the gauges
+measured on simulated cameras whose channels have tone curves of their own it keeps colours best (docs/calibration.md).
+Where the frames come nowhere near white the gauge is code 128."""
+LEAST_HIGH = 235
+"""Code that the frames must reach in all channels for the white gauge; chosen: 20 codes of extrapolation at most."""
 _PIXELS = 9
-_DEEPEST_STOPS, _WORST_STOPS = 24.0, 0.3
+"""Of each patch, all, to estimate the noise of single pixels."""
 _ROUNDING = 1 / 12
+"""Squared codes: the variance of rounding to whole codes."""
+MODEL_CODES = 0.1
+"""Of the standard deviation of one pixel's coding: how far a smooth curve may be from the camera's mean code (kinks of
+the tone curve, coders that drop what is small). Measured on simulated cameras of training seeds."""
+_BEYOND = 0.003, 0.02
+"""Stops a code that the continuation above and below the data adds; chosen on the same cameras."""
+BIN_CODES = 8
+"""Codes a bin of the residuals; chosen."""
+FIRST, LAST = 20, 235
+"""Codes over which two curves are compared; chosen: clear of black and of white."""
+LEAST_DRIFT_STOPS = 0.02
+"""A drift below is of no consequence: 1.4 % of light."""
+_SIGNIFICANT = 3.0
+"""Standard deviations that a drift must exceed; chosen."""
 
 
 @dataclass(frozen=True)
 class ResponseFit:
-    """What a bracket tells of its camera."""
+    """What a bracket says of its camera."""
 
     curve: ResponseCurve
     noise: NoiseModel
@@ -83,31 +69,47 @@ class ResponseFit:
     """The rule that the frames fit best, where they tell the rules apart."""
 
 
-def recover_response(
-    brackets: Sequence[Bracket8], method: str = "daylit", *, estimate_times: bool = False, seed: int = 0
-) -> ResponseFit:
+def recover_response(brackets: Sequence[Bracket8], *, estimate_times: bool = False, seed: int = 0) -> ResponseFit:
     """Return curve and noise of the camera that took ``brackets``.
 
-    ``method`` is one of `METHODS`. ``estimate_times`` (daylit only): times are nominal; the rule behind them is chosen
-    by what the frames say. A frame whose time contradicts all others gets the time that they imply, with a warning.
+    ``estimate_times``: times are nominal; the rule behind them is chosen by what the frames say. A frame whose time
+    contradicts all others gets the time that they imply, with a warning.
 
     Raises
     ------
     ResponseError
-        Frames from which no curve can be told.
+        Frames from which no curve can be recovered.
     BracketError
         Frames that are no bracket.
-    ParameterError
-        A method that is not known, or that cannot estimate times.
     """
-    if method not in METHODS:
-        raise ParameterError(f"no response method {method!r}", advice=f"one of {', '.join(METHODS)}")
-    if estimate_times and method != "daylit":
-        raise ParameterError(f"{method} does not estimate shutter times", advice="use the method daylit")
     samples = take_samples(brackets, seed)
-    if method == "daylit":
-        return _daylit(samples, free_times=estimate_times)
-    return _named(samples, method)
+    fit = fit_daylit(samples, free_times=estimate_times)
+    channels = fit.channels
+    low, high = zip(*((one.low, one.high) for one in channels), strict=True)
+    gauge = WHITE_CODE if min(high) >= LEAST_HIGH else MIDDLE_CODE
+    sigma = np.stack([curve_sigma(one, MIDDLE_CODE) for one in channels])
+    curve = ResponseCurve(
+        np.stack([one.log2 - one.log2[gauge] for one in channels]),
+        sigma,
+        _three(low),
+        _three(high),
+        gauge_code=gauge,
+        sigma_code=MIDDLE_CODE,
+        balance_sigma=_three(sigma[:, gauge].tolist()),
+        n_samples=sum(data.n_samples for data in samples.channels),
+        residual_stops=_residual_stops(channels),
+    )
+    times = tuple(float(t) for t in np.exp2(fit.log2_times))
+    return ResponseFit(
+        curve,
+        _noise_model([one.noise.pixel for one in channels], [float(np.exp2(-one.log2[gauge])) for one in channels]),
+        times,
+        fit.estimate.sigma if estimate_times else tuple(0.0 for _ in times),
+        {"moved": _moved_share(samples, channels)},
+        _warnings(samples, fit, gauge, free_times=estimate_times),
+        fit.wrong_times,
+        fit.estimate.rule if fit.estimate.decided else None,
+    )
 
 
 def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: int = 0) -> NoiseModel:
@@ -130,96 +132,16 @@ def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: 
     return _noise_model([one or CodeNoise(0.0, 0.0, 1.0) for one in found])
 
 
-def _noise_model(found: Sequence[CodeNoise]) -> NoiseModel:
-    red, green, blue = found
+def _noise_model(channels: Sequence[CodeNoise], gauge: Sequence[float] = (1.0, 1.0, 1.0)) -> NoiseModel:
+    """Return the channels' noise; ``gauge``: their exposures in the curve's unit over those in their own."""
     return NoiseModel(
-        (red.photon, green.photon, blue.photon),
-        (red.read2**0.5, green.read2**0.5, blue.read2**0.5),
-        (red.code, green.code, blue.code),
+        _three([by * one.photon for by, one in zip(gauge, channels, strict=True)]),
+        _three([by * one.read2**0.5 for by, one in zip(gauge, channels, strict=True)]),
+        _three([one.code for one in channels]),
     )
 
 
-def _daylit(samples: Samples, *, free_times: bool) -> ResponseFit:
-    fit = fit_daylit(samples, free_times=free_times)
-    channels = fit.channels
-    low, high = _limits([(one.low, one.high) for one in channels])
-    gauge = WHITE_CODE if min(high) >= LEAST_HIGH else MIDDLE_CODE
-    curve = ResponseCurve(
-        np.stack([one.log2 - one.log2[gauge] for one in channels]),
-        np.stack([curve_sigma(one, MIDDLE_CODE) for one in channels]),
-        low,
-        high,
-        gauge_code=gauge,
-        sigma_code=MIDDLE_CODE,
-        balance_sigma=_three([float(curve_sigma(one, MIDDLE_CODE)[gauge]) for one in channels]),
-        method="daylit",
-        n_samples=sum(data.n_samples for data in samples.channels),
-        residual_stops=_residual_stops(channels),
-    )
-    # The channels' own scale is 1 at code 255.
-    noise = _noise_model([one.noise.pixel for one in channels])
-    red, green, blue = (float(np.exp2(-one.log2[gauge])) for one in channels)
-    times = tuple(float(t) for t in np.exp2(fit.log2_times))
-    estimate = fit.estimate
-    return ResponseFit(
-        curve,
-        regauge_noise(noise, (red, green, blue)),
-        times,
-        estimate.sigma if free_times else tuple(0.0 for _ in times),
-        {"moved": _moved_share(samples, channels)},
-        _warnings(samples, fit, gauge, free_times=free_times),
-        fit.wrong_times,
-        estimate.rule if estimate.decided else None,
-    )
-
-
-def _named(samples: Samples, method: str) -> ResponseFit:
-    log2, limits = [], []
-    check_order(samples)
-    for data, name in zip(samples.channels, CHANNELS, strict=True):
-        check_enough(data, name)
-        limits.append(support(data.mean, name))
-        found = _NAMED[method](data, samples.log2_times)
-        found = np.maximum(found, found[255] - _DEEPEST_STOPS)
-        log2.append(monotone(found, found, 0, 255))
-    low, high = _limits(limits)
-    bare = ResponseCurve(np.stack(log2), np.zeros((3, 256)), low, high, WHITE_CODE, method=method)
-    residuals = residuals_by_code(samples, bare)
-    misfit = float(np.median(residuals.spread_stops[residuals.count > 0])) if residuals.count.any() else np.inf
-    if misfit > _WORST_STOPS:
-        raise ResponseError(
-            f"{method} finds no curve: frames differ from it by {misfit:.2g} stops",
-            where="response",
-            likely="few or moving frames, or wrong times",
-            advice="use the method daylit, which says what is wrong",
-        )
-    curve = replace(
-        bare,
-        sigma_log2=sigma_from_residuals(residuals),
-        n_samples=sum(data.n_samples for data in samples.channels),
-        residual_stops=misfit,
-    )
-    noise = [
-        fit_noise(data, FineCurve.of(g), samples.log2_times, least_code_variance=_ROUNDING, pixels=_PIXELS)
-        for data, g in zip(samples.channels, log2, strict=True)
-    ]
-    times = tuple(float(t) for t in np.exp2(samples.log2_times))
-    return ResponseFit(
-        curve,
-        _noise_model([one or CodeNoise(0.0, 0.0, 1.0) for one in noise]),
-        times,
-        tuple(0.0 for _ in times),
-        {},
-        _duplicate_warnings(samples),
-    )
-
-
-def _limits(limits: Sequence[tuple[int, int]]) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-    red, green, blue = limits
-    return (red[0], green[0], blue[0]), (red[1], green[1], blue[1])
-
-
-def _three(values: Sequence[float]) -> tuple[float, float, float]:
+def _three(values: Sequence[T]) -> tuple[T, T, T]:
     red, green, blue = values
     return red, green, blue
 
@@ -238,13 +160,9 @@ def _residual_stops(channels: Sequence[ChannelFit]) -> float:
     return 1.4826 * float(np.median(sizes)) if sizes.size else 0.0
 
 
-def _duplicate_warnings(samples: Samples) -> tuple[str, ...]:
-    return tuple(f"frame {j} is the same picture as an earlier one: left out" for j in samples.duplicates)
-
-
 def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool) -> tuple[str, ...]:
     """Say what is odd about the frames."""
-    found = list(_duplicate_warnings(samples))
+    found = [f"frame {j} is the same picture as an earlier one: left out" for j in samples.duplicates]
     for j, stops in fit.wrong_times.items():
         given, implied = np.exp2(samples.log2_times[j]), np.exp2(fit.log2_times[j])
         found.append(
@@ -258,3 +176,121 @@ def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool)
     if gauge != WHITE_CODE:
         found.append("no frame comes near white: the channels are balanced at code 128, and colours are less sure")
     return tuple(found)
+
+
+def curve_sigma(fit: ChannelFit, gauge: int) -> Doubles:
+    """Return the standard uncertainty (256,), 0 at the gauge code: of the fit, of the model, and of what is beyond."""
+    rows = spline_basis().codes
+    inside = np.clip(np.arange(256), fit.low, min(fit.high + 3, 255))
+    rows = rows[inside] - rows[inside[gauge]]
+    covered = np.einsum("zi,ij,zj->z", rows, fit.solution.covariance, rows)
+    covered = np.maximum(covered, 0.0) * max(fit.solution.scale2, 1.0)
+    slope = np.gradient(fit.log2)
+    model = (MODEL_CODES * slope) ** 2 * fit.noise.pixel.code
+    codes = np.arange(256)
+    beyond = _BEYOND[0] * np.maximum(codes - fit.high, 0) + _BEYOND[1] * np.maximum(fit.low - codes, 0)
+    sigma = np.sqrt(covered + model + model[gauge] + (beyond - beyond[gauge]) ** 2)
+    sigma[gauge] = 0.0
+    return np.asarray(sigma)
+
+
+@dataclass(frozen=True)
+class CodeResiduals:
+    """Residuals in stops by code: what a patch's light is in one frame less what its other frames say."""
+
+    codes: Doubles
+    """(32,) middle of each bin of 8 codes."""
+    mean_stops: Doubles
+    """(3, 32): 0 for a right curve; NaN never: 0 where `count` is 0."""
+    spread_stops: Doubles
+    """(3, 32) robust standard deviation of one patch."""
+    count: npt.NDArray[np.int64]
+    """(3, 32) patches."""
+
+
+def residuals_by_code(samples: Samples, curve: ResponseCurve) -> CodeResiduals:
+    """Return the residuals of samples under a curve."""
+    n_bins = 256 // BIN_CODES
+    mean, spread = np.zeros((3, n_bins)), np.zeros((3, n_bins))
+    count = np.zeros((3, n_bins), dtype=np.int64)
+    for c, data in enumerate(samples.channels):
+        if data.n_samples == 0:
+            continue
+        found = weigh(data, FineCurve.of(curve.log2_exposure[c]), samples.log2_times, PatchNoise())
+        used = found.weight > 0
+        bins = np.minimum(found.predicted[used] / BIN_CODES, n_bins - 1).astype(np.int64)
+        residual = found.residual[used]
+        count[c] = np.bincount(bins, minlength=n_bins)
+        for b in np.flatnonzero(count[c]):
+            mine = residual[bins == b]
+            mean[c, b] = np.median(mine)
+            spread[c, b] = 1.4826 * np.median(np.abs(mine - mean[c, b]))
+    middle = (np.arange(n_bins, dtype=np.float64) + 0.5) * BIN_CODES
+    return CodeResiduals(middle, mean, spread, count)
+
+
+@dataclass(frozen=True)
+class ResponseCheck:
+    """The difference of a session's own curve from the profile's over codes 20..235, free of its mean."""
+
+    drift_stops: float
+    """Root mean square difference of the channel that differs most."""
+    sigma_stops: float
+    """Root mean square of the uncertainty that both curves state."""
+    drifted: bool
+    channel_stops: tuple[float, float, float]
+    worst_code: int
+    noise_ratio: float
+    """Relative noise of the session's pixels at middle codes over the profile's: settings or light may differ."""
+    warnings: tuple[str, ...] = ()
+
+
+def check_response(
+    curve: ResponseCurve, noise: NoiseModel, bracket: Bracket8, *, estimate_times: bool = False, seed: int = 0
+) -> ResponseCheck:
+    """Compare a session's own curve and noise with its camera's profile; frames decoded at 1/8 of their size will do.
+
+    The session's curve is fitted as a smooth change of the profile's, so that codes which the session does not show
+    add nothing.
+
+    Raises
+    ------
+    ResponseError
+        Frames that cannot tell (too few patches or codes).
+    BracketError
+        Frames that are no bracket.
+    """
+    samples = take_samples([bracket], seed)
+    fit = fit_daylit(samples, free_times=estimate_times, base=curve.log2_exposure)
+    drifts, sigmas, codes, ratios = [], [], [], []
+    for c, own in enumerate(fit.channels):
+        seen = np.arange(max(FIRST, own.low, curve.low[c]), min(LAST, own.high, curve.high[c]) + 1)
+        change = (own.log2 - curve.log2_exposure[c])[seen]
+        change = change - change.mean()
+        sigma = np.hypot(curve_sigma(own, int(seen[len(seen) // 2])), curve.sigma_log2[c])[seen]
+        drifts.append(float(np.sqrt((change**2).mean())))
+        sigmas.append(float(np.sqrt((sigma**2).mean())))
+        codes.append(int(seen[np.argmax(np.abs(change))]))
+        ratios.append(_noise_ratio(own.noise.pixel.code, own.noise.pixel.photon, noise, curve, c))
+    worst = int(np.argmax([d / s for d, s in zip(drifts, sigmas, strict=True)]))
+    drift, sigma_ = drifts[worst], sigmas[worst]
+    drifted = drift > max(LEAST_DRIFT_STOPS, _SIGNIFICANT * sigma_)
+    warnings = (f"the camera's response drifted by {drift:.3f} stops (uncertainty {sigma_:.3f})",) if drifted else ()
+    return ResponseCheck(
+        drift,
+        sigma_,
+        drifted,
+        (drifts[0], drifts[1], drifts[2]),
+        codes[worst],
+        float(np.median(ratios)),
+        warnings,
+    )
+
+
+def _noise_ratio(code: float, photon: float, noise: NoiseModel, curve: ResponseCurve, channel: int) -> float:
+    """Return the ratio of relative standard deviations at code 128."""
+    x = float(curve.exposure[channel, 128])
+    slope = float(curve.log2_slope[channel, 128] * np.log(2.0))
+    now = photon / x + code * slope**2
+    then = noise.photon[channel] / x + noise.code_variance[channel] * slope**2
+    return float(np.sqrt(now / max(then, 1e-12)))

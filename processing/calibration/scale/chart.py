@@ -28,6 +28,7 @@ from processing.calibration.scale.chart_patches import (
 from processing.calibration.scale.luminance import CURVE_FRAC, ScaleFactor
 from processing.errors import ChartError
 from processing.ground.arrays import Doubles
+from processing.ground.colour import lab_of_linear
 from processing.pictures.images import RelativeImage
 
 __all__ = ["FoundChart", "PatchPair", "find_chart", "scale_from_charts"]
@@ -163,7 +164,8 @@ def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> t
     y_in, y_out = indoor.luminance, outdoor.luminance * fit.slope
     predicted = np.maximum(y_out + fit.offset, 1e-30)
     residual = np.log2(np.maximum(y_in, 1e-30) / predicted)
-    differences = np.linalg.norm(_lab(indoor.rgb, white) - _lab(outdoor.rgb, white), axis=1)
+    lab_in, lab_out = (lab_of_linear(chart.rgb, chart.rgb[white]) for chart in (indoor, outdoor))
+    differences = np.linalg.norm(lab_in - lab_out, axis=1)
     both = indoor.usable & outdoor.usable
     return tuple(
         PatchPair(
@@ -176,17 +178,6 @@ def _pairs(indoor: FoundChart, outdoor: FoundChart, fit: _Line, white: int) -> t
         )
         for n, name in enumerate(PATCH_NAMES)
     )
-
-
-def _lab(rgb: Doubles, white: int) -> Doubles:
-    """Return CIE L*a*b* (24, 3) of linear Rec. 709 relative to one of its rows (CIE 15:2004, 8.2.1)."""
-    to_xyz = np.array(
-        [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
-    )
-    xyz = np.maximum(rgb, 0) @ to_xyz.T
-    t = xyz / np.maximum(xyz[white], 1e-30)
-    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t * (29 / 6) ** 2 / 3 + 4 / 29)
-    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
 
 
 def _warnings(ratio: float, fit: _Line, white: int) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from processing.calibration.scale.luminance import NEIGHBOURS
 from processing.errors import ChartError
 from processing.ground.arrays import Doubles
+from processing.ground.colour import srgb_decoded
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 
 COLUMNS, ROWS = 6, 4
@@ -67,7 +68,7 @@ class FoundChart:
 def reflectances() -> Doubles:
     """Return the linear Rec. 709 reflectances (24, 3) of the published colours (IEC 61966-2-1)."""
     value = np.array([[code >> 16, code >> 8 & 255, code & 255] for code in _SRGB]) / 255
-    return np.asarray(np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4))
+    return srgb_decoded(value)
 
 
 def homography(corners_px: Doubles) -> Doubles:

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from PIL import Image
 
 from processing.ground.arrays import Doubles, Int32s
-from processing.layout.furniture.model import FurnitureModel, Material, Part, linear_of_srgb, srgb_of_linear
+from processing.ground.colour import linear_of_srgb, srgb_of_linear
+from processing.layout.furniture.model import FurnitureModel, Material, Part
 
 # Depth buffers: triangles into pixels, and how much of a set of lights points see.
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Floats, Int32s
+from processing.ground.colour import linear_of_srgb
 
 Colour: TypeAlias = tuple[float, float, float]
 Size: TypeAlias = tuple[float, float, float]
@@ -46,26 +46,6 @@ class Material:
         mean = linear_of_srgb(self.texture[:: max(1, len(self.texture) // 64)]).mean(axis=(0, 1))
         r, g, b = (float(m * c) for m, c in zip(mean, self.base_colour, strict=True))
         return r, g, b
-
-
-def linear_of_srgb(values: Bytes) -> Floats:
-    """Return linear values in [0, 1] of sRGB bytes."""
-    table = np.arange(256) / 255.0
-    table = np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    return np.asarray(table[values], dtype=np.float32)
-
-
-def srgb_of_linear(values: npt.ArrayLike) -> Bytes:
-    """Return sRGB bytes of linear values, clipped to [0, 1]; to the nearest of 65,536 levels."""
-    v = np.clip(np.asarray(values, dtype=np.float32), 0.0, 1.0)
-    return np.asarray(_srgb_table()[np.rint(65535 * v).astype(np.uint16)], dtype=np.uint8)
-
-
-@lru_cache(maxsize=1)
-def _srgb_table() -> Bytes:
-    v = np.arange(65536) / 65535
-    coded = np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(255 * coded), dtype=np.uint8)
 
 
 @dataclass(frozen=True, eq=False)

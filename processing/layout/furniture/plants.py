@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from processing.ground.arrays import Bytes, Doubles
+from processing.ground.colour import srgb_of_linear
 from processing.layout.furniture.bench import Bench
-from processing.layout.furniture.model import Colour, Material, srgb_of_linear
+from processing.layout.furniture.model import Colour, Material
 from processing.layout.furniture.soft import sheets
 from processing.layout.furniture.solids import circle, curve, loft, rounded_rectangle, slab, tube, turned_piece
 from processing.layout.furniture.styles import noise

@@ -11,7 +11,8 @@ from scipy import fft
 
 from processing.errors import ItemError
 from processing.ground.arrays import Bytes, Doubles
-from processing.layout.furniture.model import Colour, Material, srgb_of_linear
+from processing.ground.colour import srgb_of_linear
+from processing.layout.furniture.model import Colour, Material
 
 # Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, leather.
 

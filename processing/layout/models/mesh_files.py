@@ -21,7 +21,8 @@ from PIL import Image
 
 from processing.errors import ModelFileError
 from processing.ground.arrays import Bytes, Doubles, Int64s
-from processing.layout.furniture.model import Material, linear_of_srgb
+from processing.ground.colour import linear_of_srgb
+from processing.layout.furniture.model import Material
 from processing.layout.models.gltf_checks import check_gltf
 
 SUFFIXES = (".glb", ".gltf", ".obj")

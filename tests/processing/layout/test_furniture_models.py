@@ -107,7 +107,7 @@ def test_textures_repeat_without_a_seam_and_keep_their_mean_colour() -> None:
     inside = np.abs(np.diff(field, axis=0)).mean()
     assert np.abs(field[0] - field[-1]).mean() < 1.5 * inside
     picture = wood((0.5, 0.335, 0.185))
-    from processing.layout.furniture.model import linear_of_srgb
+    from processing.ground.colour import linear_of_srgb
 
     np.testing.assert_allclose(linear_of_srgb(picture).mean(axis=(0, 1)), (0.5, 0.335, 0.185), rtol=0.02)
 

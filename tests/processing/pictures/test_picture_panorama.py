@@ -12,9 +12,10 @@ import pytest
 from PIL import Image, ImageCms
 
 from processing.errors import PanoramaError, PictureFileError
+from processing.ground.colour import linear_of_srgb
 from processing.pictures.exr import write_exr
 from processing.pictures.images import RelativeImage, Validity
-from processing.pictures.panorama import MIDDLE, WHITE, linear_from_srgb, read_panorama
+from processing.pictures.panorama import MIDDLE, WHITE, read_panorama
 from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Fisheye, LensMapping
 from tests.processing.pictures.picture_strategies import luminance_image
@@ -42,8 +43,8 @@ def test_a_photograph_goes_through_the_inverse_of_srgb(tmp_path: Path) -> None:
 
 def test_the_curve_is_exact_at_its_ends_and_its_knee() -> None:
     codes = np.array([0, 1, 10, 11, 255], np.uint8)
-    np.testing.assert_allclose(linear_from_srgb(codes), [0, 1 / 255 / 12.92, 10 / 255 / 12.92, 0.0033465, 1], rtol=1e-4)
-    assert linear_from_srgb(np.array([65535], np.uint16))[0] == 1
+    np.testing.assert_allclose(linear_of_srgb(codes), [0, 1 / 255 / 12.92, 10 / 255 / 12.92, 0.0033465, 1], rtol=1e-4)
+    assert linear_of_srgb(np.array([65535], np.uint16))[0] == 1
 
 
 def test_sixteen_bits_are_read_as_such(tmp_path: Path) -> None:

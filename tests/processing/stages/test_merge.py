@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from mocks.optics.sensor import ToneCurve
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, save_profile
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
-from processing.calibration.response.response import METHODS, Bracket8, recover_response
+from processing.calibration.response.response import Bracket8, recover_response
 from processing.errors import BracketError, ProcessingError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import RelativeImage, luminance_cd_m2
@@ -26,7 +26,6 @@ from processing.running.requests import RunRequest
 from processing.running.results import Action, RunReport
 from processing.running.runner import process
 from processing.sphere import Equirectangular, Fisheye
-from processing.stages.parameters import MergeParameters
 from station.errors import IntegrityError
 from station.session.session import Side
 from tests.processing.stages.sessions import bracket_session
@@ -205,7 +204,3 @@ def test_a_changed_frame_ends_the_run_with_its_name(truth: SyntheticBracket, tmp
     frame.write_bytes(data)
     with pytest.raises(IntegrityError, match=frame.name):
         run(session)
-
-
-def test_response_methods_are_those_there_are() -> None:
-    assert set(get_args(MergeParameters.model_fields["response_method"].annotation)) == set(METHODS)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
-from processing.calibration.response.quality import neutral_factors, regauge, regauge_noise
 from processing.calibration.response.response import Bracket8, estimate_noise
-from processing.errors import ParameterError, ResponseError
+from processing.errors import ResponseError
 from tests.processing.calibration.response.response_cases import fitted, made, truth
 
 
@@ -43,24 +40,3 @@ def test_too_little_is_refused() -> None:
     black = np.zeros((50, 50, 3), dtype=np.uint8)
     with pytest.raises(ResponseError):
         estimate_noise([Bracket8([black, black], (1.0, 0.5))], true_curve())
-
-
-def test_another_gauge_changes_no_relative_noise() -> None:
-    factors = (0.5, 1.0, 3.0)
-    before = true_noise().relative_variance(true_curve())
-    after = regauge_noise(true_noise(), factors).relative_variance(regauge(true_curve(), factors))
-    assert np.allclose(before, after)
-    assert np.allclose(regauge(true_curve(), factors).exposure[:, 255], factors)
-
-
-def test_neutral_factors_make_grey() -> None:
-    seen = (0.2, 0.25, 0.4)
-    assert np.allclose(np.multiply(seen, neutral_factors(seen)), 0.25)
-    for bad in ((0.0, 1.0, 1.0), (1.0, float("nan"), 1.0), (1.0, 1.0)):
-        with pytest.raises(ParameterError):
-            regauge(true_curve(), bad)
-
-
-def test_curve_keeps_its_other_facts() -> None:
-    curve = replace(true_curve(), method="robertson")
-    assert regauge(curve, (1.0, 2.0, 1.0)).method == "robertson"

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mocks.optics.sensor import ToneCurve
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, synthetic_bracket
-from processing.calibration.response.response import METHODS, Bracket8, ResponseFit, check_response, recover_response
+from processing.calibration.response.response import Bracket8, ResponseFit, check_response, recover_response
 from processing.errors import BracketError, ResponseError
 from tests.processing.calibration.response.response_cases import bracket, fitted, is_sound, made
 
@@ -57,11 +57,10 @@ def test_frames_that_tell_nothing_are_refused() -> None:
     height=st.integers(1, 70),
     width=st.integers(1, 70),
     kind=st.sampled_from(["random", "steps", "real", "two"]),
-    method=st.sampled_from(METHODS),
 )
 @settings(max_examples=25, deadline=None)
 def test_any_frames_give_a_sound_curve_or_a_named_refusal(
-    seed: int, count: int, height: int, width: int, kind: str, method: str
+    seed: int, count: int, height: int, width: int, kind: str
 ) -> None:
     rng = np.random.default_rng(seed)
     times = np.exp2(rng.uniform(-12, 2, count))
@@ -73,7 +72,7 @@ def test_any_frames_give_a_sound_curve_or_a_named_refusal(
         "real": lambda t: made(31).frames[int(np.argmin(np.abs(np.array(made(31).true_s) - t)))][:height, :width],
     }[kind]
     try:
-        fit = recover_response([Bracket8([np.asarray(frames(t)).astype(np.uint8) for t in times], list(times))], method)
+        fit = recover_response([Bracket8([np.asarray(frames(t)).astype(np.uint8) for t in times], list(times))])
     except (ResponseError, BracketError):
         return
     assert is_sound(fit)

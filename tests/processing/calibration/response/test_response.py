@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from mocks.optics.sensor import TrueShutter
-from processing.calibration.response.quality import residuals_by_code
-from processing.calibration.response.response import METHODS, Bracket8, recover_response
+from processing.calibration.response.response import Bracket8, recover_response, residuals_by_code
 from processing.calibration.response.samples import take_samples
-from processing.errors import BracketError, ParameterError, ResponseError
+from processing.errors import BracketError, ResponseError
 from tests.processing.calibration.response.response_cases import (
     TIMES_S,
     bracket,
@@ -60,14 +59,6 @@ def test_two_brackets_agree_and_together_are_no_worse() -> None:
     both = recover_response([bracket(31), bracket(32)])
     assert len(both.times_s) == 18
     assert rms(both.curve) < 0.005
-
-
-@pytest.mark.parametrize(("method", "limit"), [("debevec-malik", 0.03), ("mitsunaga-nayar", 0.01), ("robertson", 0.1)])
-def test_named_methods(method: str, limit: float) -> None:
-    fit = recover_response([bracket()], method)
-    assert is_sound(fit)
-    assert fit.curve.method == method
-    assert rms(fit.curve, 15, 240) < limit
 
 
 def test_same_input_same_curve() -> None:
@@ -147,7 +138,6 @@ def test_nominal_times_that_are_true_stay() -> None:
 EVEN = [np.full((60, 80, 3), code, dtype=np.uint8) for code in (220, 120, 60, 30)]
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("frames", "times"),
     [
@@ -163,9 +153,9 @@ EVEN = [np.full((60, 80, 3), code, dtype=np.uint8) for code in (220, 120, 60, 30
     ],
     ids=["white", "black", "one frame", "even", "one picture", "one time", "one pixel", "reversed", "far apart"],
 )
-def test_what_cannot_tell_a_curve_is_refused(method: str, frames: list[np.ndarray], times: tuple[float, ...]) -> None:
+def test_what_cannot_tell_a_curve_is_refused(frames: list[np.ndarray], times: tuple[float, ...]) -> None:
     with pytest.raises(ResponseError) as caught:
-        recover_response([Bracket8(frames, times)], method)
+        recover_response([Bracket8(frames, times)])
     assert caught.value.advice
 
 
@@ -183,10 +173,6 @@ def test_what_is_no_bracket_is_refused() -> None:
             recover_response([bad])
     with pytest.raises(BracketError):
         recover_response([])
-    with pytest.raises(ParameterError):
-        recover_response([bracket()], "magic")
-    with pytest.raises(ParameterError):
-        recover_response([bracket()], "robertson", estimate_times=True)
 
 
 def test_residuals_show_a_wrong_curve() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from processing.calibration.response.curve import fit_noise
 from processing.calibration.response.fit import (
     FIRST_CODE,
     LAST_CODE,
@@ -22,7 +23,6 @@ from processing.calibration.response.fit import (
     srgb_log2_exposure,
     weigh,
 )
-from processing.calibration.response.noise_fit import fit_noise
 from processing.calibration.response.samples import CHANNELS, ChannelSamples, Samples
 from processing.calibration.response.shutter import (
     TimeEstimate,
