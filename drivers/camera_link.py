@@ -63,12 +63,8 @@ class CameraLink:
     def open(self) -> DeviceInfo:
         """Open transport and session and check that the camera is of the right kind.
 
-        Raises
-        ------
-        UnsupportedError
-            Another PTP extension, or operations missing.
-        DeviceError
-            What the transport or the session raises; nothing stays open then.
+        Raises `UnsupportedError`: another PTP extension, or operations missing; `DeviceError`: what the transport or
+        the session raises; nothing stays open then.
         """
         self.close()
         transport = self._open_transport()
@@ -109,12 +105,8 @@ class CameraLink:
         bool
             Whether it is a new session (the camera may have lost modes and settings).
 
-        Raises
-        ------
-        DeviceNotFoundError
-            Another camera than before answers.
-        DeviceError
-            What is still wrong after `drivers.ptp.resync.RESYNC_LIMIT_S`.
+        Raises `DeviceNotFoundError`: another camera than before answers; `DeviceError`: what is still wrong after
+        `drivers.ptp.resync.RESYNC_LIMIT_S`.
         """
         if self._session is None:
             before = self._info

@@ -42,12 +42,8 @@ class PortOpener:
     def __call__(self) -> SerialLink:
         """Open the port.
 
-        Raises
-        ------
-        DeviceNotFoundError
-            The instrument that was there before is not there now (another one does not count), or none is.
-        DeviceError
-            See `SerialLink.open`.
+        Raises `DeviceNotFoundError`: the instrument that was there before is not there now (another one does not
+        count), or none is; `DeviceError`: see `SerialLink.open`.
         """
         name = self._name_now()
         link = SerialLink.open(name, self._settings, clock=self._clock)
@@ -76,10 +72,7 @@ def find_port(
 ) -> str:
     """Return the port of the instrument with one of these USB ids (and serial number), whatever its number now.
 
-    Raises
-    ------
-    DeviceNotFoundError
-        None, or several without a serial number to choose by.
+    Raises `DeviceNotFoundError`: none, or several without a serial number to choose by.
     """
     found = [
         p

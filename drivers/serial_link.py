@@ -142,10 +142,8 @@ class SerialLink:
     def open(cls, name: str, settings: PortSettings, *, clock: Clock | None = None) -> SerialLink:
         """Open a port for ourselves alone.
 
-        Raises
-        ------
-        DeviceNotFoundError, DevicePermissionError, DeviceClaimedError, DeviceLostError
-            As the operating system says.
+        Raises `DeviceNotFoundError, DevicePermissionError, DeviceClaimedError, DeviceLostError`: as the operating
+        system says.
         """
         try:
             port = serial.serial_for_url(

@@ -133,16 +133,10 @@ class UsbLink:
     ) -> UsbLink:
         """Open the camera with these ids, and this USB serial number where several are plugged in.
 
-        Raises
-        ------
-        DeviceNotFoundError
-            No such camera, or several and no ``serial``; or no USB library.
-        DeviceClaimedError
-            Another program holds it; named in the message and in ``details['holder']`` where the system tells.
-        DevicePermissionError, DeviceLostError
-            The system refuses access; the camera vanished meanwhile.
-        UnsupportedError
-            It has no still-image interface: another USB mode.
+        Raises `DeviceNotFoundError`: no such camera, or several and no ``serial``; or no USB library;
+        `DeviceClaimedError`: another program holds it; named in the message and in ``details['holder']`` where the
+        system tells; `DevicePermissionError, DeviceLostError`: the system refuses access; the camera vanished
+        meanwhile; `UnsupportedError`: it has no still-image interface: another USB mode.
         """
         link = cls((vendor_id, product_id), serial, _require_backend(backend), clock)
         link.reopen()

@@ -213,10 +213,8 @@ class Canon5D2:
     def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
         """Check the controls and make all fixed settings, each as the camera then reports it.
 
-        Raises
-        ------
-        SettingRefusedError
-            A control on the camera stands wrong (all are named at once), or a setting does not take.
+        Raises `SettingRefusedError`: A control on the camera stands wrong (all are named at once), or a setting does
+        not take.
         """
         try:
             return self._prepare(settings)

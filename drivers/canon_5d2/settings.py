@@ -77,10 +77,7 @@ def fixed_settings(
 ) -> tuple[CanonSetting, ...]:
     """Return what a bracket keeps fixed, in the order to make it.
 
-    Raises
-    ------
-    SettingRefusedError
-        The camera's tables have no such ISO, aperture or picture size.
+    Raises `SettingRefusedError`: the camera's tables have no such ISO, aperture or picture size.
     """
     iso, aperture = iso_code(settings.iso), aperture_code(settings.f_number)
     if iso is None:

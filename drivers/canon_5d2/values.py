@@ -49,10 +49,7 @@ def shutter_codes_known(codes: Iterable[int]) -> tuple[int, ...]:
 def nearest_shutter_code(shutter_s: float, codes: Collection[int]) -> int:
     """Return the code whose nominal time is nearest to ``shutter_s`` (> 0 s) on the scale of stops.
 
-    Raises
-    ------
-    ValueError
-        ``shutter_s`` is no positive time, or no code is known.
+    Raises `ValueError`: ``shutter_s`` is no positive time, or no code is known.
     """
     known = shutter_codes_known(codes)
     if not known or not (shutter_s > 0 and math.isfinite(shutter_s)):

@@ -146,10 +146,7 @@ class Dialect(_Table):
 def load_dialect(name_or_path: str) -> Dialect:
     """Return a shipped dialect by name, or a user's own by path.
 
-    Raises
-    ------
-    DialectError
-        Not there, too large, not TOML, or not of the form; names the file and every wrong key.
+    Raises `DialectError`: not there, too large, not TOML, or not of the form; names the file and every wrong key.
     """
     if name_or_path in SHIPPED:
         text = resources.files("drivers.meter").joinpath("dialects", f"{name_or_path}.toml").read_text("utf-8")

@@ -92,10 +92,7 @@ class Dialogue:
     def sample(self, deadline: Deadline) -> Answer:
         """Take one reading: all measuring steps, then the check of the transmission; repeated after noise or silence.
 
-        Raises
-        ------
-        DeviceLostError
-            The line is gone.
+        Raises `DeviceLostError`: the line is gone.
         """
         answer = Answer(ReadingStatus.NO_ANSWER, detail="no time left", ask_again=True)
         for _ in range(MAX_ASKS):

@@ -165,14 +165,10 @@ class Transactions:
         accept
             Response codes to return rather than raise.
 
-        Raises
-        ------
-        DeviceBusyError, StoreFullError, OperationRefusedError
-            The camera answered with a code that is not in ``accept``; the session is in order.
-        ProtocolViolationError
-            Id, code, type or length of an answer is wrong; the session is ``broken``.
-        DeviceTimeoutError, LinkStallError, DeviceLostError
-            From the link; see ``broken``.
+        Raises `DeviceBusyError, StoreFullError, OperationRefusedError`: the camera answered with a code that is not in
+        ``accept``; the session is in order; `ProtocolViolationError`: id, code, type or length of an answer is wrong;
+        the session is ``broken``; `DeviceTimeoutError, LinkStallError, DeviceLostError`: from the link; see
+        ``broken``.
         """
         if data_in and data_out is not None:
             raise ValueError("PTP has one data phase an operation: data_in or data_out")

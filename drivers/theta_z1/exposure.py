@@ -62,10 +62,7 @@ class ThetaExposure:
     def poll(self, *, wait: bool) -> ExposureProgress:
         """Take in what the camera has told; with ``wait`` for up to `EVENT_WAIT_S` of time.
 
-        Raises
-        ------
-        ExposureFailedError, StoreFullError
-            No picture long after the shutter has closed.
+        Raises `ExposureFailedError, StoreFullError`: no picture long after the shutter has closed.
         """
         self._take_events(EVENT_WAIT_S if wait else 0.0)
         self._look_at_pending()

@@ -67,10 +67,7 @@ class Fraction32:
 def nearest_shutter(shutter_s: float, fractions: Collection[Fraction32]) -> Fraction32:
     """Return the fraction nearest to ``shutter_s`` (> 0 s) on the scale of stops.
 
-    Raises
-    ------
-    ValueError
-        ``shutter_s`` is no positive time, or there is nothing to choose from.
+    Raises `ValueError`: ``shutter_s`` is no positive time, or there is nothing to choose from.
     """
     if not fractions or not (shutter_s > 0 and math.isfinite(shutter_s)):
         raise ValueError(f"no shutter time for {shutter_s!r} s among {len(fractions)}")

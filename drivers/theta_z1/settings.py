@@ -189,10 +189,7 @@ def picture_settings(settings: CameraSettings, f_number: int) -> tuple[Setting, 
 def find_f_number(link: CameraLink, f_number: float) -> int:
     """Return an f-number in the encoding that the camera's own list shows; the program must be manual already.
 
-    Raises
-    ------
-    SettingRefusedError
-        The list is of neither known encoding, or has no such f-number.
+    Raises `SettingRefusedError`: the list is of neither known encoding, or has no such f-number.
     """
     session = link.session
     desc = session.retry_busy(lambda: session.get_prop_desc(Prop.F_NUMBER), BUSY_LIMIT_S)

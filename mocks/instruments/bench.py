@@ -111,10 +111,7 @@ def make_bench(
     time begins when this returns; ``times_s`` says, by camera kind, when each stop is planned to begin (at once, where
     it does not say): what the light does until then shows in the frames.
 
-    Raises
-    ------
-    WorldFileError
-        No such world.
+    Raises `WorldFileError`: no such world.
     """
     options = options or BenchOptions()
     world = open_world(world) if isinstance(world, str) else world

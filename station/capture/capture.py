@@ -94,10 +94,8 @@ class Capture:
     def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
         """Return the capture of a new session.
 
-        Raises
-        ------
-        UsageError
-            No camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed readings.
+        Raises `UsageError`: no camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed
+        readings.
         """
         if len(request.room) > MAX_ROOM_CHARACTERS:
             raise UsageError("the room's name is too long", where="capture", advice="its folder takes 60 characters")
@@ -111,10 +109,7 @@ class Capture:
     def resume(cls, rig: Rig, store: SessionStore, *, typed_readings: tuple[float, ...] = ()) -> Capture:
         """Return the capture that completes a partial session.
 
-        Raises
-        ------
-        SessionError
-            The session was imported, or needs a camera that the rig lacks or has set otherwise.
+        Raises `SessionError`: the session was imported, or needs a camera that the rig lacks or has set otherwise.
         """
         bracket, where = store.manifest.bracket, str(store.path)
         if bracket.mode not in ("full", "adaptive"):

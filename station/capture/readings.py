@@ -36,10 +36,7 @@ def record_reading(when: When, reading: MeterReading) -> ReadingRecord:
 def check_typed(luminance_cd_m2: float) -> None:
     """Accept a number that a meter of the family can show.
 
-    Raises
-    ------
-    UsageError
-        Outside 0.001 .. 1e7 cd/m2.
+    Raises `UsageError`: outside 0.001 .. 1e7 cd/m2.
     """
     low, high = TYPED_RANGE_CD_M2
     if not low <= luminance_cd_m2 <= high:
@@ -53,10 +50,7 @@ def check_typed(luminance_cd_m2: float) -> None:
 def typed_record(when: When, luminance_cd_m2: float, clock: Clock) -> ReadingRecord:
     """Return the record of a number that a person read from the display.
 
-    Raises
-    ------
-    UsageError
-        Outside 0.001 .. 1e7 cd/m2, which no meter of the family shows.
+    Raises `UsageError`: outside 0.001 .. 1e7 cd/m2, which no meter of the family shows.
     """
     check_typed(luminance_cd_m2)
     return ReadingRecord(

@@ -141,10 +141,8 @@ PAPER_RIG = RigFile(indoor=PAPER_INDOOR, outdoor=PAPER_OUTDOOR, meter=MeterTable
 def load_rig(path: Path) -> RigFile:
     """Read and check a rig file.
 
-    Raises
-    ------
-    RigError
-        Missing, too large, not TOML, or a key that is unknown or out of range; names the file and every such key.
+    Raises `RigError`: missing, too large, not TOML, or a key that is unknown or out of range; names the file and every
+    such key.
     """
     try:
         if path.stat().st_size > MAX_RIG_BYTES:

@@ -195,13 +195,8 @@ class FrameChecker:
         name
             What messages call the file; its own name if empty (a temporary file has none worth telling).
 
-        Raises
-        ------
-        FrameRejectedError
-            The file in ``where``, the name of the reason in ``details["reason"]``
-            (`station.frames.facts.Reason`).
-        ResourceError
-            The worker cannot be started.
+        Raises `FrameRejectedError`: the file in ``where``, the name of the reason in ``details["reason"]``
+        (`station.frames.facts.Reason`); `ResourceError`: the worker cannot be started.
         """
         facts = self.inspect(path, exact=exact, name=name, circle=expected.image_circle)
         judge(facts, expected, earlier)

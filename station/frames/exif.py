@@ -162,11 +162,8 @@ class ExifFacts:
 def read_exif(block: bytes) -> ExifFacts:
     """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is).
 
-    Raises
-    ------
-    FrameProblemError
-        ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range, overlapping or
-        repeated, or a value that cannot be (1/0 s, month 13).
+    Raises `FrameProblemError`: ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range,
+    overlapping or repeated, or a value that cannot be (1/0 s, month 13).
     """
     reader = TiffReader(block, Reason.EXIF_DAMAGED)
     main = reader.directory(reader.first_at).entries
@@ -262,10 +259,7 @@ _STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSIO
 def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
     """Check a CR2 or DNG file (``format_`` "cr2" or "dng"), the whole file as bytes or mapped.
 
-    Raises
-    ------
-    FrameProblemError
-        ``not_raw``, ``truncated`` or ``damaged``.
+    Raises `FrameProblemError`: ``not_raw``, ``truncated`` or ``damaged``.
     """
     if len(data) < 16 or bytes(data[:4]) not in (b"II*\0", b"MM\0*"):
         raise FrameProblemError(Reason.NOT_RAW, f"not a {format_.upper()} file: no TIFF header")

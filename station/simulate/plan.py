@@ -42,10 +42,7 @@ class Ledger:
     def __init__(self, folder: Path) -> None:
         """Read what is there.
 
-        Raises
-        ------
-        SessionError
-            A dataset.csv that is not ours or is damaged.
+        Raises `SessionError`: A dataset.csv that is not ours or is damaged.
         """
         self.path = folder / LEDGER_NAME
         self.rows: dict[str, Row] = {}
@@ -154,10 +151,7 @@ class Draft:
 def plan_sessions(request: DatasetRequest) -> list[Draft]:
     """Return the sessions that there will be; their rooms are made one by one, when they are wanted.
 
-    Raises
-    ------
-    ConditionsError
-        Conditions that cannot be right.
+    Raises `ConditionsError`: conditions that cannot be right.
     """
     if request.conditions is None:
         count = SESSIONS if request.sessions is None else request.sessions

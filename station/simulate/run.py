@@ -72,14 +72,8 @@ def simulate(request: DatasetRequest, tell: Tell = lambda _event: None) -> Summa
 
     A session that fails is told and left out; the next run tries it again.
 
-    Raises
-    ------
-    ConditionsError
-        Conditions that cannot be right.
-    SessionExistsError
-        The folder holds a data set made with other options.
-    ResourceError
-        The disk is full, or refuses.
+    Raises `ConditionsError`: conditions that cannot be right; `SessionExistsError`: the folder holds a data set made
+    with other options; `ResourceError`: the disk is full, or refuses.
     """
     begun_s = time.monotonic()
     drafts = plan_sessions(request)

@@ -208,12 +208,8 @@ class InPipe:
     def take(self, room_bytes: int, most_bytes: int) -> Taken:
         """Take what fits into ``room_bytes`` of the first transfer, at most ``most_bytes`` (what time allows).
 
-        Raises
-        ------
-        CutError
-            A fault breaks the link here.
-        LinkError
-            EOVERFLOW: the last packet is larger than the room left, and is lost.
+        Raises `CutError`: A fault breaks the link here; `LinkError`: EOVERFLOW: the last packet is larger than the
+        room left, and is lost.
         """
         head = self.queue[0]
         if head.cut is not None and head.cut_fault is not None and head.position >= head.cut:
