@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from drivers.camera import FrameFormat, FrameRef
 from drivers.clock import Clock
 from drivers.errors import DeviceLostError, DeviceNotFoundError, OperationRefusedError, UnsupportedError
-from drivers.links import PtpTransport
 from drivers.ptp.codes import Response
 from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.pipes import PtpTransport
 from drivers.ptp.session import PtpSession
 
 TRANSACTION_LIMIT_S = 8.0

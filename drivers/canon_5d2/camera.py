@@ -36,23 +36,21 @@ from drivers.canon_5d2.exposure import FORMATS, CanonExposure, CanonShot
 from drivers.canon_5d2.operations import encode_number
 from drivers.canon_5d2.remote import BUSY_LIMIT_S, IDLE_LIMIT_S, CanonRemote
 from drivers.canon_5d2.settings import (
-    WHERE,
-    CanonSetting,
-    ae_mode_words,
-    control_problems,
-    fixed_settings,
-    make,
-    refused,
-    require_controls,
-    require_kept,
-)
-from drivers.canon_5d2.values import (
     BATTERY_FRAC,
     RELEASE_CARD_RESULTS,
     SHUTTER_S,
+    WHERE,
+    CanonSetting,
+    ae_mode_words,
     camera_time_utc,
+    control_problems,
+    fixed_settings,
+    make,
     nearest_shutter_code,
+    refused,
     release_problem,
+    require_controls,
+    require_kept,
     shutter_codes_known,
 )
 from drivers.clock import Clock
@@ -63,8 +61,8 @@ from drivers.errors import (
     OperationRefusedError,
     StoreFullError,
 )
-from drivers.links import PtpTransport
 from drivers.ptp.codes import Operation, Response
+from drivers.ptp.pipes import PtpTransport
 
 MODEL = CameraModel(
     WHERE,

@@ -17,11 +17,9 @@ from drivers.errors import (
     ProtocolViolationError,
     StoreFullError,
 )
-from drivers.links import PtpTransport
-from drivers.ptp.assembler import MAX_RESPONSE_BYTES
 from drivers.ptp.codes import HEADER_BYTES, ContainerType, Operation, Response
-from drivers.ptp.container import Container, Header, pack_params, violation
-from drivers.ptp.pipes import BulkPipe, EventPipe
+from drivers.ptp.container import MAX_RESPONSE_BYTES, Container, Header, pack_params, violation
+from drivers.ptp.pipes import BulkPipe, EventPipe, PtpTransport
 
 # What a camera's refusal means, in words: response codes to typed errors.
 

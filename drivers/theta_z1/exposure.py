@@ -15,8 +15,7 @@ from drivers.errors import DeviceBusyError, ExposureFailedError, StoreFullError
 from drivers.ptp.codes import Event
 from drivers.ptp.session import PtpEvent
 from drivers.theta_z1.codes import RicohProp
-from drivers.theta_z1.operations import error_texts
-from drivers.theta_z1.settings import ThetaProperties
+from drivers.theta_z1.settings import ThetaProperties, error_texts
 
 EVENT_WAIT_S = 0.02
 MAX_EVENTS_A_POLL = 8

@@ -106,7 +106,7 @@ def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
     """
     from drivers.meter.dialect import load_dialect
     from drivers.meter.ls160 import KonicaMinoltaMeter
-    from drivers.port_finder import PortOpener
+    from drivers.serial_link import PortOpener
 
     dialect = load_dialect(dialect_name)
     open_line = PortOpener(port, dialect.port.settings(), usb_ids=dialect.usb_ids, clock=clock)

@@ -218,9 +218,8 @@ def probe(transcript: Path, port: str, *, as_json: bool) -> int:
     Exit code: 0 something answered · 3 nothing did.
     """
     from drivers.clock import SystemClock
-    from drivers.meter.dialect import SHIPPED, load_dialect
-    from drivers.meter.probe import Exchange, transcript_lines
-    from drivers.meter.probe import probe as ask
+    from drivers.meter.dialect import SHIPPED, Exchange, load_dialect, transcript_lines
+    from drivers.meter.dialect import probe as ask
     from drivers.serial_link import PortSettings, SerialLink
     from station.errors import UsageError
 
