@@ -100,10 +100,7 @@ class CameraLink:
     def recover(self, *, from_port_reset: bool = False) -> bool:
         """Bring the session back into step, by reopening the link where nothing milder helps (or is wanted).
 
-        Returns
-        -------
-        bool
-            Whether it is a new session (the camera may have lost modes and settings).
+        Returns whether it is a new session (the camera may have lost modes and settings).
 
         Raises `DeviceNotFoundError`: another camera than before answers; `DeviceError`: what is still wrong after
         `drivers.ptp.resync.RESYNC_LIMIT_S`.

@@ -255,14 +255,8 @@ def list_ports() -> list[PortInfo]:
 class PortOpener:
     """Opens the port of one and the same instrument each time, whatever number it has by then.
 
-    Parameters
-    ----------
-    port
-        Name of the port, or ``"auto"``: the only one with one of the ``usb_ids``.
-    settings
-        Line settings.
-    ports
-        Lists the ports.
+    ``port``: name of the port, or ``"auto"``: the only one with one of the ``usb_ids``.
+    ``ports``: lists the ports.
     """
 
     def __init__(

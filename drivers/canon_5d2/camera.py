@@ -94,17 +94,10 @@ MIN_SHOTS_FOR_COMPUTER = 100
 class Canon5D2:
     """`drivers.camera.Camera` of an EOS 5D Mark II.
 
-    Parameters
-    ----------
-    open_transport
-        Opens the link to the camera; called by `connect` and by `recover` after a lost connection.
-    clock
-        All time comes from it.
-    destination
-        ``"card"``: pictures go to the card, and are fetched while the next exposure runs. ``"pc"``: they stay in the
-        camera's memory until fetched, and the camera is busy until then.
-    sizes_px
-        JPEG size code -> (width, height) in pixels.
+    ``open_transport``: opens the link to the camera; called by `connect` and by `recover` after a lost connection.
+    ``destination``: ``"card"``: pictures go to the card, and are fetched while the next exposure runs. ``"pc"``: they
+      stay in the camera's memory until fetched, and the camera is busy until then.
+    ``sizes_px``: JPEG size code -> (width, height) in pixels.
     """
 
     kind = "canon_5d2"

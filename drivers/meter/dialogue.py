@@ -58,14 +58,8 @@ class Answer:
 class Dialogue:
     """Questions and answers over one open line.
 
-    Parameters
-    ----------
-    line
-        The open line; the dialogue reads all of it.
-    dialect
-        What the meter speaks; ``connect[0]`` is the fence.
-    clock
-        Time.
+    ``line``: the open line; the dialogue reads all of it.
+    ``dialect``: what the meter speaks; ``connect[0]`` is the fence.
     """
 
     def __init__(self, line: ByteLine, dialect: Dialect, clock: Clock) -> None:

@@ -38,14 +38,7 @@ FROZEN_RESOLUTION = 1e-3
 class KonicaMinoltaMeter:
     """A meter of any dialect; follows `drivers.meter.interface.Meter`.
 
-    Parameters
-    ----------
-    open_line
-        Opens the line anew, wherever the instrument is now; called by `connect` and after a loss.
-    dialect
-        What the meter speaks.
-    clock
-        Time.
+    ``open_line``: opens the line anew, wherever the instrument is now; called by `connect` and after a loss.
     """
 
     kind = "konica_minolta"

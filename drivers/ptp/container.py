@@ -138,11 +138,8 @@ Admission = Callable[[Header], int | None]
 class BulkAssembler:
     """Containers from bulk-in transfers.
 
-    Parameters
-    ----------
-    max_packet_bytes
-        A transfer that is no multiple of it is the last of its phase; matters for data of unknown length, and shows
-        when a camera stops before the length it announced.
+    ``max_packet_bytes``: A transfer that is no multiple of it is the last of its phase; matters for data of unknown
+      length, and shows when a camera stops before the length it announced.
     """
 
     def __init__(self, max_packet_bytes: int) -> None:

@@ -16,12 +16,8 @@ Pipe = Literal["in", "out", "event"]
 class PtpTransport(Protocol):
     """Three endpoints and a control pipe of the USB still-image class.
 
-    Attributes
-    ----------
-    name
-        What to call the instrument in messages.
-    max_packet_bytes
-        Packet size of the bulk pipes; a transfer that is no multiple of it ends a data phase.
+    ``name``: what to call the instrument in messages.
+    ``max_packet_bytes``: packet size of the bulk pipes; a transfer that is no multiple of it ends a data phase.
     """
 
     name: str

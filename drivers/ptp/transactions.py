@@ -150,18 +150,11 @@ class Transactions:
     ) -> Reply:
         """Run one operation and return its reply.
 
-        Parameters
-        ----------
-        operation, params
-            Operation code and up to five 32-bit parameters.
-        data_out, data_in
-            Bytes to send, or whether data is to come; at most one of them.
-        max_data_bytes
-            Largest data to accept; more is a violation, before anything is allocated.
-        timeout_s
-            Limit for the whole operation; the session's own where None.
-        accept
-            Response codes to return rather than raise.
+        ``operation``, ``params``: operation code and up to five 32-bit parameters.
+        ``data_out``, ``data_in``: bytes to send, or whether data is to come; at most one of them.
+        ``max_data_bytes``: largest data to accept; more is a violation, before anything is allocated.
+        ``timeout_s``: limit for the whole operation; the session's own where None.
+        ``accept``: response codes to return rather than raise.
 
         Raises `DeviceBusyError, StoreFullError, OperationRefusedError`: the camera answered with a code that is not in
         ``accept``; the session is in order; `ProtocolViolationError`: id, code, type or length of an answer is wrong;

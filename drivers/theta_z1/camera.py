@@ -85,12 +85,7 @@ UNKNOWN_COUNT = 0xFFFFFFFF
 class ThetaZ1:
     """`drivers.camera.Camera` of a Theta Z1.
 
-    Parameters
-    ----------
-    open_transport
-        Opens the link to the camera; called by `connect` and by `recover` after a lost connection.
-    clock
-        All time comes from it.
+    ``open_transport``: opens the link to the camera; called by `connect` and by `recover` after a lost connection.
     """
 
     kind = "theta_z1"

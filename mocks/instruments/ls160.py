@@ -68,16 +68,11 @@ class Piece:
 class SimulatedMeter:
     """A meter that looks at a luminance.
 
-    Parameters
-    ----------
-    luminance_cd_m2
-        What it looks at, as a function of seconds since it was made.
-    language
-        ``"ls100"`` (MES; deaf while it measures), ``"cs100a"`` (likewise), or ``"ls160"`` (the assumed RMT/MES/MDR).
-    noise_frac
-        Standard deviation of one reading, relative.
-    measuring_s
-        Time of one measurement.
+    ``luminance_cd_m2``: what it looks at, as a function of seconds since it was made.
+    ``language``: ``"ls100"`` (MES; deaf while it measures), ``"cs100a"`` (likewise), or ``"ls160"`` (the assumed
+      RMT/MES/MDR).
+    ``noise_frac``: standard deviation of one reading, relative.
+    ``measuring_s``: time of one measurement.
     """
 
     def __init__(

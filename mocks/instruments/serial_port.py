@@ -30,14 +30,8 @@ class Instrument(Protocol):
 class SerialPort:
     """A pseudo-terminal with an instrument behind it; open ``name`` with pyserial. Close it when done.
 
-    Parameters
-    ----------
-    instrument
-        Who answers.
-    clock
-        Time of the answers.
-    stable_name
-        A symbolic link that is kept on the current pseudo-terminal, as the system's by-id names are.
+    ``instrument``: who answers.
+    ``stable_name``: A symbolic link that is kept on the current pseudo-terminal, as the system's by-id names are.
     """
 
     def __init__(self, instrument: Instrument, clock: Clock | None = None, stable_name: Path | None = None) -> None:

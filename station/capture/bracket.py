@@ -171,16 +171,8 @@ def estimate_bracket(
     Pairs follow one another, each as long as its slower camera; a camera's earlier frames are fetched while it
     exposes or waits for its partner; what is left comes after the last exposure, together with the second reading.
 
-    Parameters
-    ----------
-    plan
-        Stops, order and sides.
-    costs
-        Cost of each camera.
-    reading_s
-        Duration of the meter readings (first before the bracket, second after).
-    exposure_s
-        True exposure time of (side, stop) where it differs from the nominal one.
+    ``reading_s``: duration of the meter readings (first before the bracket, second after).
+    ``exposure_s``: true exposure time of (side, stop) where it differs from the nominal one.
     """
     exposure_s = exposure_s or {}
     backlog_s = dict.fromkeys(plan.sides, 0.0)

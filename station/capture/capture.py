@@ -25,14 +25,11 @@ from drivers.errors import DeviceError
 from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost
 from station.capture.camera_worker import CameraWorker
 from station.capture.conductor import Conductor, Doubts
-from station.capture.events import CaptureEvent, EventKind
-from station.capture.intake import Intake
-from station.capture.notices import Notice
+from station.capture.events import CaptureEvent, EventKind, Notice
+from station.capture.intake import Intake, ReadingTaker, When, drift_frac
 from station.capture.preflight import Findings, Level, check_rig, require
-from station.capture.readings import ReadingTaker, When, drift_frac
 from station.capture.rig import Rig
-from station.crash_report import software_versions
-from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError
+from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
 from station.frames.rules import check_not_too_dark, check_order
 from station.session.session import (

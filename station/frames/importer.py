@@ -12,13 +12,13 @@ from pathlib import Path
 from uuid import uuid4
 
 from drivers.clock import Clock, SystemClock
-from station.capture.readings import drift_frac
-from station.crash_report import software_versions
+from station.capture.intake import drift_frac
 from station.errors import (
     FrameRejectedError,
     IncompleteBracketError,
     SessionNotFoundError,
     UsageError,
+    software_versions,
 )
 from station.frames.check import FrameChecker
 from station.frames.facts import Reason

@@ -211,12 +211,8 @@ def check_not_too_dark(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequenc
 
     A bracket that runs from short to long begins with frames that nothing can be held against yet.
 
-    Parameters
-    ----------
-    facts_by_stop
-        Facts of one side's frames by stop.
-    stops_s
-        Exposure time of each stop, seconds.
+    ``facts_by_stop``: facts of one side's frames by stop.
+    ``stops_s``: exposure time of each stop, seconds.
 
     Raises `FrameRejectedError`: names the frame (``details["stops"]``).
     """
@@ -234,12 +230,8 @@ def check_not_too_dark(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequenc
 def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> None:
     """Refuse a bracket whose brightness falls as exposure grows, or stays while the scene has midtones.
 
-    Parameters
-    ----------
-    facts_by_stop
-        Facts of one side's frames by stop.
-    stops_s
-        Exposure time of each stop, seconds.
+    ``facts_by_stop``: facts of one side's frames by stop.
+    ``stops_s``: exposure time of each stop, seconds.
 
     Raises `FrameRejectedError`: names the frames that do not fit the others (``details["stops"]``).
     """

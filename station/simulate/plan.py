@@ -78,11 +78,8 @@ class Ledger:
         writer = csv.DictWriter(text, LEDGER_COLUMNS, lineterminator="\n")
         writer.writeheader()
         writer.writerows(sorted(self.rows.values(), key=lambda r: (int(r["index"]), r["session"])))
-        folder = Folder.open(self.path.parent)
-        try:
+        with Folder.open(self.path.parent) as folder:
             write_file(folder, LEDGER_NAME, text.getvalue().encode())
-        finally:
-            folder.close()
 
 
 SITE_DEG = (40.44, -79.99)

@@ -210,25 +210,22 @@ def _rig(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> Rig
 @contextmanager
 def _only_one(folder: Path) -> Iterator[None]:
     """Let one process work on a data set."""
+    from station.session.durable import SessionLock
     from station.session.folder import Folder
-    from station.session.lock import SessionLock
 
-    opened = Folder.open(folder)
-    try:
+    with Folder.open(folder) as opened:
         lock = SessionLock(opened)
         try:
             yield
         finally:
             lock.release()
-    finally:
-        opened.close()
 
 
 def _told(error: Exception) -> dict[str, object]:
     """Return an error for the summary; one that is not ours leaves a report."""
     if isinstance(error, DaylitError):
         return {"code": error.code, "message": str(error)}
-    from station.crash_report import write_crash_report
+    from station.errors import write_crash_report
 
     report = ""
     with suppress(OSError):
