@@ -32,8 +32,7 @@ from drivers.serial_link import (
     find_port,
     list_ports,
 )
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.serial_port import Piece, SerialPort
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SerialPort, SimulatedMeter
 
 IDS = [(0x132B, 0x210D)]
 SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from drivers.ptp.codes import HEADER_BYTES, UNKNOWN_LENGTH, ContainerType
 from mocks.instruments.faults import Fault, FaultKind, FaultRunner, Phase
-from mocks.instruments.ptp import ptp_wire
-from mocks.instruments.ptp.messages import Answer, Request
+from mocks.instruments.ptp import wire as ptp_wire
+from mocks.instruments.ptp.wire import Answer, Request
 
 
 @dataclass

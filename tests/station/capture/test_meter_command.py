@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 import daylit
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.serial_port import SerialPort
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SerialPort, SimulatedMeter
 
 Plug = Callable[..., str]
 
