@@ -22,8 +22,8 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     "On site": {
         "doctor": Entry("station.commands.instruments", "doctor", "Check computer, instruments and rig file."),
         "capture": Entry("station.commands.capture", "capture", "Capture a room: meter, brackets, meter."),
-        "verify": Entry("station.commands.verify", "verify", "Check that a session is whole."),
-        "import": Entry("station.commands.import_", "import_session", "Make a session from folders of JPEGs."),
+        "verify": Entry("station.commands.sessions", "verify", "Check that a session is whole."),
+        "import": Entry("station.commands.sessions", "import_session", "Make a session from folders of JPEGs."),
         "meter": Entry("station.commands.instruments", "meter", "Read or probe a luminance meter."),
         "conform": Entry("station.commands.instruments", "conform", "Test an instrument against its contract."),
     },
@@ -111,7 +111,7 @@ def _report(error: Exception, arguments: list[str]) -> int:
     if isinstance(error, BrokenPipeError):
         sys.stderr.close()
         return 0
-    from station.crash_report import write_crash_report
+    from station.errors import write_crash_report
 
     path = write_crash_report(error, arguments)
     text = f"internal error: {error!r}\n  a report without personal paths is in {path}: please send it in"

@@ -10,7 +10,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from mocks.instruments.exposures import ShotRequest
-from mocks.optics.optics import CANON_5D2, THETA_Z1, CameraOptics, Filter
+from mocks.optics.camera import CANON_5D2, THETA_Z1, CameraOptics, Filter
 from mocks.optics.pictures import RenderedShots
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import Site, Vector, World

@@ -117,17 +117,12 @@ class ExposureProgress:
 class Camera(Protocol):
     """A camera that takes brackets. All methods raise `drivers.errors.DeviceError` kinds and nothing else.
 
-    Attributes
-    ----------
-    kind
-        ``"theta_z1"`` or ``"canon_5d2"``.
-    shutter_times_s
-        Nominal exposure times the camera offers, longest first; known after `connect`.
-    can_transfer_while_exposing
-        Whether ``read_chunk`` may be called while an exposure runs. Drivers start optimistic and set it to
-        False when the camera answers "busy" to a transfer during an exposure.
-    release_lag_s
-        Time from ``release`` to the shutter opening, as the driver knows it; a rig file may override it.
+    ``kind``: ``"theta_z1"`` or ``"canon_5d2"``.
+    ``shutter_times_s``: nominal exposure times the camera offers, longest first; known after `connect`.
+    ``can_transfer_while_exposing``: whether ``read_chunk`` may be called while an exposure runs. Drivers start
+      optimistic and set it to False when the camera answers "busy" to a transfer during an exposure.
+    ``release_lag_s``: time from ``release`` to the shutter opening, as the driver knows it; a rig file may override
+      it.
     """
 
     kind: str

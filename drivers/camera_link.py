@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from drivers.camera import FrameFormat, FrameRef
 from drivers.clock import Clock
 from drivers.errors import DeviceLostError, DeviceNotFoundError, OperationRefusedError, UnsupportedError
-from drivers.links import PtpTransport
 from drivers.ptp.codes import Response
 from drivers.ptp.datasets import DeviceInfo
+from drivers.ptp.pipes import PtpTransport
 from drivers.ptp.session import PtpSession
 
 TRANSACTION_LIMIT_S = 8.0
@@ -63,12 +63,8 @@ class CameraLink:
     def open(self) -> DeviceInfo:
         """Open transport and session and check that the camera is of the right kind.
 
-        Raises
-        ------
-        UnsupportedError
-            Another PTP extension, or operations missing.
-        DeviceError
-            What the transport or the session raises; nothing stays open then.
+        Raises `UnsupportedError`: another PTP extension, or operations missing; `DeviceError`: what the transport or
+        the session raises; nothing stays open then.
         """
         self.close()
         transport = self._open_transport()
@@ -104,17 +100,10 @@ class CameraLink:
     def recover(self, *, from_port_reset: bool = False) -> bool:
         """Bring the session back into step, by reopening the link where nothing milder helps (or is wanted).
 
-        Returns
-        -------
-        bool
-            Whether it is a new session (the camera may have lost modes and settings).
+        Returns whether it is a new session (the camera may have lost modes and settings).
 
-        Raises
-        ------
-        DeviceNotFoundError
-            Another camera than before answers.
-        DeviceError
-            What is still wrong after `drivers.ptp.resync.RESYNC_LIMIT_S`.
+        Raises `DeviceNotFoundError`: another camera than before answers; `DeviceError`: what is still wrong after
+        `drivers.ptp.resync.RESYNC_LIMIT_S`.
         """
         if self._session is None:
             before = self._info

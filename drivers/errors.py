@@ -30,18 +30,11 @@ from typing import Any, ClassVar
 class DaylitError(Exception):
     """Base of all errors that daylit raises on purpose.
 
-    Parameters
-    ----------
-    message
-        What happened, in one sentence.
-    where
-        The instrument, file or step it happened in.
-    likely
-        The most likely cause.
-    advice
-        What to do next.
-    details
-        JSON-able facts for the journal (codes, lengths, bytes as hex).
+    ``message``: what happened, in one sentence.
+    ``where``: the instrument, file or step it happened in.
+    ``likely``: the most likely cause.
+    ``advice``: what to do next.
+    ``details``: JSON-able facts for the journal (codes, lengths, bytes as hex).
     """
 
     code: ClassVar[str] = "DAY-000"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,52 +15,11 @@ from serial.tools import list_ports as serial_list_ports
 
 from drivers.clock import Clock, Deadline, SystemClock
 from drivers.errors import (
-    DeviceClaimedError,
-    DeviceError,
     DeviceLostError,
     DeviceNotFoundError,
-    DevicePermissionError,
     DeviceTimeoutError,
 )
-
-# What the operating system says about a serial port, as our errors; and who holds the port.
-
-
-PROC = Path("/proc")
-
-
-def open_error(error: Exception, name: str) -> DeviceError:
-    """Return what it means that the port ``name`` does not open."""
-    number = getattr(error, "errno", None)
-    text = str(error)
-    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
-        holder = find_holder(name)
-        return DeviceClaimedError(
-            f"{holder or 'another program'} holds the port",
-            where=name,
-            advice=f"stop {holder or 'it'} (ModemManager? see the udev rule)",
-            holder=holder,
-        )
-    if number in (errno.EACCES, errno.EPERM):
-        advice = "install the udev rule, or join the group dialout and log in anew"
-        return DevicePermissionError("the system refuses the port", where=name, advice=advice)
-    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text:
-        return DeviceNotFoundError("there is no such port", where=name, advice="daylit doctor lists the ports")
-    return DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in anew")
-
-
-def find_holder(name: str, proc: Path = PROC) -> str:
-    """Return the program that has the device open as "name (pid n)", where the system tells ("" otherwise)."""
-    target = os.path.realpath(name)
-    for link in proc.glob("[0-9]*/fd/*"):
-        process = link.parents[1]
-        try:
-            if os.path.realpath(link) == target and process.name != str(os.getpid()):
-                return f"{(process / 'comm').read_text().strip()} (pid {process.name})"
-        except OSError:
-            continue
-    return ""
-
+from drivers.link_errors import open_error
 
 POLL_S = 0.05
 """Longest single wait inside pyserial; deadlines are looked at in between."""
@@ -142,10 +101,8 @@ class SerialLink:
     def open(cls, name: str, settings: PortSettings, *, clock: Clock | None = None) -> SerialLink:
         """Open a port for ourselves alone.
 
-        Raises
-        ------
-        DeviceNotFoundError, DevicePermissionError, DeviceClaimedError, DeviceLostError
-            As the operating system says.
+        Raises `DeviceNotFoundError, DevicePermissionError, DeviceClaimedError, DeviceLostError`: as the operating
+        system says.
         """
         try:
             port = serial.serial_for_url(
@@ -293,3 +250,77 @@ def list_ports() -> list[PortInfo]:
         )
         for p in sorted(serial_list_ports.comports(), key=lambda p: str(p.device))
     ]
+
+
+class PortOpener:
+    """Opens the port of one and the same instrument each time, whatever number it has by then.
+
+    ``port``: name of the port, or ``"auto"``: the only one with one of the ``usb_ids``.
+    ``ports``: lists the ports.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        settings: PortSettings,
+        *,
+        usb_ids: Collection[tuple[int, int]] = (),
+        clock: Clock | None = None,
+        ports: Callable[[], list[PortInfo]] | None = None,
+    ) -> None:
+        self._port = port
+        self._settings = settings
+        self._usb_ids = usb_ids
+        self._clock = clock
+        self._ports = ports or list_ports
+        self._known: PortInfo | None = None
+
+    def __call__(self) -> SerialLink:
+        """Open the port.
+
+        Raises `DeviceNotFoundError`: the instrument that was there before is not there now (another one does not
+        count), or none is; `DeviceError`: see `SerialLink.open`.
+        """
+        name = self._name_now()
+        link = SerialLink.open(name, self._settings, clock=self._clock)
+        real = os.path.realpath(name)
+        self._known = next((p for p in self._ports() if os.path.realpath(p.device) == real), self._known)
+        return link
+
+    def _name_now(self) -> str:
+        if self._known is None or not self._known.serial:
+            return find_port(self._usb_ids, ports=self._ports) if self._port == "auto" else self._port
+        known = self._known
+        same = (known.vendor_id, known.product_id, known.serial)
+        for port in self._ports():
+            if (port.vendor_id, port.product_id, port.serial) == same:
+                return port.device
+        raise DeviceNotFoundError(
+            f"the instrument with serial number {known.serial} is not among the ports",
+            where=self._port,
+            likely="it is unplugged or off",
+            advice="plug it in, into whatever socket",
+        )
+
+
+def find_port(
+    usb_ids: Collection[tuple[int, int]], serial_number: str = "", *, ports: Callable[[], list[PortInfo]] = list_ports
+) -> str:
+    """Return the port of the instrument with one of these USB ids (and serial number), whatever its number now.
+
+    Raises `DeviceNotFoundError`: none, or several without a serial number to choose by.
+    """
+    found = [
+        p
+        for p in ports()
+        if (p.vendor_id, p.product_id) in usb_ids and (not serial_number or p.serial == serial_number)
+    ]
+    if len(found) == 1:
+        return found[0].stable_name
+    what = "no meter" if not found else f"{len(found)} meters ({', '.join(p.device for p in found)})"
+    raise DeviceNotFoundError(
+        f"{what} among the serial ports",
+        where="meter",
+        likely="it is off, or it sits on an RS-232 adapter that does not tell what is behind it",
+        advice='name the port in the rig: [meter] port = "/dev/ttyUSB0"',
+    )

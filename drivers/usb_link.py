@@ -25,9 +25,9 @@ from drivers.errors import (
     DeviceTimeoutError,
     UnsupportedError,
 )
-from drivers.links import Pipe
+from drivers.link_errors import SUSPECTS, find_holder, typed_error
 from drivers.ptp.codes import STILL_IMAGE_CLASS
-from drivers.usb_errors import find_holder, typed_error
+from drivers.ptp.pipes import Pipe
 
 CLASS_OUT, CLASS_IN = 0x21, 0xA1
 PACKET_MASK = 0x07FF
@@ -115,7 +115,7 @@ def _ours(error: Exception, where: str, doing: str) -> DeviceError:
 
 
 class UsbLink:
-    """A `drivers.links.PtpTransport` over pyusb. Use `open`."""
+    """A `drivers.ptp.pipes.PtpTransport` over pyusb. Use `open`."""
 
     def __init__(self, ids: tuple[int, int], serial: str | None, backend: Any, clock: Clock) -> None:
         self.name = f"camera {ids[0]:04x}:{ids[1]:04x}"
@@ -133,16 +133,10 @@ class UsbLink:
     ) -> UsbLink:
         """Open the camera with these ids, and this USB serial number where several are plugged in.
 
-        Raises
-        ------
-        DeviceNotFoundError
-            No such camera, or several and no ``serial``; or no USB library.
-        DeviceClaimedError
-            Another program holds it; named in the message and in ``details['holder']`` where the system tells.
-        DevicePermissionError, DeviceLostError
-            The system refuses access; the camera vanished meanwhile.
-        UnsupportedError
-            It has no still-image interface: another USB mode.
+        Raises `DeviceNotFoundError`: no such camera, or several and no ``serial``; or no USB library;
+        `DeviceClaimedError`: another program holds it; named in the message and in ``details['holder']`` where the
+        system tells; `DevicePermissionError, DeviceLostError`: the system refuses access; the camera vanished
+        meanwhile; `UnsupportedError`: it has no still-image interface: another USB mode.
         """
         link = cls((vendor_id, product_id), serial, _require_backend(backend), clock)
         link.reopen()
@@ -250,7 +244,8 @@ class UsbLink:
         except usb.core.USBError as error:
             if error.errno != errno.EBUSY:
                 raise _ours(error, self.name, "claiming the camera") from error
-            holder = find_holder(device.bus or 0, device.address or 0)
+            node = f"/dev/bus/usb/{device.bus or 0:03d}/{device.address or 0:03d}"
+            holder = find_holder(node, suspects=SUSPECTS)
             raise DeviceClaimedError(
                 f"held by {holder or 'another program'}",
                 where=self.name,

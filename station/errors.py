@@ -1,9 +1,11 @@
-"""Errors of the station that are not an instrument's; the tree starts in `drivers.errors`.
+"""Errors of the station that are not an instrument's (the tree starts in `drivers.errors`), and the report of a crash.
 
 Exit codes: 2 usage · 3 device · 4 session · 5 stage · 6 resource · 70 internal · 130 interrupted.
 """
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from drivers.errors import DaylitError
 
@@ -106,3 +108,30 @@ class DiskError(ResourceError):
     """The disk refused to write or to sync; what was being written does not count."""
 
     code = "RES-002"
+
+
+def software_versions() -> dict[str, str]:
+    """Return the versions that matter for a result: ours, Python's and those of what touches bytes."""
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    versions = {"python": platform.python_version(), "system": platform.platform()}
+    for name in ("daylit", "numpy", "pillow", "pydantic", "pyserial", "pyusb", "libusb-package"):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "not installed"
+    return versions
+
+
+def write_crash_report(error: BaseException, arguments: list[str]) -> Path:
+    """Write the trace of an unexpected error to a new file and return its path; the home folder is cut out."""
+    import tempfile
+    import traceback
+
+    lines = ["daylit crash report", f"arguments: {arguments}", f"versions: {software_versions()}", ""]
+    lines += traceback.format_exception(error)
+    text = "\n".join(lines).replace(str(Path.home()), "~").replace(tempfile.gettempdir(), "<tmp>")
+    with tempfile.NamedTemporaryFile("w", prefix="daylit-crash-", suffix=".txt", delete=False) as file:
+        file.write(text)
+    return Path(file.name)

@@ -12,8 +12,8 @@ import numpy.typing as npt
 
 from benchmarks.photometry.sky_floor import SkyErrors, sky_all_known, sky_errors
 from benchmarks.sessions import STOPS_S, Taken, write_session
+from mocks.optics.camera import scene_rows
 from mocks.optics.chart import ChartRoom
-from mocks.optics.optics import scene_rows
 from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view

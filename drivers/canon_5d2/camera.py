@@ -36,23 +36,21 @@ from drivers.canon_5d2.exposure import FORMATS, CanonExposure, CanonShot
 from drivers.canon_5d2.operations import encode_number
 from drivers.canon_5d2.remote import BUSY_LIMIT_S, IDLE_LIMIT_S, CanonRemote
 from drivers.canon_5d2.settings import (
-    WHERE,
-    CanonSetting,
-    ae_mode_words,
-    control_problems,
-    fixed_settings,
-    make,
-    refused,
-    require_controls,
-    require_kept,
-)
-from drivers.canon_5d2.values import (
     BATTERY_FRAC,
     RELEASE_CARD_RESULTS,
     SHUTTER_S,
+    WHERE,
+    CanonSetting,
+    ae_mode_words,
     camera_time_utc,
+    control_problems,
+    fixed_settings,
+    make,
     nearest_shutter_code,
+    refused,
     release_problem,
+    require_controls,
+    require_kept,
     shutter_codes_known,
 )
 from drivers.clock import Clock
@@ -63,8 +61,8 @@ from drivers.errors import (
     OperationRefusedError,
     StoreFullError,
 )
-from drivers.links import PtpTransport
 from drivers.ptp.codes import Operation, Response
+from drivers.ptp.pipes import PtpTransport
 
 MODEL = CameraModel(
     WHERE,
@@ -96,17 +94,10 @@ MIN_SHOTS_FOR_COMPUTER = 100
 class Canon5D2:
     """`drivers.camera.Camera` of an EOS 5D Mark II.
 
-    Parameters
-    ----------
-    open_transport
-        Opens the link to the camera; called by `connect` and by `recover` after a lost connection.
-    clock
-        All time comes from it.
-    destination
-        ``"card"``: pictures go to the card, and are fetched while the next exposure runs. ``"pc"``: they stay in the
-        camera's memory until fetched, and the camera is busy until then.
-    sizes_px
-        JPEG size code -> (width, height) in pixels.
+    ``open_transport``: opens the link to the camera; called by `connect` and by `recover` after a lost connection.
+    ``destination``: ``"card"``: pictures go to the card, and are fetched while the next exposure runs. ``"pc"``: they
+      stay in the camera's memory until fetched, and the camera is busy until then.
+    ``sizes_px``: JPEG size code -> (width, height) in pixels.
     """
 
     kind = "canon_5d2"
@@ -213,10 +204,8 @@ class Canon5D2:
     def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
         """Check the controls and make all fixed settings, each as the camera then reports it.
 
-        Raises
-        ------
-        SettingRefusedError
-            A control on the camera stands wrong (all are named at once), or a setting does not take.
+        Raises `SettingRefusedError`: A control on the camera stands wrong (all are named at once), or a setting does
+        not take.
         """
         try:
             return self._prepare(settings)

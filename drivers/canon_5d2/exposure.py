@@ -56,10 +56,7 @@ class CanonExposure:
     def poll(self, *, wait: bool) -> ExposureProgress:
         """Let go of the button step by step, and take in what the camera tells; waits for at most 50 ms.
 
-        Raises
-        ------
-        ExposureFailedError
-            No picture long after the shutter has closed.
+        Raises `ExposureFailedError`: no picture long after the shutter has closed.
         """
         now_s = self._clock.monotonic_s()
         if now_s < self._poll_at_s:

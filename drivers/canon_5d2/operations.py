@@ -106,11 +106,8 @@ RAW_FULL = ImageFile(IMAGE_TYPE_RAW, IMAGE_SIZE_LARGE, IMAGE_COMPRESSION_RAW)
 def decode_events(stream: bytes) -> tuple[Record, ...]:
     """Decode one answer of GetEvent.
 
-    Raises
-    ------
-    ProtocolViolationError
-        A record runs over the end, is too short for its kind, holds a list that does not fill it, or the end mark
-        is missing.
+    Raises `ProtocolViolationError`: A record runs over the end, is too short for its kind, holds a list that does not
+    fill it, or the end mark is missing.
     """
     records: list[Record] = []
     at = 0
@@ -224,10 +221,7 @@ _DECODERS: dict[int, Callable[[int, bytes], Record]] = {
 def decode_image_format(raw: bytes) -> tuple[ImageFile, ...]:
     """Decode the value of an image-format property (D120): the one or two files that a shot makes.
 
-    Raises
-    ------
-    ProtocolViolationError
-        Not exactly one such structure.
+    Raises `ProtocolViolationError`: not exactly one such structure.
     """
     files, end = _take_image_format(raw, 0)
     if end != len(raw):

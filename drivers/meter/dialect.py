@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -16,9 +18,10 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from drivers.errors import DaylitError
+from drivers.clock import Clock
+from drivers.errors import DaylitError, DeviceError, DeviceTimeoutError
 from drivers.meter.interface import ReadingStatus
-from drivers.serial_link import PortSettings
+from drivers.serial_link import ByteLine, PortSettings
 
 SHIPPED = ("ls100", "cs100a", "ls160")
 MAX_DIALECT_BYTES = 64 * 1024
@@ -146,10 +149,7 @@ class Dialect(_Table):
 def load_dialect(name_or_path: str) -> Dialect:
     """Return a shipped dialect by name, or a user's own by path.
 
-    Raises
-    ------
-    DialectError
-        Not there, too large, not TOML, or not of the form; names the file and every wrong key.
+    Raises `DialectError`: not there, too large, not TOML, or not of the form; names the file and every wrong key.
     """
     if name_or_path in SHIPPED:
         text = resources.files("drivers.meter").joinpath("dialects", f"{name_or_path}.toml").read_text("utf-8")
@@ -168,3 +168,78 @@ def load_dialect(name_or_path: str) -> Dialect:
         raise DialectError(keys, where=name_or_path, advice="docs/meter-dialects.md describes the form") from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise DialectError(f"cannot be read: {error}", where=name_or_path) from error
+
+
+ANSWER_LIMIT_S = 3.0
+AFTER_S = 0.3
+"""How long a further line of one answer is waited for."""
+QUIET_S = 0.05
+MAX_LINE_BYTES = 256
+MAX_ANSWER_BYTES = 1024
+HARMLESS = ("RMT,1", "IDDR", "MDS,04", "RMT,0")
+"""Enter remote mode, ask for identity, set absolute mode, leave remote mode: nothing is measured, stored or erased."""
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """One question of a probe, all that came back, and the seconds to the end of its last whole line."""
+
+    settings: PortSettings
+    sent: bytes
+    received: bytes
+    seconds: float
+    note: str = ""
+
+
+def probe(
+    open_line: Callable[[PortSettings], ByteLine], dialects: tuple[Dialect, ...], clock: Clock
+) -> Iterator[Exchange]:
+    """Ask the harmless questions at the port settings of each dialect; yields every exchange as it happens."""
+    for settings in dict.fromkeys(d.port.settings() for d in dialects):
+        try:
+            line = open_line(settings)
+        except DeviceError as error:
+            yield Exchange(settings, b"", b"", 0.0, note=str(error))
+            continue
+        try:
+            for question in HARMLESS:
+                yield _exchange(line, settings, (question + "\r\n").encode(), clock)
+        except DeviceError as error:
+            yield Exchange(settings, b"", b"", 0.0, note=str(error))
+        finally:
+            line.close()
+
+
+def _exchange(line: ByteLine, settings: PortSettings, question: bytes, clock: Clock) -> Exchange:
+    """Ask, and take down all that comes until the line falls silent."""
+    unasked = line.drain(QUIET_S, 0.5)
+    start_s = clock.monotonic_s()
+    line.write(question, 2.0)
+    received, limit_s, took_s, note = b"", ANSWER_LIMIT_S, ANSWER_LIMIT_S, f"{unasked} bytes before" if unasked else ""
+    while len(received) < MAX_ANSWER_BYTES:
+        try:
+            received += line.read_line(b"\n", MAX_LINE_BYTES, limit_s) + b"\n"
+        except DeviceTimeoutError as error:
+            partial = bytes.fromhex(str(error.details.get("partial", "")))
+            received += partial
+            note += ", no end of line" if partial else ""
+            break
+        took_s, limit_s = clock.monotonic_s() - start_s, AFTER_S
+    return Exchange(settings, question, received, took_s, note.strip(", "))
+
+
+def transcript_lines(exchanges: Iterator[Exchange], port: str) -> Iterator[str]:
+    """Return the transcript, line by line: times, hex and ASCII; it holds no names of people or computers."""
+    yield f"daylit meter transcript, port {port}"
+    settings: PortSettings | None = None
+    for exchange in exchanges:
+        if exchange.settings != settings:
+            settings = exchange.settings
+            yield f"# {settings.baud} baud, {settings.data_bits} {settings.parity} {settings.stop_bits}"
+        yield f"> {exchange.sent.hex(' ')}  {_ascii(exchange.sent)}"
+        answer = f"< {exchange.received.hex(' ')}  {_ascii(exchange.received)}" if exchange.received else "< (nothing)"
+        yield f"{answer}  after {exchange.seconds:.3f} s {exchange.note}".rstrip()
+
+
+def _ascii(data: bytes) -> str:
+    return "".join(chr(b) if 32 <= b < 127 else "." for b in data)

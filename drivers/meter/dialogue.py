@@ -58,14 +58,8 @@ class Answer:
 class Dialogue:
     """Questions and answers over one open line.
 
-    Parameters
-    ----------
-    line
-        The open line; the dialogue reads all of it.
-    dialect
-        What the meter speaks; ``connect[0]`` is the fence.
-    clock
-        Time.
+    ``line``: the open line; the dialogue reads all of it.
+    ``dialect``: what the meter speaks; ``connect[0]`` is the fence.
     """
 
     def __init__(self, line: ByteLine, dialect: Dialect, clock: Clock) -> None:
@@ -92,10 +86,7 @@ class Dialogue:
     def sample(self, deadline: Deadline) -> Answer:
         """Take one reading: all measuring steps, then the check of the transmission; repeated after noise or silence.
 
-        Raises
-        ------
-        DeviceLostError
-            The line is gone.
+        Raises `DeviceLostError`: the line is gone.
         """
         answer = Answer(ReadingStatus.NO_ANSWER, detail="no time left", ask_again=True)
         for _ in range(MAX_ASKS):

@@ -38,14 +38,7 @@ FROZEN_RESOLUTION = 1e-3
 class KonicaMinoltaMeter:
     """A meter of any dialect; follows `drivers.meter.interface.Meter`.
 
-    Parameters
-    ----------
-    open_line
-        Opens the line anew, wherever the instrument is now; called by `connect` and after a loss.
-    dialect
-        What the meter speaks.
-    clock
-        Time.
+    ``open_line``: opens the line anew, wherever the instrument is now; called by `connect` and after a loss.
     """
 
     kind = "konica_minolta"
@@ -64,26 +57,16 @@ class KonicaMinoltaMeter:
     def connect(self) -> MeterIdentity:
         """Open the line and go through the dialect's greeting.
 
-        Raises
-        ------
-        DeviceTimeoutError, ProtocolViolationError
-            Nothing came back, or nothing of the dialect's form.
-        BatteryLowError
-            It says so.
-        DeviceError
-            The line does not open, or is lost.
+        Raises `DeviceTimeoutError, ProtocolViolationError`: nothing came back, or nothing of the dialect's form;
+        `BatteryLowError`: it says so; `DeviceError`: the line does not open, or is lost.
         """
         return self._connect(Deadline.after(self._clock, CONNECT_LIMIT_S))
 
     def measure(self, *, n_samples: int = 1, timeout_s: float = 15.0) -> MeterReading:
         """Take ``n_samples`` and return their mean and spread, or the status that spoils them.
 
-        Raises
-        ------
-        DeviceLostError
-            The line is gone, and opening it anew once did not help.
-        DeviceError
-            The meter was not connected, and connecting failed.
+        Raises `DeviceLostError`: the line is gone, and opening it anew once did not help; `DeviceError`: the meter was
+        not connected, and connecting failed.
         """
         if n_samples < 1:
             raise ValueError(f"n_samples is {n_samples}, at least 1 is needed")

@@ -1,4 +1,5 @@
-"""The datasets of PTP that our cameras speak: DeviceInfo, StorageInfo, ObjectInfo, DevicePropDesc; both ways, pure.
+"""The datasets of PTP that our cameras speak: DeviceInfo, StorageInfo, ObjectInfo, DevicePropDesc, and the
+values in them (integers, arrays, strings, dates); pure, strict, never past the end of the buffer.
 
 The fields of each dataclass stand in the order of the wire. Decoding raises `ProtocolViolationError` for anything that
 is no such dataset. Bytes after the last field of DeviceInfo, StorageInfo and ObjectInfo are let pass, since devices in
@@ -8,21 +9,198 @@ longer one means another type. Text from a camera is text: names are never used 
 
 from __future__ import annotations
 
+import re
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime, timedelta, timezone
 from typing import Any
 
 from drivers.ptp.codes import DataType, FormFlag
 from drivers.ptp.container import violation
-from drivers.ptp.values import (
-    DatasetReader,
-    Value,
-    decode_date,
-    encode_array,
-    encode_string,
-    encode_value,
-)
+
+Value = int | str | tuple[int, ...]
+
+MAX_STRING_UNITS = 255
+"""A string's length, its closing NUL included, is one byte."""
+
+_INTEGERS: dict[int, tuple[int, bool]] = {
+    DataType.INT8: (1, True),
+    DataType.UINT8: (1, False),
+    DataType.INT16: (2, True),
+    DataType.UINT16: (2, False),
+    DataType.INT32: (4, True),
+    DataType.UINT32: (4, False),
+    DataType.INT64: (8, True),
+    DataType.UINT64: (8, False),
+    DataType.INT128: (16, True),
+    DataType.UINT128: (16, False),
+}
+
+_DATE = re.compile(r"(\d{8}T\d{6})(?:\.(\d{1,6}))?(Z|[+-]\d{4})?", re.ASCII)
+
+
+class DatasetReader:
+    """Walks through a dataset; every step is checked against what is left. `ProtocolViolationError` otherwise."""
+
+    def __init__(self, data: bytes, what: str) -> None:
+        self._data = data
+        self._at = 0
+        self._what = what
+
+    @property
+    def left_bytes(self) -> int:
+        """How many bytes are not read yet."""
+        return len(self._data) - self._at
+
+    def take(self, count: int) -> bytes:
+        """Return the next ``count`` bytes."""
+        if count > self.left_bytes:
+            raise violation(
+                f"{self._what} ends after {len(self._data)} bytes where {self._at + count} are needed", self._data
+            )
+        piece = self._data[self._at : self._at + count]
+        self._at += count
+        return piece
+
+    def unsigned(self, size_bytes: int) -> int:
+        """Return the next unsigned little-endian integer."""
+        return int.from_bytes(self.take(size_bytes), "little")
+
+    def array(self, item_bytes: int, *, signed: bool = False) -> tuple[int, ...]:
+        """Return the next array (32-bit count, then items); the count is checked before anything is built."""
+        count = self.unsigned(4)
+        if count * item_bytes > self.left_bytes:
+            raise violation(f"{self._what} announces {count} items and has {self.left_bytes} bytes left", self._data)
+        raw = self.take(count * item_bytes)
+        return tuple(
+            int.from_bytes(raw[i : i + item_bytes], "little", signed=signed) for i in range(0, len(raw), item_bytes)
+        )
+
+    def string(self) -> str:
+        """Return the next string; it must be closed by NUL, and nothing but NULs may follow a NUL."""
+        units = self.unsigned(1)
+        if units == 0:
+            return ""
+        try:
+            text = self.take(2 * units).decode("utf-16-le")
+        except UnicodeDecodeError:
+            raise violation(f"{self._what} has a string that is no UTF-16", self._data) from None
+        body = text.rstrip("\0")
+        if len(body) == len(text) or "\0" in body:
+            raise violation(f"{self._what} has a string that is not closed where it should be", self._data)
+        return body
+
+    def value(self, data_type: int) -> Value:
+        """Return the next value of a `DataType`, or of an array of one."""
+        if data_type == DataType.STRING:
+            return self.string()
+        size_bytes, signed = _integer_type(data_type & ~DataType.ARRAY, self._what)
+        if data_type & DataType.ARRAY:
+            return self.array(size_bytes, signed=signed)
+        return int.from_bytes(self.take(size_bytes), "little", signed=signed)
+
+    def finish(self) -> None:
+        """Refuse bytes after the end: then the layout is not what we think it is."""
+        if self.left_bytes:
+            raise violation(f"{self._what} has {self.left_bytes} bytes too many", self._data)
+
+
+def _integer_type(data_type: int, what: str) -> tuple[int, bool]:
+    try:
+        return _INTEGERS[data_type]
+    except KeyError:
+        raise violation(f"{what}: datatype {data_type:04X} does not exist", datatype=data_type) from None
+
+
+def decode_value(data: bytes, data_type: int) -> Value:
+    """Return the value that ``data`` is, to the byte."""
+    reader = DatasetReader(data, "property value")
+    value = reader.value(data_type)
+    reader.finish()
+    return value
+
+
+def decode_ids(data: bytes) -> tuple[int, ...]:
+    """Return the array of 32-bit ids or handles that ``data`` is, to the byte."""
+    reader = DatasetReader(data, "list of ids")
+    items = reader.array(4)
+    reader.finish()
+    return items
+
+
+def encode_integer(value: int, data_type: int) -> bytes:
+    """Return an integer of a `DataType`; `ValueError` where it does not fit."""
+    size_bytes, signed = _INTEGERS[data_type]
+    try:
+        return value.to_bytes(size_bytes, "little", signed=signed)
+    except OverflowError:
+        raise ValueError(f"{value} does not fit datatype {data_type:04X}") from None
+
+
+def encode_array(items: Sequence[int], item_type: int) -> bytes:
+    """Return an array: 32-bit count, then the items."""
+    return len(items).to_bytes(4, "little") + b"".join(encode_integer(item, item_type) for item in items)
+
+
+def encode_string(text: str) -> bytes:
+    """Return a string: number of UTF-16 units with the closing NUL, then the units; one zero byte where empty.
+
+    `ValueError` for NULs, lone surrogates, or more than 254 units.
+    """
+    if not text:
+        return b"\0"
+    if "\0" in text:
+        raise ValueError("a PTP string cannot hold NUL")
+    raw = (text + "\0").encode("utf-16-le")
+    if len(raw) // 2 > MAX_STRING_UNITS:
+        raise ValueError(f"a PTP string holds {MAX_STRING_UNITS - 1} units, not {len(raw) // 2 - 1}")
+    return bytes([len(raw) // 2]) + raw
+
+
+def encode_value(value: Value, data_type: int) -> bytes:
+    """Return a value of a `DataType`, or of an array of one; `ValueError` where it does not fit."""
+    if isinstance(value, str):
+        if data_type != DataType.STRING:
+            raise ValueError(f"datatype {data_type:04X} holds no text")
+        return encode_string(value)
+    is_array = data_type != DataType.STRING and bool(data_type & DataType.ARRAY)
+    if data_type == DataType.STRING or is_array != isinstance(value, tuple):
+        raise ValueError(f"datatype {data_type:04X} does not hold {value!r}")
+    if data_type & ~DataType.ARRAY not in _INTEGERS:
+        raise ValueError(f"datatype {data_type:04X} does not exist")
+    if isinstance(value, tuple):
+        return encode_array(value, data_type & ~DataType.ARRAY)
+    return encode_integer(value, data_type)
+
+
+def decode_date(text: str) -> datetime | None:
+    """Return the date of ``YYYYMMDDThhmmss[.s][Z|+hhmm]``; None for empty text.
+
+    Aware where the text names a zone, naive otherwise: then it is the camera's own local time.
+    """
+    if not text:
+        return None
+    match = _DATE.fullmatch(text)
+    if match is None:
+        raise violation(f"{text[:40]!r} is no PTP date")
+    moment, fraction, zone = match.groups()
+    try:
+        date = datetime.strptime(moment, "%Y%m%dT%H%M%S")  # noqa: DTZ007 - naive on purpose where no zone is given
+        date = date.replace(microsecond=int((fraction or "0").ljust(6, "0")), tzinfo=_decode_zone(zone))
+    except ValueError:
+        raise violation(f"{text[:40]!r} is no date that exists") from None
+    return date
+
+
+def _decode_zone(zone: str | None) -> timezone | None:
+    if zone is None:
+        return None
+    if zone == "Z":
+        return UTC
+    offset = timedelta(hours=int(zone[1:3]), minutes=int(zone[3:5]))
+    return timezone(-offset if zone[0] == "-" else offset)
+
 
 _OBJECT_INFO = struct.Struct("<IHHIHIIIIIIIHII")
 _STORAGE_INFO = struct.Struct("<HHHQQI")
@@ -87,10 +265,6 @@ class ObjectInfo:
     modification_date: str = ""
     keywords: str = ""
 
-    def captured_at(self) -> datetime | None:
-        """Return the capture date, None where there is none; naive where the camera names no zone."""
-        return decode_date(self.capture_date)
-
 
 @dataclass(frozen=True)
 class DevicePropDesc:
@@ -116,83 +290,24 @@ def decode_device_info(data: bytes) -> DeviceInfo:
         *_DEVICE_INFO.unpack(reader.take(_DEVICE_INFO.size)),
         reader.string(),
         reader.unsigned(2),
-        reader.array(2),
-        reader.array(2),
-        reader.array(2),
-        reader.array(2),
-        reader.array(2),
-        reader.string(),
-        reader.string(),
-        reader.string(),
-        reader.string(),
+        *(reader.array(2) for _ in range(5)),
+        *(reader.string() for _ in range(4)),
     ]
     return DeviceInfo(*fields)
-
-
-def encode_device_info(info: DeviceInfo) -> bytes:
-    """Return the bytes of a DeviceInfo."""
-    lists = (info.operations, info.events, info.properties, info.capture_formats, info.image_formats)
-    texts = (info.manufacturer, info.model, info.device_version, info.serial)
-    return b"".join(
-        [
-            _DEVICE_INFO.pack(info.standard_version, info.vendor_extension_id, info.vendor_extension_version),
-            encode_string(info.vendor_extension_desc),
-            info.functional_mode.to_bytes(2, "little"),
-            *(encode_array(codes, DataType.UINT16) for codes in lists),
-            *(encode_string(text) for text in texts),
-        ]
-    )
 
 
 def decode_storage_info(data: bytes) -> StorageInfo:
     """Return the StorageInfo that ``data`` is."""
     reader = DatasetReader(data, "StorageInfo")
-    fields: list[Any] = [*_STORAGE_INFO.unpack(reader.take(_STORAGE_INFO.size)), reader.string(), reader.string()]
-    return StorageInfo(*fields)
-
-
-def encode_storage_info(info: StorageInfo) -> bytes:
-    """Return the bytes of a StorageInfo."""
-    fixed = _STORAGE_INFO.pack(
-        info.storage_type, info.filesystem_type, info.access, info.max_bytes, info.free_bytes, info.free_images
-    )
-    return fixed + encode_string(info.description) + encode_string(info.label)
+    fixed: tuple[Any, ...] = _STORAGE_INFO.unpack(reader.take(_STORAGE_INFO.size))
+    return StorageInfo(*fixed, *(reader.string() for _ in range(2)))
 
 
 def decode_object_info(data: bytes) -> ObjectInfo:
     """Return the ObjectInfo that ``data`` is."""
     reader = DatasetReader(data, "ObjectInfo")
-    fields: list[Any] = [
-        *_OBJECT_INFO.unpack(reader.take(_OBJECT_INFO.size)),
-        reader.string(),
-        reader.string(),
-        reader.string(),
-        reader.string(),
-    ]
-    return ObjectInfo(*fields)
-
-
-def encode_object_info(info: ObjectInfo) -> bytes:
-    """Return the bytes of an ObjectInfo."""
-    fixed = _OBJECT_INFO.pack(
-        info.storage_id,
-        info.format_code,
-        info.protection,
-        info.size_bytes,
-        info.thumb_format,
-        info.thumb_bytes,
-        info.thumb_width_px,
-        info.thumb_height_px,
-        info.image_width_px,
-        info.image_height_px,
-        info.image_depth_bits,
-        info.parent,
-        info.association_type,
-        info.association_desc,
-        info.sequence,
-    )
-    texts = (info.filename, info.capture_date, info.modification_date, info.keywords)
-    return fixed + b"".join(encode_string(text) for text in texts)
+    fixed: tuple[Any, ...] = _OBJECT_INFO.unpack(reader.take(_OBJECT_INFO.size))
+    return ObjectInfo(*fixed, *(reader.string() for _ in range(4)))
 
 
 def decode_device_prop_desc(data: bytes) -> DevicePropDesc:
@@ -214,18 +329,3 @@ def decode_device_prop_desc(data: bytes) -> DevicePropDesc:
         raise violation(f"DevicePropDesc of {code:04X} has form {form}, which does not exist", data)
     reader.finish()
     return DevicePropDesc(code, data_type, bool(access), default, current, FormFlag(form), value_range, choices)
-
-
-def encode_device_prop_desc(desc: DevicePropDesc) -> bytes:
-    """Return the bytes of a DevicePropDesc; `ValueError` where form and values do not belong together."""
-    if (desc.form is FormFlag.RANGE) != (desc.value_range is not None):
-        raise ValueError("a range form needs a range, and nothing else does")
-    if desc.choices and desc.form is not FormFlag.ENUMERATION:
-        raise ValueError("choices need an enumeration form")
-    head = struct.pack("<HHB", desc.code, desc.data_type, desc.writable)
-    values: list[Value] = [desc.default, desc.current]
-    parts = [head, *(encode_value(value, desc.data_type) for value in values), bytes([desc.form])]
-    if desc.form is FormFlag.ENUMERATION:
-        parts.append(len(desc.choices).to_bytes(2, "little"))
-    parts += [encode_value(value, desc.data_type) for value in desc.value_range or desc.choices]
-    return b"".join(parts)

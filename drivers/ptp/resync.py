@@ -18,9 +18,8 @@ from drivers.errors import (
     DeviceTimeoutError,
     LinkStallError,
 )
-from drivers.links import PtpTransport
 from drivers.ptp.codes import ClassRequest, Event, Response
-from drivers.ptp.pipes import MIN_CALL_S, BulkPipe, EventPipe
+from drivers.ptp.pipes import MIN_CALL_S, BulkPipe, EventPipe, PtpTransport
 
 CANCEL_LIMIT_S = 7.0
 CLASS_RESET_LIMIT_S = 6.0

@@ -17,15 +17,22 @@ from drivers.errors import (
     LinkStallError,
     ProtocolViolationError,
 )
-from drivers.links import PtpTransport
 from drivers.ptp import datasets
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.container import violation
-from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo, StorageInfo
-from drivers.ptp.pipes import MIN_CALL_S
+from drivers.ptp.datasets import (
+    DeviceInfo,
+    DevicePropDesc,
+    ObjectInfo,
+    StorageInfo,
+    Value,
+    decode_ids,
+    decode_value,
+    encode_value,
+)
+from drivers.ptp.pipes import MIN_CALL_S, PtpTransport
 from drivers.ptp.resync import CANCEL_LIMIT_S, DRAIN_LIMIT_S, PROOF_LIMIT_S, Ladder
 from drivers.ptp.transactions import DEFAULT_TIMEOUT_S, PtpEvent, Reply, Transactions, refusal
-from drivers.ptp.values import Value, decode_ids, decode_value, encode_value
 
 __all__ = ["PtpEvent", "PtpSession", "Reply"]
 

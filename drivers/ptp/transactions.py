@@ -17,11 +17,9 @@ from drivers.errors import (
     ProtocolViolationError,
     StoreFullError,
 )
-from drivers.links import PtpTransport
-from drivers.ptp.assembler import MAX_RESPONSE_BYTES
 from drivers.ptp.codes import HEADER_BYTES, ContainerType, Operation, Response
-from drivers.ptp.container import Container, Header, pack_params, violation
-from drivers.ptp.pipes import BulkPipe, EventPipe
+from drivers.ptp.container import MAX_RESPONSE_BYTES, Container, Header, pack_params, violation
+from drivers.ptp.pipes import BulkPipe, EventPipe, PtpTransport
 
 # What a camera's refusal means, in words: response codes to typed errors.
 
@@ -152,27 +150,16 @@ class Transactions:
     ) -> Reply:
         """Run one operation and return its reply.
 
-        Parameters
-        ----------
-        operation, params
-            Operation code and up to five 32-bit parameters.
-        data_out, data_in
-            Bytes to send, or whether data is to come; at most one of them.
-        max_data_bytes
-            Largest data to accept; more is a violation, before anything is allocated.
-        timeout_s
-            Limit for the whole operation; the session's own where None.
-        accept
-            Response codes to return rather than raise.
+        ``operation``, ``params``: operation code and up to five 32-bit parameters.
+        ``data_out``, ``data_in``: bytes to send, or whether data is to come; at most one of them.
+        ``max_data_bytes``: largest data to accept; more is a violation, before anything is allocated.
+        ``timeout_s``: limit for the whole operation; the session's own where None.
+        ``accept``: response codes to return rather than raise.
 
-        Raises
-        ------
-        DeviceBusyError, StoreFullError, OperationRefusedError
-            The camera answered with a code that is not in ``accept``; the session is in order.
-        ProtocolViolationError
-            Id, code, type or length of an answer is wrong; the session is ``broken``.
-        DeviceTimeoutError, LinkStallError, DeviceLostError
-            From the link; see ``broken``.
+        Raises `DeviceBusyError, StoreFullError, OperationRefusedError`: the camera answered with a code that is not in
+        ``accept``; the session is in order; `ProtocolViolationError`: id, code, type or length of an answer is wrong;
+        the session is ``broken``; `DeviceTimeoutError, LinkStallError, DeviceLostError`: from the link; see
+        ``broken``.
         """
         if data_in and data_out is not None:
             raise ValueError("PTP has one data phase an operation: data_in or data_out")

@@ -30,18 +30,20 @@ from drivers.errors import (
     SettingRefusedError,
     StoreFullError,
 )
-from drivers.links import PtpTransport
 from drivers.ptp.codes import DataType, Event, ObjectFormat, Operation, Prop
-from drivers.ptp.values import decode_date
+from drivers.ptp.datasets import decode_date
+from drivers.ptp.pipes import PtpTransport
 from drivers.theta_z1.codes import SHUTTER_FRACTIONS, VENDOR_EXTENSION_ID, RicohProp
 from drivers.theta_z1.exposure import ThetaExposure, ThetaShot, is_ready
-from drivers.theta_z1.operations import Fraction32, error_texts, nearest_shutter
 from drivers.theta_z1.settings import (
     PROPERTY_PAUSE_S,
+    Fraction32,
     Setting,
     ThetaProperties,
+    error_texts,
     find_f_number,
     mode_settings,
+    nearest_shutter,
     picture_settings,
 )
 
@@ -83,12 +85,7 @@ UNKNOWN_COUNT = 0xFFFFFFFF
 class ThetaZ1:
     """`drivers.camera.Camera` of a Theta Z1.
 
-    Parameters
-    ----------
-    open_transport
-        Opens the link to the camera; called by `connect` and by `recover` after a lost connection.
-    clock
-        All time comes from it.
+    ``open_transport``: opens the link to the camera; called by `connect` and by `recover` after a lost connection.
     """
 
     kind = "theta_z1"

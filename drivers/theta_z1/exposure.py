@@ -15,8 +15,7 @@ from drivers.errors import DeviceBusyError, ExposureFailedError, StoreFullError
 from drivers.ptp.codes import Event
 from drivers.ptp.session import PtpEvent
 from drivers.theta_z1.codes import RicohProp
-from drivers.theta_z1.operations import error_texts
-from drivers.theta_z1.settings import ThetaProperties
+from drivers.theta_z1.settings import ThetaProperties, error_texts
 
 EVENT_WAIT_S = 0.02
 MAX_EVENTS_A_POLL = 8
@@ -62,10 +61,7 @@ class ThetaExposure:
     def poll(self, *, wait: bool) -> ExposureProgress:
         """Take in what the camera has told; with ``wait`` for up to `EVENT_WAIT_S` of time.
 
-        Raises
-        ------
-        ExposureFailedError, StoreFullError
-            No picture long after the shutter has closed.
+        Raises `ExposureFailedError, StoreFullError`: no picture long after the shutter has closed.
         """
         self._take_events(EVENT_WAIT_S if wait else 0.0)
         self._look_at_pending()

@@ -11,11 +11,10 @@ from drivers.clock import Clock, SystemClock
 from mocks.instruments.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
 from mocks.instruments.exposures import CameraTiming, ShotSource
 from mocks.instruments.faults import FaultSchedule
-from mocks.instruments.ls160 import MeterFault, SimulatedMeter
-from mocks.instruments.serial_port import SerialPort
+from mocks.instruments.ls160 import MeterFault, SerialPort, SimulatedMeter
 from mocks.instruments.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
 from mocks.instruments.usb.bus import SimulatedUsbBackend
-from mocks.optics.optics import CANON_5D2, THETA_Z1, CameraOptics, Filter
+from mocks.optics.camera import CANON_5D2, THETA_Z1, CameraOptics, Filter
 from mocks.optics.pictures import RenderedShots
 from mocks.optics.sensor import Exposure
 from mocks.worlds.world import Vector, World, meter_luminance_cd_m2, open_world
@@ -111,10 +110,7 @@ def make_bench(
     time begins when this returns; ``times_s`` says, by camera kind, when each stop is planned to begin (at once, where
     it does not say): what the light does until then shows in the frames.
 
-    Raises
-    ------
-    WorldFileError
-        No such world.
+    Raises `WorldFileError`: no such world.
     """
     options = options or BenchOptions()
     world = open_world(world) if isinstance(world, str) else world

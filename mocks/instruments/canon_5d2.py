@@ -28,7 +28,7 @@ from mocks.instruments.canon_body import CANON_TIMING, CanonBody
 from mocks.instruments.canon_records import BULB_SHUTTER, CanonOptions, ImageFormat, Record
 from mocks.instruments.exposures import ShotRequest
 from mocks.instruments.faults import Fault, FaultKind
-from mocks.instruments.ptp.messages import Answer, Refusal, Request, Rule
+from mocks.instruments.ptp.wire import Answer, Refusal, Request, Rule
 
 __all__ = ["CANON_TIMING", "CanonOptions", "SimulatedCanon5D2"]
 
@@ -52,7 +52,7 @@ class _Plan:
 
 class SimulatedCanon5D2(CanonBody):
     """Put it into a `mocks.instruments.usb.bus.SimulatedUsbBackend`, or behind
-    `mocks.instruments.ptp.ip.PtpIpServer`.
+    `tests.peers.ptp_ip.PtpIpServer`.
     """
 
     half_pressed = False

@@ -19,10 +19,10 @@ from mocks.instruments import canon_records
 from mocks.instruments.canon_records import D11E, D11F, READ_ONLY, CanonOptions, CanonSettings, Record
 from mocks.instruments.exposures import CameraTiming, ShotSource
 from mocks.instruments.faults import FaultKind, FaultSchedule
-from mocks.instruments.ptp import ptp_wire
+from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.camera import SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, Property, PropertyTable, Storage, StoredObject
-from mocks.instruments.ptp.messages import Answer, DeviceIdentity, Refusal, Request, Rule
+from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
 
 CANON_TIMING = CameraTiming(release_lag_s=0.075, processing_s=0.6, transfer_bytes_per_s=18e6)
 FIRST_HANDLE = 0x9000_0000

@@ -25,7 +25,7 @@ from drivers.canon_5d2.codes import (
     CanonProp,
 )
 from mocks.instruments.faults import Fault
-from mocks.instruments.ptp import ptp_wire
+from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.datasets import StoredObject
 
 END = struct.pack("<II", 8, 0)

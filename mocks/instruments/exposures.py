@@ -14,7 +14,7 @@ from mocks.instruments.faults import Fault, FaultKind
 # What a simulated camera asks for when its shutter has closed: the bytes of the picture.
 #
 # The camera's protocol side (`mocks.instruments.theta_z1`, `mocks.instruments.canon_5d2`) knows settings and time; the
-# picture side (`mocks.optics.optics` behind `mocks.worlds.world`) knows light. They meet only here.
+# picture side (`mocks.optics.camera` behind `mocks.worlds.world`) knows light. They meet only here.
 
 
 @dataclass(frozen=True)

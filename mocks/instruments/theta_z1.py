@@ -15,10 +15,10 @@ from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.codes import RicohOperation, RicohProp
 from mocks.instruments.exposures import CameraTiming, ShotRequest, ShotSource
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
-from mocks.instruments.ptp import ptp_wire
+from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.camera import SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, PropertyTable, Storage
-from mocks.instruments.ptp.messages import Answer, DeviceIdentity, Refusal, Request, Rule
+from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
 from mocks.instruments.theta_properties import (
     AUTO_SHUTTER,
     LATER_PROPERTIES,

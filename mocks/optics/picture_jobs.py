@@ -15,8 +15,8 @@ from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
 from mocks.instruments.exposures import ShotRequest
+from mocks.optics.camera import CameraOptics, image_rows
 from mocks.optics.lenses import Size
-from mocks.optics.optics import CameraOptics, image_rows
 from mocks.optics.sensor import Exposure
 from mocks.worlds.light import World
 from processing.ground.arrays import Floats

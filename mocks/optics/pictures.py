@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 
 from mocks.instruments.exposures import ShotRequest
+from mocks.optics.camera import CameraOptics
 from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye, Size
-from mocks.optics.optics import CameraOptics
 from mocks.optics.picture_cache import PictureCache, content_key
 from mocks.optics.picture_jobs import (
     ImageJob,

@@ -18,8 +18,8 @@ from processing.running.result_store import ResultStore, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
 from processing.running.stage_inputs import StageInputs, make_context
 from processing.running.stage_results import answer_result, make_result
+from station.session.durable import SessionLock
 from station.session.folder import Folder
-from station.session.lock import SessionLock
 from station.session.session import SessionManifest
 from station.session.store import load_manifest
 

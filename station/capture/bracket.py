@@ -44,10 +44,7 @@ def plan_bracket(stops_s: Sequence[float], mode: Mode, sides: Sequence[Side]) ->
     exposures. An adaptive one starts in the middle and works outwards in turn, so that the frame that decides about
     a stop is transferred and judged behind an exposure of the other direction.
 
-    Raises
-    ------
-    UsageError
-        No stops, a repeated stop, or one outside 1/25000 .. 60 s.
+    Raises `UsageError`: no stops, a repeated stop, or one outside 1/25000 .. 60 s.
     """
     stops = tuple(sorted((float(s) for s in stops_s), reverse=True))
     if not stops:
@@ -88,10 +85,7 @@ def useless_because(stop: int, frames: Mapping[int, FrameStatistics]) -> str | N
 def parse_shutter(text: str) -> float:
     """Return seconds for ``"4"``, ``"1/60"``, ``"0.25"``, ``'1"3'`` is not understood.
 
-    Raises
-    ------
-    UsageError
-        Anything else, or a time out of range.
+    Raises `UsageError`: anything else, or a time out of range.
     """
     try:
         numerator, _, denominator = text.strip().removesuffix("s").partition("/")
@@ -177,16 +171,8 @@ def estimate_bracket(
     Pairs follow one another, each as long as its slower camera; a camera's earlier frames are fetched while it
     exposes or waits for its partner; what is left comes after the last exposure, together with the second reading.
 
-    Parameters
-    ----------
-    plan
-        Stops, order and sides.
-    costs
-        Cost of each camera.
-    reading_s
-        Duration of the meter readings (first before the bracket, second after).
-    exposure_s
-        True exposure time of (side, stop) where it differs from the nominal one.
+    ``reading_s``: duration of the meter readings (first before the bracket, second after).
+    ``exposure_s``: true exposure time of (side, stop) where it differs from the nominal one.
     """
     exposure_s = exposure_s or {}
     backlog_s = dict.fromkeys(plan.sides, 0.0)

@@ -23,8 +23,7 @@ from drivers.errors import (
     ExposureFailedError,
     ProtocolViolationError,
 )
-from station.capture.intake import Intake
-from station.capture.notices import (
+from station.capture.events import (
     Broken,
     Exposed,
     Fatal,
@@ -42,7 +41,8 @@ from station.capture.notices import (
     Shot,
     StandDown,
 )
-from station.frames.part import FRAME_CAP_BYTES
+from station.capture.intake import Intake
+from station.session.folder import FRAME_CAP_BYTES
 from station.session.session import Side
 
 CHUNK_BYTES = 1 << 20

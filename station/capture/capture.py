@@ -25,14 +25,11 @@ from drivers.errors import DeviceError
 from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost
 from station.capture.camera_worker import CameraWorker
 from station.capture.conductor import Conductor, Doubts
-from station.capture.events import CaptureEvent, EventKind
-from station.capture.intake import Intake
-from station.capture.notices import Notice
+from station.capture.events import CaptureEvent, EventKind, Notice
+from station.capture.intake import Intake, ReadingTaker, When, drift_frac
 from station.capture.preflight import Findings, Level, check_rig, require
-from station.capture.readings import ReadingTaker, When, drift_frac
 from station.capture.rig import Rig
-from station.crash_report import software_versions
-from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError
+from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
 from station.frames.rules import check_not_too_dark, check_order
 from station.session.session import (
@@ -94,10 +91,8 @@ class Capture:
     def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
         """Return the capture of a new session.
 
-        Raises
-        ------
-        UsageError
-            No camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed readings.
+        Raises `UsageError`: no camera, stops out of range, a name beyond `MAX_ROOM_CHARACTERS`, or more than two typed
+        readings.
         """
         if len(request.room) > MAX_ROOM_CHARACTERS:
             raise UsageError("the room's name is too long", where="capture", advice="its folder takes 60 characters")
@@ -111,10 +106,7 @@ class Capture:
     def resume(cls, rig: Rig, store: SessionStore, *, typed_readings: tuple[float, ...] = ()) -> Capture:
         """Return the capture that completes a partial session.
 
-        Raises
-        ------
-        SessionError
-            The session was imported, or needs a camera that the rig lacks or has set otherwise.
+        Raises `SessionError`: the session was imported, or needs a camera that the rig lacks or has set otherwise.
         """
         bracket, where = store.manifest.bracket, str(store.path)
         if bracket.mode not in ("full", "adaptive"):

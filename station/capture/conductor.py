@@ -16,9 +16,10 @@ from drivers.errors import (
 )
 from station.capture.bracket import BracketPlan, useless_because
 from station.capture.camera_worker import EXPOSURE_GRACE_S, CameraWorker
-from station.capture.events import CaptureEvent, EventKind
-from station.capture.notices import (
+from station.capture.events import (
     Broken,
+    CaptureEvent,
+    EventKind,
     Exposed,
     Fatal,
     Fire,

@@ -1,10 +1,19 @@
-"""What a capture tells while it runs: one small type, JSON-able, for terminals, logs and tests alike."""
+"""What a capture reports while it runs (one small type, JSON-able, for terminals, logs and tests alike), and what its
+threads say to each other: orders to a camera, and notices back to the conductor.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from datetime import datetime
+
+    from drivers.camera import FrameRef, ShutterReadback
+    from drivers.errors import DaylitError, DeviceError
+    from station.session.session import FrameRecord, RejectedFrame, Side
 
 
 class EventKind(StrEnum):
@@ -38,3 +47,149 @@ class CaptureEvent:
     def to_dict(self) -> dict[str, Any]:
         """Return the event as one flat JSON object."""
         return {"event": str(self.kind), "text": self.text, "at_s": round(self.at_s, 4), **self.data}
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """Order: make the camera ready for a stop; answered by Ready or Broken."""
+
+    stop: int
+    shutter_s: float
+    retakes: int = 0
+
+
+@dataclass(frozen=True)
+class Fire:
+    """Order: open the shutter at this monotonic time; answered by Released and Exposed, or Broken."""
+
+    open_at_s: float
+
+
+@dataclass(frozen=True)
+class StandDown:
+    """Order: the partner is not ready, forget the stop."""
+
+
+@dataclass(frozen=True)
+class Safe:
+    """Order, from the intake: the frame is here for good; the camera may forget it, if it counts (``acknowledged``)."""
+
+    frame: FrameRef
+    acknowledged: bool = True
+
+
+@dataclass(frozen=True)
+class Leave:
+    """Order: fetch what is left (unless ``at_once``), then end the thread; answered by Left."""
+
+    at_once: bool = False
+
+
+Order = SetUp | Fire | StandDown | Safe | Leave
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One frame on its way from a camera to the disk."""
+
+    side: Side
+    stop: int
+    frame: FrameRef
+    asked_s: float
+    shutter: ShutterReadback
+    released_utc: datetime
+    released_s: float
+    announced_utc: datetime
+    retakes: int
+
+
+@dataclass(frozen=True)
+class Ready:
+    """Armed."""
+
+    side: Side
+    stop: int
+
+
+@dataclass(frozen=True)
+class Released:
+    """The shutter was asked to open at ``at_s``."""
+
+    side: Side
+    stop: int
+    at_s: float
+
+
+@dataclass(frozen=True)
+class Exposed:
+    """The exposure is over; ``n_frames`` are announced and will be fetched, behind later exposures if ``overlaps``."""
+
+    side: Side
+    stop: int
+    n_frames: int
+    overlaps: bool
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Bytes of a frame fetched so far."""
+
+    side: Side
+    stop: int
+    done_bytes: int
+    total_bytes: int
+
+
+@dataclass(frozen=True)
+class Saved:
+    """A frame is acknowledged: on disk, digested, checked, journalled."""
+
+    side: Side
+    stop: int
+    record: FrameRecord
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """A frame arrived and does not count."""
+
+    side: Side
+    stop: int
+    record: RejectedFrame
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A frame was exposed but could not be fetched."""
+
+    side: Side
+    stop: int
+    error: DeviceError
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A device error (at a stop, or between stops); ``recovered``: the camera can go on."""
+
+    side: Side
+    stop: int | None
+    error: DeviceError
+    recovered: bool
+
+
+@dataclass(frozen=True)
+class Fatal:
+    """Something no retake can mend: a full disk, or a fault of our own."""
+
+    side: Side
+    error: DaylitError | Exception
+
+
+@dataclass(frozen=True)
+class Left:
+    """The camera's thread is over."""
+
+    side: Side
+
+
+Notice = Ready | Released | Exposed | Progress | Saved | Rejected | Lost | Broken | Fatal | Left

@@ -1,9 +1,14 @@
-"""Before the first picture: connect, set, read back, and look for everything that would spoil a bracket."""
+"""Before the first picture: what would spoil a bracket. `check_rig` connects, sets and reads back every instrument;
+what `daylit doctor` looks at besides (the computer, the links) follows below."""
 
 from __future__ import annotations
 
+import importlib.util
+import os
+import platform
 import shutil
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
@@ -95,13 +100,18 @@ def require(findings: Findings) -> None:
 
 def check_disk(folder: Path, limits: LimitsTable, bytes_needed: int) -> Check:
     """Check that the folder's disk has room for the session and the margin of the rig file."""
-    existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
-    free = shutil.disk_usage(existing).free
+    free = _free_bytes(folder)
     needed = bytes_needed + int(limits.min_free_disk_mb * 1e6)
     text = f"{free / 1e9:.1f} GB free, {needed / 1e9:.1f} GB needed with margin"
     if free >= needed:
         return Check(Level.OK, "disk", text)
     return Check(Level.FAIL, "disk", text, advice="free some space or choose another folder with --into")
+
+
+def _free_bytes(folder: Path) -> int:
+    """Return what is free where a folder is, or will be."""
+    existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    return shutil.disk_usage(existing).free
 
 
 def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
@@ -202,3 +212,129 @@ def _check_meter(rig: Rig, on_ready: Callable[[], None]) -> Findings:
         dialect_verified=identity.dialect_verified,
     )
     return Findings(tuple(checks), (device,))
+
+
+RULES_NAME = "70-daylit.rules"
+RULE_FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/lib/udev/rules.d"))
+GRABBERS = ("gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2", "gvfs-mtp-volume-monitor", "gvfsd-mtp")
+"""Desktop services that claim a camera as soon as it is plugged in."""
+
+
+def check_computer(folder: Path) -> Iterator[Check]:
+    """Yield checks of Python, libraries, the USB library, permissions, grabbers, the disk, and the renderer."""
+    yield Check(Level.OK, "python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+    yield from _check_libraries()
+    yield _check_usb_library()
+    if sys.platform.startswith("linux"):
+        yield _check_udev()
+        yield _check_serial_group()
+        yield from _check_grabbers()
+    yield _check_disk(folder)
+    yield _check_isolation()
+    yield _check_renderer()
+
+
+def list_instruments() -> Iterator[Check]:
+    """Yield what is plugged in: known cameras on USB and serial ports."""
+    from drivers.serial_link import list_ports
+    from drivers.usb_link import list_cameras
+
+    try:
+        cameras = list_cameras()
+    except DaylitError as error:
+        cameras = []
+        yield Check(Level.WARN, "cameras", error.message, error.advice, error)
+    if not cameras:
+        yield Check(Level.WARN, "cameras", "no PTP camera on USB", "plug it in, switch it on, wake it")
+    for camera in cameras:
+        ids = f"{camera.vendor_id:04x}:{camera.product_id:04x}"
+        yield Check(Level.OK, "camera", f"{camera.product or 'unnamed'} ({ids}) on bus {camera.bus}.{camera.address}")
+    ports = list_ports()
+    if not ports:
+        yield Check(
+            Level.WARN, "serial ports", "none", "plug the meter in; on Linux it shows as /dev/ttyACM* or ttyUSB*"
+        )
+    for port in ports:
+        description = "" if port.description == "n/a" else port.description
+        yield Check(Level.OK, "serial port", f"{port.device} {description}".strip())
+
+
+def _check_libraries() -> Iterator[Check]:
+    for module in ("pydantic", "serial", "usb", "libusb_package", "cv2", "numpy", "PIL", "rich"):
+        if importlib.util.find_spec(module) is None:
+            yield Check(Level.FAIL, "library", f"{module} is not installed", "install daylit anew (make demo)")
+
+
+def _check_usb_library() -> Check:
+    from drivers.usb_link import real_backend
+
+    if real_backend() is None:
+        return Check(Level.FAIL, "libusb", "no USB library can be loaded", "pip install libusb-package")
+    return Check(Level.OK, "libusb", "loaded")
+
+
+def _check_udev() -> Check:
+    if os.geteuid() == 0:
+        return Check(Level.OK, "udev", "running as root: no rule needed")
+    if any((folder / RULES_NAME).exists() for folder in RULE_FOLDERS):
+        return Check(Level.OK, "udev", f"{RULES_NAME} is installed")
+    source = Path(__file__).resolve().parents[2] / "drivers" / "udev" / RULES_NAME
+    advice = f"sudo cp {source} /etc/udev/rules.d/ && sudo udevadm control --reload && replug the cameras"
+    return Check(Level.WARN, "udev", f"{RULES_NAME} is not installed: cameras and meter may be refused", advice)
+
+
+def _check_serial_group() -> Check:
+    if os.geteuid() == 0 or _in_group("dialout") or _in_group("uucp"):
+        return Check(Level.OK, "serial access", "you may open serial ports")
+    advice = "sudo usermod -aG dialout $USER, then log in anew (or install the udev rule)"
+    return Check(Level.WARN, "serial access", "you are not in the group dialout", advice)
+
+
+def _in_group(name: str) -> bool:
+    import grp
+
+    try:
+        return grp.getgrnam(name).gr_gid in os.getgroups()
+    except KeyError:
+        return False
+
+
+def _check_grabbers() -> Iterator[Check]:
+    for process in Path("/proc").glob("[0-9]*/comm"):
+        try:
+            name = process.read_text().strip()
+        except OSError:
+            continue
+        # The kernel keeps 15 characters of a name.
+        if any(g.startswith(name) for g in GRABBERS if len(name) >= 10):
+            advice = f"stop it while you capture: kill {process.parent.name} (or: gio mount -s gphoto2)"
+            yield Check(Level.WARN, "desktop", f"{name} runs and takes cameras for itself", advice)
+
+
+def _check_disk(folder: Path) -> Check:
+    free_gb = _free_bytes(folder) / 1e9
+    text = f"{free_gb:.1f} GB free for sessions (one takes about 0.15 GB)"
+    if free_gb > 2:
+        return Check(Level.OK, "disk", text)
+    return Check(Level.WARN, "disk", text, "free some space, or choose another disk with --into")
+
+
+def _check_isolation() -> Check:
+    from station.frames.check import FrameChecker
+
+    with FrameChecker() as checker:
+        try:
+            checker.start()
+        except DaylitError as error:
+            return Check(Level.FAIL, "frame checker", error.message, error.advice, error)
+    limits = f", confined ({'; '.join(checker.limits)})" if checker.limits else "; runs without limits on this system"
+    return Check(Level.OK, "frame checker", f"works{limits}")
+
+
+def _check_renderer() -> Check:
+    from station.capture.rig import simulated_renderer
+
+    try:
+        return Check(Level.OK, "renderer", simulated_renderer())
+    except DaylitError as error:
+        return Check(Level.WARN, "renderer", error.message, error.advice, error)

@@ -45,10 +45,7 @@ class Rig:
 def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
     """Return a rig of real instruments; nothing is opened before `Camera.connect` and `Meter.connect`.
 
-    Raises
-    ------
-    RigError
-        A meter dialect that does not exist.
+    Raises `RigError`: A meter dialect that does not exist.
     """
     clock = clock or SystemClock()
     cameras = {side: _camera(table, None, clock) for side, table in file.cameras().items()}
@@ -105,14 +102,11 @@ def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
 def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
     """Return the meter of a dialect on a serial port; ``"auto"`` looks for its USB ids each time it connects.
 
-    Raises
-    ------
-    DialectError
-        No such dialect, or a file that is none.
+    Raises `DialectError`: no such dialect, or a file that is none.
     """
     from drivers.meter.dialect import load_dialect
     from drivers.meter.ls160 import KonicaMinoltaMeter
-    from drivers.port_finder import PortOpener
+    from drivers.serial_link import PortOpener
 
     dialect = load_dialect(dialect_name)
     open_line = PortOpener(port, dialect.port.settings(), usb_ids=dialect.usb_ids, clock=clock)
@@ -142,10 +136,7 @@ def open_named_rig(
     generated room does, at its time, and knows its heading, so that the sun is where it should be; ``changes`` replace
     tables of the rig file (``outdoor=None``).
 
-    Raises
-    ------
-    RigError
-        No rig file, or one that cannot be right.
+    Raises `RigError`: no rig file, or one that cannot be right.
     """
     from station.capture.rig_file import PAPER_RIG, load_rig
 
@@ -184,10 +175,7 @@ def _place_of(simulate: str) -> tuple[dict[str, object], datetime | None]:
 def simulated_renderer() -> str:
     """Return what renders generated rooms here, in words; takes seconds once on a computer, then none.
 
-    Raises
-    ------
-    DaylitError
-        None can: a library is missing, or the renderer asked for is.
+    Raises `DaylitError`: none can: a library is missing, or the renderer asked for is.
     """
     from mocks.rooms.light.engine import EngineError, engine, missing_libraries
 
@@ -243,10 +231,7 @@ def simulated_rig_file(file: RigFile, size: str) -> RigFile:
 def find_rig_file(path: Path | None) -> Path:
     """Return the rig file to use: the one given, else ``rig.toml`` here, else the one in the user's config folder.
 
-    Raises
-    ------
-    RigError
-        None of them exists.
+    Raises `RigError`: none of them exists.
     """
     if path is not None:
         return path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -141,10 +142,8 @@ PAPER_RIG = RigFile(indoor=PAPER_INDOOR, outdoor=PAPER_OUTDOOR, meter=MeterTable
 def load_rig(path: Path) -> RigFile:
     """Read and check a rig file.
 
-    Raises
-    ------
-    RigError
-        Missing, too large, not TOML, or a key that is unknown or out of range; names the file and every such key.
+    Raises `RigError`: missing, too large, not TOML, or a key that is unknown or out of range; names the file and every
+    such key.
     """
     try:
         if path.stat().st_size > MAX_RIG_BYTES:
@@ -165,49 +164,6 @@ def load_rig(path: Path) -> RigFile:
         ) from error
 
 
-EXAMPLE = """\
-# A daylit rig. Remove a table to work without that instrument.
-heading_deg = 0.0            # compass azimuth of the panorama's centre column
-camera_height_m = 1.6
-
-[site]
-name = "my site"
-latitude_deg = 40.44
-longitude_deg = -79.99
-
-[indoor]
-kind = "theta_z1"
-iso = 100
-f_number = 5.6
-color_temperature_k = 6500
-size_px = [6720, 3360]
-keep_raw = false             # true: DNG beside the JPEG
-delete_after = false         # true: delete from the camera what is safe on disk
-# release_lag_s = 0.15       # release to shutter opening, if you have measured it
-
-[outdoor]
-kind = "canon_5d2"
-iso = 200
-f_number = 16
-color_temperature_k = 6500
-size_px = [5616, 3744]
-lens = "EF 8-15mm f/4L FISHEYE USM at 8 mm"
-nd_filter = "ND 3.0"
-image_circle = [0.5, 0.5, 0.314]
-
-[meter]
-dialect = "ls160"            # ASSUMED protocol; "ls100" is verified from its manual; or a file of your own
-port = "auto"                # or /dev/ttyACM0, COM3
-samples = 3
-target_deg = [0.0, 0.0]      # where the meter looks: longitude right of centre, latitude up
-
-[bracket]
-stops = ["4", "1", "1/4", "1/15", "1/60", "1/250", "1/1000", "1/4000", "1/8000"]
-mode = "full"                # or "adaptive"
-
-[limits]
-min_battery_frac = 0.15
-min_free_disk_mb = 1000
-max_clock_skew_s = 5
-max_drift_frac = 0.05
-"""
+def example_text() -> str:
+    """Return the example that ``daylit doctor --write-rig`` writes."""
+    return resources.files("station.capture").joinpath("rig.example.toml").read_text("utf-8")

@@ -74,7 +74,7 @@ def capture(**options: Any) -> int:
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
       daylit capture test --simulate bedroom-7 --size quarter
     """
-    from station.capture.readings import check_typed
+    from station.capture.intake import check_typed
 
     _refuse_what_would_do_nothing(options)
     for reading in options["readings"]:

@@ -46,7 +46,7 @@ def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: P
     """
     if write_rig is not None:
         return _write_example(write_rig)
-    from station.capture.doctor import check_computer, list_instruments
+    from station.capture.preflight import check_computer, list_instruments
 
     checks = list(check_computer(into))
     if simulate is None:
@@ -75,12 +75,12 @@ def _check_rig(rig_path: Path | None, simulate: str | None, into: Path) -> list[
 
 
 def _write_example(path: Path) -> int:
-    from station.capture.rig_file import EXAMPLE
+    from station.capture.rig_file import example_text
     from station.errors import ResourceError, UsageError
 
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(EXAMPLE)
+            file.write(example_text())
     except FileExistsError as error:
         raise UsageError("is already there", where=str(path), advice="choose another name") from error
     except OSError as error:
@@ -186,7 +186,7 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
     Exit code: 0 a number · 3 a status without a number, or no meter.
     """
     from drivers.clock import SystemClock
-    from station.capture.readings import record_reading
+    from station.capture.intake import record_reading
     from station.capture.rig import meter_on_port
 
     instrument = meter_on_port(dialect, port, SystemClock())
@@ -218,9 +218,8 @@ def probe(transcript: Path, port: str, *, as_json: bool) -> int:
     Exit code: 0 something answered · 3 nothing did.
     """
     from drivers.clock import SystemClock
-    from drivers.meter.dialect import SHIPPED, load_dialect
-    from drivers.meter.probe import Exchange, transcript_lines
-    from drivers.meter.probe import probe as ask
+    from drivers.meter.dialect import SHIPPED, Exchange, load_dialect, transcript_lines
+    from drivers.meter.dialect import probe as ask
     from drivers.serial_link import PortSettings, SerialLink
     from station.errors import UsageError
 

@@ -17,7 +17,6 @@ import threading
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Literal, Self
 
 from pydantic import ValidationError
@@ -137,15 +136,10 @@ class FrameChecker:
 
     Usable from several threads, one file at a time; close it, or use it in a ``with`` statement.
 
-    Parameters
-    ----------
-    limit_s
-        Longest wait for one file, seconds. At most twice as long passes, for a worker that died is given a
-        second try.
-    cpu_s
-        Processor time for one file, seconds.
-    memory_bytes
-        Address space of the worker.
+    ``limit_s``: longest wait for one file, seconds. At most twice as long passes, for a worker that died is given a
+      second try.
+    ``cpu_s``: processor time for one file, seconds.
+    ``memory_bytes``: address space of the worker.
     """
 
     def __init__(self, *, limit_s: float = LIMIT_S, cpu_s: int = CPU_S, memory_bytes: int = MEMORY_BYTES) -> None:
@@ -162,9 +156,7 @@ class FrameChecker:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def start(self) -> None:
@@ -188,20 +180,11 @@ class FrameChecker:
     ) -> FrameFacts:
         """Read a JPEG and hold it against what was asked and against ``earlier`` frames of the same camera.
 
-        Parameters
-        ----------
-        exact
-            Count every pixel (0.4 s for 22 Mpx); otherwise block means at 1/8 scale (0.08 s).
-        name
-            What messages call the file; its own name if empty (a temporary file has none worth telling).
+        ``exact``: count every pixel (0.4 s for 22 Mpx); otherwise block means at 1/8 scale (0.08 s).
+        ``name``: what messages call the file; its own name if empty (a temporary file has none worth telling).
 
-        Raises
-        ------
-        FrameRejectedError
-            The file in ``where``, the name of the reason in ``details["reason"]``
-            (`station.frames.facts.Reason`).
-        ResourceError
-            The worker cannot be started.
+        Raises `FrameRejectedError`: the file in ``where``, the name of the reason in ``details["reason"]``
+        (`station.frames.facts.Reason`); `ResourceError`: the worker cannot be started.
         """
         facts = self.inspect(path, exact=exact, name=name, circle=expected.image_circle)
         judge(facts, expected, earlier)

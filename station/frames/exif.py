@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from station.frames.facts import FrameProblemError, Reason
+from station.frames.facts import ExifRecord, FrameProblemError, Reason
 
 # Directories of a TIFF structure (EXIF, CR2, DNG), read strictly and within bounds (TIFF 6.0, section 2).
 #
@@ -137,42 +137,17 @@ _TAKEN, _OFFSET, _TAKEN_OFFSET, _TAKEN_SUBSECOND = 0x9003, 0x9010, 0x9011, 0x929
 _WIDTH, _HEIGHT, _WHITE_BALANCE, _SERIAL = 0xA002, 0xA003, 0xA403, 0xA431
 
 
-@dataclass(frozen=True)
-class ExifFacts:
-    """What the camera wrote about the frame; None or "" where it wrote nothing.
-
-    ``taken_local`` is the camera's own clock, without zone; ``offset_min`` its zone, minutes east of UTC,
-    where given. ``white_balance`` is 0 for automatic and 1 for manual.
-    """
-
-    exposure_s: float | None = None
-    f_number: float | None = None
-    iso: int | None = None
-    taken_local: datetime | None = None
-    offset_min: int | None = None
-    make: str = ""
-    model: str = ""
-    serial: str = ""
-    white_balance: int | None = None
-    orientation: int | None = None
-    width_px: int | None = None
-    height_px: int | None = None
-
-
-def read_exif(block: bytes) -> ExifFacts:
+def read_exif(block: bytes) -> ExifRecord:
     """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is).
 
-    Raises
-    ------
-    FrameProblemError
-        ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range, overlapping or
-        repeated, or a value that cannot be (1/0 s, month 13).
+    Raises `FrameProblemError`: ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range,
+    overlapping or repeated, or a value that cannot be (1/0 s, month 13).
     """
     reader = TiffReader(block, Reason.EXIF_DAMAGED)
     main = reader.directory(reader.first_at).entries
     pointer = main.get(_EXIF_DIRECTORY)
     exif = {} if pointer is None else reader.directory(reader.integers(pointer)[0]).entries
-    return ExifFacts(
+    return ExifRecord(
         exposure_s=_seconds(reader, exif.get(_EXPOSURE_TIME)),
         f_number=_rational(reader, exif.get(_F_NUMBER)),
         iso=_iso(reader, exif.get(_ISO)),
@@ -249,23 +224,14 @@ def parse_offset(text: str) -> int | None:
 
 MIN_SIZE_BYTES = 100_000
 MAX_DIRECTORIES = 16
-_STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = (
-    273,
-    279,
-    324,
-    325,
-    330,
-    0xC612,
-)
+_STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = 273, 279, 324, 325, 330, 0xC612
+"""TIFF 6.0; EP's SubIFDs; DNG specification."""
 
 
 def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
     """Check a CR2 or DNG file (``format_`` "cr2" or "dng"), the whole file as bytes or mapped.
 
-    Raises
-    ------
-    FrameProblemError
-        ``not_raw``, ``truncated`` or ``damaged``.
+    Raises `FrameProblemError`: ``not_raw``, ``truncated`` or ``damaged``.
     """
     if len(data) < 16 or bytes(data[:4]) not in (b"II*\0", b"MM\0*"):
         raise FrameProblemError(Reason.NOT_RAW, f"not a {format_.upper()} file: no TIFF header")

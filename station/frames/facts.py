@@ -64,7 +64,11 @@ CameraMoment = Annotated[datetime, AfterValidator(_without_zone)]
 
 
 class ExifRecord(Model):
-    """The EXIF of a frame as the worker process read it; `station.frames.exif.ExifFacts` explains the values."""
+    """What the camera wrote about the frame, as the worker process read it; None or "" where it wrote nothing.
+
+    ``taken_local`` is the camera's own clock, without zone; ``offset_min`` its zone, minutes east of UTC, where given.
+    ``white_balance`` is 0 for automatic and 1 for manual.
+    """
 
     exposure_s: PositiveSeconds | None = None
     f_number: Annotated[float, Field(gt=0, lt=1e10)] | None = None

@@ -12,13 +12,13 @@ from pathlib import Path
 from uuid import uuid4
 
 from drivers.clock import Clock, SystemClock
-from station.capture.readings import drift_frac
-from station.crash_report import software_versions
+from station.capture.intake import drift_frac
 from station.errors import (
     FrameRejectedError,
     IncompleteBracketError,
     SessionNotFoundError,
     UsageError,
+    software_versions,
 )
 from station.frames.check import FrameChecker
 from station.frames.facts import Reason
@@ -92,18 +92,10 @@ def import_session(
 ) -> ImportReport:
     """Make a session from plain folders; nothing in them is changed.
 
-    Raises
-    ------
-    UsageError
-        No folder, or not as many times as JPEGs.
-    SessionNotFoundError
-        A folder that is not there.
-    FrameRejectedError
-        ``strict``, and a file is refused; no session is made.
-    IncompleteBracketError
-        No file is a usable frame; no session is made.
-    ResourceError
-        The disk is full or failing; what was copied so far stays as a partial session.
+    Raises `UsageError`: no folder, or not as many times as JPEGs; `SessionNotFoundError`: A folder that is not there;
+    `FrameRejectedError`: ``strict``, and a file is refused; no session is made; `IncompleteBracketError`: no file is a
+    usable frame; no session is made; `ResourceError`: the disk is full or failing; what was copied so far stays as a
+    partial session.
     """
     clock = clock or SystemClock()
     if checker is None:

@@ -66,10 +66,8 @@ class _FrameSize:
 def read_header(data: bytes) -> JpegHeader:
     """Walk the markers of a whole JPEG file and return what they say.
 
-    Raises
-    ------
-    FrameProblemError
-        ``not_jpeg``, ``truncated``, ``damaged``, ``unsupported``, ``too_large`` or ``trailing_data``.
+    Raises `FrameProblemError`: ``not_jpeg``, ``truncated``, ``damaged``, ``unsupported``, ``too_large`` or
+    ``trailing_data``.
     """
     if data[:3] != b"\xff\xd8\xff":
         raise FrameProblemError(Reason.NOT_JPEG, _what_it_is(data))

@@ -56,10 +56,7 @@ def seconds_text(time_s: float) -> str:
 def judge(facts: FrameFacts, expected: ExpectedFrame, earlier: Sequence[FrameFacts] = ()) -> None:
     """Refuse a frame that is not what was asked, or that repeats an ``earlier`` frame of the same camera.
 
-    Raises
-    ------
-    FrameRejectedError
-        With the file in ``where`` and the name of the reason in ``details["reason"]``.
+    Raises `FrameRejectedError`: with the file in ``where`` and the name of the reason in ``details["reason"]``.
     """
     _judge_repeated(facts, earlier)
     _judge_size(facts, expected)
@@ -214,17 +211,10 @@ def check_not_too_dark(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequenc
 
     A bracket that runs from short to long begins with frames that nothing can be held against yet.
 
-    Parameters
-    ----------
-    facts_by_stop
-        Facts of one side's frames by stop.
-    stops_s
-        Exposure time of each stop, seconds.
+    ``facts_by_stop``: facts of one side's frames by stop.
+    ``stops_s``: exposure time of each stop, seconds.
 
-    Raises
-    ------
-    FrameRejectedError
-        Names the frame (``details["stops"]``).
+    Raises `FrameRejectedError`: names the frame (``details["stops"]``).
     """
     stops = sorted(facts_by_stop, key=lambda stop: stops_s[stop])
     for shorter, longer in itertools.pairwise(stops):
@@ -240,17 +230,10 @@ def check_not_too_dark(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequenc
 def check_order(facts_by_stop: Mapping[int, FrameFacts], stops_s: Sequence[float]) -> None:
     """Refuse a bracket whose brightness falls as exposure grows, or stays while the scene has midtones.
 
-    Parameters
-    ----------
-    facts_by_stop
-        Facts of one side's frames by stop.
-    stops_s
-        Exposure time of each stop, seconds.
+    ``facts_by_stop``: facts of one side's frames by stop.
+    ``stops_s``: exposure time of each stop, seconds.
 
-    Raises
-    ------
-    FrameRejectedError
-        Names the frames that do not fit the others (``details["stops"]``).
+    Raises `FrameRejectedError`: names the frames that do not fit the others (``details["stops"]``).
     """
     stops = sorted(facts_by_stop, key=lambda stop: stops_s[stop])
     odd = _outside_longest_rise([facts_by_stop[stop].mean_frac for stop in stops])

@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from station.frames.exif import ExifFacts, check_raw, read_exif
+from station.frames.exif import check_raw, read_exif
 from station.frames.facts import FrameProblemError, Reason
 from station.frames.jpeg import read_header
 
@@ -65,10 +65,7 @@ def _answer(answers: Any, answer: dict[str, Any]) -> None:
 def _serve(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str, Any]:
     """Return the facts of a file, or the reason why there are none."""
     try:
-        return {
-            "ok": True,
-            "facts": inspect(request, complaints),
-        }
+        return {"ok": True, "facts": inspect(request, complaints)}
     except FrameProblemError as problem:
         return {"ok": False, "reason": problem.reason, "message": problem.message}
     except MemoryError:
@@ -135,12 +132,9 @@ def _exif(block: bytes | None) -> tuple[dict[str, Any], str]:
     if block is None:
         return {}, "no EXIF"
     try:
-        facts = read_exif(block)
+        return read_exif(block).model_dump(mode="json"), ""
     except FrameProblemError as problem:
         return {}, problem.message
-    values = {name: getattr(facts, name) for name in ExifFacts.__dataclass_fields__}
-    taken = values.pop("taken_local")
-    return {**values, "taken_local": taken and taken.isoformat()}, ""
 
 
 def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Bytes:

@@ -1,4 +1,4 @@
-"""Writing that survives a crash: every system call that changes a session goes through here.
+"""Writing that survives a crash: every system call that changes a session goes through here; and one writer at a time.
 
 Tests put another object in the place of `os_calls`, which fails, dies or keeps a log at the Nth call.
 """
@@ -7,13 +7,21 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import json
 import os
+import socket
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from station.errors import DiskError, DiskFullError, ResourceError
+from filelock import FileLock, Timeout
+
+from station.errors import DiskError, DiskFullError, IntegrityError, ResourceError, SessionLockedError
+
+if TYPE_CHECKING:
+    from station.session.folder import Folder
 
 IS_FOLDER = "is a folder"
 _RENAME_EXCHANGE = 2
@@ -139,3 +147,57 @@ def check_size(fd: int, size_bytes: int) -> None:
     found = os.fstat(fd).st_size
     if found != size_bytes:
         raise OSError(errno.EIO, f"{found} of {size_bytes} bytes are on disk")
+
+
+# One writer for one session: an flock in its folder, which the system drops however the process ends.
+
+LOCK_NAME = ".lock"
+_INFO_BYTES = 200
+
+
+def _holder(folder: Folder) -> str:
+    """Return who holds the lock, as its file says; only digits and a host name's characters are repeated."""
+    with suppress(OSError, ValueError, IntegrityError, AttributeError):
+        raw = folder.read_file(LOCK_NAME, 4 * _INFO_BYTES) or b""
+        info = json.loads(raw)
+        host = "".join(c for c in str(info["host"])[:64] if c.isascii() and (c.isalnum() or c in ".-_"))
+        return f"process {int(info['pid'])} on {host}"
+    return "another process"
+
+
+class SessionLock:
+    """The held lock of a session folder."""
+
+    def __init__(self, folder: Folder) -> None:
+        """Take the lock at once or raise `SessionLockedError` naming the holder."""
+        info = folder.lstat(LOCK_NAME)
+        reason = irregular(info) if info else None
+        if reason:
+            raise IntegrityError(reason, where=str(folder.path / LOCK_NAME), advice="remove it")
+        # A soft lock (on file systems without flock) would outlive a crash; better to refuse.
+        self._lock = FileLock(str(folder.path / LOCK_NAME), thread_local=False, fallback_to_soft=False)
+        try:
+            self._lock.acquire(blocking=False)
+        except Timeout as exc:
+            raise SessionLockedError(
+                f"{_holder(folder)} works on this session",
+                where=str(folder.path),
+                advice="wait until it is done, or end it",
+            ) from exc
+        except OSError as exc:
+            raise disk_error(exc, folder.path / LOCK_NAME, "locking") from exc
+        self._sign(folder)
+
+    def _sign(self, folder: Folder) -> None:
+        """Write who we are, for the message of whoever comes second; the lock holds without it."""
+        info = json.dumps({"pid": os.getpid(), "host": socket.gethostname()[:64]})
+        with suppress(OSError):
+            fd = os_calls.open(LOCK_NAME, os.O_WRONLY | os.O_NOFOLLOW, dir_fd=folder.fd)
+            try:
+                write_all(fd, info.ljust(_INFO_BYTES).encode()[:_INFO_BYTES])
+            finally:
+                os.close(fd)
+
+    def release(self) -> None:
+        """Give the lock back; the file stays (removing it would let two processes hold two locks)."""
+        self._lock.release()

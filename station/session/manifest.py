@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from station.errors import IntegrityError, ManifestError, SchemaTooNewError, SessionNotFoundError
 from station.session import strict_json
-from station.session.folder import Folder
+from station.session.folder import Folder, open_session
 from station.session.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManifest
 
 MAX_MANIFEST_BYTES = 16 << 20
@@ -103,16 +103,8 @@ def load_manifest(path: Path) -> SessionManifest:
     """
     path = Path(path)
     folder_path, name = (path, MANIFEST_NAME) if path.is_dir() else (path.parent, path.name)
-    try:
-        folder = Folder.open(folder_path)
-    except (FileNotFoundError, NotADirectoryError) as exc:
-        raise SessionNotFoundError("no such folder", where=str(folder_path)) from exc
-    except (OSError, ValueError) as exc:
-        raise SessionNotFoundError(f"cannot be opened: {exc}", where=str(folder_path)) from exc
-    try:
+    with open_session(folder_path) as folder:
         manifest = read_manifest(folder, name)
-    finally:
-        folder.close()
     if manifest is None:
         raise SessionNotFoundError(
             f"no {name} here",

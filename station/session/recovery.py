@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from station.errors import JournalError, ManifestError, SessionError, SessionNotFoundError
-from station.frames.part import free_name
 from station.session import durable
-from station.session.folder import PART_PREFIX, Folder
+from station.session.folder import PART_PREFIX, Folder, free_name
 from station.session.journal import JournalContent, JournalEntry, read_journal
 from station.session.manifest import manifest_of, read_manifest
 from station.session.session import (

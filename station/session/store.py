@@ -10,16 +10,23 @@ from __future__ import annotations
 import threading
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from drivers.clock import Clock, SystemClock
 from station.errors import SessionError, SessionExistsError, SessionNotFoundError
-from station.frames.part import FRAME_CAP_BYTES, FramePart, StoredFrame, frame_name, free_name
 from station.session import durable, recovery
-from station.session.folder import Folder, make_folders, write_file
+from station.session.durable import LOCK_NAME, SessionLock
+from station.session.folder import (
+    FRAME_CAP_BYTES,
+    Folder,
+    FramePart,
+    StoredFrame,
+    frame_name,
+    free_name,
+    make_folders,
+    write_file,
+)
 from station.session.journal import Journal
-from station.session.lock import LOCK_NAME, SessionLock
 from station.session.manifest import load_manifest, manifest_bytes
 from station.session.recovery import (
     CREATED,
@@ -83,7 +90,7 @@ class SessionStore:
         make_folders(Path(parent))
         with durable.disk_errors(Path(parent), "opening"):
             folder = Folder.open(Path(parent))
-        try:
+        with folder:
             root = _new_root(folder, folder_name(manifest.created_utc, manifest.name))
             store = cls(root, clock or SystemClock())
             try:
@@ -92,8 +99,6 @@ class SessionStore:
                 store.close()
                 _remove_unborn(folder, root.path.name)
                 raise
-        finally:
-            folder.close()
         return store
 
     @classmethod
@@ -101,7 +106,7 @@ class SessionStore:
         """Open an existing session.
 
         Writable: takes the lock (`SessionLockedError`), cuts a torn journal line, removes temporary files,
-        sets frames aside that were never acknowledged; `recovery` tells. Not writable: changes nothing.
+        sets frames aside that were never acknowledged; `recovery` says what was done. Not writable: changes nothing.
         """
         try:
             root = Folder.open(Path(path))
@@ -240,9 +245,7 @@ class SessionStore:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def _start(self, manifest: SessionManifest) -> None:

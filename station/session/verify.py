@@ -17,23 +17,20 @@ from station.errors import (
     SessionNotFoundError,
 )
 from station.session import durable, recovery
-from station.session.folder import PART_PREFIX, READ_BYTES, Folder, write_file
+from station.session.durable import LOCK_NAME, SessionLock
+from station.session.folder import PART_PREFIX, READ_BYTES, Folder, open_session, write_file
 from station.session.journal import read_journal
-from station.session.lock import LOCK_NAME, SessionLock
 from station.session.manifest import manifest_bytes, read_manifest
 from station.session.recovery import RECORDS, REJECTED, SUBFOLDERS, FileProblem, replay
 from station.session.session import (
     JOURNAL_NAME,
     MANIFEST_NAME,
-    PANORAMA_FOLDER,
     FrameRecord,
     Model,
     PanoramaRecord,
     SessionManifest,
     SessionStatus,
 )
-
-# What a check of a session found.
 
 
 def printable(text: str) -> str:
@@ -79,10 +76,10 @@ class VerifyReport:
     def raise_for_problems(self) -> None:
         """Raise `IntegrityError` listing every problem, if there is one."""
         if self.problems:
-            told = "; ".join(f"{p.file}: {p.message}" for p in self.problems[:5])
+            listed = "; ".join(f"{p.file}: {p.message}" for p in self.problems[:5])
             more = f"; and {len(self.problems) - 5} more" if len(self.problems) > 5 else ""
             raise IntegrityError(
-                f"{len(self.problems)} problems: {told}{more}",
+                f"{len(self.problems)} problems: {listed}{more}",
                 where=self.path,
                 advice="restore the files from a copy, or take them anew with `daylit capture --resume`",
                 files=[p.file for p in self.problems],
@@ -103,31 +100,21 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
     ``fast`` looks at names and sizes alone and reads no frame. All problems are listed at once; the only
     error raised is `SessionNotFoundError` where there is no session.
     """
-    try:
-        root = Folder.open(Path(path))
-    except OSError as exc:
-        raise SessionNotFoundError(
-            f"cannot be opened: {exc.strerror}", where=str(path), advice="name a session folder"
-        ) from exc
     report = VerifyReport(str(path), fast)
-    try:
+    with open_session(Path(path)) as root:
         if not any(root.lstat(name) for name in (MANIFEST_NAME, JOURNAL_NAME)):
             raise SessionNotFoundError(f"no {MANIFEST_NAME} here", where=str(path), advice="name a session folder")
         manifest = _check_manifest(root, report)
-        told = _check_journal(root, manifest, report)
+        journalled = _check_journal(root, manifest, report)
         _check_root(root, report)
-        best = manifest or told
+        best = manifest or journalled
         if best:
             report.status, report.missing = best.status.value, best.missing
-            listed = {file for m in (manifest, told) if m for file in _files(m)}
+            listed = {file for m in (manifest, journalled) if m for file in _files(m)}
             for name in SUBFOLDERS:
                 _check_folder(root, name, listed, report)
-            for frame in best.frames:
-                _check_frame(root, frame, report, frame_check)
-            if best.panorama:
-                _check_panorama(root, best.panorama, report)
-    finally:
-        root.close()
+            for record in (*best.frames, *((best.panorama,) if best.panorama else ())):
+                _check_file(root, record, report, frame_check)
     return report
 
 
@@ -136,19 +123,13 @@ def repair_session(path: Path) -> VerifyReport:
 
     Raises `SessionLockedError` while somebody works on the session, `JournalError` if the journal is no help.
     """
-    try:
-        root = Folder.open(Path(path))
-    except OSError as exc:
-        raise SessionNotFoundError(
-            f"cannot be opened: {exc.strerror}", where=str(path), advice="name a session folder"
-        ) from exc
-    lock = None
+    root, lock = open_session(Path(path)), None
     try:
         if root.lstat(JOURNAL_NAME) is None:
             raise JournalError(
                 "there is no journal to restore from",
                 where=str(Path(path) / JOURNAL_NAME),
-                advice="restore it from a copy; daylit verify tells whether the session is whole without it",
+                advice="restore it from a copy; daylit verify says whether the session is whole without it",
             )
         lock = SessionLock(root)
         memory = recovery.remember(root)
@@ -156,9 +137,8 @@ def repair_session(path: Path) -> VerifyReport:
         if memory.manifest != manifest:
             if memory.manifest_problem:
                 root.make_sub(REJECTED)
-                rejected = root.sub(REJECTED)
-                recovery.keep_damaged_manifest(root, rejected)
-                rejected.close()
+                with root.sub(REJECTED) as rejected:
+                    recovery.keep_damaged_manifest(root, rejected)
             write_file(root, MANIFEST_NAME, manifest_bytes(manifest))
     finally:
         if lock:
@@ -182,8 +162,8 @@ def _check_manifest(root: Folder, report: VerifyReport) -> SessionManifest | Non
 
 
 def _check_journal(root: Folder, manifest: SessionManifest | None, report: VerifyReport) -> SessionManifest | None:
-    """Compare journal and manifest; returns the manifest as the journal tells it."""
-    told = None
+    """Compare journal and manifest; returns the manifest as the journal has it."""
+    journalled = None
     try:
         content = read_journal(root)
         if content is None or not (content.entries or content.torn):
@@ -192,18 +172,18 @@ def _check_journal(root: Folder, manifest: SessionManifest | None, report: Verif
         if content.torn:
             report.add("journal-torn", JOURNAL_NAME, f"ends in a damaged line of {len(content.torn)} bytes")
         if content.entries:
-            told = replay(content.entries, JOURNAL_NAME).manifest
+            journalled = replay(content.entries, JOURNAL_NAME).manifest
             if manifest:
-                _compare(told, manifest, report)
+                _compare(journalled, manifest, report)
     except (SessionError, ResourceError) as exc:
         report.add("journal", JOURNAL_NAME, exc.message)
-    return told
+    return journalled
 
 
-def _compare(told: SessionManifest, manifest: SessionManifest, report: VerifyReport) -> None:
+def _compare(journalled: SessionManifest, manifest: SessionManifest, report: VerifyReport) -> None:
     """Say where journal and manifest disagree, record by record."""
     for kind, (name, _) in RECORDS.items():
-        ours, theirs = getattr(manifest, name), getattr(told, name)
+        ours, theirs = getattr(manifest, name), getattr(journalled, name)
         for record in _lacking(theirs, ours):
             file = getattr(record, "file", None) or MANIFEST_NAME
             report.add("manifest-behind", file, f"a {kind} of the journal is not in the manifest")
@@ -212,7 +192,7 @@ def _compare(told: SessionManifest, manifest: SessionManifest, report: VerifyRep
             report.add("not-journalled", file, f"a {kind} of the manifest is not in the journal")
     lists = {name for name, _ in RECORDS.values()} | {"status", "missing"}
     for name in set(SessionManifest.model_fields) - lists:
-        if getattr(manifest, name) != getattr(told, name):
+        if getattr(manifest, name) != getattr(journalled, name):
             report.add("manifest-differs", MANIFEST_NAME, f"{name} is not what the journal says")
 
 
@@ -222,7 +202,7 @@ def _lacking(records: tuple[Model, ...], others: tuple[Model, ...]) -> list[Mode
 
 
 def _check_root(root: Folder, report: VerifyReport) -> None:
-    """Beside our own files the root may hold results (folders); links, pipes and leftovers are told."""
+    """Beside our own files the root may hold results (folders); links, pipes and leftovers are reported."""
     for name in root.names():
         if name in SUBFOLDERS or name in (MANIFEST_NAME, JOURNAL_NAME, LOCK_NAME):
             continue
@@ -239,7 +219,7 @@ def _files(manifest: SessionManifest) -> list[str]:
 
 
 def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyReport) -> None:
-    """Tell what is in a folder and in no record."""
+    """Report what is in a folder and in no record."""
     if root.lstat(name) is None:
         return
     try:
@@ -262,45 +242,30 @@ def _check_folder(root: Folder, name: str, listed: set[str], report: VerifyRepor
     folder.close()
 
 
-def _check_frame(root: Folder, frame: FrameRecord, report: VerifyReport, frame_check: FrameCheck | None) -> None:
+def _check_file(
+    root: Folder, record: FrameRecord | PanoramaRecord, report: VerifyReport, frame_check: FrameCheck | None
+) -> None:
+    """Check the file of a frame or of the given panorama; ``frame_check`` looks into frames alone."""
+    folder_name, _, name = record.file.partition("/")
     try:
-        folder = root.sub(frame.side.value)
+        folder = root.sub(folder_name)
     except SessionError as exc:
-        report.add("missing", frame.file, exc.message)
+        report.add("missing", record.file, exc.message)
         return
     try:
-        problem = recovery.file_problem(folder, frame)
+        problem = recovery.file_problem(folder, record)
         if problem is None and not report.fast:
-            problem = _digest_problem(folder, frame, report)
-        if problem is None and frame_check:
-            told = frame_check(folder.path / frame.file.partition("/")[2], frame)
-            problem = FileProblem("content", told) if told else None
+            problem = _digest_problem(folder, record, report)
+        if problem is None and frame_check and isinstance(record, FrameRecord):
+            reason = frame_check(folder.path / name, record)
+            problem = FileProblem("content", reason) if reason else None
     except (SessionError, ResourceError) as exc:
         problem = FileProblem("unreadable", exc.message)
     finally:
         folder.close()
     report.frames_checked += 1
     if problem:
-        report.add(problem.code, frame.file, problem.message)
-
-
-def _check_panorama(root: Folder, panorama: PanoramaRecord, report: VerifyReport) -> None:
-    try:
-        folder = root.sub(PANORAMA_FOLDER)
-    except SessionError as exc:
-        report.add("missing", panorama.file, exc.message)
-        return
-    try:
-        problem = recovery.file_problem(folder, panorama)
-        if problem is None and not report.fast:
-            problem = _digest_problem(folder, panorama, report)
-    except (SessionError, ResourceError) as exc:
-        problem = FileProblem("unreadable", exc.message)
-    finally:
-        folder.close()
-    report.frames_checked += 1
-    if problem:
-        report.add(problem.code, panorama.file, problem.message)
+        report.add(problem.code, record.file, problem.message)
 
 
 def _digest_problem(folder: Folder, frame: FrameRecord | PanoramaRecord, report: VerifyReport) -> FileProblem | None:

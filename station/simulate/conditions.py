@@ -61,10 +61,8 @@ class Condition:
 def load_conditions(path: Path) -> list[Condition]:
     """Read and check a CSV of conditions.
 
-    Raises
-    ------
-    ConditionsError
-        Missing, not such a CSV, or rows that cannot be right; names the file, and line and column of each fault.
+    Raises `ConditionsError`: missing, not such a CSV, or rows that cannot be right; names the file, and line and
+    column of each fault.
     """
     found: list[Condition] = []
     faults: list[str] = []

@@ -42,10 +42,7 @@ class Ledger:
     def __init__(self, folder: Path) -> None:
         """Read what is there.
 
-        Raises
-        ------
-        SessionError
-            A dataset.csv that is not ours or is damaged.
+        Raises `SessionError`: A dataset.csv that is not ours or is damaged.
         """
         self.path = folder / LEDGER_NAME
         self.rows: dict[str, Row] = {}
@@ -81,11 +78,8 @@ class Ledger:
         writer = csv.DictWriter(text, LEDGER_COLUMNS, lineterminator="\n")
         writer.writeheader()
         writer.writerows(sorted(self.rows.values(), key=lambda r: (int(r["index"]), r["session"])))
-        folder = Folder.open(self.path.parent)
-        try:
+        with Folder.open(self.path.parent) as folder:
             write_file(folder, LEDGER_NAME, text.getvalue().encode())
-        finally:
-            folder.close()
 
 
 SITE_DEG = (40.44, -79.99)
@@ -154,10 +148,7 @@ class Draft:
 def plan_sessions(request: DatasetRequest) -> list[Draft]:
     """Return the sessions that there will be; their rooms are made one by one, when they are wanted.
 
-    Raises
-    ------
-    ConditionsError
-        Conditions that cannot be right.
+    Raises `ConditionsError`: conditions that cannot be right.
     """
     if request.conditions is None:
         count = SESSIONS if request.sessions is None else request.sessions

@@ -72,14 +72,8 @@ def simulate(request: DatasetRequest, tell: Tell = lambda _event: None) -> Summa
 
     A session that fails is told and left out; the next run tries it again.
 
-    Raises
-    ------
-    ConditionsError
-        Conditions that cannot be right.
-    SessionExistsError
-        The folder holds a data set made with other options.
-    ResourceError
-        The disk is full, or refuses.
+    Raises `ConditionsError`: conditions that cannot be right; `SessionExistsError`: the folder holds a data set made
+    with other options; `ResourceError`: the disk is full, or refuses.
     """
     begun_s = time.monotonic()
     drafts = plan_sessions(request)
@@ -216,25 +210,22 @@ def _rig(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> Rig
 @contextmanager
 def _only_one(folder: Path) -> Iterator[None]:
     """Let one process work on a data set."""
+    from station.session.durable import SessionLock
     from station.session.folder import Folder
-    from station.session.lock import SessionLock
 
-    opened = Folder.open(folder)
-    try:
+    with Folder.open(folder) as opened:
         lock = SessionLock(opened)
         try:
             yield
         finally:
             lock.release()
-    finally:
-        opened.close()
 
 
 def _told(error: Exception) -> dict[str, object]:
     """Return an error for the summary; one that is not ours leaves a report."""
     if isinstance(error, DaylitError):
         return {"code": error.code, "message": str(error)}
-    from station.crash_report import write_crash_report
+    from station.errors import write_crash_report
 
     report = ""
     with suppress(OSError):

@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
 from drivers.errors import DeviceTimeoutError
-from drivers.links import Pipe
+from drivers.ptp.pipes import Pipe
 
 
 class FakeClock:

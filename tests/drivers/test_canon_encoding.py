@@ -35,7 +35,7 @@ from drivers.canon_5d2.operations import (
     encode_number,
     encode_property,
 )
-from drivers.canon_5d2.values import (
+from drivers.canon_5d2.settings import (
     aperture_code,
     aperture_text,
     camera_time_utc,

@@ -8,9 +8,19 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import ProtocolViolationError
-from drivers.ptp.assembler import MAX_EMPTY_TRANSFERS, BulkAssembler, EventAssembler
 from drivers.ptp.codes import ContainerType
-from drivers.ptp.container import Container, Header, decode, decode_header, encode, pack_params, unpack_params
+from drivers.ptp.container import (
+    MAX_EMPTY_TRANSFERS,
+    BulkAssembler,
+    Container,
+    EventAssembler,
+    Header,
+    decode,
+    decode_header,
+    encode,
+    pack_params,
+    unpack_params,
+)
 from tests.drivers import scripted
 
 COMMAND, DATA, RESPONSE, EVENT = ContainerType

@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import ProtocolViolationError
-from drivers.ptp import datasets, values
+from drivers.ptp import datasets
 from drivers.ptp.codes import DataType, FormFlag
 from drivers.ptp.datasets import DeviceInfo, DevicePropDesc, ObjectInfo, StorageInfo
+from tests.drivers import encoders
 
 u16, u32, u64 = (st.integers(0, 2**bits - 1) for bits in (16, 32, 64))
 texts = st.text(st.characters(blacklist_categories=["Cs"], blacklist_characters="\0"), max_size=120)
@@ -58,10 +59,10 @@ def prop_descs(draw: st.DrawFn) -> DevicePropDesc:
 
 
 PAIRS: dict[str, tuple[st.SearchStrategy[Any], Callable[[Any], bytes], Callable[[bytes], Any]]] = {
-    "DeviceInfo": (device_infos, datasets.encode_device_info, datasets.decode_device_info),
-    "StorageInfo": (storage_infos, datasets.encode_storage_info, datasets.decode_storage_info),
-    "ObjectInfo": (object_infos, datasets.encode_object_info, datasets.decode_object_info),
-    "DevicePropDesc": (prop_descs(), datasets.encode_device_prop_desc, datasets.decode_device_prop_desc),
+    "DeviceInfo": (device_infos, encoders.encode_device_info, datasets.decode_device_info),
+    "StorageInfo": (storage_infos, encoders.encode_storage_info, datasets.decode_storage_info),
+    "ObjectInfo": (object_infos, encoders.encode_object_info, datasets.decode_object_info),
+    "DevicePropDesc": (prop_descs(), encoders.encode_device_prop_desc, datasets.decode_device_prop_desc),
 }
 
 
@@ -105,26 +106,26 @@ def test_any_bytes_decode_or_are_a_violation(name: str, data: st.DataObject) -> 
 def test_values_both_ways(data: st.DataObject) -> None:
     data_type = data.draw(data_types)
     value = data.draw(values_of(data_type))
-    wire = values.encode_value(value, data_type)
-    assert values.decode_value(wire, data_type) == value
+    wire = datasets.encode_value(value, data_type)
+    assert datasets.decode_value(wire, data_type) == value
     with pytest.raises(ProtocolViolationError):
-        values.decode_value(wire[:-1], data_type)
+        datasets.decode_value(wire[:-1], data_type)
 
 
 @given(st.binary(max_size=80), u16)
 def test_any_bytes_of_any_type_are_a_value_or_a_violation(wire: bytes, data_type: int) -> None:
     try:
-        value = values.decode_value(wire, data_type)
+        value = datasets.decode_value(wire, data_type)
     except ProtocolViolationError:
         return
-    assert values.decode_value(values.encode_value(value, data_type), data_type) == value
+    assert datasets.decode_value(datasets.encode_value(value, data_type), data_type) == value
 
 
 @pytest.mark.parametrize("data_type", [0x4001, 0x4002, 0x400A])
 def test_false_counts_allocate_nothing(data_type: int) -> None:
     tracemalloc.start()
     with pytest.raises(ProtocolViolationError, match="announces 4294967295 items"):
-        values.decode_value(b"\xff\xff\xff\xff" + bytes(16), data_type)
+        datasets.decode_value(b"\xff\xff\xff\xff" + bytes(16), data_type)
     desc = bytes.fromhex("0350 0400 01 0000 0000 02 ffff") + bytes(10)
     with pytest.raises(ProtocolViolationError):
         datasets.decode_device_prop_desc(desc)
@@ -140,8 +141,8 @@ def test_false_counts_allocate_nothing(data_type: int) -> None:
     [("", "00"), ("A", "02 4100 0000"), ("\N{GRINNING FACE}", "03 3dd8 00de 0000")],
 )
 def test_strings_by_hand(text: str, wire: str) -> None:
-    assert values.encode_string(text) == bytes.fromhex(wire)
-    assert values.decode_value(bytes.fromhex(wire), DataType.STRING) == text
+    assert datasets.encode_string(text) == bytes.fromhex(wire)
+    assert datasets.decode_value(bytes.fromhex(wire), DataType.STRING) == text
 
 
 @pytest.mark.parametrize(
@@ -156,29 +157,29 @@ def test_strings_by_hand(text: str, wire: str) -> None:
 )
 def test_strings_that_are_none(wire: str) -> None:
     with pytest.raises(ProtocolViolationError):
-        values.decode_value(bytes.fromhex(wire), DataType.STRING)
+        datasets.decode_value(bytes.fromhex(wire), DataType.STRING)
 
 
 def test_string_padded_with_nul_and_string_of_one_nul() -> None:
-    assert values.decode_value(bytes.fromhex("04 4100 0000 0000 0000"), DataType.STRING) == "A"
-    assert values.decode_value(bytes.fromhex("01 0000"), DataType.STRING) == ""
+    assert datasets.decode_value(bytes.fromhex("04 4100 0000 0000 0000"), DataType.STRING) == "A"
+    assert datasets.decode_value(bytes.fromhex("01 0000"), DataType.STRING) == ""
 
 
 @pytest.mark.parametrize("text", ["x" * 255, "a\0b", "\ud800"])
 def test_strings_that_ptp_cannot_carry(text: str) -> None:
     with pytest.raises(ValueError):  # noqa: PT011 - UnicodeEncodeError or our own
-        values.encode_string(text)
+        datasets.encode_string(text)
 
 
 def test_theta_shutter_speed_is_numerator_then_denominator() -> None:
-    assert values.encode_value(0x0000003C00000001, DataType.UINT64) == bytes.fromhex("01000000 3c000000")
+    assert datasets.encode_value(0x0000003C00000001, DataType.UINT64) == bytes.fromhex("01000000 3c000000")
 
 
 def test_theta_f_number_desc_by_hand() -> None:
     wire = bytes.fromhex("0750 0400 01 0000 3002 02 0400 0000 d200 5e01 3002")
     desc = datasets.decode_device_prop_desc(wire)
     assert desc == DevicePropDesc(0x5007, 4, True, 0, 560, FormFlag.ENUMERATION, None, (0, 210, 350, 560))
-    assert datasets.encode_device_prop_desc(desc) == wire
+    assert encoders.encode_device_prop_desc(desc) == wire
 
 
 def test_object_info_by_hand() -> None:
@@ -187,11 +188,11 @@ def test_object_info_by_hand() -> None:
         "05000000 0000 00000000 07000000"
     )
     name, date = "R0010001.JPG", "20230519T155400+0200"
-    wire += values.encode_string(name) + values.encode_string(date) + b"\0\0"
+    wire += datasets.encode_string(name) + datasets.encode_string(date) + b"\0\0"
     info = datasets.decode_object_info(wire)
     assert (info.storage_id, info.format_code, info.size_bytes) == (0x00020001, 0x3801, 25_000_000)
     assert (info.image_width_px, info.image_height_px, info.parent, info.filename) == (6720, 3360, 5, name)
-    assert info.captured_at() == datetime(2023, 5, 19, 15, 54, tzinfo=timezone(timedelta(hours=2)))
+    assert datasets.decode_date(info.capture_date) == datetime(2023, 5, 19, 15, 54, tzinfo=timezone(timedelta(hours=2)))
 
 
 def test_storage_info_of_the_theta_by_hand() -> None:
@@ -227,16 +228,16 @@ def test_prop_descs_that_are_none(field: str, wire: str) -> None:
         ((300,), 0x4002),
     ],
 )
-def test_values_that_do_not_fit(value: values.Value, data_type: int) -> None:
+def test_values_that_do_not_fit(value: datasets.Value, data_type: int) -> None:
     with pytest.raises(ValueError):  # noqa: PT011
-        values.encode_value(value, data_type)
+        datasets.encode_value(value, data_type)
 
 
 def test_descs_that_contradict_themselves() -> None:
     with pytest.raises(ValueError, match="range"):
-        datasets.encode_device_prop_desc(DevicePropDesc(1, 4, True, 0, 0, FormFlag.RANGE))
+        encoders.encode_device_prop_desc(DevicePropDesc(1, 4, True, 0, 0, FormFlag.RANGE))
     with pytest.raises(ValueError, match="choices"):
-        datasets.encode_device_prop_desc(DevicePropDesc(1, 4, True, 0, 0, FormFlag.NONE, None, (1,)))
+        encoders.encode_device_prop_desc(DevicePropDesc(1, 4, True, 0, 0, FormFlag.NONE, None, (1,)))
 
 
 @pytest.mark.parametrize(
@@ -249,21 +250,21 @@ def test_descs_that_contradict_themselves() -> None:
     ],
 )
 def test_dates(text: str, date: datetime) -> None:
-    assert values.decode_date(text) == date
-    assert values.decode_date("") is None
+    assert datasets.decode_date(text) == date
+    assert datasets.decode_date("") is None
 
 
 @given(st.datetimes(datetime(1900, 1, 1)), st.none() | st.integers(-14 * 60, 14 * 60))
 def test_dates_both_ways(moment: datetime, offset_min: int | None) -> None:
     zone = None if offset_min is None else timezone(timedelta(minutes=offset_min))
     date = moment.replace(microsecond=0, tzinfo=zone)
-    assert values.decode_date(values.encode_date(date)) == date
+    assert datasets.decode_date(encoders.encode_date(date)) == date
 
 
 @given(st.text(max_size=30) | st.from_regex(r"\d{8}T\d{6}(\.\d{1,3})?([+-]\d{4}|Z)?", fullmatch=True))
 def test_any_text_is_a_date_or_a_violation(text: str) -> None:
     try:
-        values.decode_date(text)
+        datasets.decode_date(text)
     except ProtocolViolationError:
         pass
 
@@ -271,4 +272,4 @@ def test_any_text_is_a_date_or_a_violation(text: str) -> None:
 @pytest.mark.parametrize("text", ["20230230T000000", "20230519T250000", "2023-05-19", "20230519T155400+9999"])
 def test_dates_that_do_not_exist(text: str) -> None:
     with pytest.raises(ProtocolViolationError):
-        values.decode_date(text)
+        datasets.decode_date(text)

@@ -16,8 +16,8 @@ from drivers.meter.interface import Meter, MeterReading, ReadingStatus
 from drivers.meter.ls160 import FROZEN_EQUALS, KonicaMinoltaMeter
 from drivers.serial_link import SerialLink
 from mocks.instruments.clock import VirtualClock
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.serial_port import MemoryLine, SerialPort
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SerialPort, SimulatedMeter
+from tests.drivers.memory_line import MemoryLine
 
 LS100 = load_dialect("ls100")
 

@@ -12,7 +12,8 @@ from drivers.meter.dialect import MAX_DIALECT_BYTES, SHIPPED, DialectError, load
 from drivers.meter.dialogue import interpret
 from drivers.meter.interface import ReadingStatus
 from drivers.meter.ls160 import KonicaMinoltaMeter
-from mocks.instruments.serial_port import MemoryLine, Piece
+from mocks.instruments.ls160 import Piece
+from tests.drivers.memory_line import MemoryLine
 
 MINE = r"""
 name = "mine"

@@ -5,12 +5,11 @@ from __future__ import annotations
 import pytest
 
 from drivers.errors import DeviceClaimedError, DeviceLostError
-from drivers.meter.dialect import SHIPPED, load_dialect
-from drivers.meter.probe import HARMLESS, MAX_ANSWER_BYTES, Exchange, probe, transcript_lines
+from drivers.meter.dialect import HARMLESS, MAX_ANSWER_BYTES, SHIPPED, Exchange, load_dialect, probe, transcript_lines
 from drivers.serial_link import PortSettings
 from mocks.instruments.clock import VirtualClock
-from mocks.instruments.ls160 import SimulatedMeter
-from mocks.instruments.serial_port import MemoryLine, Piece
+from mocks.instruments.ls160 import Piece, SimulatedMeter
+from tests.drivers.memory_line import MemoryLine
 
 DIALECTS = tuple(load_dialect(name) for name in SHIPPED)
 SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)

@@ -17,9 +17,9 @@ from drivers.errors import (
     StoreFullError,
 )
 from drivers.ptp.codes import DataType
+from drivers.ptp.datasets import encode_string
 from drivers.ptp.session import MAX_CHUNK_BYTES, PtpSession, Reply
 from drivers.ptp.transactions import LAST_TRANSACTION_ID, PtpEvent, next_transaction_id
-from drivers.ptp.values import encode_string
 from tests.drivers.scripted import (
     ClearHalt,
     OnEvent,

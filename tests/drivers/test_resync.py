@@ -18,8 +18,7 @@ from drivers.errors import (
     OperationRefusedError,
     ProtocolViolationError,
 )
-from drivers.links import Pipe
-from drivers.ptp.pipes import DRAIN_QUIET_S, BulkPipe, EventPipe
+from drivers.ptp.pipes import DRAIN_QUIET_S, BulkPipe, EventPipe, Pipe
 from drivers.ptp.resync import (
     CANCEL_LIMIT_S,
     CLASS_RESET_LIMIT_S,

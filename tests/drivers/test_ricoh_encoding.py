@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import ProtocolViolationError
 from drivers.theta_z1.codes import ERROR_INFO_BITS, SHUTTER_FRACTIONS
-from drivers.theta_z1.operations import Fraction32, error_texts, f_number_code, f_number_codes, nearest_shutter
+from drivers.theta_z1.settings import Fraction32, error_texts, f_number_code, f_number_codes, nearest_shutter
 
 PAPER_STOPS = {4: (4, 1), 1: (1, 1), 1 / 4: (1, 4), 1 / 15: (1, 15), 1 / 60: (1, 60), 1 / 250: (1, 250),
                1 / 1000: (1, 1000), 1 / 4000: (1, 4000), 1 / 8000: (1, 8000)}  # fmt: skip

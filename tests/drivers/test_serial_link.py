@@ -21,12 +21,18 @@ from drivers.errors import (
     DevicePermissionError,
     DeviceTimeoutError,
 )
+from drivers.link_errors import find_holder, open_error
 from drivers.meter.dialect import load_dialect
 from drivers.meter.ls160 import KonicaMinoltaMeter
-from drivers.port_finder import PortOpener, find_port
-from drivers.serial_link import PortInfo, PortSettings, SerialLink, find_holder, list_ports, open_error
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.serial_port import Piece, SerialPort
+from drivers.serial_link import (
+    PortInfo,
+    PortOpener,
+    PortSettings,
+    SerialLink,
+    find_port,
+    list_ports,
+)
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SerialPort, SimulatedMeter
 
 IDS = [(0x132B, 0x210D)]
 SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)

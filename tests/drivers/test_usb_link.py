@@ -27,8 +27,8 @@ from drivers.errors import (
     ProtocolViolationError,
     UnsupportedError,
 )
+from drivers.link_errors import SUSPECTS, find_holder, typed_error
 from drivers.ptp.session import PtpSession
-from drivers.usb_errors import find_holder, typed_error
 from drivers.usb_link import UsbDeviceInfo, UsbLink, list_cameras
 from tests.drivers.scripted import FakeClock, command, data, event, response
 
@@ -288,10 +288,13 @@ def test_kernel_drivers_that_cannot_be_asked_for_do_not_matter() -> None:
 def test_holder_of_a_claimed_camera_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     device = FakeDevice(address=7)
     device.fail["claim"] = usb_error(errno.EBUSY)
-    monkeypatch.setattr(usb_link, "find_holder", lambda bus, address: f"program on {bus}.{address} (17)")
-    with pytest.raises(DeviceClaimedError, match=r"held by program on 1.7 \(17\)") as caught:
+    monkeypatch.setattr(usb_link, "find_holder", lambda node, suspects: f"program on {node} (pid 17)")
+    with pytest.raises(DeviceClaimedError, match=r"held by program on /dev/bus/usb/001/007 \(pid 17\)") as caught:
         open_link(device)
-    assert caught.value.details["holder"] == "program on 1.7 (17)"
+    assert caught.value.details["holder"] == "program on /dev/bus/usb/001/007 (pid 17)"
+
+
+NODE, OTHER_NODE = "/dev/bus/usb/001/007", "/dev/bus/usb/001/008"
 
 
 def make_process(proc: Path, pid: int, name: str, *opened: str) -> None:
@@ -306,14 +309,15 @@ def test_holder_is_the_process_with_the_device_open(tmp_path: Path) -> None:
     make_process(tmp_path, 11, "gvfs-gphoto2-vo")
     make_process(tmp_path, 200, "darktable", "/dev/null", "/dev/bus/usb/001/007")
     (tmp_path / "version").write_text("no process")
-    assert find_holder(1, 7, tmp_path) == "darktable (200)"
-    assert find_holder(1, 8, tmp_path) == "perhaps gvfs-gphoto2-vo (11)"
-    assert find_holder(1, 8, tmp_path / "missing") == ""
+    assert find_holder(NODE, tmp_path, suspects=SUSPECTS) == "darktable (pid 200)"
+    assert find_holder(OTHER_NODE, tmp_path, suspects=SUSPECTS) == "perhaps gvfs-gphoto2-vo (pid 11)"
+    assert find_holder(OTHER_NODE, tmp_path) == ""
+    assert find_holder(OTHER_NODE, tmp_path / "missing", suspects=SUSPECTS) == ""
 
 
 def test_holder_never_is_this_process(tmp_path: Path) -> None:
     make_process(tmp_path, os.getpid(), "python", "/dev/bus/usb/001/007")
-    assert find_holder(1, 7, tmp_path) == ""
+    assert find_holder(NODE, tmp_path) == ""
 
 
 def test_cameras_are_listed_by_their_interface() -> None:

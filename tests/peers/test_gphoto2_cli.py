@@ -15,9 +15,9 @@ from drivers.clock import SystemClock
 from drivers.ptp.codes import Operation, Prop
 from drivers.theta_z1.codes import RicohProp
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
-from mocks.instruments.ptp.ip import LOOPBACK, PtpIpServer
 from mocks.instruments.theta_z1 import SimulatedThetaZ1
 from tests.mocks.optics.shot_sources import TinyShots
+from tests.peers.ptp_ip import LOOPBACK, PtpIpServer
 
 GPHOTO2 = shutil.which("gphoto2")
 pytestmark = [

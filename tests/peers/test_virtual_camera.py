@@ -11,6 +11,7 @@ import pytest
 
 from drivers.errors import StoreFullError
 from drivers.ptp.codes import HEADER_BYTES, DataType, Event, FormFlag, ObjectFormat, Operation, Prop
+from drivers.ptp.datasets import decode_date
 from drivers.ptp.session import ALL_STORAGES, PtpEvent, PtpSession
 from drivers.usb_link import UsbLink
 from tests.peers.camera_talk import (
@@ -108,7 +109,7 @@ def test_object_info_is_what_libgphoto2_reads(session: PtpSession, card: Path, t
         assert [info.image_width_px, info.image_height_px] == file["size_px"]
         assert session.get_object_info(info.parent).filename == file["folder"] == path.parent.name
         assert info.storage_id == STORAGE
-        assert info.captured_at() is not None
+        assert decode_date(info.capture_date) is not None
     assert files["IMG_0001.JPG"].format_code == ObjectFormat.EXIF_JPEG
     assert (files["IMG_0001.JPG"].image_width_px, files["IMG_0001.JPG"].image_height_px) == (64, 32)
     assert files["IMG_0002.DNG"].format_code == ObjectFormat.DNG

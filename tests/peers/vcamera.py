@@ -21,7 +21,7 @@ from typing import Any, Self
 import usb.core
 from usb.backend import IBackend
 
-from mocks.instruments.usb.descriptors import (
+from mocks.instruments.usb.bus import (
     ConfigurationDescriptor,
     DeviceDescriptor,
     EndpointDescriptor,

@@ -17,8 +17,8 @@ import pytest
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
 from tests.torture.faulty_capture import SILENCE_LIMIT_S, FaultyCapture, Outcome, Trouble, draw_trouble
 from tests.torture.ledger import record
-from tests.torture.ptp_faults import single_faults
-from tests.torture.ptp_flavours import FLAVOURS
+from tests.torture.ptp.faults import single_faults
+from tests.torture.ptp.flavours import FLAVOURS
 
 LONG = bool(os.environ.get("DAYLIT_TORTURE"))
 CAPTURES, PARTS = (240, 2) if LONG else (6, 2)

@@ -21,8 +21,8 @@ from drivers.meter.dialect import Dialect, load_dialect
 from drivers.meter.interface import MeterReading, ReadingStatus
 from drivers.meter.ls160 import MAX_SPREAD_FRAC, KonicaMinoltaMeter
 from mocks.instruments.clock import VirtualClock
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.serial_port import MemoryLine, Piece
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SimulatedMeter
+from tests.drivers.memory_line import MemoryLine
 from tests.torture.ledger import record
 
 LINES = 1_000_000 if os.environ.get("DAYLIT_TORTURE") else 20_000

@@ -8,10 +8,10 @@ from drivers.clock import Clock
 from drivers.ptp.codes import ObjectFormat, Operation, Response
 from mocks.instruments.exposures import CameraTiming, Darkroom, ExposureRecord, ShotRequest, ShotSource, true_time_s
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule, Moment
-from mocks.instruments.ptp import ptp_wire
+from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.datasets import ANY, ObjectStore, PropertyTable, StoredObject
-from mocks.instruments.ptp.messages import Answer, DeviceIdentity, Refusal, Request, Rule
 from mocks.instruments.ptp.responder import PtpResponder
+from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
 
 
 class SimulatedCamera(PtpResponder):

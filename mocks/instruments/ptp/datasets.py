@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from drivers.ptp.codes import DataType, FormFlag, ObjectFormat
-from mocks.instruments.ptp import ptp_wire
-from mocks.instruments.ptp.ptp_wire import Value
+from mocks.instruments.ptp import wire as ptp_wire
+from mocks.instruments.ptp.wire import Value
 
 ROOT = 0
 ROOT_ONLY = 0xFFFFFFFF

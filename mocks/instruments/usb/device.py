@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from drivers.ptp.codes import HEADER_BYTES, ClassRequest, ContainerType, Event, Response
 from mocks.instruments.faults import Fault, FaultKind, Moment, Phase
-from mocks.instruments.ptp import ptp_wire
-from mocks.instruments.ptp.messages import Request
+from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.responder import PtpResponder
+from mocks.instruments.ptp.wire import Request
 from mocks.instruments.usb.framing import BULK_PACKET_BYTES, CutError, InPipe, InTransfer, LinkError, frame_answer
 
 MAX_DATA_OUT_BYTES = 1 << 20

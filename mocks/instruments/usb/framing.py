@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from drivers.ptp.codes import HEADER_BYTES, UNKNOWN_LENGTH, ContainerType
 from mocks.instruments.faults import Fault, FaultKind, FaultRunner, Phase
-from mocks.instruments.ptp import ptp_wire
-from mocks.instruments.ptp.messages import Answer, Request
+from mocks.instruments.ptp import wire as ptp_wire
+from mocks.instruments.ptp.wire import Answer, Request
 
 
 @dataclass
@@ -208,12 +208,8 @@ class InPipe:
     def take(self, room_bytes: int, most_bytes: int) -> Taken:
         """Take what fits into ``room_bytes`` of the first transfer, at most ``most_bytes`` (what time allows).
 
-        Raises
-        ------
-        CutError
-            A fault breaks the link here.
-        LinkError
-            EOVERFLOW: the last packet is larger than the room left, and is lost.
+        Raises `CutError`: A fault breaks the link here; `LinkError`: EOVERFLOW: the last packet is larger than the
+        room left, and is lost.
         """
         head = self.queue[0]
         if head.cut is not None and head.cut_fault is not None and head.position >= head.cut:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from drivers.clock import Clock
 from mocks.instruments.exposures import CameraTiming
 from mocks.instruments.faults import Fault, FaultSchedule
-from mocks.instruments.ptp.messages import Answer, DeviceIdentity, Request, Rule
 from mocks.instruments.ptp.responder import PtpResponder
+from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Request, Rule
 
 KEEP, GIVE, SIGNAL, SLOW = 0x9000, 0x9001, 0x9002, 0x9003
 IDENTITY = DeviceIdentity(

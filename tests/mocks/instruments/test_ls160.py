@@ -6,7 +6,7 @@ import pytest
 
 from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SimulatedMeter
-from mocks.instruments.serial_port import MemoryLine
+from tests.drivers.memory_line import MemoryLine
 
 
 def said(pieces: list[Piece]) -> bytes:

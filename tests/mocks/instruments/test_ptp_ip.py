@@ -11,8 +11,8 @@ import pytest
 from drivers.clock import SystemClock
 from drivers.ptp.codes import Event, Operation, Response
 from mocks.instruments.faults import Fault, FaultKind
-from mocks.instruments.ptp.ip import LOOPBACK, PtpIpServer
 from tests.mocks.instruments.echo import GIVE, KEEP, Echo
+from tests.peers.ptp_ip import LOOPBACK, PtpIpServer
 
 
 class Client:

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.ptp.codes import Event, Operation, Response
 from mocks.instruments.clock import VirtualClock
-from mocks.instruments.ptp.messages import Answer, Request
+from mocks.instruments.ptp.wire import Answer, Request
 from tests.mocks.instruments.echo import GIVE, KEEP, SIGNAL, Echo
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mocks.optics.camera import CANON_5D2, THETA_Z1, image_rows
 from mocks.optics.chart import PATCHES, WHITE, ChartRoom, patch_albedos
-from mocks.optics.optics import CANON_5D2, THETA_Z1, image_rows
 from mocks.worlds.light import LightDrift, Site, luminance_cd_m2
 from mocks.worlds.world import meter_luminance_cd_m2, open_world
 

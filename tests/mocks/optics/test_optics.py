@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mocks.optics.camera import CANON_5D2, THETA_Z1, Filter, image_rows, scene_rows
 from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
-from mocks.optics.optics import CANON_5D2, THETA_Z1, Filter, image_rows, scene_rows
 from mocks.optics.picture_jobs import ImageJob, PictureJob, bands, finish_image, mosaic, render_band
 from mocks.optics.picture_jobs import _signals as signals
 from mocks.optics.sensor import Exposure, Sensor, ToneCurve, TrueShutter, white_balance_gains

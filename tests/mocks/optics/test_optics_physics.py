@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
+from mocks.optics.camera import CANON_5D2, ND3_TINT, THETA_Z1, Filter
 from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
-from mocks.optics.optics import CANON_5D2, ND3_TINT, THETA_Z1, Filter
 from mocks.optics.picture_cache import PictureCache
 from mocks.optics.picture_jobs import ImageJob, PictureJob, bands, finish_image, mosaic, render_band
 from mocks.optics.picture_jobs import _signals as signals

@@ -17,7 +17,7 @@ from mocks.instruments import bench as bench_module
 from mocks.instruments.bench import WantedCamera, make_bench
 from mocks.instruments.exposures import ShotRequest
 from mocks.optics import pictures as pictures_module
-from mocks.optics.optics import CANON_5D2, THETA_Z1
+from mocks.optics.camera import CANON_5D2, THETA_Z1
 from mocks.optics.picture_cache import PictureCache, PictureCacheError, content_key, default_folder
 from mocks.optics.picture_jobs import is_whole_jpeg
 from mocks.optics.pictures import RenderedShots

@@ -14,7 +14,7 @@ from mocks.rooms.light.engine import LLVM, SCALAR, Engine, EngineError
 from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.mesh import Part, quad
 from mocks.rooms.model import Material, Role
-from station.capture import doctor
+from station.capture import preflight
 
 
 def test_the_renderer_says_what_it_is_and_what_would_make_it_faster(
@@ -30,7 +30,7 @@ def test_the_renderer_says_what_it_is_and_what_would_make_it_faster(
 
 def test_doctor_warns_of_missing_libraries_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "LIBRARIES", ("numpy", "no_such_ray_caster"))
-    check = doctor._check_renderer()
+    check = preflight._check_renderer()
     assert (check.level, check.name) == ("warn", "renderer")
     assert check.text == "no_such_ray_caster not installed: rooms cannot be generated"
     assert check.advice

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mocks.optics.optics import CANON_5D2, ND3_TINT, THETA_Z1, image_rows, scene_rows
+from mocks.optics.camera import CANON_5D2, ND3_TINT, THETA_Z1, image_rows, scene_rows
 from mocks.worlds.light import BrightDisc, UniformWorld, direction_of
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from processing.batch.work import Outcome, Task, outcome_of, work
+from station.session.durable import SessionLock
 from station.session.folder import Folder
-from station.session.lock import SessionLock
 from tests.station.session.sessions import complete_session
 
 

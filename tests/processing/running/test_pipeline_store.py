@@ -23,8 +23,8 @@ from processing.running.runner import process
 from processing.sphere import Equirectangular
 from station.errors import DiskFullError, IntegrityError, SessionLockedError, SessionNotFoundError
 from station.session import durable
+from station.session.durable import SessionLock
 from station.session.folder import Folder
-from station.session.lock import SessionLock
 from tests.processing.running.toy_stages import TOYS
 from tests.station.session.sessions import complete_session
 from tests.torture.os_faults import Counting, installed
@@ -145,7 +145,7 @@ def test_no_session_there(tmp_path: Path) -> None:
 def test_two_processes_do_not_work_at_once(session: Path) -> None:
     code = (
         "import sys; from pathlib import Path\n"
-        "from station.session.folder import Folder; from station.session.lock import SessionLock\n"
+        "from station.session.folder import Folder; from station.session.durable import SessionLock\n"
         "lock = SessionLock(Folder.open(Path(sys.argv[1]))); print('held', flush=True); sys.stdin.read()"
     )
     arguments = [sys.executable, "-c", code, str(session)]

@@ -20,10 +20,10 @@ from mocks.instruments.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCan
 from mocks.instruments.clock import VirtualClock
 from mocks.instruments.exposures import CameraTiming
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.serial_port import MemoryLine
 from mocks.instruments.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from station.capture.conform import CAMERA_CHECKS, METER_CHECKS, CameraBench, Outcome, run_camera, run_meter
+from tests.drivers.memory_line import MemoryLine
 from tests.mocks.optics.shot_sources import TinyShots
 from tests.station.capture.fake_camera import FakeCamera
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 import daylit
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.serial_port import SerialPort
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SerialPort, SimulatedMeter
 
 Plug = Callable[..., str]
 
@@ -65,7 +64,7 @@ def test_no_such_port_and_no_such_dialect(capsys: pytest.CaptureFixture[str]) ->
 def test_probe_writes_a_transcript_once(
     plug: Plug, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("drivers.meter.probe.ANSWER_LIMIT_S", 0.2)
+    monkeypatch.setattr("drivers.meter.dialect.ANSWER_LIMIT_S", 0.2)
     path = tmp_path / "transcript.txt"
     command = ["meter", "probe", str(path), "--port", plug(language="ls160"), "--json"]
     assert daylit.main(command) == 0

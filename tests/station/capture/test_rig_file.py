@@ -9,7 +9,7 @@ import pytest
 
 from station.capture.bracket import PAPER_STOPS_S
 from station.capture.rig import SIZE_STEPS, find_rig_file, planned_times_s, simulated_rig_file
-from station.capture.rig_file import EXAMPLE, PAPER_RIG, load_rig
+from station.capture.rig_file import PAPER_RIG, example_text, load_rig
 from station.errors import RigError
 from station.session.session import Side, Site
 
@@ -21,7 +21,7 @@ def write(folder: Path, text: str) -> Path:
 
 
 def test_example_is_the_papers_rig(tmp_path: Path) -> None:
-    rig = load_rig(write(tmp_path, EXAMPLE))
+    rig = load_rig(write(tmp_path, example_text()))
     assert rig.bracket.stops_s() == PAPER_STOPS_S
     assert rig.indoor == PAPER_RIG.indoor
     assert rig.outdoor == PAPER_RIG.outdoor

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from station.frames.exif import ExifFacts, parse_offset, read_exif
-from station.frames.facts import FrameProblemError, Reason
+from station.frames.exif import parse_offset, read_exif
+from station.frames.facts import ExifRecord, FrameProblemError, Reason
 from tests.station.frames.pictures import TAKEN, exif
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
@@ -78,7 +78,7 @@ def problem(data: bytes) -> str:
     return caught.value.message
 
 
-def facts_or_none(data: bytes) -> ExifFacts | None:
+def facts_or_none(data: bytes) -> ExifRecord | None:
     """Return the facts, or None where the one error that may be raised is."""
     try:
         return read_exif(data)
@@ -89,7 +89,7 @@ def facts_or_none(data: bytes) -> ExifFacts | None:
 @pytest.mark.parametrize("order", ["little", "big"])
 def test_both_byte_orders(order):
     facts = read_exif(block(order, [(0x010F, 2, *text("RICOH")), (0x0112, 3, 1, 1)], usual(order)))
-    assert facts == ExifFacts(
+    assert facts == ExifRecord(
         exposure_s=1 / 60,
         f_number=5.6,
         iso=100,

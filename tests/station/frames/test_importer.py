@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 import daylit
-from station.commands.import_ import import_session as command
+from station.commands.sessions import import_session as command
 from station.errors import FrameRejectedError, IncompleteBracketError, SessionNotFoundError, UsageError
 from station.frames.check import FrameChecker
 from station.frames.importer import ImportReport, ImportRequest, import_session

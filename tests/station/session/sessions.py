@@ -6,7 +6,7 @@ import hashlib
 from datetime import UTC, datetime
 from pathlib import Path
 
-from station.frames.part import StoredFrame
+from station.session.folder import StoredFrame
 from station.session.session import BracketRecord, FrameRecord, SessionManifest, Side
 from station.session.store import SessionStore
 

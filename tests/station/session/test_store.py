@@ -18,9 +18,9 @@ from station.errors import (
     SessionLockedError,
     SessionNotFoundError,
 )
-from station.frames import part as frame_part
-from station.frames.part import frame_name
 from station.session import folder as folder_module
+from station.session import folder as session_folder
+from station.session.folder import frame_name
 from station.session.session import (
     DeviceRecord,
     ReadingRecord,
@@ -88,7 +88,7 @@ def test_the_part_can_be_looked_at_before_the_commit(tmp_path: Path) -> None:
 def test_a_frame_beyond_the_cap_is_refused_before_it_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(frame_part, "FRAME_CAP_BYTES", 10)
+    monkeypatch.setattr(session_folder, "FRAME_CAP_BYTES", 10)
     with SessionStore.create(tmp_path, manifest()) as store:
         part = store.begin_frame(Side.INDOOR, 0, 4.0)
         part.write(b"0123456789")

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mocks.optics.optics import CANON_5D2, ND3_TINT, image_rows
+from mocks.optics.camera import CANON_5D2, ND3_TINT, image_rows
 from mocks.worlds.light import luminance_cd_m2
 from mocks.worlds.simple_room import SimpleRoom
 from mocks.worlds.sky import SimpleSky

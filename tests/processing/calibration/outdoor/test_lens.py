@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks.optics.optics import CANON_5D2
+from mocks.optics.camera import CANON_5D2
 from processing.calibration.outdoor.lens import ImageCircle, LensModel, fit_mapping
 from processing.errors import LensError
 from processing.sphere import LensMapping, directions

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mocks.optics.optics import CANON_5D2
+from mocks.optics.camera import CANON_5D2
 from processing.calibration.scale.vignetting import Vignetting, fit_flat, fit_rotated, published_vignetting
 from processing.errors import LensError
 from processing.ground.arrays import Floats

@@ -1,6 +1,6 @@
 """Thousands of sittings with a simulated camera, each with one fault or two: none lost, none misfiled, none too slow.
 
-One fault: swept over kind, operation, occurrence, phase and byte (`tests.torture.ptp_faults`). Two: pairs of them drawn
+One fault: swept over kind, operation, occurrence, phase and byte (`tests.torture.ptp.faults`). Two: pairs of them drawn
 by seed. A sitting whose fault never came about does not count.
 """
 
@@ -16,9 +16,9 @@ import pytest
 
 from mocks.instruments.faults import Fault, FaultKind
 from tests.torture.ledger import record
-from tests.torture.ptp_faults import evenly, single_faults
-from tests.torture.ptp_flavours import FLAVOURS, Flavour
-from tests.torture.ptp_session import LIMITS_S, SLACK_S, Sitting, Verdict
+from tests.torture.ptp.faults import evenly, single_faults
+from tests.torture.ptp.flavours import FLAVOURS, Flavour
+from tests.torture.ptp.session import LIMITS_S, SLACK_S, Sitting, Verdict
 
 LONG = bool(os.environ.get("DAYLIT_TORTURE"))
 SINGLE, PAIRS = (1500, 600) if LONG else (48, 16)

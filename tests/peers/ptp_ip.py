@@ -16,9 +16,8 @@ from typing import Self
 
 from drivers.ptp.codes import Response
 from mocks.instruments.faults import Moment
-from mocks.instruments.ptp.messages import Answer, PendingEvent, Request
-from mocks.instruments.ptp.ptp_wire import BadBytesError, parse_params, u32s
 from mocks.instruments.ptp.responder import PtpResponder
+from mocks.instruments.ptp.wire import Answer, BadBytesError, PendingEvent, Request, parse_params, u32s
 
 LOOPBACK = "127.0.0.1"
 HEADER = struct.Struct("<II")

@@ -21,7 +21,7 @@ from drivers.theta_z1.camera import READY_LIMIT_S, WAKE_LIMIT_S
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from station.capture.conductor import MAX_DEVICE_FAILURES, NEEDS_A_PERSON
-from tests.torture.ptp_flavours import CountedClock, EndlessError, Flavour, RecordedShots
+from tests.torture.ptp.flavours import CountedClock, EndlessError, Flavour, RecordedShots
 
 SHUTTERS_S = (1 / 60, 1 / 4, 1 / 250)
 CHUNK_BYTES = 500

@@ -9,8 +9,8 @@ from itertools import cycle
 
 from drivers.ptp.codes import HEADER_BYTES, Operation
 from mocks.instruments.faults import Fault, FaultKind, Phase
-from tests.torture.ptp_flavours import Flavour
-from tests.torture.ptp_session import Sitting
+from tests.torture.ptp.flavours import Flavour
+from tests.torture.ptp.session import Sitting
 
 PACKET_BYTES = 512
 AWAY_S = (2.0, 20.0, -1.0)

@@ -1,0 +1,110 @@
+"""What the operating system says when a link fails, USB or serial, as typed errors that say what to do; and who
+holds a device."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+from drivers.errors import (
+    DeviceClaimedError,
+    DeviceError,
+    DeviceLostError,
+    DeviceNotFoundError,
+    DevicePermissionError,
+    DeviceTimeoutError,
+    LinkStallError,
+    ProtocolViolationError,
+)
+
+
+def typed_error(number: int | None, message: str, where: str) -> DeviceError:
+    """Return our error for an error number (``errno``) that a USB call ended with."""
+    if number in (errno.ETIMEDOUT, errno.EAGAIN):
+        return DeviceTimeoutError(message, where=where, errno=number)
+    if number == errno.EPIPE:
+        return LinkStallError(message, where=where, errno=number)
+    if number == errno.EOVERFLOW:
+        return ProtocolViolationError(message, where=where, likely="the camera sent more than a packet", errno=number)
+    if number in (errno.EACCES, errno.EPERM):
+        return DevicePermissionError(
+            message,
+            where=where,
+            likely="no udev rule gives you the camera",
+            advice="install drivers/udev/70-daylit.rules, then replug the camera",
+            errno=number,
+        )
+    # EIO is what Linux gives while a cable is being pulled; only opening the link anew helps against any of the rest.
+    return DeviceLostError(
+        message,
+        where=where,
+        likely="the cable was pulled or the camera switched off",
+        advice="check cable and power, then resume",
+        errno=number,
+    )
+
+
+def open_error(error: Exception, name: str) -> DeviceError:
+    """Return what it means that the port ``name`` does not open."""
+    number = getattr(error, "errno", None)
+    text = str(error)
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text:
+        holder = find_holder(name)
+        return DeviceClaimedError(
+            f"{holder or 'another program'} holds the port",
+            where=name,
+            advice=f"stop {holder or 'it'} (ModemManager? see the udev rule)",
+            holder=holder,
+        )
+    if number in (errno.EACCES, errno.EPERM):
+        advice = "install the udev rule, or join the group dialout and log in anew"
+        return DevicePermissionError("the system refuses the port", where=name, advice=advice)
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "could not open port" in text:
+        return DeviceNotFoundError("there is no such port", where=name, advice="daylit doctor lists the ports")
+    return DeviceLostError(f"the port does not open: {text}", where=name, advice="plug it in anew")
+
+
+PROC = Path("/proc")
+SUSPECTS = ("gvfs-gphoto2-volume-monitor", "gvfsd-gphoto2", "gvfs-mtp-volume-monitor", "gvfsd-mtp", "gphoto2", "kiod5")
+"""Programs that are known to claim cameras by themselves."""
+COMM_CHARACTERS = 15
+"""The kernel cuts the name of a process after as many (Linux, TASK_COMM_LEN less its NUL)."""
+
+
+def find_holder(node: str, proc: Path = PROC, *, suspects: tuple[str, ...] = ()) -> str:
+    """Return who has a device node open, as ``name (pid 17)``; a running suspect as ``perhaps ...``; else "".
+
+    Linux shows it by the open files of processes, of other users' only to root: then only suspicion is left.
+    Elsewhere nobody is named.
+    """
+    target, perhaps = os.path.realpath(node), ""
+    for process in _other_processes(proc):
+        name = _name(process)
+        if _has_open(process, target):
+            return f"{name} (pid {process.name})"
+        if not perhaps and name in {suspect[:COMM_CHARACTERS] for suspect in suspects}:
+            perhaps = f"perhaps {name} (pid {process.name})"
+    return perhaps
+
+
+def _other_processes(proc: Path) -> list[Path]:
+    try:
+        found = [path for path in proc.iterdir() if path.name.isdigit() and path.name != str(os.getpid())]
+    except OSError:
+        return []
+    return sorted(found, key=lambda path: int(path.name))
+
+
+def _name(process: Path) -> str:
+    try:
+        return (process / "comm").read_text("utf-8", "replace").strip()
+    except OSError:
+        return "a process that has ended"
+
+
+def _has_open(process: Path, target: str) -> bool:
+    try:
+        return any(os.path.realpath(entry) == target for entry in (process / "fd").iterdir())
+    except OSError:
+        return False
