@@ -23,7 +23,7 @@ from shapely.geometry import Polygon, box
 from processing.layout.items import Item
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet
-from processing.layout.solver.canonical import canonical_plan
+from processing.layout.solver.poses import canonical_plan
 from processing.layout.verify import Judge, Piece
 
 Rect = tuple[int, int, int, int]
@@ -209,10 +209,10 @@ class _Model:
             and (o.spec.category == "nightstand" or not own & ({o.spec.category, o.spec.group_with} - {""}))
         ]
         for zone in item.spec.zones:
-            deep = round(1000 * (self.rules.length(zone.rule) - zone.less_m))
+            deep = round(1000 * zone.depth_m(self.rules))
             if deep <= 0:
                 continue
-            optional = bool(item.spec.sides_rule) and zone.side in ("left", "right")
+            optional = item.spec.sides_needed is not None and zone.side in ("left", "right")
             kept = self.model.new_bool_var("") if optional else None
             free.setdefault("side" if optional else "all", []).append(kept)
             boxes = []
@@ -225,7 +225,7 @@ class _Model:
                 boxes.append(self._box(k, _zone_rect(item, zone.side, deep, q), present))
             self._apart([boxes, *others, self.walls])
         if free.get("side"):
-            self.model.add(sum(free["side"]) >= min(len(free["side"]), int(self.rules.length(item.spec.sides_rule))))
+            self.model.add(sum(free["side"]) >= min(len(free["side"]), item.spec.sides_needed(self.rules)))
 
     def _nightstand(self, k: int) -> list[tuple[Any, Any]]:
         """Return a nightstand's rectangles as beds' use zones see them: none where it stands at the head."""

@@ -152,7 +152,7 @@ def _possible(
     good &= ~shapely.intersects(shapes, bodies)
     w, d, _ = (v / 2 for v in item.spec.size_m)
     for zone in item.spec.zones:
-        deep = float(getattr(rules, zone.rule)) - zone.less_m
+        deep = zone.depth_m(rules)
         if zone.side in ("front", "back") and deep > 0:
             rect = (-w, w, d, d + deep) if zone.side == "front" else (-w, w, -d - deep, -d)
             zones = _boxes(poses, item.spec.size_m, rect)

@@ -103,7 +103,7 @@ def place_by_trial(
         zones: list[Polygon] = []
         for item in order:
             w, d, _h = item.spec.size_m
-            front = max((getattr(rules, z.rule) - z.less_m for z in item.spec.zones if z.side == "front"), default=0.0)
+            front = max((z.depth_m(rules) for z in item.spec.zones if z.side == "front"), default=0.0)
             for _ in range(tries):
                 edge = int(rng.integers(len(plan.corners)))
                 length = plan.edge(edge)[2]

@@ -9,22 +9,30 @@ from functools import cached_property
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError
 from processing.layout.arrangement import Arrangement, Arrangements, NotPlaced, PlacedItem
 from processing.layout.items import Item
-from processing.layout.pins import in_frame, pinned_stands
+from processing.layout.pins import pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
 from processing.layout.rules import Rules, RuleSet, built_in_rules
-from processing.layout.solver.canonical import Frame, Pose, canonical_plan
-from processing.layout.solver.choose import Candidate, Chosen, choose
-from processing.layout.solver.field import make_field
+from processing.layout.solver.alternatives import Candidate, Chosen, choose, run_search, varied
+from processing.layout.solver.field import Field, Floor, make_field
 from processing.layout.solver.grouping import host_role
-from processing.layout.solver.last_places import with_last_places
-from processing.layout.solver.poses import Stand, anchor, in_room, stands, with_reached_sides
-from processing.layout.solver.reach import reachable_doors
-from processing.layout.solver.refusals import host_lost, not_placed, outline_rows, refuse_too_small
-from processing.layout.solver.scores import make_floor, soft_scores, weighted
-from processing.layout.solver.search import Search
-from processing.layout.solver.tries import Final, run_search
-from processing.layout.verify import Judge, Piece
+from processing.layout.solver.left_out import host_lost, not_placed, refuse_too_small, with_last_places
+from processing.layout.solver.poses import (
+    Frame,
+    Pose,
+    Stand,
+    anchor,
+    canonical_plan,
+    in_frame,
+    in_room,
+    outline_rows,
+    pieces,
+    stands,
+    with_reached_sides,
+)
+from processing.layout.solver.scores import soft_scores, weighted
+from processing.layout.solver.search import Final, Search
+from processing.layout.verify import Judge
 
 MOST_ALTERNATIVES = 50
 LITTLE_MORE = 1.0
@@ -80,8 +88,8 @@ def arrange(
         mirror=not any(item.spec.handed for item in items),
     )
     held = [in_frame(s, frame) for s in stood]
-    field = make_field(inner, rules, [row for s in held for row in outline_rows(s)])
-    doors = reachable_doors(field)
+    field = make_field(Floor(inner), rules, [row for s in held for row in outline_rows(s)])
+    doors = field.reachable_doors()
     if not doors:
         raise RoomTooSmallError(
             f"no path of {rules.path:g} m begins at any door, even in the empty room", where=plan.name
@@ -118,16 +126,16 @@ class _Task:
 
     def in_room(self, final: Final) -> tuple[Stand, ...]:
         """Return all pieces of a state in the room's frame."""
-        return (*self.stood, *(in_room(s, self.frame) for s in stands(final.found, final.packing)))
+        return (*self.stood, *(in_room(s, self.frame) for s in stands(final)))
 
     def valid(self, final: Final) -> bool:
-        """Tell whether the judge passes a state."""
+        """Return whether the judge passes a state."""
         return self.judge.passes(pieces(self.in_room(final)))
 
     @cached_property
-    def bare(self) -> Search:
-        """A search in the room without what is pinned."""
-        return Search(make_field(self.search.field.plan, self.rules), (), like=self.search)
+    def bare(self) -> Field:
+        """The room without what is pinned."""
+        return make_field(self.search.field.floor, self.rules)
 
     @cached_property
     def judges(self) -> dict[str, Judge]:
@@ -152,14 +160,14 @@ def _fewer(finals: Sequence[Final], found: int, asked: int) -> tuple[str, ...]:
     """Return why there are fewer arrangements than asked for, where there are."""
     if found >= asked:
         return ()
-    told = f"{found} different arrangements were found of {asked} asked for"
+    counted = f"{found} different arrangements were found of {asked} asked for"
     if not finals:
-        return (f"{told}: all pieces are pinned",)
+        return (f"{counted}: all pieces are pinned",)
     least = min(f.loss() for f in finals)
     alike = sum(f.loss() <= least + 1e-9 for f in finals)
     little = "as little" if least > 0 else "nothing"
     return (
-        f"{told}: of {alike} tried that leave out {little}, the others have every large piece at the same wall and "
+        f"{counted}: of {alike} tried that leave out {little}, the others have every large piece at the same wall and "
         "within 1 m of where one of these has it, or a path too narrow for the judge",
     )
 
@@ -167,7 +175,7 @@ def _fewer(finals: Sequence[Final], found: int, asked: int) -> tuple[str, ...]:
 def _chosen(task: _Task, finals: Sequence[Final], n: int) -> list[Chosen]:
     """Return the arrangements to give: of those that leave least out, good and different ones that the judge passes."""
     if not finals:
-        scores = soft_scores(make_floor(task.plan), task.stood)
+        scores = soft_scores(Floor(task.plan), task.stood)
         only = Candidate(task.stood, (), weighted(scores, task.book.weights), scores)
         return [Chosen(only, "")] if task.stood else []
     units = finals[0].packing.units
@@ -201,22 +209,22 @@ def _fuller(candidate: Candidate, task: _Task) -> Candidate:
     if len(full) == len(inner):
         return candidate
     stood = {s.item.id for s in full}
-    scores = soft_scores(make_floor(task.search.field.plan), full)
+    scores = soft_scores(task.search.field.floor, full)
     out = tuple(name for name in candidate.left_out if name not in stood)
     return Candidate(in_the_room(full), out, weighted(scores, task.book.weights), scores)
 
 
 def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[float, list[Candidate]]]:
     """Yield (loss, the best states with their soft scores, best first): those that leave least out, then the next."""
-    floor = make_floor(task.search.field.plan)
+    floor = task.search.field.floor
     held = [in_frame(s, task.frame) for s in task.stood]
     losses = sorted({round(f.loss(), 9) for f in finals})
     for least in losses:
         alike = [f for f in finals if round(f.loss(), 9) == least]
-        kept = _varied(alike, 4 if n == 1 else 6 * n)
+        kept = varied(alike, 8 if n == 1 else 6 * n)
         made = []
         for final in kept:
-            free = stands(final.found, final.packing)
+            free = stands(final)
             placed = (*task.stood, *(in_room(s, task.frame) for s in free))
             # Scored in the canonical frame, so that a turned room ranks them alike.
             scores = soft_scores(floor, [*held, *free])
@@ -225,32 +233,15 @@ def _candidates(finals: Sequence[Final], task: _Task, n: int) -> Iterator[tuple[
         yield least, sorted(made, key=lambda c: -c.score)
 
 
-def _varied(finals: Sequence[Final], most: int) -> list[Final]:
-    """Return the best of each kind, then the second best of each."""
-    rounds: dict[tuple[object, ...], int] = {}
-    ranked = []
-    for place, final in enumerate(finals):
-        kind = final.kind()
-        rounds[kind] = rounds.get(kind, -1) + 1
-        ranked.append((rounds[kind], place))
-    return [finals[place] for _, place in sorted(ranked)[:most]]
-
-
-def pieces(placed: Sequence[Stand]) -> list[Piece]:
-    """Return pieces in the room as the judge takes them."""
-    return [Piece(s.item.id, s.item.spec, s.x_m, s.y_m, s.theta_rad, s.group) for s in placed]
-
-
 def _arrangement(rank: int, chosen: Chosen, task: _Task) -> Arrangement:
     candidate, by_id = chosen.candidate, {item.id: item for item in task.items}
     refused = [_too_tall(item, task.plan) for item in task.too_tall]
     inner = [in_frame(s, task.frame) for s in candidate.placed]
-    bare = task.bare if candidate.left_out else task.search
     stood = {s.item.spec.category for s in candidate.placed}
     asked = {item.spec.category for item in task.items}
     for item in (by_id[name] for name in candidate.left_out):
         lost = host_role(item, asked) and not host_role(item, stood)
-        refused.append(host_lost(item) if lost else not_placed(item, inner, bare))
+        refused.append(host_lost(item) if lost else not_placed(item, inner, task.bare))
     known = pieces(candidate.placed)
     meets = [n for n, judge in task.judges.items() if n == task.rules.name or judge.passes(known, fits=True)]
     return Arrangement(

@@ -9,11 +9,12 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from processing.errors import ItemError
+from processing.layout.rules import RuleSet
 
 Side: TypeAlias = Literal["front", "back", "left", "right"]
 Placement: TypeAlias = Literal["wall", "free", "on"]
@@ -30,10 +31,8 @@ class UseZone:
     """
 
     side: Side
-    rule: str
-    """Key of the rule set that gives the depth in metres; a depth of 0 asks for nothing."""
-    less_m: float = 0.0
-    """Taken off that depth: a dining chair's zone is counted from the table's edge."""
+    depth_m: Callable[[RuleSet], float]
+    """The rule set's depth in metres; a depth of 0 asks for nothing."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,8 @@ class ItemSpec:
     """Height of its underside above the floor."""
     placement: Placement = "wall"
     zones: tuple[UseZone, ...] = ()
-    sides_rule: str = ""
-    """Key of the number of its left and right zones that must be free; empty: all."""
+    sides_needed: Callable[[RuleSet], int] | None = None
+    """How many of its left and right zones must be free by a rule set; None: all."""
     group_with: str = ""
     """Category that it belongs to: a nightstand to a bed."""
     bound: bool = False
@@ -60,7 +59,7 @@ class ItemSpec:
 
     @property
     def is_rug(self) -> bool:
-        """Tell whether other items may stand on it."""
+        """Whether other items may stand on it."""
         return self.category == "rug" or self.size_m[2] <= RUG_HEIGHT_M
 
     @property
@@ -95,38 +94,44 @@ class Item:
 # The built-in kinds of furniture and the sets made of them. Sizes are common ones of the trade, in metres.
 
 
-_BED_ZONES = (UseZone("left", "bed_side"), UseZone("right", "bed_side"), UseZone("front", "bed_foot"))
+_BED_ZONES = (
+    UseZone("left", lambda rules: rules.bed_side),
+    UseZone("right", lambda rules: rules.bed_side),
+    UseZone("front", lambda rules: rules.bed_foot),
+)
+CHAIR_IN_USE_M = 0.50
+"""A dining chair's zone is counted from the table's edge: less its own depth."""
 
 
-def _bed(name: str, width_m: float, length_m: float, sides_rule: str) -> ItemSpec:
-    return ItemSpec(name, (width_m, length_m, 0.85), zones=_BED_ZONES, sides_rule=sides_rule)
+def _bed(name: str, width_m: float, length_m: float, sides_needed: Callable[[RuleSet], int]) -> ItemSpec:
+    return ItemSpec(name, (width_m, length_m, 0.85), zones=_BED_ZONES, sides_needed=sides_needed)
 
 
-def _front(rule: str, less_m: float = 0.0) -> tuple[UseZone, ...]:
-    return (UseZone("front", rule, less_m),)
+def _front(depth_m: Callable[[RuleSet], float]) -> tuple[UseZone, ...]:
+    return (UseZone("front", depth_m),)
 
 
 _ALL = (
-    _bed("bed", 1.4, 2.0, "bed_sides"),
-    _bed("single bed", 0.9, 2.0, "bed_single_sides"),
-    _bed("king bed", 1.8, 2.0, "bed_sides"),
+    _bed("bed", 1.4, 2.0, lambda rules: rules.bed_sides),
+    _bed("single bed", 0.9, 2.0, lambda rules: rules.bed_single_sides),
+    _bed("king bed", 1.8, 2.0, lambda rules: rules.bed_sides),
     ItemSpec("nightstand", (0.45, 0.40, 0.50), group_with="bed", bound=True),
-    ItemSpec("wardrobe", (1.2, 0.60, 2.0), zones=_front("wardrobe_front")),
-    ItemSpec("chest", (0.9, 0.45, 0.85), zones=_front("chest_front")),
-    ItemSpec("bookshelf", (0.8, 0.30, 1.8), zones=_front("shelf_front")),
-    ItemSpec("desk", (1.2, 0.60, 0.74), zones=_front("desk_back")),
+    ItemSpec("wardrobe", (1.2, 0.60, 2.0), zones=_front(lambda rules: rules.wardrobe_front)),
+    ItemSpec("chest", (0.9, 0.45, 0.85), zones=_front(lambda rules: rules.chest_front)),
+    ItemSpec("bookshelf", (0.8, 0.30, 1.8), zones=_front(lambda rules: rules.shelf_front)),
+    ItemSpec("desk", (1.2, 0.60, 0.74), zones=_front(lambda rules: rules.desk_back)),
     ItemSpec("desk chair", (0.55, 0.55, 0.95), placement="free", group_with="desk", bound=True),
-    ItemSpec("sofa", (1.8, 0.85, 0.80), zones=_front("seat_front")),
-    ItemSpec("armchair", (0.80, 0.80, 0.85), zones=_front("seat_front"), group_with="sofa"),
+    ItemSpec("sofa", (1.8, 0.85, 0.80), zones=_front(lambda rules: rules.seat_front)),
+    ItemSpec("armchair", (0.80, 0.80, 0.85), zones=_front(lambda rules: rules.seat_front), group_with="sofa"),
     ItemSpec("coffee table", (1.0, 0.55, 0.42), placement="free", group_with="sofa", bound=True),
-    ItemSpec("tv stand", (1.4, 0.40, 0.50), zones=_front("tv_front")),
+    ItemSpec("tv stand", (1.4, 0.40, 0.50), zones=_front(lambda rules: rules.tv_front)),
     ItemSpec("tv", (1.10, 0.08, 0.65), base_m=0.50, placement="on", group_with="tv stand"),
     ItemSpec("dining table", (1.4, 0.80, 0.74), placement="free"),
     ItemSpec(
         "dining chair",
         (0.45, 0.50, 0.85),
         placement="free",
-        zones=(UseZone("back", "dining_edge", less_m=0.50),),
+        zones=(UseZone("back", lambda rules: rules.dining_edge - CHAIR_IN_USE_M),),
         group_with="dining table",
         bound=True,
     ),

@@ -13,18 +13,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from shapely.geometry import LineString
+import shapely
+from shapely.affinity import translate
+from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from processing.errors import PinError
+from processing.ground.arrays import Doubles
 from processing.layout.items import Item
 from processing.layout.pins import pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet
-from processing.layout.solver.canonical import Pose, wrapped
-from processing.layout.solver.field import PERSON_M, free_region, make_field
-from processing.layout.solver.free_sets import BODY, RUG, ZONE
-from processing.layout.solver.refusals import outline_rows
+from processing.layout.solver.field import PERSON_M, Field, Floor, Row, make_field
+from processing.layout.solver.free_sets import BODY, MEETS, RUG, SKIN_M, ZONE
+from processing.layout.solver.poses import Pose, outline_rows, wrapped
 from processing.layout.solver.units import zone_choices
 
 INSIDE_M = 1e-6
@@ -75,22 +77,51 @@ def placed_by_ratios(
     return poses
 
 
-def position(plan: FloorPlan, item: Item, rules: RuleSet, place: Place, extra: Sequence[tuple[Any, ...]] = ()) -> Pose:
+def position(plan: FloorPlan, item: Item, rules: RuleSet, place: Place, extra: Sequence[Row] = ()) -> Pose:
     """Return the pose (x, y, theta) of one place in the room's frame."""
     edge = _edge(plan, place.edge)
     corner, along, length_m = plan.edge(edge)
     inward = np.array([-along[1], along[0]])
     theta = math.atan2(along[1], along[0]) + (math.pi if place.facing == "wall" else 0.0)
-    field = make_field(plan, rules)
+    field = make_field(Floor(plan), rules, extra)
     for zones in zone_choices(item, rules):
         width_m, depth_m, height_m = item.spec.size_m
         body = (-width_m / 2, width_m / 2, -depth_m / 2, depth_m / 2, item.spec.base_m, item.spec.base_m + height_m)
         rows = [(body, RUG if item.spec.is_rug else BODY), *(((*zone, 0.0, PERSON_M), ZONE) for zone in zones)]
-        region = free_region(field, rows, theta, extra)
+        region = free_region(field, rows, theta)
         found = _pick(region, corner, along, inward, length_m, place)
         if found is not None:
             return found[0], found[1], wrapped(theta)
     raise PinError(f"edge {edge} has no legal position for {item.id} under '{rules.name}'", where=plan.name)
+
+
+def free_region(field: Field, rects: Sequence[tuple[tuple[float, ...], int]], theta_rad: float) -> BaseGeometry:
+    """Return where the origin of a frame at an angle may be, as a closed (multi)polygon.
+
+    `rects`: (x0, x1, y0, y1, low, high) in the frame and class (`free_sets`) of each rectangle that moves with it. The
+    region is the floor's inner fit, every position at which the rectangles lie on the floor, without the Minkowski sums
+    of the obstacles with the turned rectangles; all are convex, so that the sums are hulls of corner sums. Places that
+    exist only as a point or a line (exact fits) are left out; `free_sets` finds those along walls.
+    """
+    room = Polygon(field.floor.plan.corners, list(field.floor.plan.holes))
+    region = room.buffer(0)
+    c, s = math.cos(theta_rad), math.sin(theta_rad)
+    blocked = []
+    for (x0, x1, y0, y1, low, high), kind in rects:
+        corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ np.array([[c, s], [-s, c]])
+        blocked += [_sum(segment.reshape(2, 2), corners) for segment in field.floor.walls]
+        middle = corners.mean(axis=0)
+        region = region.intersection(translate(room, -middle[0], -middle[1]))
+        for outline, (bottom, top), other in zip(*field.fixed, strict=True):
+            if MEETS[kind, other] and bottom < high - SKIN_M and top > low + SKIN_M:
+                blocked.append(_sum(outline, corners))
+    return region.difference(shapely.union_all([b for b in blocked if b.area > 0]))
+
+
+def _sum(outline: Doubles, corners: Doubles) -> BaseGeometry:
+    """Return the positions at which a rectangle at `corners` (4, 2) from the origin meets a convex outline (C, 2)."""
+    sums = (outline[:, None, :] - corners[None, :, :]).reshape(-1, 2)
+    return shapely.convex_hull(shapely.multipoints(sums))
 
 
 def _pick(

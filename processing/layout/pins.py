@@ -1,7 +1,8 @@
-"""Pieces that stand already: into the solver's frame, checked, with what belongs on top of them."""
+"""Pieces that stand already: checked, with what belongs on top of them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -11,17 +12,15 @@ from processing.errors import PinError
 from processing.layout.items import Item
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet
-from processing.layout.solver.canonical import Frame, Pose
-from processing.layout.solver.poses import Stand
+from processing.layout.solver.poses import Pose, Stand
 from processing.layout.solver.units import Rect, zone_choices
 
 TOUCH_M2 = 1e-5
+"""Smaller overlaps of use zones with walls and pieces are contact."""
 
 
 def parse_pin(text: str) -> tuple[str, Pose]:
     """Return (item id, pose) of ``"bed=1.2,0.5,90"`` (x, y in metres, degrees); raise `PinError` for other forms."""
-    import math
-
     name, _, numbers = text.partition("=")
     try:
         x, y, degrees = (float(v) for v in numbers.split(","))
@@ -72,10 +71,3 @@ def _zones(stand: Stand, others: Sequence[Stand], room: Polygon, rules: RuleSet)
         ):
             return zones
     return choices[-1]
-
-
-def in_frame(stand: Stand, frame: Frame) -> Stand:
-    """Return a pinned piece in the canonical frame."""
-    x, y, theta = frame.into((stand.x_m, stand.y_m, stand.theta_rad))
-    zones = tuple((-x1, -x0, y0, y1) for x0, x1, y0, y1 in stand.zones) if frame.mirrored else stand.zones
-    return replace(stand, x_m=x, y_m=y, theta_rad=theta, zones=zones)

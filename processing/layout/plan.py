@@ -16,7 +16,7 @@ import numpy as np
 from processing.errors import PlanError
 from processing.ground.arrays import Doubles
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.layout.solver.polygons import repaired_ring, signed_area
+from processing.layout.polygons import repaired_ring, signed_area
 
 Hinge: TypeAlias = Literal["left", "right", "unknown"]
 """Where a door hangs, seen from inside the room looking at it."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -42,10 +42,6 @@ class RuleSet:
     dining_edge: float
     turning_circle: float
     together: float
-
-    def length(self, key: str) -> float:
-        """Return a length by its key; an item's use zone names its depth so."""
-        return float(getattr(self, key))
 
 
 KEYS = tuple(field.name for field in fields(RuleSet) if field.name != "name")
@@ -108,15 +104,15 @@ def _rule_set(name: str, values: Mapping[str, Any], where: str, start: RuleSet |
     unknown = set(values) - set(KEYS)
     if unknown:
         raise RulesError(f"unknown keys: {', '.join(sorted(unknown))}", where=where)
-    found: dict[str, Any] = {key: getattr(start, key) for key in KEYS} if start else {}
+    values_by_key: dict[str, Any] = asdict(start) if start else {}
     for key, value in values.items():
         low, high = COUNTS.get(key) or LIMITS_M.get(key, (0.0, MAX_LENGTH_M))
         number = _number(value, key, where, low, high)
-        found[key] = int(number) if key in COUNTS else number
-    missing = set(KEYS) - set(found)
+        values_by_key[key] = int(number) if key in COUNTS else number
+    missing = set(KEYS) - set(values_by_key)
     if missing:
         raise RulesError(f"missing keys: {', '.join(sorted(missing))}", where=where)
-    return RuleSet(name=name, **found)
+    return RuleSet(**{**values_by_key, "name": name})
 
 
 def _table(value: Any, key: str, where: str) -> Mapping[str, Any]:

@@ -274,7 +274,7 @@ def _asked(pieces: Sequence[Piece], rules: RuleSet) -> list[tuple[list[Polygon],
     for piece, extents in zip(pieces, rows, strict=True):
         shapes = [(optional, next(zones)) for optional, _ in extents]
         sides = [shape for optional, shape in shapes if optional]
-        need = int(getattr(rules, piece.spec.sides_rule)) if piece.spec.sides_rule else 0
+        need = piece.spec.sides_needed(rules) if piece.spec.sides_needed else 0
         asked.append(([shape for optional, shape in shapes if not optional], sides, min(need, len(sides))))
     return asked
 
@@ -284,12 +284,12 @@ def _zone_extents(piece: Piece, rules: RuleSet) -> list[tuple[bool, tuple[float,
     w, d, _ = (v / 2 for v in piece.spec.size_m)
     rows = []
     for zone in piece.spec.zones:
-        deep = float(getattr(rules, zone.rule)) - zone.less_m
+        deep = zone.depth_m(rules)
         if deep < 1e-6:
             continue
         extent = {"front": (-w, w, d, d + deep), "back": (-w, w, -d - deep, -d)}
         extent |= {"left": (-w - deep, -w, -d, d), "right": (w, w + deep, -d, d)}
-        rows.append((bool(piece.spec.sides_rule) and zone.side in ("left", "right"), extent[zone.side]))
+        rows.append((piece.spec.sides_needed is not None and zone.side in ("left", "right"), extent[zone.side]))
     return rows
 
 

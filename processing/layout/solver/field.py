@@ -1,104 +1,235 @@
-"""The plan as arrays: walls as segments, doors, windows and pinned pieces as convex outlines with heights."""
+"""The plan as arrays: walls as segments and lines, doors, windows and pinned pieces as convex outlines with heights."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-import shapely
-import shapely.affinity
-from shapely.geometry import Polygon
+from shapely.geometry import MultiPolygon, Polygon
 
-from processing.ground.arrays import Doubles, Int64s
+from processing.ground.arrays import Doubles
 from processing.layout.plan import DOOR_HEAD_M, Door, FloorPlan
 from processing.layout.rules import RuleSet
-from processing.layout.solver.free_sets import BODY, DOOR, KEPT, MEETS, RUG, SKIN_M, WINDOW, ZONE
+from processing.layout.solver.free_sets import DOOR, KEPT, WINDOW, Outlines
+from processing.layout.solver.walk_grid import Grid, wall_clearance2
 
-Row: TypeAlias = tuple[Doubles, float, float, int, str]
-"""Corners (4, 2), bottom and top in metres, class and name of an outline."""
+Row: TypeAlias = tuple[Doubles, float, float, int]
+"""Corners (4, 2), bottom and top in metres, and class of an outline."""
 
 PERSON_M = 2.0
 """Use zones and paths are this high: what hangs above does not matter."""
 KEEP_FREE_RADIUS_M = 0.3
+"""Half the side of the square around a place kept free (chosen: a tripod's feet)."""
 UNDER_SILL_M = 0.05
 """A piece before a window ends this much below its sill."""
+PATH_SLACK_M = 1e-3
+"""Paths are measured to a millimetre."""
+LEAST_WALL_M = 0.2
+"""Nothing is placed along shorter walls (chosen: less than the narrowest piece's depth)."""
+MOST_DIRECTIONS, MOST_OFFSETS, OFFSET_M = 3, 20, 0.25
+"""Directions and offsets of the lines for what stands free, and the step between them (chosen: time of a search)."""
+NO_EDGE = -1.0
+SAMPLES, WALK_CELL_M = 20, 0.07
+"""Points along the floor's longer side, and the least cell, for scores (chosen: time of a score below 1 ms)."""
+
+
+class Samples(NamedTuple):
+    """What the scores of a whole arrangement look at."""
+
+    points: Doubles
+    """(N, 2) metres, spread over the floor."""
+    clear_m: Doubles
+    """(N,): their distance to the nearest wall."""
+    grid: Grid
+    cells2: Doubles
+    """(rows, columns): squared distance of the grid's cells to the walls, m2; -1 outside."""
 
 
 @dataclass(frozen=True)
-class Outlines:
-    """Convex outlines with their heights and classes (`free_sets`)."""
+class Floor:
+    """A plan's arrays that do not depend on rules or furniture, made once each."""
 
-    corners: Doubles
-    """(n, 4, 2)."""
-    heights_m: Doubles
-    """(n, 2)."""
-    classes: Int64s
-    names: tuple[str, ...]
+    plan: FloorPlan
+
+    @cached_property
+    def walls(self) -> Doubles:
+        """Return the segments of the outline and of the columns, (W, 4) metres: x, y of both ends."""
+        rings = (self.plan.corners, *self.plan.holes)
+        return np.concatenate([np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+
+    @cached_property
+    def wall_lines(self) -> Doubles:
+        """Return (L, 6): first corner, unit direction, length, edge; columns' faces have edges past the outline's."""
+        starts, ends = self.walls[:, :2], self.walls[:, 2:]
+        lengths = np.hypot(*(ends - starts).T)[:, None]
+        rows = np.hstack(
+            [starts, (ends - starts) / lengths, lengths, np.arange(len(starts), dtype=np.float64)[:, None]]
+        )
+        return np.ascontiguousarray(rows[lengths[:, 0] >= LEAST_WALL_M])
+
+    @cached_property
+    def windows(self) -> Doubles:
+        """Return (K, 8) of the windows: edge, start, end and sill in metres, middle x, y, inward normal x, y."""
+        rows = []
+        for window in self.plan.windows:
+            corner, along, _ = self.plan.edge(window.edge)
+            middle = corner + along * 0.5 * (window.start_m + window.end_m)
+            rows.append([window.edge, window.start_m, window.end_m, window.sill_m, *middle, -along[1], along[0]])
+        return np.array(rows, dtype=np.float64).reshape(-1, 8)
+
+    @cached_property
+    def door_middles(self) -> Doubles:
+        """Return the middles of the doors, (D, 2) metres."""
+        edges = [(self.plan.edge(d.edge), (d.start_m + d.end_m) / 2) for d in self.plan.doors]
+        return np.array([corner + along * at for (corner, along, _), at in edges]).reshape(-1, 2)
+
+    @cached_property
+    def samples(self) -> Samples:
+        """Return points and a grid over the floor for `scores.py`."""
+        low, high = self.plan.corners.min(axis=0), self.plan.corners.max(axis=0)
+        extent = float(max(high - low))
+        coarse = Grid(float(low[0]), float(low[1]), extent / SAMPLES)
+        fine = Grid(coarse.x0, coarse.y0, max(WALK_CELL_M, extent / 150))
+        clear2, cells2 = (
+            wall_clearance2(self.walls, grid, *(int((high - low)[i] / grid.cell) + 1 for i in (1, 0)))
+            for grid in (coarse, fine)
+        )
+        i, j = np.nonzero(clear2 > 0.01)
+        points = np.stack([coarse.x0 + (j + 0.5) * coarse.cell, coarse.y0 + (i + 0.5) * coarse.cell], axis=1)
+        return Samples(np.ascontiguousarray(points), np.sqrt(clear2[i, j]), fine, cells2)
+
+    @cached_property
+    def middle(self) -> Doubles:
+        """Return the outline's centroid, shape (2,), metres."""
+        return np.array(Polygon(self.plan.corners).centroid.coords[0])
+
+    @cached_property
+    def clearance(self) -> tuple[Grid, Doubles]:
+        """Return the grid of paths and its cells' squared distances to the walls, m2 (-1 outside), (rows, columns)."""
+        low, high = self.plan.corners.min(axis=0), self.plan.corners.max(axis=0)
+        cell = float(np.clip(math.sqrt(float(np.prod(high - low))) / 90, 0.04, 0.2))
+        columns, rows = (int(np.ceil((high - low)[i] / cell)) + 1 for i in (0, 1))
+        grid = Grid(float(low[0]), float(low[1]), cell)
+        return grid, wall_clearance2(self.walls, grid, rows, columns)
+
+    def free_lines(self, depth_m: float) -> Doubles:
+        """Return (L, 6) lines for a unit `depth_m` deep that stands free, along and across each wall direction.
+
+        They lie where the unit's near or far side is level with a corner, and every `OFFSET_M` between.
+        """
+        found = []
+        for u, start_m, length_m, levels in self._frames:
+            offsets = _offsets(levels, depth_m)
+            rows = np.empty((len(offsets), 6))
+            rows[:, 0] = u[0] * start_m - u[1] * offsets
+            rows[:, 1] = u[1] * start_m + u[0] * offsets
+            rows[:, 2:] = (u[0], u[1], length_m, NO_EDGE)
+            found.append(rows)
+        return np.concatenate(found)
+
+    @cached_property
+    def _frames(self) -> list[tuple[Doubles, float, float, Doubles]]:
+        """Return direction (2,), start and length along it, and the corners' levels (N,) across it, sorted."""
+        points = np.concatenate([self.plan.corners, *self.plan.holes])
+        frames = []
+        for angle in self._directions():
+            for quarter in range(4):
+                turn = angle + quarter * np.pi / 2
+                u = np.array([np.cos(turn), np.sin(turn)])
+                along, away = points @ u, np.sort(points @ np.array([-u[1], u[0]]))
+                frames.append((u, float(along.min()), float(along.max() - along.min()), away))
+        return frames
+
+    def _directions(self) -> list[float]:
+        """Return the room's main directions in radians, 0 to pi/2, the one with the longest walls first."""
+        totals: dict[int, tuple[float, float]] = {}
+        for _, _, ux, uy, length_m, _ in self.wall_lines.tolist():
+            angle = math.atan2(uy, ux) % (np.pi / 2)
+            key = round(math.degrees(angle) * 2) % 180
+            total, first = totals.get(key, (0.0, angle))
+            totals[key] = (total + length_m, first)
+        return [angle for _, angle in sorted(totals.values(), key=lambda pair: -pair[0])[:MOST_DIRECTIONS]]
 
 
-@dataclass(frozen=True)
-class DoorWay:
-    """Where a path through a door begins: a rectangle of floor before it."""
-
-    name: str
-    corners: Doubles
-    """(4, 2)."""
+def _offsets(levels: Doubles, depth_m: float) -> Doubles:
+    low, high = levels[0], levels[-1] - depth_m
+    if high < low - 1e-7:
+        return np.empty(0)
+    steps = np.arange(low, high + 1e-9, OFFSET_M)
+    wanted = np.sort(np.concatenate([levels, levels - depth_m, [0.5 * (low + high), high], steps]))
+    wanted = wanted[(wanted >= low - 1e-9) & (wanted <= high + 1e-9)]
+    wanted = wanted[np.concatenate([[True], np.diff(wanted) > 0.02])]
+    if len(wanted) > MOST_OFFSETS:
+        wanted = wanted[np.unique(np.linspace(0, len(wanted) - 1, MOST_OFFSETS).round().astype(int))]
+    return wanted
 
 
 @dataclass(frozen=True)
 class Field:
     """All that stands fast while furniture is placed."""
 
-    plan: FloorPlan
+    floor: Floor
     rules: RuleSet
-    walls: Doubles
-    """(n, 4): segments of the outline and of the columns."""
     fixed: Outlines
-    doorways: tuple[DoorWay, ...]
+    doorways: Doubles
+    """(D, 4, 2) metres: the floor before each door, where a path through it begins."""
+
+    def reachable_doors(self) -> list[int]:
+        """Return the doors of the largest part of the empty floor that a walker can reach through any.
+
+        Where no path of the rule's width leads even in the empty room, furniture cannot be blamed.
+        """
+        room = Polygon(self.floor.plan.corners, list(self.floor.plan.holes))
+        walk = room.buffer(-(self.rules.path - PATH_SLACK_M) / 2, quad_segs=32)
+        parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]
+        ways = [Polygon(corners) for corners in self.doorways]
+        for part in sorted(parts, key=lambda p: -p.area):
+            served = [n for n, way in enumerate(ways) if not part.is_empty and part.intersects(way)]
+            if served:
+                return served
+        return []
 
 
-def make_field(plan: FloorPlan, rules: RuleSet, pinned: Sequence[Row] = ()) -> Field:
-    """Return the arrays of a plan; `pinned` are (corners, low, high, class, name) of pieces that stand already."""
-    rings = [plan.corners, *plan.holes]
-    walls = np.concatenate([np.concatenate([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
+def make_field(floor: Floor, rules: RuleSet, pinned: Sequence[Row] = ()) -> Field:
+    """Return the arrays of a floor under a rule set; `pinned` are the rows of pieces that stand already."""
+    plan = floor.plan
     rows: list[Row] = []
     doorways = []
-    for number, door in enumerate(plan.doors):
-        name = door_name(door, number)
-        rows += [(c, 0.0, DOOR_HEAD_M, DOOR, name) for c in door_outlines(plan, door, rules)]
+    for door in plan.doors:
+        rows += [(corners, 0.0, DOOR_HEAD_M, DOOR) for corners in _door_outlines(plan, door, rules)]
         deep = max(rules.door_approach, rules.path / 2 + 0.1)
-        doorways.append(DoorWay(name, _on_edge(plan, door.edge, door.start_m, door.end_m, deep)))
-    for number, window in enumerate(plan.windows):
+        doorways.append(_on_edge(plan, door.edge, door.start_m, door.end_m, deep))
+    for window in plan.windows:
         low = max(0.0, window.sill_m - UNDER_SILL_M)
         outline = _on_edge(plan, window.edge, window.start_m, window.end_m, rules.window_band)
-        rows.append((outline, low, window.head_m, WINDOW, f"window {number + 1}"))
+        rows.append((outline, low, window.head_m, WINDOW))
     r = KEEP_FREE_RADIUS_M
     for x, y in plan.keep_free:
         square = np.array([[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]])
-        rows.append((square, 0.0, math.inf, KEPT, "the place kept free"))
-    rows += pinned
-    return Field(plan, rules, np.ascontiguousarray(walls), outlines(rows), tuple(doorways))
+        rows.append((square, 0.0, math.inf, KEPT))
+    return Field(floor, rules, outlines([*rows, *pinned]), np.array(doorways, dtype=np.float64).reshape(-1, 4, 2))
 
 
 def outlines(rows: Sequence[Row]) -> Outlines:
-    """Return the rows as arrays."""
+    """Return the rows as arrays, shapes (N, 4, 2), (N, 2), (N,)."""
     return Outlines(
         np.array([row[0] for row in rows], dtype=np.float64).reshape(-1, 4, 2),
         np.array([[row[1], row[2]] for row in rows], dtype=np.float64).reshape(-1, 2),
         np.array([row[3] for row in rows], dtype=np.int64),
-        tuple(row[4] for row in rows),
     )
 
 
-def door_name(door: Door, number: int) -> str:
-    """Return how a door is called in reasons."""
-    return f"door {number + 1}" + (f" (to {door.name})" if door.name else "")
+def more_outlines(first: Outlines, rows: Sequence[Row]) -> Outlines:
+    """Return outlines with rows added."""
+    corners, heights, classes = (np.concatenate(pair) for pair in zip(first, outlines(rows), strict=True))
+    return Outlines(corners, heights, classes)
 
 
-def leaf_m(door: Door, rules: RuleSet) -> float:
+def _leaf_m(door: Door, rules: RuleSet) -> float:
     """Return how deep a door's leaf swings into the room: 0 for sliding and outward ones, half for pairs."""
     if door.swing in {"sliding", "out"}:
         return 0.0
@@ -107,12 +238,12 @@ def leaf_m(door: Door, rules: RuleSet) -> float:
     return door.width_m / 2 if door.width_m <= 2 * rules.door_reach else 0.0
 
 
-def door_outlines(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Doubles]:
-    """Return the convex outlines that a door keeps free: its approach, and its swing for either hand or the one told.
+def _door_outlines(plan: FloorPlan, door: Door, rules: RuleSet) -> list[Doubles]:
+    """Return the convex outlines that a door keeps free: its approach, and its swing for either hand or the known one.
 
     The swing's quarter disc is circumscribed: a square for an unknown hand, five corners (as two outlines) for a known.
     """
-    side, leaf = rules.door_side, leaf_m(door, rules)
+    side, leaf = rules.door_side, _leaf_m(door, rules)
     deep = rules.door_approach
     if door.hinge == "unknown" or leaf == 0.0 or leaf < door.width_m:
         deep = max(deep, leaf)
@@ -136,47 +267,3 @@ def _on_edge(plan: FloorPlan, edge: int, start_m: float, end_m: float, deep_m: f
     inward = np.array([-along[1], along[0]])
     a, b = corner + along * start_m, corner + along * end_m
     return np.array([a, b, b + inward * deep_m, a + inward * deep_m])
-
-
-__all__ = ["BODY", "PERSON_M", "RUG", "ZONE", "DoorWay", "Field", "Outlines", "make_field", "outlines"]
-
-
-# Exact regions for what stands free: all positions of rectangles at one angle that walls and obstacles allow.
-#
-# The region is the floor's inner fit (every position at which the rectangle lies on the floor) without the Minkowski
-# sums of the obstacles with the turned rectangle. All outlines are convex pieces, whose sums are hulls of corner sums.
-
-
-Rows = Sequence[tuple[tuple[float, float, float, float, float, float], int]]
-"""(x0, x1, y0, y1, low, high) in the piece's frame and class (`free_sets`) of each rectangle that moves together."""
-
-
-def free_region(field: Field, rows: Rows, theta_rad: float, extra: Sequence[tuple[Any, ...]] = ()) -> Any:
-    """Return where the frame's origin may be, as a closed (multi)polygon.
-
-    `extra` are further obstacles: (corners, low, high, class, name). Places that exist only as a point or a line
-    (exact fits) are left out of the region; `free_sets` finds those along walls.
-    """
-    plan = field.plan
-    room = Polygon(plan.corners, list(plan.holes))
-    region = room.buffer(0)
-    c, s = math.cos(theta_rad), math.sin(theta_rad)
-    turn = np.array([[c, s], [-s, c]])
-    fixed = field.fixed
-    known = [(fixed.corners[i], *fixed.heights_m[i], int(fixed.classes[i]), "") for i in range(len(fixed.classes))]
-    blocked = []
-    for (x0, x1, y0, y1, low, high), kind in rows:
-        corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ turn
-        blocked += [_sum(segment.reshape(2, 2), corners) for segment in field.walls]
-        middle = corners.mean(axis=0)
-        region = region.intersection(shapely.affinity.translate(room, -middle[0], -middle[1]))
-        for outline, bottom, top, other, _ in (*known, *extra):
-            if MEETS[kind, other] and bottom < high - SKIN_M and top > low + SKIN_M:
-                blocked.append(_sum(np.asarray(outline), corners))
-    return region.difference(shapely.union_all([b for b in blocked if b.area > 0]))
-
-
-def _sum(outline: Doubles, corners: Doubles) -> Polygon:
-    """Return the positions at which a rectangle at `corners` from the origin meets a convex outline."""
-    sums = (outline[:, None, :] - corners[None, :, :]).reshape(-1, 2)
-    return shapely.convex_hull(shapely.multipoints(sums))

@@ -5,37 +5,57 @@ interval of s in which its interior meets a rectangle's: the obstacle's extent a
 strip, widened by the rectangle. Walls are obstacles too, so only one point is tested besides to know it in the room.
 Contact is free: a piece may touch walls and other pieces. Strips are open by `SKIN_M`.
 
-Classes of obstacles: 0 piece, 1 use zone, 2 door, 3 window, 4 rug, 5 place kept free. Of rectangles: 0, 1, 4.
+Arrays that all functions share:
+`line` (6,): first corner x, y, unit direction x, y, length, edge number; `rects` (R, 6): x0, x1, y0, y1 in the unit's
+frame, underside and top; `kinds` (R,) their classes; intervals (M, 2): low and high of s.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-SKIN_M = 1e-7
-"""Overlaps thinner than this are contact."""
-BODY, ZONE, DOOR, WINDOW, RUG, KEPT = 0, 1, 2, 3, 4, 5
+from processing.ground.arrays import Doubles, Int64s
 
-_MEETS = np.zeros((6, 6), dtype=np.bool_)
+SKIN_M = 1e-7
+"""Overlaps thinner than this are contact (chosen: above rounding, below what is measured)."""
+BODY, ZONE, DOOR, WINDOW, RUG, KEPT = 0, 1, 2, 3, 4, 5
+"""Classes of obstacles: piece, use zone, door, window, rug, place kept free. Rectangles are pieces, zones or rugs."""
+
+MEETS = np.zeros((6, 6), dtype=np.bool_)
 """Which class of rectangle (first) an obstacle's class forbids, given that their heights overlap."""
 for _rect, _obstacle in ((0, 0), (0, 1), (0, 2), (0, 3), (0, 5), (1, 0), (4, 2), (4, 4), (4, 5)):
-    _MEETS[_rect, _obstacle] = True
-MEETS = _MEETS
+    MEETS[_rect, _obstacle] = True
+
+
+class Outlines(NamedTuple):
+    """Convex outlines that stand in the room."""
+
+    corners: Doubles
+    """(N, 4, 2) metres, ring order."""
+    heights: Doubles
+    """(N, 2) metres: bottom and top."""
+    classes: Int64s
+    """(N,)."""
 
 
 @njit(cache=True)
-def extent_in_strip(xs, ys, count, y0, y1):  # type: ignore[no-untyped-def]
-    """Return (low, high) of a convex outline's x within the open strip y0 < y < y1; low > high where it has none."""
+def extent_in_strip(xs, ys, y0, y1):  # type: ignore[no-untyped-def]
+    """Return (low, high) of a convex outline's x within the open strip y0 < y < y1; low > high where it has none.
+
+    `xs`, `ys` (C,): the outline's corners in the line's frame.
+    """
     low, high = 1e300, -1e300
     lowest, highest = 1e300, -1e300
-    for i in range(count):
-        lowest = min(lowest, ys[i])
-        highest = max(highest, ys[i])
+    for y in ys:
+        lowest, highest = min(lowest, y), max(highest, y)
     if highest <= y0 + SKIN_M or lowest >= y1 - SKIN_M:
         return low, high
-    for i in range(count):
-        j = i + 1 if i + 1 < count else 0
+    # Each edge is cut to the strip; the ends of what is left bound the extent.
+    for i in range(xs.size):
+        j = i + 1 if i + 1 < xs.size else 0
         xa, ya, xb, yb = xs[i], ys[i], xs[j], ys[j]
         if ya > yb:
             xa, ya, xb, yb = xb, yb, xa, ya
@@ -44,41 +64,40 @@ def extent_in_strip(xs, ys, count, y0, y1):  # type: ignore[no-untyped-def]
         ta = 0.0 if ya >= y0 else (y0 - ya) / (yb - ya)
         tb = 1.0 if yb <= y1 else (y1 - ya) / (yb - ya)
         for x in (xa + ta * (xb - xa), xa + tb * (xb - xa)):
-            low = min(low, x)
-            high = max(high, x)
+            low, high = min(low, x), max(high, x)
     return low, high
 
 
 @njit(cache=True)
-def strip_of(rects):  # type: ignore[no-untyped-def]
-    """Return (low, high) of the open strip along the line that a set of rectangles moves in."""
+def add_forbidden(outlines, count, line, rects, kinds, out, found):  # type: ignore[no-untyped-def]
+    """Append what the first `count` outlines forbid to `out` (M, 2) from row `found`; return how many rows.
+
+    `outlines`: `Outlines`; `line` (6,), `rects` (R, 6), `kinds` (R,) as in the module's docstring.
+    """
+    corners = outlines.corners.shape[1]
+    ox, oy, ux, uy = line[0], line[1], line[2], line[3]
+    xs, ys = np.empty(corners), np.empty(corners)
     nearest, farthest = 1e300, -1e300
     for r in range(rects.shape[0]):
         nearest, farthest = min(nearest, rects[r, 2] + SKIN_M), max(farthest, rects[r, 3] - SKIN_M)
-    return nearest, farthest
-
-
-@njit(cache=True)
-def add_forbidden(outlines, heights, classes, count, ox, oy, ux, uy, rects, kinds, meets, out, found):  # type: ignore[no-untyped-def]
-    """Append what `count` convex outlines (k, v, 2) forbid to out (m, 2) from row `found`; return how many rows."""
-    corners = outlines.shape[1]
-    xs, ys = np.empty(corners), np.empty(corners)
-    nearest, farthest = strip_of(rects)
     for k in range(count):
+        # Most outlines lie outside the strip in which the unit moves: seen before anything else is computed.
         lowest, highest = 1e300, -1e300
         for c in range(corners):
-            ys[c] = (outlines[k, c, 1] - oy) * ux - (outlines[k, c, 0] - ox) * uy
+            dx, dy = outlines.corners[k, c, 0] - ox, outlines.corners[k, c, 1] - oy
+            ys[c] = dy * ux - dx * uy
             lowest, highest = min(lowest, ys[c]), max(highest, ys[c])
         if highest <= nearest or lowest >= farthest:
             continue
         for c in range(corners):
-            xs[c] = (outlines[k, c, 0] - ox) * ux + (outlines[k, c, 1] - oy) * uy
+            dx, dy = outlines.corners[k, c, 0] - ox, outlines.corners[k, c, 1] - oy
+            xs[c] = dx * ux + dy * uy
         for r in range(rects.shape[0]):
-            if not meets[kinds[r], classes[k]]:
+            if not MEETS[kinds[r], outlines.classes[k]]:
                 continue
-            if heights[k, 0] >= rects[r, 5] - SKIN_M or heights[k, 1] <= rects[r, 4] + SKIN_M:
+            if outlines.heights[k, 0] >= rects[r, 5] - SKIN_M or outlines.heights[k, 1] <= rects[r, 4] + SKIN_M:
                 continue
-            low, high = extent_in_strip(xs, ys, corners, rects[r, 2], rects[r, 3])
+            low, high = extent_in_strip(xs, ys, rects[r, 2], rects[r, 3])
             if low <= high and found < out.shape[0]:
                 out[found, 0] = low - rects[r, 1]
                 out[found, 1] = high - rects[r, 0]
@@ -87,8 +106,9 @@ def add_forbidden(outlines, heights, classes, count, ox, oy, ux, uy, rects, kind
 
 
 @njit(cache=True)
-def add_walls(walls, ox, oy, ux, uy, rects, out, found):  # type: ignore[no-untyped-def]
-    """Append the intervals that wall segments (k, 4) forbid to every rectangle."""
+def add_walls(walls, line, rects, out, found):  # type: ignore[no-untyped-def]
+    """Append the intervals that wall segments (W, 4) forbid to every rectangle (R, 6); return how many rows of `out`."""
+    ox, oy, ux, uy = line[0], line[1], line[2], line[3]
     xs, ys = np.empty(2), np.empty(2)
     for k in range(walls.shape[0]):
         for c in range(2):
@@ -96,7 +116,7 @@ def add_walls(walls, ox, oy, ux, uy, rects, out, found):  # type: ignore[no-unty
             xs[c] = dx * ux + dy * uy
             ys[c] = dy * ux - dx * uy
         for r in range(rects.shape[0]):
-            low, high = extent_in_strip(xs, ys, xs.shape[0], rects[r, 2], rects[r, 3])
+            low, high = extent_in_strip(xs, ys, rects[r, 2], rects[r, 3])
             if low <= high and found < out.shape[0]:
                 out[found, 0] = low - rects[r, 1]
                 out[found, 1] = high - rects[r, 0]
@@ -106,7 +126,10 @@ def add_walls(walls, ox, oy, ux, uy, rects, out, found):  # type: ignore[no-unty
 
 @njit(cache=True)
 def merged(intervals, count):  # type: ignore[no-untyped-def]
-    """Sort and merge open intervals in place; return how many are left. Those that only touch leave a free point."""
+    """Sort and merge the first `count` open intervals (M, 2) in place; return how many are left.
+
+    Intervals that only touch leave a free point between them.
+    """
     for i in range(1, count):
         a, b = intervals[i, 0], intervals[i, 1]
         j = i - 1
@@ -125,12 +148,12 @@ def merged(intervals, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def complement(forbidden, count, low, high, out):  # type: ignore[no-untyped-def]
-    """Write what of [low, high] merged open intervals leave into out (m, 2); return how many closed intervals."""
-    found, at = 0, low
-    if high < low - SKIN_M:
+def complement(forbidden, count, high, out):  # type: ignore[no-untyped-def]
+    """Write what `count` merged open intervals (M, 2) leave of [0, high] into `out` (K, 2); return how many."""
+    found, at = 0, 0.0
+    if high < -SKIN_M:
         return 0
-    high = max(high, low)
+    high = max(high, 0.0)
     for i in range(count):
         if forbidden[i, 1] <= at:
             continue
@@ -150,7 +173,7 @@ def complement(forbidden, count, low, high, out):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def inside_walls(walls, x, y):  # type: ignore[no-untyped-def]
-    """Tell whether a point is in the room (even-odd over all wall segments, columns too)."""
+    """Return whether a point is in the room (even-odd over all wall segments (W, 4), columns too)."""
     odd = False
     for k in range(walls.shape[0]):
         xa, ya, xb, yb = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
@@ -160,11 +183,11 @@ def inside_walls(walls, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def rects_inside(walls, ox, oy, ux, uy, s, rects):  # type: ignore[no-untyped-def]
-    """Tell whether the middles of all rectangles are in the room; with no wall through them, so are they."""
+def rects_inside(walls, line, s, rects):  # type: ignore[no-untyped-def]
+    """Return whether the middles of all rectangles (R, 6) are in the room; with no wall through them, so are they."""
     for r in range(rects.shape[0]):
         x = s + 0.5 * (rects[r, 0] + rects[r, 1])
         y = 0.5 * (rects[r, 2] + rects[r, 3])
-        if not inside_walls(walls, ox + x * ux - y * uy, oy + x * uy + y * ux):
+        if not inside_walls(walls, line[0] + x * line[2] - y * line[3], line[1] + x * line[3] + y * line[2]):
             return False
     return True

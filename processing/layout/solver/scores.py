@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numba import njit
 
 from processing.ground.arrays import Doubles
 from processing.layout.plan import FloorPlan
+from processing.layout.solver.field import Floor
 from processing.layout.solver.free_sets import inside_walls
 from processing.layout.solver.grouping import ROLES
 from processing.layout.solver.poses import Stand
-from processing.layout.solver.walk_grid import WORD, count_bits, lowest, spread, stamp, wall_clearance2
-
-# Scores that look at the whole floor, compiled (numba): the largest free circle, and floor in one piece.
+from processing.layout.solver.walk_grid import WORD, count_bits, lowest, spread, stamp
 
 
 @njit(cache=True)
@@ -51,15 +48,18 @@ def largest_circle(points, clear, boxes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def share_in_one_piece(clearance2, x0, y0, cell, radius, boxes):  # type: ignore[no-untyped-def]
-    """Return the share, in the largest part, of the cells where a walker's middle may be (radius from walls, boxes)."""
+def share_in_one_piece(clearance2, grid, radius, boxes):  # type: ignore[no-untyped-def]
+    """Return the share, in the largest part, of the cells where a walker's middle may be (radius from walls, boxes).
+
+    `clearance2` (rows, columns): squared distance of cells to walls, m2; `boxes` (B, 6) as in `box_corners`.
+    """
     rows, columns = clearance2.shape
     free = np.zeros((rows, (columns + WORD - 1) // WORD), dtype=np.uint64)
     blocked, reached = np.zeros_like(free), np.zeros_like(free)
     corners = np.empty((4, 2))
     for k in range(boxes.shape[0]):
         box_corners(boxes[k], corners)
-        stamp(blocked, corners, x0, y0, cell, radius * radius)
+        stamp(blocked, corners, grid, radius)
     for i in range(rows):
         for j in range(columns):
             if clearance2[i, j] >= radius * radius:
@@ -91,39 +91,11 @@ def take_away(free, reached):  # type: ignore[no-untyped-def]
     return count
 
 
-__all__ = ["box_corners", "largest_circle", "share_in_one_piece"]
-
-
-Pair: TypeAlias = tuple[float, float]
 SEATS = ("sofa", "armchair")
-SAMPLES = 20
 SLIM_M = 0.2
 """Half the width of the walker of the score `walk`."""
-WALK_CELL_M = 0.07
 HEAD_ROOM_M = 2.0
 AT_WALL_M = 0.06
-
-
-@dataclass(frozen=True)
-class Floor:
-    """What scores need to know of a room, made once."""
-
-    plan: FloorPlan
-    walls: Doubles
-    """(n, 4) segments."""
-    points: Doubles
-    """(n, 2), spread over the floor."""
-    clear_m: Doubles
-    """(n,): their distance to the nearest wall."""
-    cells2: Doubles
-    """Squared distance to the walls at the cells of a grid; -1 outside."""
-    corner_m: Pair
-    cell_m: float
-    middle_m: Pair
-    area_m2: float
-    doors: tuple[tuple[Pair, Pair, float], ...]
-    """(middle, inward direction, width) of each; windows too."""
-    windows: tuple[tuple[Pair, Pair, float], ...]
 
 
 def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
@@ -198,24 +170,14 @@ def _viewing(placed: Sequence[Stand]) -> float | None:
     return best
 
 
-def _openings(plan: FloorPlan, kind: str) -> list[tuple[Pair, Pair, float]]:
-    """Return (middle, inward direction, width) of doors or windows."""
-    found = []
-    for o in plan.doors if kind == "door" else plan.windows:
-        corner, along, _ = plan.edge(o.edge)
-        middle = corner + along * (o.start_m + o.end_m) / 2
-        found.append(((float(middle[0]), float(middle[1])), (float(-along[1]), float(along[0])), o.width_m))
-    return found
-
-
 def _bed_view(floor: Floor, placed: Sequence[Stand]) -> float | None:
-    beds, doors = _of(placed, "bed"), floor.doors
+    beds, doors = _of(placed, "bed"), floor.door_middles.tolist()
     if not beds or not doors:
         return None
     values = []
     for bed in beds:
         fx, fy = bed.facing()
-        for (x, y), _, _ in doors:
+        for x, y in doors:
             dx, dy = x - bed.x_m, y - bed.y_m
             d = math.hypot(dx, dy) + 1e-9
             in_line = (dx * fx + dy * fy) > 0 and abs(dx * fy - dy * fx) < 0.5
@@ -237,7 +199,7 @@ def _bed_wall(floor: Floor, placed: Sequence[Stand]) -> float | None:
 
 
 def _head_at_wall(floor: Floor, bed: Stand) -> bool:
-    """Tell whether there is no floor just behind a bed's head."""
+    """Return whether there is no floor just behind a bed's head."""
     w, d = bed.item.spec.size_m[0] / 4, -bed.item.spec.size_m[1] / 2 - AT_WALL_M
     return not any(inside_walls(floor.walls, x, y) for x, y in bed.corners((-w, w, d, d)))
 
@@ -256,14 +218,14 @@ def _behind(plan: FloorPlan, stand: Stand) -> float:
 
 
 def _desk_light(floor: Floor, placed: Sequence[Stand]) -> float | None:
-    desks, windows = _of(placed, "desk"), floor.windows
+    desks, windows = _of(placed, "desk"), floor.windows.tolist()
     if not desks or not windows:
         return None
     values = []
     for desk in desks:
         fx, fy = desk.facing()
         best = 0.0
-        for (x, y), _, _ in windows:
+        for *_, x, y, _, _ in windows:
             dx, dy = x - desk.x_m, y - desk.y_m
             d = math.hypot(dx, dy) + 1e-9
             best = max(best, abs((dx * fy - dy * fx) / d) * _ramp(d, 5.0, 1.5))
@@ -296,30 +258,8 @@ def _balance(floor: Floor, placed: Sequence[Stand]) -> float | None:
     for s in solid:
         weight = math.prod(s.item.spec.size_m)
         total, x, y = total + weight, x + weight * s.x_m, y + weight * s.y_m
-    away_m = math.hypot(x / total - floor.middle_m[0], y / total - floor.middle_m[1])
-    return 1 - away_m / (0.5 * math.sqrt(floor.area_m2))
-
-
-def make_floor(plan: FloorPlan) -> Floor:
-    """Return what scores need of a plan."""
-    walls = np.concatenate([np.concatenate([r, np.roll(r, -1, axis=0)], axis=1) for r in (plan.corners, *plan.holes)])
-    low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
-    step = float(max(high - low)) / SAMPLES
-    cell = max(WALK_CELL_M, float(max(high - low)) / 150)
-    at = (float(low[0]), float(low[1]))
-    rows, columns = (int((high - low)[i] / step) + 1 for i in (1, 0))
-    coarse = wall_clearance2(walls, *at, step, rows, columns)
-    i, j = np.nonzero(coarse > 0.01)
-    points = np.stack([at[0] + (j + 0.5) * step, at[1] + (i + 0.5) * step], axis=1)
-    rows, columns = (int((high - low)[i] / cell) + 1 for i in (1, 0))
-    ring, nxt = plan.corners, np.roll(plan.corners, -1, axis=0)
-    cross = ring[:, 0] * nxt[:, 1] - nxt[:, 0] * ring[:, 1]
-    middle = ((ring + nxt) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
-    return Floor(
-        plan, walls, np.ascontiguousarray(points), np.sqrt(coarse[i, j]),
-        wall_clearance2(walls, *at, cell, rows, columns), at, cell, (float(middle[0]), float(middle[1])), plan.area_m2,
-        tuple(_openings(plan, "door")), tuple(_openings(plan, "window")),
-    )  # fmt: skip
+    away_m = math.hypot(x / total - floor.middle[0], y / total - floor.middle[1])
+    return 1 - away_m / (0.5 * math.sqrt(floor.plan.area_m2))
 
 
 def _boxes(placed: Sequence[Stand]) -> Doubles:
@@ -336,17 +276,18 @@ def _boxes(placed: Sequence[Stand]) -> Doubles:
 def _openness(floor: Floor, placed: Sequence[Stand], solid: Doubles) -> float:
     """Return how large a free circle is left, against the largest that furniture of this area could leave."""
     covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
-    best = 0.5 * math.sqrt(max(0.5, floor.area_m2 - covered))
-    return float(largest_circle(floor.points, floor.clear_m, solid) / (0.8 * best))
+    best = 0.5 * math.sqrt(max(0.5, floor.plan.area_m2 - covered))
+    return float(largest_circle(floor.samples.points, floor.samples.clear_m, solid) / (0.8 * best))
 
 
 def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
     """Return how much of the windows' light is kept: tall pieces near a window take from it."""
-    windows = floor.windows
+    windows = floor.windows.tolist()
     if not windows:
         return None
     lost, total = 0.0, 0.0
-    for (x, y), (nx, ny), width_m in windows:
+    for _, start_m, end_m, _, x, y, nx, ny in windows:
+        width_m = end_m - start_m
         total += width_m
         worst = 0.0
         for s in placed:
@@ -362,7 +303,7 @@ def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
 
 def _walk(floor: Floor, solid: Doubles) -> float:
     """Return how much of the floor that a slim walker (0.4 m) can stand on is in one piece: 0 at 90 %, 1 at all."""
-    return _ramp(share_in_one_piece(floor.cells2, *floor.corner_m, floor.cell_m, SLIM_M, solid), 0.9, 1.0)
+    return _ramp(share_in_one_piece(floor.samples.cells2, floor.samples.grid, SLIM_M, solid), 0.9, 1.0)
 
 
 def _together(placed: Sequence[Stand]) -> float | None:

@@ -1,281 +1,378 @@
-"""Beam search over the units of a packing: exact places, best first, every state kept with all its paths."""
+"""The search: one state at a time, units taken out and placed anew, until everything has a place.
+
+Every round takes out a few units at random, places first what had no place, then what was taken out, each at the best
+of a few places by a noisy score, all paths kept. A round that leaves out no more than the last is kept; whole states
+follow each other as in annealing. Rounds are compiled (numba); states are counted, never timed, so that the same seed
+gives the same result on any machine.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from processing.ground.arrays import Doubles, Int64s
-from processing.layout.solver.beam import select
-from processing.layout.solver.expand import KEPT_INTERVALS, MOST_ROWS, expand, standing
-from processing.layout.solver.field import PERSON_M, Field
-from processing.layout.solver.free_sets import BODY, MEETS
+from processing.layout.items import Item
+from processing.layout.solver.field import PATH_SLACK_M, PERSON_M, Field
+from processing.layout.solver.free_sets import BODY, ZONE
 from processing.layout.solver.grouping import Packing
-from processing.layout.solver.lines import FreeLines, wall_lines
-from processing.layout.solver.reach import PATH_SLACK_M
-from processing.layout.solver.rebuild import RoomArrays, rebuild
-from processing.layout.solver.soft import ROLE
-from processing.layout.solver.states import Beam, Choice, Found, UnitArrays, Walk, quarter, rows_of
-from processing.layout.solver.unit_table import all_found, unit_table
-from processing.layout.solver.units import Unit
-from processing.layout.solver.walk_grid import TOUCH_M, packed, stamp, wall_clearance2
+from processing.layout.solver.places import (
+    Room,
+    UnitTable,
+    joined,
+    main_at,
+    make_placed,
+    make_work,
+    place_rect,
+    places_of,
+    unit_table,
+)
+from processing.layout.solver.units import Unit, loss_of
+from processing.layout.solver.walk_grid import TOUCH_M, Grid, Walk, connected, packed, stamp
+
+DROPPED = 1000.0
+"""Taken off the score for what is left out, times its loss (`units.loss_of`): more than any place gains."""
+ENDS, THREE, FIVE = np.array([0.0, 1.0]), np.linspace(0.0, 1.0, 3), np.linspace(0.0, 1.0, 5)
+"""Fractions of a free interval at which places are tried."""
+EVERY_PLACE = np.linspace(0.0, 1.0, 13)
+MOST_SHOWN, MOST_ALIKE = 96, 4
+"""Places of one unit shown to the judge at most, and of these on the same metre of a line (chosen: some 100 looks)."""
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How wide the search is. Counts, never times: the same seed gives the same result on any machine."""
-
-    beam: int
-    per_parent: int
-    per_stratum: int
-    most_checks: int
-    fractions: tuple[float, ...] = (0.0, 0.5, 1.0)
-    noise: float = 0.05
-    optimistic: bool = False
-    """Let gaps pass that the grid is too coarse for; the exact test decides afterwards."""
-
-
-@dataclass(frozen=True)
-class Rounds:
-    """How long units are taken out and placed anew."""
+class Rounds(NamedTuple):
+    """How long units are taken out and placed anew, and how."""
 
     rounds: int
     enough: int
     """Whole states after which it ends."""
     most_out: int = 3
+    """Units taken out in a round at most, besides those that stand by them."""
     patience: int = 40
+    """Rounds without a gain after which it begins anew."""
     noise: float = 0.7
-    fractions: tuple[float, ...] = (0.0, 1.0)
+    """Standard deviation of the noise on scores, and the temperature at which whole states follow each other."""
+    tried: int = 4
+    """Places of a unit whose paths are checked, best first."""
+    fractions: Doubles = ENDS
+    """(F,): of a free interval, at which places are tried."""
+    optimistic: bool = True
+    """Let gaps pass that the grid is too coarse for; the exact test decides afterwards."""
 
 
-class Shared:
-    """What all searches in one plan share."""
+class States(NamedTuple):
+    """States of the search: N of them, or one (without N), for U units."""
 
-    def __init__(self, field: Field) -> None:
-        self._field = field
-        self.walls = wall_lines(field.plan)
-        self.windows = _window_rows(field)
-        self.middle = _middle(field)
-        self.rows = np.empty((MOST_ROWS, 3), dtype=np.int64), np.empty(MOST_ROWS), np.empty(MOST_ROWS)
+    slots: Int64s
+    """(N, U): the slot of each unit; -1 where it has no place."""
+    places: Doubles
+    """(N, U): s along the slot's line, metres."""
+    gains: Doubles
+    """(N, U): the score of each place when it was taken."""
 
-    @cached_property
-    def free(self) -> FreeLines:
-        """Lines for what stands free."""
-        return FreeLines(self._field.plan)
 
-    @cached_property
-    def clearance(self) -> tuple[Doubles, Doubles]:
-        """The path grid (x0, y0, cell) and its cells' squared distances to the walls."""
-        return _clearance(self._field)
+@dataclass(frozen=True)
+class Choice:
+    """Where a unit went: variant, line (x, y, direction, length, edge) and place along it."""
+
+    unit: int
+    variant: int
+    line: tuple[float, ...]
+    s_m: float
+
+
+@dataclass(frozen=True)
+class Final:
+    """A state of a packing: what was placed where, and what was left out."""
+
+    packing: Packing
+    choices: tuple[Choice, ...]
+    dropped: tuple[int, ...]
+    """Numbers of the units left out."""
+    score: float
+    hopeless: tuple[Item, ...] = ()
+    """Items that have no place even in the empty room; they are in no packing."""
+
+    def left_out(self) -> list[Item]:
+        """Return the items that found no place."""
+        return [*self.hopeless, *(item for number in self.dropped for item in self.packing.units[number].items)]
+
+    def loss(self) -> float:
+        """Return what is lost by leaving them out (`units.loss_of`)."""
+        return sum(loss_of(item) for item in self.left_out())
+
+    def kind(self) -> tuple[object, ...]:
+        """Return what distinguishes arrangements at a glance: the wall and the metre of each large unit."""
+        large = self.packing.large
+        return tuple(
+            sorted(
+                (large[c.unit], c.line[5], int(c.s_m), round(c.line[0]), round(c.line[1]))
+                for c in self.choices
+                if c.unit in large
+            )
+        )
 
 
 class Search:
     """Searches in one field; keeps what does not change between runs."""
 
-    def __init__(
-        self, field: Field, doors: Sequence[int], stood: Sequence[Doubles] = (), like: Search | None = None
-    ) -> None:
-        """Prepare for a field: `doors` are those that paths must reach (none: paths are not looked at), `stood` the
-        anchors (`soft`) of pieces that stand already, `like` a search in the same plan to share from."""
+    def __init__(self, field: Field, doors: Sequence[int] = (), stood: Sequence[Doubles] = ()) -> None:
+        """Prepare for a field.
+
+        `doors` are those that paths must reach (none: paths are not looked at), `stood` the anchors, each of shape
+        (7,) (`steering`), of pieces that stand already.
+        """
         self.field = field
-        self.shared: Shared = like.shared if like else Shared(field)
-        self._units: dict[tuple[str, ...], UnitArrays] = {}
-        ways = np.array([d.corners for d in field.doorways]).reshape(-1, 4, 2)
-        self._doors = np.ascontiguousarray(ways[list(doors)])
-        self._door_middles = np.ascontiguousarray(0.5 * (ways[:, 0] + ways[:, 1]))
-        self.stood = [np.asarray(row, dtype=np.float64) for row in stood]
+        self._doors = np.ascontiguousarray(field.doorways[list(doors)])
+        self._stood = np.array(stood, dtype=np.float64).reshape(-1, 7)
+        self._tables: dict[tuple[str, ...], UnitTable] = {}
 
-    def run(self, packing: Packing, effort: Effort, seed: int, first: int | None = None) -> list[Found]:
-        """Return the final states, best first; `first` shuffles the order of the units (a restart)."""
-        rng = np.random.default_rng([seed, 0 if first is None else first + 1])
-        order = list(range(len(packing.units)))
-        if first is not None:
-            weights = [u.footprint_m2 + rng.random() * 0.8 for u in packing.units]
-            order.sort(key=lambda i: (packing.units[i].role == "rug", -weights[i]))
-        return self._filled(
-            Beam.start(self.walk(optimistic=effort.optimistic), self.stood, packing, effort.beam),
-            packing,
-            order,
-            effort,
-            rng,
-        )
-
-    def rebuild(self, packing: Packing, effort: Rounds, seed: int) -> list[Found]:
-        """Return whole states, or the one that leaves out least, by taking units out and placing them anew."""
-        units = [self.arrays(unit) for unit in packing.units]
-        walk = self.walk(optimistic=True)
-        room = RoomArrays(
-            walk.blocked, walk.grid, walk.doors, self._door_middles, self.shared.windows,
-            self.shared.middle,
-            self._stood_rows(), walk.radius2, walk.reach,
-        )  # fmt: skip
-        table, origin = unit_table(units, packing)
-        shape = (max(1, effort.enough), len(units))
-        slots, places, gains = np.full(shape, -1), np.zeros(shape), np.zeros(shape)
-        whole = rebuild(
-            room, table, seed, effort.rounds, effort.most_out, effort.patience, effort.noise,
-            np.array(effort.fractions), max(1, effort.enough), slots, places, gains,
-        )  # fmt: skip
-        kept = slice(max(1, whole))
-        return all_found(packing, table, origin, slots[kept], places[kept], gains[kept])
-
-    def _filled(
-        self, state: Beam, packing: Packing, order: Sequence[int], effort: Effort, rng: np.random.Generator
-    ) -> list[Found]:
-        for number in order:
-            state = self._step(state, packing, number, effort, rng)
-        found = [
-            Found(tuple(state.choices[b]), tuple(state.dropped[b]), float(state.scores[b])) for b in range(state.size)
-        ]
-        return sorted(found, key=lambda f: -f.score)
+    def rebuild(self, packing: Packing, how: Rounds, seed: int) -> list[Final]:
+        """Return whole states, best first, or the one that leaves out least."""
+        tables = [self._table(unit) for unit in packing.units]
+        room, table = self._room(optimistic=how.optimistic), joined(tables)
+        shape = (how.enough, len(tables))
+        found = States(np.full(shape, -1), np.zeros(shape), np.zeros(shape))
+        whole = rebuild(room, table, seed, how, found, make_placed(room, table), make_work(room, table))
+        first = np.cumsum([0, *(len(t.variants.widths) for t in tables)]).tolist()
+        finals = []
+        for slots, places, gains in zip(*(rows[: max(1, whole)].tolist() for rows in found), strict=True):
+            placed = [u for u, slot in enumerate(slots) if slot >= 0]
+            dropped = [u for u, slot in enumerate(slots) if slot < 0]
+            score = sum(gains[u] for u in placed) - DROPPED * sum(packing.units[u].loss for u in dropped)
+            choices = tuple(self._choice(table, u, first[u], slots[u], places[u]) for u in placed)
+            finals.append(Final(packing, choices, tuple(dropped), score))
+        return sorted(finals, key=lambda one: -one.score)
 
     def has_place(self, unit: Unit) -> bool:
-        """Tell whether a unit has a place, paths aside."""
-        made = self.arrays(unit)
-        none = np.empty((1, 0, 4, 2)), np.empty((1, 0, 2)), np.empty((1, 0), np.int64), np.zeros(1, np.int64)
-        return self._expand(made, none, self._stood_rows()[None], np.array([len(self.stood)]), (0.0,)) > 0
+        """Return whether a unit has a place, paths aside."""
+        table = self._table(unit)
+        room = self._room(paths=False)
+        return bool(places_of(room, table, 0, make_placed(room, table), ENDS[:1], make_work(room, table)) > 0)
 
-    def _stood_rows(self) -> Doubles:
-        return np.array(self.stood, dtype=np.float64).reshape(-1, 7)
+    def all_places(self, unit: Unit) -> list[Final]:
+        """Return where a unit could stand, paths aside, the best first and a few of each metre of a line."""
+        table, packing = self._table(unit), Packing((unit,), 0)
+        room = self._room(paths=False)
+        work = make_work(room, table)
+        count = places_of(room, table, 0, make_placed(room, table), EVERY_PLACE, work)
+        finals: list[Final] = []
+        alike: dict[tuple[int, int], int] = {}
+        for row in np.argsort(-work.scores[:count], kind="stable").tolist():
+            slot, s = int(work.slots[row]), float(work.places[row])
+            metre = (int(table.slots[slot, 1]), int(s))
+            alike[metre] = alike.get(metre, 0) + 1
+            if alike[metre] <= MOST_ALIKE and len(finals) < MOST_SHOWN:
+                finals.append(Final(packing, (self._choice(table, 0, 0, slot, s),), (), float(work.scores[row])))
+        return finals
 
-    def arrays(self, unit: Unit) -> UnitArrays:
-        """Return a unit's arrays, made once."""
+    @staticmethod
+    def _choice(table: UnitTable, unit: int, first_variant: int, slot: int, s_m: float) -> Choice:
+        variant, line = table.slots[slot, :2].tolist()
+        return Choice(unit, variant - first_variant, tuple(table.lines[line].tolist()), s_m)
+
+    def _table(self, unit: Unit) -> UnitTable:
         key = (unit.role, unit.keeps_to, *(item.id for item in unit.items), str(len(unit.variants)))
-        if key not in self._units:
-            self._units[key] = self._prepare(unit)
-        return self._units[key]
+        if key not in self._tables:
+            self._tables[key] = unit_table(unit, self.field)
+        return self._tables[key]
 
-    def walk(self, *, optimistic: bool) -> Walk:
-        """Return the path grid for the empty room."""
-        grid, clearance2 = self.shared.clearance
-        r, cell = (self.field.rules.path - PATH_SLACK_M) / 2, float(grid[2])
-        radius = r - 0.45 * cell if optimistic else math.sqrt(r * r + cell * cell / 4) + 1e-7
+    def _room(self, *, optimistic: bool = False, paths: bool = True) -> Room:
+        floor, ways = self.field.floor, self.field.doorways
+        no_walk = Walk(Grid(0.0, 0.0, 1.0), np.zeros((1, 1), dtype=np.uint64), self._doors[:0], 0.0, 0.0)
+        walk = self._walk(optimistic=optimistic) if paths else no_walk
+        middles = np.ascontiguousarray(0.5 * (ways[:, 0] + ways[:, 1]))
+        return Room(walk, middles, floor.windows, floor.middle, self._stood)
+
+    def _walk(self, *, optimistic: bool) -> Walk:
+        """Return the path grid of the empty room with what stands fast in it."""
+        grid, clearance2 = self.field.floor.clearance
+        half = (self.field.rules.path - PATH_SLACK_M) / 2
+        radius = half - 0.45 * grid.cell if optimistic else math.sqrt(half * half + grid.cell * grid.cell / 4) + 1e-7
         blocked = packed(clearance2 < radius * radius)
-        fixed = self.field.fixed
-        for corners, (low, _), kind in zip(fixed.corners, fixed.heights_m, fixed.classes, strict=True):
+        for corners, (low, _), kind in zip(*self.field.fixed, strict=True):
             if kind == BODY and low < PERSON_M:
-                stamp(blocked, corners, grid[0], grid[1], grid[2], radius * radius)
-        reach = r - TOUCH_M - 1e-6 + (0.3 * cell if optimistic else 0.0)
-        return Walk(grid, blocked, self._doors, radius * radius, reach)
-
-    def _prepare(self, unit: Unit) -> UnitArrays:
-        count = max(len(rows_of(v)) for v in unit.variants)
-        n = len(unit.variants)
-        rects, kinds = np.zeros((n, count, 6)), np.zeros((n, count), dtype=np.int64)
-        for v, variant in enumerate(unit.variants):
-            for r, (rect, kind) in enumerate(rows_of(variant)):
-                rects[v, r], kinds[v, r] = rect, kind
-        n_rects = np.array([len(rows_of(v)) for v in unit.variants], dtype=np.int64)
-        lines = [self.shared.walls]
-        depths = sorted({round(v.depth_m, 6) for v in unit.variants if not v.at_wall})
-        lines += [self.shared.free.lines(depth) for depth in depths]
-        allowed = np.zeros((n, sum(len(rows) for rows in lines)), dtype=np.bool_)
-        for v, variant in enumerate(unit.variants):
-            at = 0
-            for rows, depth in zip(lines, [None, *depths], strict=True):
-                allowed[v, at : at + len(rows)] = (
-                    depth is None if variant.at_wall else depth == round(variant.depth_m, 6)
-                )
-                at += len(rows)
-        anchors = [v.members[0] for v in unit.variants]
-        made = UnitArrays(
-            rects, kinds, n_rects,
-            np.array([v.width_m for v in unit.variants]),
-            np.array([v.bonus for v in unit.variants]),
-            np.array([[m.x_m, m.y_m] for m in anchors]),
-            np.array([quarter(m.quarters) for m in anchors], dtype=np.float64),
-            np.array([[v / 2 for v in m.item.spec.size_m[:2]] for m in anchors]),
-            (ROLE[unit.keeps_to], unit.keeps_within_m) if unit.keeps_to else (-1, 0.0),
-            np.ascontiguousarray(np.concatenate(lines)),
-            allowed,
-            np.empty((n, allowed.shape[1], KEPT_INTERVALS, 2)),
-            np.empty((n, allowed.shape[1]), dtype=np.int64),
-            ROLE.get(unit.role, ROLE["small"]),
-        )  # fmt: skip
-        fixed = self.field.fixed
-        standing(
-            self.field.walls, fixed.corners, fixed.heights_m, fixed.classes, rects, kinds, n_rects, made.widths,
-            made.lines, allowed, MEETS, made.fixed, made.fixed_counts,
-        )  # fmt: skip
-        return made
-
-    def _expand(
-        self, unit: UnitArrays, placed: tuple[Doubles, Doubles, Int64s, Int64s], anchors: Doubles, n_anchors: Int64s,
-        fractions: tuple[float, ...],
-    ) -> int:  # fmt: skip
-        """Write all places of a unit beside what is placed in each state; return how many."""
-        return int(
-            expand(
-                unit.rects, unit.kinds, unit.n_rects, unit.widths, unit.bonus, unit.anchor_at,
-                unit.anchor_to, unit.half, unit.role, unit.near, unit.lines, unit.allowed, MEETS, unit.fixed,
-                unit.fixed_counts, *placed, anchors, n_anchors, np.array(fractions), self._door_middles,
-                self.shared.windows, self.shared.middle, *self.shared.rows,
-            )
-        )  # fmt: skip
-
-    def _step(self, beam: Beam, packing: Packing, number: int, effort: Effort, rng: np.random.Generator) -> Beam:
-        unit = self.arrays(packing.units[number])
-        index, place, score = self.shared.rows
-        b = beam.size
-        count = self._expand(
-            unit, (beam.dyn[:b], beam.heights[:b], beam.classes[:b], beam.counts[:b]), beam.anchors[:b],
-            beam.n_anchors[:b], effort.fractions,
-        )  # fmt: skip
-        index, place = index[:count], place[:count]
-        gained = score[:count] + effort.noise * rng.standard_normal(count)
-        total = beam.scores[index[:, 0]] + gained
-        order = np.argsort(-total, kind="stable")
-        strata = beam.strata[index[:, 0]] if beam.placed else _strata(index, place)
-        after = beam.other()
-        accepted = np.empty(effort.beam, dtype=np.int64)
-        kept = select(
-            order, index, place, strata, int(strata.max(initial=0)) + 1,
-            effort.beam, effort.per_parent, effort.per_stratum, effort.most_checks,
-            unit.rects, unit.kinds, unit.n_rects, unit.lines, beam.dyn[:b], beam.heights[:b], beam.classes[:b],
-            beam.counts[:b], beam.blocked[:b], beam.walk.doors, beam.walk.grid, beam.walk.radius2, beam.walk.reach,
-            after.dyn, after.heights, after.classes, after.counts, after.blocked, accepted,
-        )  # fmt: skip
-        for new, row in enumerate(accepted[:kept]):
-            parent, variant, line = (int(i) for i in index[row])
-            line_at = tuple(float(v) for v in unit.lines[line])
-            choice = Choice(number, variant, line_at, float(place[row]))
-            after.adopt(new, beam, parent, float(total[row]), choice, int(strata[row]), unit)
-        after.size = kept
-        after.placed = beam.placed or kept > 0
-        after.fill_with_drops(beam, number, packing.units[number], set(index[accepted[:kept], 0].tolist()))
-        return after
+                stamp(blocked, corners, grid, radius)
+        reach = half - TOUCH_M - 1e-6 + (0.3 * grid.cell if optimistic else 0.0)
+        return Walk(grid, blocked, self._doors, radius, reach)
 
 
-def _strata(index: Int64s, place: Doubles) -> Int64s:
-    """Return a number for each place of the first unit: the same line and the same metre of it."""
-    metres = np.minimum(place.astype(np.int64), 15)
-    return index[:, 2] * 16 + metres + 1
+@njit(cache=True)
+def copy_grid(old, new):  # type: ignore[no-untyped-def]
+    """Copy a grid (rows, words)."""
+    for i in range(old.shape[0]):
+        for j in range(old.shape[1]):
+            new[i, j] = old[i, j]
 
 
-def _window_rows(field: Field) -> Doubles:
-    rows = []
-    for window in field.plan.windows:
-        corner, along, _ = field.plan.edge(window.edge)
-        middle = corner + along * 0.5 * (window.start_m + window.end_m)
-        rows.append([window.edge, window.start_m, window.end_m, window.sill_m, *middle, -along[1], along[0]])
-    return np.array(rows, dtype=np.float64).reshape(-1, 8)
+@njit(cache=True)
+def copy_state(old, new):  # type: ignore[no-untyped-def]
+    """Copy one state."""
+    new.slots[:], new.places[:], new.gains[:] = old.slots, old.places, old.gains
 
 
-def _middle(field: Field) -> Doubles:
-    ring = field.plan.corners
-    nxt = np.roll(ring, -1, axis=0)
-    cross = ring[:, 0] * nxt[:, 1] - nxt[:, 0] * ring[:, 1]
-    return np.asarray(((ring + nxt) * cross[:, None]).sum(axis=0) / (3 * cross.sum()))
+@njit(cache=True)
+def put(table, u, slot, s, placed, blocked, walk):  # type: ignore[no-untyped-def]
+    """Append a unit to what is placed, and mark in `blocked` (rows, words) where its bodies leave no way."""
+    v, line = table.slots[slot, 0], table.lines[table.slots[slot, 1]]
+    outlines, row = placed.outlines, placed.counts[0]
+    for r in range(table.variants.n_rects[v]):
+        rect, kind = table.variants.rects[v, r], table.variants.kinds[v, r]
+        place_rect(rect, line, s, outlines.corners[row])
+        outlines.heights[row, 0], outlines.heights[row, 1] = rect[4], rect[5]
+        outlines.classes[row] = kind
+        if kind == BODY and rect[4] < PERSON_M:
+            stamp(blocked, outlines.corners[row], walk.grid, walk.radius)
+        row += 1
+    anchor = placed.anchors[placed.counts[1]]
+    main_at(table, slot, s, anchor)
+    anchor[4], anchor[5], anchor[6] = table.roles[u], table.variants.mains[v, 4], table.variants.mains[v, 5]
+    placed.counts[0] = row
+    placed.counts[1] += 1
 
 
-def _clearance(field: Field) -> tuple[Doubles, Doubles]:
-    ring = field.plan.corners
-    low, high = ring.min(axis=0), ring.max(axis=0)
-    cell = float(np.clip(math.sqrt(float(np.prod(high - low))) / 90, 0.04, 0.2))
-    columns, rows = (int(np.ceil((high - low)[i] / cell)) + 1 for i in (0, 1))
-    grid = np.array([low[0], low[1], cell])
-    return grid, wall_clearance2(field.walls, low[0], low[1], cell, rows, columns)
+@njit(cache=True)
+def walkable(walk, blocked, placed, work):  # type: ignore[no-untyped-def]
+    """Return whether all doors and use zones are joined by floor that is not `blocked` (rows, words)."""
+    zones = 0
+    for r in range(placed.counts[0]):
+        if placed.outlines.classes[r] == ZONE:
+            work.zones[zones] = placed.outlines.corners[r]
+            zones += 1
+    return connected(walk, blocked, work.zones[:zones], work.flood)
+
+
+@njit(cache=True)
+def best_rows(scores, noise, rows):  # type: ignore[no-untyped-def]
+    """Write the rows of the best of `scores` (M,) to `rows` (K,), best first, each with noise; return how many."""
+    keys = np.empty(rows.size)
+    kept = 0
+    for i in range(scores.size):
+        key = scores[i] + noise * np.random.standard_normal()
+        if kept == rows.size and key <= keys[kept - 1]:
+            continue
+        j = kept if kept < rows.size else kept - 1
+        while j > 0 and keys[j - 1] < key:
+            rows[j], keys[j] = rows[j - 1], keys[j - 1]
+            j -= 1
+        rows[j], keys[j] = i, key
+        kept = min(kept + 1, rows.size)
+    return kept
+
+
+@njit(cache=True)
+def order_of(table, slots, taken, order):  # type: ignore[no-untyped-def]
+    """Write the units to place to `order` (U,); return how many.
+
+    First what had no place, then by size with chance; guests after all hosts, rugs last. slots, taken: (U,).
+    """
+    keys = np.empty(slots.size)
+    found = 0
+    for u in range(slots.size):
+        if slots[u] >= 0 and not taken[u]:
+            continue
+        keys[u] = table.sizes[u] + 0.8 * np.random.random() + (3.0 if slots[u] < 0 else 0.0)
+        if table.near[u, 0] >= 0:
+            keys[u] -= 10.0
+        if table.sizes[u] < 0:
+            keys[u] -= 20.0
+        j = found
+        while j > 0 and keys[order[j - 1]] < keys[u]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = u
+        found += 1
+    return found
+
+
+@njit(cache=True)
+def take_out(table, most, taken):  # type: ignore[no-untyped-def]
+    """Mark up to `most` units at random in `taken` (U,), with those that stand by them; rugs always, as they follow."""
+    for u in range(taken.size):
+        taken[u] = table.sizes[u] < 0
+    for _ in range(np.random.randint(1, most + 1)):
+        u = np.random.randint(0, taken.size)
+        taken[u] = True
+        for guest in range(taken.size):
+            if table.near[guest, 0] == table.roles[u]:
+                taken[guest] = True
+
+
+@njit(cache=True)
+def loss_left(table, slots):  # type: ignore[no-untyped-def]
+    """Return the loss of what has no place; slots (U,)."""
+    total = 0.0
+    for u in range(slots.size):
+        if slots[u] < 0:
+            total += table.losses[u]
+    return total
+
+
+@njit(cache=True)
+def one_round(room, table, state, taken, how, placed, work):  # type: ignore[no-untyped-def]
+    """Place in `state` (one of `States`) what has no place or was taken out, `taken` (U,)."""
+    order, rows = np.empty(state.slots.size, np.int64), np.empty(how.tried, np.int64)
+    n_order = order_of(table, state.slots, taken, order)
+    # What stays is put back first: outlines, anchors and the grid of paths are made anew each round.
+    copy_grid(room.walk.blocked, placed.blocked)
+    placed.counts[0], placed.counts[1] = 0, room.stood.shape[0]
+    for u in range(state.slots.size):
+        if state.slots[u] >= 0 and not taken[u]:
+            put(table, u, state.slots[u], state.places[u], placed, placed.blocked, room.walk)
+    for u in order[:n_order]:
+        state.slots[u], state.gains[u] = -1, 0.0
+        found = places_of(room, table, u, placed, how.fractions, work)
+        # The best places are tried until one leaves all paths open.
+        for j in range(best_rows(work.scores[:found], how.noise, rows)):
+            slot, s = work.slots[rows[j]], work.places[rows[j]]
+            n_outlines, n_anchors = placed.counts[0], placed.counts[1]
+            copy_grid(placed.blocked, work.blocked)
+            put(table, u, slot, s, placed, work.blocked, room.walk)
+            if walkable(room.walk, work.blocked, placed, work):
+                copy_grid(work.blocked, placed.blocked)
+                state.slots[u], state.places[u], state.gains[u] = slot, s, work.scores[rows[j]]
+                break
+            placed.counts[0], placed.counts[1] = n_outlines, n_anchors
+
+
+@njit(cache=True)
+def rebuild(room, table, seed, how, found, placed, work):  # type: ignore[no-untyped-def]
+    """Run rounds; write the best state so far to row 0 of `found` and, once all is placed, further whole ones after it.
+
+    `room`, `table`, `how`, `found`, `placed`, `work`: `Room`, `UnitTable`, `Rounds`, `States`, `Placed`, `Work`.
+    Ends after `how.rounds` rounds, or with as many whole states as `found` has rows. Returns how many rows are whole
+    (0: row 0 is the best that leaves something out).
+    """
+    np.random.seed(seed)
+    units = table.roles.size
+    now = States(np.full(units, -1), np.zeros(units), np.zeros(units))
+    before = States(now.slots.copy(), now.places.copy(), now.gains.copy())
+    taken = np.zeros(units, np.bool_)
+    loss, best, idle, whole = loss_left(table, now.slots), 1e300, 0, 0
+    for _ in range(how.rounds):
+        if idle > how.patience and whole == 0:
+            now.slots[:] = -1
+            loss, idle = loss_left(table, now.slots), 0
+        copy_state(now, before)
+        take_out(table, how.most_out, taken)
+        one_round(room, table, now, taken, how, placed, work)
+        new_loss = loss_left(table, now.slots)
+        idle = 0 if new_loss < loss - 1e-9 else idle + 1
+        # Whole states follow each other by Metropolis' rule on the sum of gains.
+        worse = np.sum(before.gains) - np.sum(now.gains)
+        if new_loss > loss + 1e-9 or (loss == 0.0 and worse > -how.noise * np.log(np.random.random() + 1e-12)):
+            copy_state(before, now)
+            continue
+        loss = new_loss
+        if loss < best or loss == 0.0:
+            row = whole if loss == 0.0 else 0
+            found.slots[row], found.places[row], found.gains[row] = now.slots, now.places, now.gains
+            best = min(best, loss)
+            whole += 1 if loss == 0.0 else 0
+            if whole == found.slots.shape[0]:
+                break
+    return whole

@@ -95,11 +95,11 @@ def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:
     spec = item.spec
     rects = {zone.side: zone_rect(item, zone, rules) for zone in spec.zones}
     found = {side: rect for side, rect in rects.items() if rect is not None}
-    if not spec.sides_rule:
+    if spec.sides_needed is None:
         return [tuple(found.values())]
     sides = [side for side in ("left", "right") if side in found]
     rest = [rect for side, rect in found.items() if side not in sides]
-    least = min(int(rules.length(spec.sides_rule)), len(sides))
+    least = min(spec.sides_needed(rules), len(sides))
     return [
         (*(found[s] for s in chosen), *rest)
         for count in range(len(sides), least - 1, -1)
@@ -109,7 +109,7 @@ def zone_choices(item: Item, rules: RuleSet) -> list[tuple[Rect, ...]]:
 
 def zone_rect(item: Item, zone: UseZone, rules: RuleSet) -> Rect | None:
     """Return a use zone in the item's frame, None where the rules ask for none."""
-    deep = rules.length(zone.rule) - zone.less_m
+    deep = zone.depth_m(rules)
     if deep < LEAST_ZONE_M:
         return None
     half_w, half_d = item.spec.size_m[0] / 2, item.spec.size_m[1] / 2

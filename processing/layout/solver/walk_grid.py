@@ -3,39 +3,69 @@
 A cell is free when its middle is at least sqrt(r^2 + (h/2)^2) from every wall and piece (r half the path, h the cell):
 then every point between two neighbouring free middles is at least r away, so that a chain of them is a path of the full
 width. 'No path' is no proof (a gap may be up to h wider than the path and be missed): the exact test decides then.
+
+A grid has one bit a cell: rows of 64-bit words (rows, words), lowest bit first. A row is flooded a word at a time, by
+doubling steps, so that a whole room takes microseconds.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from processing.ground.arrays import Doubles, Flags
 from processing.layout.solver.free_sets import inside_walls
 
-# Grids of one bit a cell, for floods: rows of 64-bit words (rows, words), lowest bit first. Compiled (numba).
-#
-# A row is flooded a word at a time, by doubling steps, so that a whole room takes microseconds.
-
-
 WORD = 64
+TOUCH_M = 0.05
+"""A walker has reached a use zone when overlapping it by this much (chosen; the judge asks for the same)."""
+MOST_PATCHES = 4
+"""Patches of the first door's floor that are tried (chosen: furniture cuts a door's floor in two, hardly in five)."""
 _ZERO, _ONE, _ALL = np.uint64(0), np.uint64(1), np.uint64(0xFFFFFFFFFFFFFFFF)
 _TOP = np.uint64(63)
 
+Words = npt.NDArray[np.uint64]
+"""A grid of bits, (rows, words)."""
 
-def packed(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint64]:
-    """Return a grid (rows, columns) as words; what is past the last column is set (blocked)."""
+
+class Grid(NamedTuple):
+    """Where the cells lie: the middle of cell (i, j) is at (x0 + (j + 1/2) cell, y0 + (i + 1/2) cell), metres."""
+
+    x0: float
+    y0: float
+    cell: float
+
+
+class Walk(NamedTuple):
+    """What paths are checked against in the empty room."""
+
+    grid: Grid
+    blocked: Words
+    """(rows, words): bits of cells where no walker's middle can be."""
+    doors: Doubles
+    """(D, 4, 2) metres: the floor before each door that has to be reached; none: paths are not looked at."""
+    radius: float
+    """Metres that a walker's middle keeps from walls and pieces."""
+    reach: float
+    """Metres within which a walker's middle serves a use zone."""
+
+
+def packed(cells: Flags) -> Words:
+    """Return a grid (rows, columns) as words, shape (rows, words); what is past the last column is set (blocked)."""
     rows, columns = cells.shape
     words = -(-columns // WORD)
-    whole = np.ones((rows, words * WORD), dtype=np.bool_)
-    whole[:, :columns] = cells
-    told = np.packbits(whole, axis=1, bitorder="little").reshape(rows, words, 8).astype(np.uint64)
-    return np.asarray((told << (8 * np.arange(8, dtype=np.uint64))).sum(axis=2, dtype=np.uint64))
+    padded = np.ones((rows, words * WORD), dtype=np.bool_)
+    padded[:, :columns] = cells
+    as_bytes = np.packbits(padded, axis=1, bitorder="little").reshape(rows, words, 8).astype(np.uint64)
+    return (as_bytes << (8 * np.arange(8, dtype=np.uint64))).sum(axis=2, dtype=np.uint64)
 
 
 @njit(cache=True)
 def between(first, last, word):  # type: ignore[no-untyped-def]
-    """Return the bits of columns first..last (inclusive) that lie in a word."""
+    """Return the bits of columns first..last (inclusive) that lie in word number `word` of a row."""
     low, high = max(first - WORD * word, 0), min(last - WORD * word, WORD - 1)
     if low > high:
         return _ZERO
@@ -62,7 +92,7 @@ def downwards(seeds, free):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def fill_row(reached, free):  # type: ignore[no-untyped-def]
-    """Let what is reached of a row (words,) spread along its free runs."""
+    """Let the reached bits of a row, shape (words,), spread along its free runs."""
     words = reached.size
     carry = _ZERO
     for w in range(words):
@@ -78,7 +108,7 @@ def fill_row(reached, free):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def take_from(reached, free, i, j):  # type: ignore[no-untyped-def]
-    """Let row j's reached cells spread to row i; tell whether any is new."""
+    """Let row j's reached cells spread to row i of grids (rows, words); return whether any is new."""
     new = False
     for w in range(reached.shape[1]):
         fresh = reached[j, w] & free[i, w] & ~reached[i, w]
@@ -92,7 +122,7 @@ def take_from(reached, free, i, j):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def spread(reached, free, row):  # type: ignore[no-untyped-def]
-    """Let what is reached in one row spread over four neighbours through the free cells (rows, words)."""
+    """Let what is reached in one row spread over four neighbours through the free cells, grids (rows, words)."""
     rows = free.shape[0]
     fill_row(reached[row], free[row])
     low, high = row, row
@@ -127,14 +157,9 @@ def lowest(word):  # type: ignore[no-untyped-def]
     return word & (~word + _ONE)
 
 
-_NONE = np.uint64(0)
-TOUCH_M = 0.05
-"""A walker has reached a use zone when overlapping it by this much."""
-
-
 @njit(cache=True)
 def rect_distance2(corners, px, py):  # type: ignore[no-untyped-def]
-    """Return the squared distance of a point to a filled rectangle given by its corners (4, 2) in ring order."""
+    """Return the squared distance of a point (m2) to a filled rectangle: corners (4, 2) m in ring order."""
     ax, ay = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
     bx, by = corners[3, 0] - corners[0, 0], corners[3, 1] - corners[0, 1]
     la, lb = np.sqrt(ax * ax + ay * ay), np.sqrt(bx * bx + by * by)
@@ -146,13 +171,13 @@ def rect_distance2(corners, px, py):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def wall_clearance2(walls, x0, y0, cell, rows, columns):  # type: ignore[no-untyped-def]
-    """Return the squared distance to the walls at cell middles (rows, columns); -1 outside the room."""
+def wall_clearance2(walls, grid, rows, columns):  # type: ignore[no-untyped-def]
+    """Return the squared distance in m2 to the walls (W, 4) at cell middles, (rows, columns); -1 outside the room."""
     out = np.empty((rows, columns))
     for i in range(rows):
-        y = y0 + (i + 0.5) * cell
+        y = grid.y0 + (i + 0.5) * grid.cell
         for j in range(columns):
-            x = x0 + (j + 0.5) * cell
+            x = grid.x0 + (j + 0.5) * grid.cell
             if not inside_walls(walls, x, y):
                 out[i, j] = -1.0
                 continue
@@ -170,7 +195,7 @@ def wall_clearance2(walls, x0, y0, cell, rows, columns):  # type: ignore[no-unty
 
 @njit(cache=True)
 def span_within(corners, y, radius):  # type: ignore[no-untyped-def]
-    """Return (low, high) of the x at height y that are at most `radius` from a convex outline; low > high for none.
+    """Return (low, high) of the x at height y at most `radius` m from a convex (C, 2) outline; low > high: none.
 
     The outline grown by a disc is bounded by arcs around its corners and by its edges moved outwards; edges moved
     inwards lie within it too, so that the way round does not matter.
@@ -196,75 +221,74 @@ def span_within(corners, y, radius):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def rows_within(corners, radius, y0, cell, rows):  # type: ignore[no-untyped-def]
-    """Return (first, end) of the rows whose middles may be within `radius` of an outline."""
+def rows_within(corners, radius, grid, rows):  # type: ignore[no-untyped-def]
+    """Return (first, end) of the rows whose middles may be within `radius` metres of an outline (C, 2)."""
     low, high = corners[0, 1], corners[0, 1]
     for c in range(1, corners.shape[0]):
         low, high = min(low, corners[c, 1]), max(high, corners[c, 1])
-    first = max(0, int(np.floor((low - radius - y0) / cell)))
-    return first, min(rows, int(np.ceil((high + radius - y0) / cell)) + 1)
+    first = max(0, int(np.floor((low - radius - grid.y0) / grid.cell)))
+    return first, min(rows, int(np.ceil((high + radius - grid.y0) / grid.cell)) + 1)
 
 
 @njit(cache=True)
-def columns_within(corners, i, radius, x0, y0, cell, words):  # type: ignore[no-untyped-def]
-    """Return (first, last) of row i's columns with middles within `radius` of an outline; first > last for none."""
-    low, high = span_within(corners, y0 + (i + 0.5) * cell, radius)
+def columns_within(corners, i, radius, grid, words):  # type: ignore[no-untyped-def]
+    """Return (first, last) of row i's columns with middles within `radius` of an outline (C, 2); first > last: none."""
+    low, high = span_within(corners, grid.y0 + (i + 0.5) * grid.cell, radius)
     if low > high:
         return 0, -1
-    first = int(np.ceil((low - x0) / cell - 0.5))
-    last = int(np.floor((high - x0) / cell - 0.5))
+    first = int(np.ceil((low - grid.x0) / grid.cell - 0.5))
+    last = int(np.floor((high - grid.x0) / grid.cell - 0.5))
     return max(0, first), min(WORD * words - 1, last)
 
 
 @njit(cache=True)
-def stamp(blocked, corners, x0, y0, cell, radius2):  # type: ignore[no-untyped-def]
-    """Mark the cells whose middles are nearer than the radius to a convex outline."""
-    radius = np.sqrt(radius2)
+def stamp(blocked, corners, grid, radius):  # type: ignore[no-untyped-def]
+    """Set the bits of `blocked` (rows, words) of middles are nearer than `radius` to a convex (C, 2) outline."""
     rows, words = blocked.shape
-    first, end = rows_within(corners, radius, y0, cell, rows)
+    first, end = rows_within(corners, radius, grid, rows)
     for i in range(first, end):
-        a, b = columns_within(corners, i, radius, x0, y0, cell, words)
+        a, b = columns_within(corners, i, radius, grid, words)
         if a <= b:
             for w in range(a // WORD, b // WORD + 1):
                 blocked[i, w] |= between(a, b, w)
 
 
 @njit(cache=True)
-def touches(reached, corners, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
-    """Tell whether a reached cell's middle lies within `reach` of a convex outline."""
+def touches(reached, corners, grid, reach):  # type: ignore[no-untyped-def]
+    """Return whether a reached cell's middle, (rows, words) bits, lies within `reach` of a convex (C, 2) outline."""
     rows, words = reached.shape
-    first, end = rows_within(corners, reach, y0, cell, rows)
+    first, end = rows_within(corners, reach, grid, rows)
     for i in range(first, end):
-        a, b = columns_within(corners, i, reach, x0, y0, cell, words)
+        a, b = columns_within(corners, i, reach, grid, words)
         if a <= b:
             for w in range(a // WORD, b // WORD + 1):
-                if reached[i, w] & between(a, b, w) != _NONE:
+                if reached[i, w] & between(a, b, w) != _ZERO:
                     return True
     return False
 
 
 @njit(cache=True)
-def all_touched(reached, outlines, first, end, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
-    """Tell whether reached cells touch each of the outlines first..end - 1."""
-    k = first
-    while k < end and touches(reached, outlines[k], x0, y0, cell, reach):
-        k += 1
-    return k >= end
+def all_touched(reached, outlines, grid, reach):  # type: ignore[no-untyped-def]
+    """Return whether reached cells (rows, words) come within `reach` metres of each of the outlines (K, 4, 2)."""
+    served = 0
+    while served < outlines.shape[0] and touches(reached, outlines[served], grid, reach):
+        served += 1
+    return served == outlines.shape[0]
 
 
 @njit(cache=True)
-def flood(free, reached, corners, x0, y0, cell):  # type: ignore[no-untyped-def]
-    """Mark in `reached` the free cells connected to the first free one in an outline; tell whether there is one.
+def flood(free, reached, corners, grid):  # type: ignore[no-untyped-def]
+    """Mark in `reached` the free cells connected to the first free one in an outline (C, 2); return if there is one.
 
     Only one patch: a door's floor may be cut in two, and all that is served must share one of them.
     """
     rows, words = free.shape
-    first, end = rows_within(corners, 0.0, y0, cell, rows)
+    first, end = rows_within(corners, 0.0, grid, rows)
     for i in range(first, end):
-        a, b = columns_within(corners, i, 0.0, x0, y0, cell, words)
+        a, b = columns_within(corners, i, 0.0, grid, words)
         for w in range(max(a, 0) // WORD, b // WORD + 1):
             seeds = free[i, w] & between(a, b, w)
-            if seeds != _NONE:
+            if seeds != _ZERO:
                 reached[i, w] = lowest(seeds)
                 spread(reached, free, i)
                 return True
@@ -272,25 +296,23 @@ def flood(free, reached, corners, x0, y0, cell):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def connected(blocked, work, doors, n_doors, zones, n_zones, x0, y0, cell, reach):  # type: ignore[no-untyped-def]
-    """Tell whether one connected patch serves all doors and zones; always so where no doors are to be reached.
+def connected(walk, blocked, zones, work):  # type: ignore[no-untyped-def]
+    """Return whether one connected patch serves all doors and zones; always so where no doors are to be reached.
 
-    blocked (rows, words) bits, work (2, rows, words), doors (n, 4, 2), zones (m, 4, 2), reach: how near a walker's
-    middle comes to a zone.
+    `blocked` (rows, words) bits, `zones` (K, 4, 2) metres, `work` (2, rows, words) is overwritten.
     """
-    if n_doors == 0:
+    if walk.doors.shape[0] == 0:
         return True
     free, reached = work[0], work[1]
     for i in range(free.shape[0]):
         for w in range(free.shape[1]):
             free[i, w] = ~blocked[i, w]
-    for _ in range(4):
-        reached[:] = _NONE
-        if not flood(free, reached, doors[0], x0, y0, cell):
+    # Each round floods one patch of the first door's floor; one that serves not all is taken away for the next round.
+    for _ in range(MOST_PATCHES):
+        reached[:] = _ZERO
+        if not flood(free, reached, walk.doors[0], walk.grid):
             return False
-        if all_touched(reached, doors, 1, n_doors, x0, y0, cell, 0.0) and all_touched(
-            reached, zones, 0, n_zones, x0, y0, cell, reach
-        ):
+        if all_touched(reached, walk.doors[1:], walk.grid, 0.0) and all_touched(reached, zones, walk.grid, walk.reach):
             return True
         for i in range(free.shape[0]):
             for w in range(free.shape[1]):

@@ -24,7 +24,7 @@ from processing.layout.items import SETS, parse_items, set_items
 from processing.layout.paper_form import Place, placed_by_ratios
 from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.rules import built_in_rules, read_rules
-from processing.layout.solver.canonical import mirrored_plan
+from processing.layout.solver.poses import mirrored_plan
 from processing.layout.verify import Piece, verify
 
 ROOM = make_plan(

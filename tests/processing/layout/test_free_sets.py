@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
+from processing.layout.paper_form import free_region
 from processing.layout.plan import FloorPlan, make_plan
 from processing.layout.rules import built_in_rules
-from processing.layout.solver.field import free_region, make_field, outlines
-from processing.layout.solver.free_sets import BODY, MEETS, add_forbidden, add_walls, complement, merged, rects_inside
+from processing.layout.solver.field import Floor, make_field, outlines
+from processing.layout.solver.free_sets import BODY, add_forbidden, add_walls, complement, merged, rects_inside
 
 L_ROOM = [[0, 0], [5, 0], [5, 2.5], [3, 2.5], [2.6, 4], [0, 4]]
 LIMITS = {"max_examples": 30, "deadline": None}
@@ -25,19 +26,17 @@ def free(
 ) -> list[tuple[float, float]]:
     """Return the free intervals of a box along an edge, checked to be in the room at their middles."""
     corner, u, length = plan.edge(edge)
-    walls = make_field(plan, built_in_rules().named("tight")).walls
+    walls, line = Floor(plan).walls, np.array([*corner, *u, length, edge])
     rects, kinds = np.array([[0.0, size[0], 0.0, size[1], 0.0, 1.0]]), np.array([BODY])
-    rows = outlines([(o, 0.0, 1.0, BODY, "o") for o in obstacles])
+    rows = outlines([(o, 0.0, 1.0, BODY) for o in obstacles])
     out, found = np.empty((400, 2)), 0
-    found = add_walls(walls, *corner, *u, rects, out, found)
-    found = add_forbidden(
-        rows.corners, rows.heights_m, rows.classes, len(obstacles), *corner, *u, rects, kinds, MEETS, out, found
-    )
+    found = add_walls(walls, line, rects, out, found)
+    found = add_forbidden(rows, len(obstacles), line, rects, kinds, out, found)
     found = merged(out, found)
     left = np.empty((400, 2))
-    count = complement(out, found, 0.0, length - size[0], left)
+    count = complement(out, found, length - size[0], left)
     spans = [(float(a), float(b)) for a, b in left[:count]]
-    return [(a, b) for a, b in spans if rects_inside(walls, *corner, *u, (a + b) / 2, rects)]
+    return [(a, b) for a, b in spans if rects_inside(walls, line, (a + b) / 2, rects)]
 
 
 def box_at(plan: FloorPlan, edge: int, s: float, size: tuple[float, float], inset: float = 0.0) -> Polygon:
@@ -129,11 +128,12 @@ def test_a_gap_of_exactly_the_width_is_free() -> None:
 
 def test_the_region_of_a_free_piece_is_the_rooms_inner_fit() -> None:
     plan = make_plan([[0, 0], [4, 0], [4, 3], [0, 3]])
-    field = make_field(plan, built_in_rules().named("tight"))
+    rules = built_in_rules().named("tight")
+    field = make_field(Floor(plan), rules)
     body = ((-0.5, 0.5, -0.25, 0.25, 0.0, 0.7), BODY)
     region = free_region(field, [body], 0.0)
     assert region.bounds == pytest.approx((0.5, 0.25, 3.5, 2.75))
     turned = free_region(field, [body], math.pi / 2)
     assert turned.area == pytest.approx((4 - 0.5) * (3 - 1.0))
-    column = (np.array([[1.9, 1.4], [2.1, 1.4], [2.1, 1.6], [1.9, 1.6]]), 0.0, 2.0, BODY, "column")
-    assert free_region(field, [body], 0.0, [column]).area == pytest.approx(region.area - 1.2 * 0.7)
+    column = (np.array([[1.9, 1.4], [2.1, 1.4], [2.1, 1.6], [1.9, 1.6]]), 0.0, 2.0, BODY)
+    assert free_region(make_field(Floor(plan), rules, [column]), [body], 0.0).area == pytest.approx(region.area - 1.2 * 0.7)

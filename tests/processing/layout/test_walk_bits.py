@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from processing.layout.solver.walk_grid import (
+    Grid,
+    Walk,
     connected,
     count_bits,
     lowest,
@@ -20,6 +22,7 @@ from processing.layout.solver.walk_grid import (
 )
 
 CELL_M = 0.07
+GRID = Grid(0.0, 0.0, CELL_M)
 
 
 def unpacked(words: np.ndarray, columns: int) -> np.ndarray:
@@ -70,7 +73,7 @@ def test_stamps_and_paths_are_those_of_distances(seed: int, radius: float) -> No
     plain = rng.random(shape) < 0.04
     words = packed(plain)
     for corners in (rectangle(rng), rectangle(rng)):
-        stamp(words, corners, 0.0, 0.0, CELL_M, radius * radius)
+        stamp(words, corners, GRID, radius)
         plain |= near(corners, shape, radius)
     assert np.array_equal(unpacked(words, shape[1]), plain)
     doors = np.array([rectangle(rng) for _ in range(int(rng.integers(1, 3)))])
@@ -79,7 +82,7 @@ def test_stamps_and_paths_are_those_of_distances(seed: int, radius: float) -> No
     served = [set(np.unique(labels[near(d, shape, 1e-9)])) - {0} for d in doors]
     served += [set(np.unique(labels[near(z, shape, radius)])) - {0} for z in zones]
     work = np.empty((2, *words.shape), dtype=np.uint64)
-    found = connected(words, work, doors, len(doors), zones, 2, 0.0, 0.0, CELL_M, radius)
+    found = connected(Walk(GRID, words, doors, radius, radius), words, zones, work)
     if found:
         assert set.intersection(*served), "one patch serves all"
     elif len(served[0]) <= 4:  # a door's floor in more patches than that is given up
@@ -102,6 +105,6 @@ def test_words_at_their_ends() -> None:
 def test_nothing_is_touched_outside_the_grid(reach: float) -> None:
     reached = np.full((4, 1), np.uint64(0xF))
     far = np.array([[9.0, 9.0], [9.5, 9.0], [9.5, 9.5], [9.0, 9.5]])
-    assert not touches(reached, far, 0.0, 0.0, CELL_M, reach)
-    assert not touches(reached, far - 12, 0.0, 0.0, CELL_M, reach)
-    assert touches(reached, far - 8.9, 0.0, 0.0, CELL_M, reach)
+    assert not touches(reached, far, GRID, reach)
+    assert not touches(reached, far - 12, GRID, reach)
+    assert touches(reached, far - 8.9, GRID, reach)

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from shapely.geometry import box
 
-from processing.layout.arrange import arrange, pieces
+from processing.layout.arrange import arrange
 from processing.layout.items import parse_items
 from processing.layout.plan import Door, make_plan
 from processing.layout.rules import built_in_rules
-from processing.layout.solver.field import make_field
-from processing.layout.solver.last_places import with_last_places
-from processing.layout.solver.poses import Stand
-from processing.layout.solver.search import Search
+from processing.layout.solver.field import Floor, make_field
+from processing.layout.solver.left_out import with_last_places
+from processing.layout.solver.poses import Stand, pieces
 from processing.layout.verify import Judge
 
 ROOM = make_plan([[0, 0], [4.0, 0], [4.0, 3.5], [0, 3.5]], doors=[Door(0, 0.2, 1.0)])
@@ -23,7 +22,7 @@ RULES = built_in_rules().named("tight")
 
 
 def left_out(names: str, placed: Sequence[Stand] = (), *, least_door_m: float | None = None) -> list[Stand]:
-    judge, bare = Judge(ROOM, RULES), Search(make_field(ROOM, RULES), ())
+    judge, bare = Judge(ROOM, RULES), make_field(Floor(ROOM), RULES)
 
     def passes(stands: Sequence[Stand]) -> bool:
         bodies = [box(*np.min(s.corners(), axis=0), *np.max(s.corners(), axis=0)) for s in stands]
