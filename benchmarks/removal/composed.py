@@ -17,7 +17,7 @@ from benchmarks.removal.scores import scored
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 from processing.removal.masks import MARGIN_RAD, Masks, find_masks
-from processing.removal.round_masks import grown
+from processing.ground.seam import grown
 from processing.segmentation.embedded import scene_evidence
 
 REAL_ROOMS = 4

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Flags, Floats
-from processing.removal.edges import snapped
-from processing.removal.round_masks import components, grown, row_solid_angles, smoothed, surface_outliers
+from processing.ground.seam import components, grown, row_solid_angles, smoothed
+from processing.removal.edges import snapped, surface_outliers
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import SurfaceMaps
 from processing.surfaces.planes import CEILING, FLOOR

@@ -13,7 +13,7 @@ from processing.ground.arrays import Flags
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
-from processing.removal.round_masks import grown, resized
+from processing.ground.seam import grown, resized
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RemoveParameters
