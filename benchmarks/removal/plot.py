@@ -15,7 +15,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.fill import empty_room
-from processing.removal.regions import TEXELS
+from processing.removal.fill import TEXELS
 
 Case = tuple[Floats, RoomModel, Flags, Flags]
 """The empty room's light, its model, what is to be filled, and where that is judged."""

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal.illumination import fit_illumination, local_light
+from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light, spread
 from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights
 from processing.removal.near_periodic_lattice import (
     ORIENTED_NCC,
@@ -32,7 +32,6 @@ from processing.removal.near_periodic_lattice import (
     oriented,
     self_correlation,
 )
-from processing.removal.smooth import ToneScale, grey, spread
 
 SEARCH_PX = 400
 """Of the longer side of the picture on which the lattice is sought."""
@@ -98,7 +97,7 @@ def complete(
     tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
     found = found or analyse(values, known)
     lattice, repeat = found.lattice, found.repeat
-    slow = fit_illumination(tone, known, hole, lattice)
+    slow = fit_illumination(tone, known, hole, None if lattice is None else lattice.basis_px)
     if lattice is None:
         slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, LOCAL * max(known.shape))
     flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
@@ -166,8 +165,8 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
 def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float]:
     """Return the shifts to try, in the texture's pixels, and how large a neighbourhood tells whether one fits."""
     if found.lattice is not None:
-        basis = np.stack([found.lattice.a_px, found.lattice.b_px])
-        return lattice_offsets(found.lattice, known, hole), float(np.sqrt(abs(np.linalg.det(basis))))
+        cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))
+        return lattice_offsets(found.lattice, known.shape[:2]), cell
     cell = LOOSE_CELL * max(known.shape)
     if found.line is not None:
         return line_offsets(found.line, found.correlation) / found.factor, cell

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal.smooth import blurred, spread
+from processing.removal.illumination import blurred, spread
 
 GUESS_WEIGHT = 0.25
 """Of filled pixels against known ones when copies are compared."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
-from processing.removal.smooth import blurred
+from processing.removal.illumination import known_mean
 
 # How well a texture fits itself when shifted: normalised cross-correlation of the known pixels, by FFT.
 #
@@ -46,10 +46,7 @@ class SelfCorrelation:
 
 def high_passed(tone: Floats, known: Flags, sigma_px: float) -> Floats:
     """Return (h, w): the tone less its weighted local mean; 0 where unknown."""
-    weight = known.astype(np.float32)
-    low = blurred(np.where(known, tone, 0).astype(np.float32), sigma_px)
-    share = blurred(weight, sigma_px)
-    return np.asarray(np.where(known, tone - low / np.maximum(share, 1e-6), 0), np.float32)
+    return np.where(known, tone - known_mean(tone, known, sigma_px)[0], 0).astype(np.float32)
 
 
 def oriented(tone: Floats, known: Flags, sigma_px: float) -> tuple[Floats, Flags]:
@@ -118,6 +115,11 @@ class Lattice:
     strength: float
     """Mean NCC at the eight nodes nearest to zero."""
 
+    @property
+    def basis_px(self) -> Doubles:
+        """Return both shifts (2, 2), one a row."""
+        return np.stack([self.a_px, self.b_px])
+
     def nodes(self, reach: int) -> Doubles:
         """Return (n, 2): all combinations of up to ``reach`` of both vectors but zero."""
         i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1), indexing="ij")
@@ -141,7 +143,7 @@ def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CAN
     return np.stack([dx, dy], axis=-1)[order].astype(np.float64), value[order]
 
 
-def _valley(ncc: npt.NDArray[np.float32], centre: tuple[int, int], dx: Indices, dy: Indices) -> Doubles:
+def _valley(ncc: Floats, centre: tuple[int, int], dx: Indices, dy: Indices) -> Doubles:
     """Return the least NCC on the way from zero to each shift: a true period climbs out of a valley."""
     t = np.linspace(0.1, 0.9, 33)
     x = np.clip(np.rint(centre[1] + dx[:, None] * t).astype(np.intp), 0, ncc.shape[1] - 1)
@@ -267,11 +269,11 @@ class Line:
     """0..1: how much of the grain runs that way."""
 
 
-def lattice_offsets(lattice: Lattice, known: Flags, hole: Flags) -> Doubles:
+def lattice_offsets(lattice: Lattice, shape: tuple[int, int]) -> Doubles:
     """Return the nodes that reach known pixels, nearest first: what is near has like light and like wear."""
-    height, width = known.shape
-    basis = np.stack([lattice.a_px, lattice.b_px])
-    reach = min(40, int(np.ceil(1.1 * np.hypot(height, width) / max(np.linalg.norm(basis, axis=1).min(), 1.0))))
+    height, width = shape
+    shortest = max(np.linalg.norm(lattice.basis_px, axis=1).min(), 1.0)
+    reach = min(40, int(np.ceil(1.1 * np.hypot(height, width) / shortest)))
     nodes = lattice.nodes(reach)
     nodes = nodes[(np.abs(nodes[:, 0]) < 0.9 * width) & (np.abs(nodes[:, 1]) < 0.9 * height)]
     nodes = nodes[np.argsort(np.hypot(*nodes.T))]

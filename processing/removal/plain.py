@@ -13,8 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from processing.ground.arrays import Flags, Floats
-from processing.removal.illumination import fit_illumination
-from processing.removal.smooth import ToneScale, blurred, grey, spread
+from processing.removal.illumination import ToneScale, blurred, fit_illumination, grey, known_mean, spread
 
 # What furniture takes from the light of the wall beside it: it does not go on where the furniture is removed.
 #
@@ -200,9 +199,7 @@ def _other_colours(tone: Floats, known: Flags) -> Flags:
     """
     if not known.any():
         return np.zeros_like(known)
-    share = blurred(known.astype(np.float32), GRAIN_PX)
-    mean = blurred(np.where(known[..., None], tone, 0).astype(np.float32), GRAIN_PX)
-    mean = np.asarray(mean / np.maximum(share, 1e-3)[..., None], np.float32)
+    mean, _ = known_mean(tone, known, GRAIN_PX)
     colour = mean - grey(mean)[..., None]
     off = np.abs(colour - np.median(colour[known], axis=0)).max(axis=-1)
     usual = OUTLIER * 1.4826 * float(np.median(off[known]))
@@ -219,10 +216,7 @@ def _outliers(rest: Floats, known: Flags) -> Flags:
     level = grey(rest)
     if not known.any():
         return np.zeros_like(known)
-    wide = max(4.0, 0.06 * max(known.shape))
-    share = blurred(known.astype(np.float32), wide)
-    local = blurred(np.where(known, level, 0).astype(np.float32), wide) / np.maximum(share, 1e-4)
-    off = np.abs(level - local)
+    off = np.abs(level - known_mean(level, known, max(4.0, 0.06 * max(known.shape)))[0])
     spread_of = max(1.4826 * float(np.median(off[known])), LEAST_SPREAD)
     odd = known & (off > OUTLIER * spread_of)
     return cv2.dilate(odd.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & known
@@ -230,9 +224,7 @@ def _outliers(rest: Floats, known: Flags) -> Flags:
 
 def _low(rest: Floats, clean: Flags) -> Floats:
     """Return (h, w, 3) what is left of the light, smooth, and its membrane through holes."""
-    share = blurred(clean.astype(np.float32), GRAIN_PX)
-    low = blurred(np.where(clean[..., None], rest, 0).astype(np.float32), GRAIN_PX)
-    mean = np.asarray(low / np.maximum(share, 1e-4)[..., None], np.float32)
+    mean, share = known_mean(rest, clean, GRAIN_PX)
     return spread(mean, clean & (share > 0.3))
 
 
@@ -240,8 +232,7 @@ def _calm(grain: Floats, clean: Flags) -> Flags:
     """Return the clean pixels around which nothing but grain is seen: no edges, cables, sockets."""
     if not clean.any():
         return clean
-    share = blurred(clean.astype(np.float32), GRAIN_PX)
-    energy = blurred((np.where(clean, grey(grain), 0) ** 2).astype(np.float32), GRAIN_PX) / np.maximum(share, 1e-3)
+    energy, _ = known_mean(grey(grain) ** 2, clean, GRAIN_PX)
     lively = clean & (energy > CALM * float(np.median(energy[clean])) + 1e-8)
     out = clean & ~cv2.dilate(lively.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     return out if out.sum() > 0.05 * clean.sum() else clean
@@ -257,9 +248,7 @@ def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
     ring = near & beside
     if not ring.any():
         return np.zeros_like(step)
-    share = blurred(beside.astype(np.float32), RIM_PX / 2)
-    mean = blurred(np.where(beside[..., None], step, 0).astype(np.float32), RIM_PX / 2)
-    mean = np.asarray(mean / np.maximum(share, 1e-3)[..., None], np.float32)
+    mean, _ = known_mean(step, beside, RIM_PX / 2)
     shade = grey(mean)
     colour = np.abs(mean - shade[..., None]).max(axis=-1)
     rough = np.abs(grey(step.astype(np.float32)) - shade)

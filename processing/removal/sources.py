@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal.illumination import fit_illumination
-from processing.removal.smooth import ToneScale, grey
+from processing.removal.illumination import ToneScale, fit_illumination, grey
 
 CELL_M = 0.03
 MOST_CELLS = 110
