@@ -49,7 +49,7 @@ class Board:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A reduced panorama (h, w), continued to the right by a quarter so that the seam cuts no board."""
+    """A reduced panorama (H, W), continued to the right by a quarter so that the seam cuts no board."""
 
     level: Floats
     """log2 luminance."""

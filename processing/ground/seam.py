@@ -27,12 +27,12 @@ def wrapped(picture: Picture, pad_px: int) -> Picture:
 
 
 def row_latitudes(rows: int) -> Doubles:
-    """Return the latitudes (rows,) of the rows' middles of a whole panorama."""
+    """Return the latitudes (ROWS,) of the rows' middles of a whole panorama."""
     return np.asarray((0.5 - (np.arange(rows) + 0.5) / rows) * math.pi)
 
 
 def row_solid_angles(shape: tuple[int, int]) -> Doubles:
-    """Return the solid angle (rows, 1) in sr of one pixel of each row of a whole panorama."""
+    """Return the solid angle (ROWS, 1) in sr of one pixel of each row of a whole panorama."""
     edges = np.sin((0.5 - np.arange(shape[0] + 1) / shape[0]) * math.pi)
     return np.asarray((edges[:-1] - edges[1:])[:, None] * (2 * math.pi / shape[1]))
 

@@ -69,7 +69,7 @@ def _one_width(probability: Floats, rgb8: Bytes, width_rad: float) -> Floats:
 
 
 def cut_picture(probability: Floats, rgb8: Bytes) -> Floats:
-    """Return 1 where the graph cut of one picture (h, w, 3) says inside, from probabilities (h, w)."""
+    """Return 1 where the graph cut of one picture (H, W, 3) says inside, from probabilities (H, W)."""
     inside = probability > 0.5
     asked = (probability > 1 - SURE) & (probability < SURE)
     if inside.sum() < LEAST_PX or not asked.any() or (probability > 1 - SURE).all():
@@ -122,7 +122,7 @@ def _tiles(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
 
 
 def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS) -> Floats:
-    """Return ``values`` (h, w) smoothed along a colour guide (h, w, 3): linear in its colours within each window."""
+    """Return ``values`` (H, W) smoothed along a colour guide (H, W, 3): linear in its colours within each window."""
 
     def mean(picture: npt.NDArray[np.floating]) -> Floats:
         side = 2 * radius_px + 1
@@ -166,7 +166,7 @@ MOST_OUTLYING = 5.0
 
 
 def colour_distance(rgb8: Bytes, known: Flags) -> Floats:
-    """Return (h, w): the squared distance, in standard deviations, of each pixel from the colours of known pixels.
+    """Return (H, W): the squared distance, in standard deviations, of each pixel from the colours of known pixels.
 
     Up to `CLUSTERS` colours with their spread in CIE L*a*b*; deterministic. ``known`` must hold some pixels.
     """

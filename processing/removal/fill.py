@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError, RemovalError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import wrapped
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
@@ -54,9 +53,9 @@ LEAST_RIM = 8
 
 
 def sunlit(values: Floats, known: Flags, hole: Flags, sun: Flags) -> tuple[Floats, Floats]:
-    """Return the texture (h, w, 3) with sunlight in its filled ``hole``, and how far each texel is lit (h, w), 0..1.
+    """Return the texture (H, W, 3) with sunlight in its filled ``hole``, and how far each texel is lit (H, W), 0..1.
 
-    ``sun`` (h, w): known texels in direct sunlight; ``known`` all known ones. Outside the hole nothing changes.
+    ``sun`` (H, W): known texels in direct sunlight; ``known`` all known ones. Outside the hole nothing changes.
     """
     nothing = np.zeros(hole.shape, np.float32)
     near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
@@ -110,13 +109,29 @@ class Emptied:
 
     image: LuminanceImage | RelativeImage
     """Of the given type; pixels outside the target are the given ones, filled ones have validity REPAIRED."""
-    provenance: npt.NDArray[np.uint8]
+    provenance: Bytes
     """(H, W): 0 seen, 1 continued from what is seen around, 2 synthesised."""
     confidence: Floats
     """(H, W), 0..1: 1 where seen."""
     textures: tuple[FilledPlane, ...]
     """Of the planes that had a hole, in their order."""
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What the panorama shows of the room."""
+
+    rgb: Floats
+    """(H, W, 3): finite."""
+    geometry: Equirectangular
+    room: RoomModel
+    masked: Flags
+    """(H, W): nothing of the room is seen here."""
+    kept: Flags
+    """(H, W): direct sunlight that stays."""
+    planes: Int16s
+    """(H, W): index of the plane behind each pixel."""
 
 
 def empty_room(
@@ -172,16 +187,16 @@ def empty_room(
     unfit = _unfit(target, sunlight)
     foreign = np.zeros_like(target) if foreign is None else foreign
     kept = np.zeros_like(target) if sunlight is None else sunlight & ~target
-    planes = planes_of(room)
+    seen = _Seen(rgb, geometry, room, target | blind, kept, shown)
     walls = ((shown >= FIRST_WALL) & target).any()
-    skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
+    skirting = find_skirting(rgb, geometry, room, seen.masked | unfit) if walls else None
     out, filled, notes = image.rgb.copy(), [], []
-    for plane in planes:
+    for plane in planes_of(room):
         where = target & (shown == plane.index)
         if not where.any():
             continue
         left_out = unfit | foreign if plane.index == FLOOR else unfit
-        done = _plane(rgb, geometry, room, plane, target | blind, left_out, kept, shown, quality, skirting)
+        done = _plane(seen, plane, left_out, quality, skirting)
         done = done if filler is None else filler(done)
         _draw(done, room, geometry, where, (out, provenance, confidence))
         filled.append(done)
@@ -227,29 +242,19 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
     return beside if sunlight is None else beside | (sunlight & ~target)
 
 
-def _plane(
-    rgb: Floats,
-    geometry: Equirectangular,
-    room: RoomModel,
-    plane: Plane,
-    masked: Flags,
-    unfit: Flags,
-    kept: Flags,
-    shown: npt.NDArray[np.int16],
-    quality: str,
-    skirting: Skirting | None,
-) -> FilledPlane:
+def _plane(seen: _Seen, plane: Plane, unfit: Flags, quality: str, skirting: Skirting | None) -> FilledPlane:
+    rgb, geometry, room, masked = seen.rgb, seen.geometry, seen.room, seen.masked
     px_per_m = texture_density(plane, room, geometry, quality)
-    layers = np.concatenate([rgb, np.stack([unfit, kept], axis=-1).astype(np.float32)], axis=-1)
+    layers = np.concatenate([rgb, np.stack([unfit, seen.kept], axis=-1).astype(np.float32)], axis=-1)
     whole = unwrap(layers, geometry, room, plane, px_per_m, mask=masked)
     texture = replace(whole, values=np.ascontiguousarray(whole.values[..., :3]))
     mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
-    like = (shown >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
-    seen = like & ~masked if (like & ~masked).any() else ~masked
-    # A few thousand pixels tell a median.
-    among = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // 10_000)]
+    like = (seen.planes >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
+    bare = like & ~masked if (like & ~masked).any() else ~masked
+    # A few thousand pixels are enough for a median.
+    among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
     elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32)
     done = fill_plane(texture, hole, mixed, room, elsewhere, skirting)
     values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
@@ -261,7 +266,7 @@ def _draw(
     room: RoomModel,
     geometry: Equirectangular,
     where: Flags,
-    into: tuple[Floats, npt.NDArray[np.uint8], Floats],
+    into: tuple[Floats, Bytes, Floats],
 ) -> None:
     """Draw a plane's filling into the panorama, its provenance and its confidence."""
     out, provenance, confidence = into
@@ -277,7 +282,7 @@ def _draw(
 
 
 def _image(
-    image: LuminanceImage | RelativeImage, rgb: Floats, provenance: npt.NDArray[np.uint8], confidence: Floats
+    image: LuminanceImage | RelativeImage, rgb: Floats, provenance: Bytes, confidence: Floats
 ) -> LuminanceImage | RelativeImage:
     filled = provenance != SEEN
     uncertainty, validity = image.uncertainty.copy(), image.validity.copy()

@@ -23,7 +23,7 @@ NARROW_PX = 4.0
 
 
 def blurred(picture: Floats, sigma_px: float) -> Floats:
-    """Return (h, w[, c]) blurred by a Gaussian; wide ones to within some percent of the picture's range."""
+    """Return (H, W[, C]) blurred by a Gaussian; wide ones to within some percent of the picture's range."""
     if sigma_px <= NARROW_PX:
         return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_px).reshape(picture.shape), np.float32)
     factor = NARROW_PX / 1.6 / sigma_px
@@ -62,7 +62,7 @@ class ToneScale:
 
     @classmethod
     def of(cls, rgb: Floats, known: Flags) -> ToneScale:
-        """Return the scale that suits the known pixels of (h, w, 3); 1e-6 where nothing is known or all is black."""
+        """Return the scale that suits the known pixels of (H, W, 3); 1e-6 where nothing is known or all is black."""
         seen = luminance_cd_m2(rgb[known]) if known.any() else np.zeros(1, np.float32)
         return cls(max(TOE * float(np.median(seen)), 1e-6))
 
@@ -76,7 +76,7 @@ class ToneScale:
 
 
 def grey(tone: Floats) -> Floats:
-    """Return (h, w): the tone's weighted mean over the channels."""
+    """Return (H, W): the tone's weighted mean over the channels."""
     return np.asarray(tone @ TONE_WEIGHTS, np.float32)
 
 
@@ -85,7 +85,7 @@ _CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32) / 4
 
 
 def spread(values: Floats, given: Flags) -> Floats:
-    """Return (h, w[, c]): ``values`` where given, elsewhere the membrane through them; zeros where none is given."""
+    """Return (H, W[, C]): ``values`` where given, elsewhere the membrane through them; zeros where none is given."""
     if not given.any():
         return np.zeros_like(values)
     picture = np.where(given if values.ndim == 2 else given[..., None], values, 0).astype(np.float32)
@@ -150,7 +150,7 @@ class _Grid:
         return cls(int(np.ceil(shape[0] / step)) + 1, int(np.ceil(shape[1] / step)) + 1, step)
 
     def rows_at(self, y: Indices, x: Indices) -> Doubles:
-        """Return the dense design matrix (n, nodes)."""
+        """Return the dense design matrix (N, NODES)."""
         v, u = y / self.step_px, x / self.step_px
         i, j = np.minimum(v.astype(np.intp), self.rows - 2), np.minimum(u.astype(np.intp), self.columns - 2)
         fv, fu = v - i, u - j
@@ -182,7 +182,7 @@ class _Grid:
         return np.array(rows) if rows else np.zeros((0, index.size))
 
     def image(self, nodes: Doubles, shape: tuple[int, int]) -> Floats:
-        """Return the values (h, w, c) of all pixels, smoothly between the nodes."""
+        """Return the values (H, W, C) of all pixels, smoothly between the nodes."""
         y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
         grid = nodes.reshape(self.rows, self.columns, -1).astype(np.float32)
         at = (x / np.float32(self.step_px), y / np.float32(self.step_px))
@@ -238,7 +238,7 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles 
 
 
 def local_light(rest: Floats, known: Flags, sigma_px: float) -> Floats:
-    """Return (h, w, c): what slow part a fit left, at the scale of ``sigma_px``, and its membrane through holes.
+    """Return (H, W, C): what slow part a fit left, at the scale of ``sigma_px``, and its membrane through holes.
 
     For surfaces without a lattice, whose pattern nobody can tell from light: glow and soft shadows meet at the rim.
     """

@@ -45,12 +45,12 @@ class SelfCorrelation:
 
 
 def high_passed(tone: Floats, known: Flags, sigma_px: float) -> Floats:
-    """Return (h, w): the tone less its weighted local mean; 0 where unknown."""
+    """Return (H, W): the tone less its weighted local mean; 0 where unknown."""
     return np.where(known, tone - known_mean(tone, known, sigma_px)[0], 0).astype(np.float32)
 
 
 def oriented(tone: Floats, known: Flags, sigma_px: float) -> tuple[Floats, Flags]:
-    """Return (h, w, 2) which way edges and grain run (cosine and sine of twice the angle), and where that is known.
+    """Return (H, W, 2) which way edges and grain run (cosine and sine of twice the angle), and where that is known.
 
     Blocks laid crosswise repeat in it where their tones do not: herringbone.
     """
@@ -67,7 +67,7 @@ def oriented(tone: Floats, known: Flags, sigma_px: float) -> tuple[Floats, Flags
 
 
 def self_correlation(picture: Floats, known: Flags) -> SelfCorrelation:
-    """Return the masked NCC of a picture (h, w) or (h, w, c) with itself for all shifts up to 3/4 of its size."""
+    """Return the masked NCC of a picture (H, W) or (H, W, C) with itself for all shifts up to 3/4 of its size."""
     height, width = picture.shape[:2]
     size = [fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
     fm = fft.rfft2(known.astype(np.float64), s=size)
@@ -121,14 +121,14 @@ class Lattice:
         return np.stack([self.a_px, self.b_px])
 
     def nodes(self, reach: int) -> Doubles:
-        """Return (n, 2): all combinations of up to ``reach`` of both vectors but zero."""
+        """Return (N, 2): all combinations of up to ``reach`` of both vectors but zero."""
         i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1), indexing="ij")
         keep = (i != 0) | (j != 0)
         return np.asarray(i[keep][:, None] * self.a_px + j[keep][:, None] * self.b_px)
 
 
 def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CANDIDATES) -> tuple[Doubles, Doubles]:
-    """Return shifts (n, 2) of local maxima with dy > 0, or dy = 0 < dx, strongest first, and their NCC."""
+    """Return shifts (N, 2) of local maxima with dy > 0, or dy = 0 < dx, strongest first, and their NCC."""
     ncc = np.nan_to_num(correlation.ncc, nan=-1.0).astype(np.float32)
     reach = 7
     local = cv2.dilate(ncc, np.ones((reach, reach), np.uint8))

@@ -38,15 +38,15 @@ LEAST_FAR = 0.3
 
 
 def away_from(known: Flags, hole: Flags, px_per_m: float) -> Flags:
-    """Return the ``known`` texels (h, w) further than `NEAR_M` from the hole; all of them where those are too few."""
+    """Return the ``known`` texels (H, W) further than `NEAR_M` from the hole; all of them where those are too few."""
     far = known & (_away_px(hole) > NEAR_M * px_per_m)
     return far if far.sum() > LEAST_FAR * known.sum() else known
 
 
 def rising_light(light: Floats, clean: Flags, seen: Flags, hole: Flags, px_per_m: float) -> Floats:
-    """Return (h, w), >= 0: the tone by which light in the hole is above its membrane; 0 elsewhere, and at the rim.
+    """Return (H, W), >= 0: the tone by which light in the hole is above its membrane; 0 elsewhere, and at the rim.
 
-    ``light`` (h, w, 3): tones where ``clean`` (h, w), and in the hole their membrane. It rises away from all that is
+    ``light`` (H, W, 3): tones where ``clean`` (H, W), and in the hole their membrane. It rises away from all that is
     ``seen``. It never falls: a wall's place behind furniture is not darker than its surroundings for that.
     """
     if not hole.any() or not clean.any():
@@ -102,12 +102,12 @@ class PlainFill:
     """A plain texture without its hole."""
 
     values: Floats
-    """(h, w, 3): the given values, bit for bit, but in the hole."""
+    """(H, W, 3): the given values, bit for bit, but in the hole."""
     confidence: Floats
     profile: Floats
-    """(h, 1, 3): tone of each row against the light."""
+    """(H, 1, 3): tone of each row against the light."""
     clean: Flags
-    """(h, w): known pixels that show the surface itself."""
+    """(H, W): known pixels that show the surface itself."""
     roughness: float
     """Standard deviation of the known tones about light and profile: 0.01 paint, above 0.1 a pattern."""
 
@@ -123,10 +123,10 @@ def fill_plain(
     most_rough: float = np.inf,
     px_per_m: float | None = None,
 ) -> PlainFill:
-    """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile.
+    """Fill ``hole`` of a texture (H, W, 3), linear light, from ``known``; ``level_rows``: rows have a profile.
 
-    ``usual_rows`` (h, 3): tone that rows have on other walls (skirting), where this one's are not seen. ``beside``
-    (h, w): what is seen though not to be learnt from; soft shadows there run out in the hole. A surface rougher than
+    ``usual_rows`` (H, 3): tone that rows have on other walls (skirting), where this one's are not seen. ``beside``
+    (H, W): what is seen though not to be learnt from; soft shadows there run out in the hole. A surface rougher than
     ``most_rough`` (what is seen through a window) gets no grain. ``px_per_m``: of a wall before which the hole's things
     stood; the light that they took from it is given back (`occlusion`). None: light goes on as it is at the rim.
     """
@@ -162,7 +162,7 @@ def fill_plain(
 
 
 def _profile(rest: Floats, known: Flags, hole: Flags, usual: Floats | None) -> Floats:
-    """Return (h, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted.
+    """Return (H, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted.
 
     Of rows that are not seen near the hole, what is ``usual``.
     """
@@ -223,7 +223,7 @@ def _outliers(rest: Floats, known: Flags) -> Flags:
 
 
 def _low(rest: Floats, clean: Flags) -> Floats:
-    """Return (h, w, 3) what is left of the light, smooth, and its membrane through holes."""
+    """Return (H, W, 3) what is left of the light, smooth, and its membrane through holes."""
     mean, share = known_mean(rest, clean, GRAIN_PX)
     return spread(mean, clean & (share > 0.3))
 
@@ -239,9 +239,9 @@ def _calm(grain: Floats, clean: Flags) -> Flags:
 
 
 def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
-    """Return (h, w, 3) the soft shadows that end at a hole's rim, run out into it; 0 elsewhere.
+    """Return (H, W, 3) the soft shadows that end at a hole's rim, run out into it; 0 elsewhere.
 
-    ``step`` (h, w, 3): tone of what is seen less that of the filling. Only what is darker, of the same colour and
+    ``step`` (H, W, 3): tone of what is seen less that of the filling. Only what is darker, of the same colour and
     without edges of its own is a shadow; the rest of a thing is not.
     """
     near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
@@ -260,7 +260,7 @@ def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
 
 
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
-    """Return (h, w, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
+    """Return (H, W, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
     height, width = clean.shape
     out, left = np.zeros_like(grain), hole.copy()
     rng = np.random.default_rng(11)

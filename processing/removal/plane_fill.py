@@ -35,7 +35,7 @@ FRAME_M = 0.08
 
 
 def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
-    """Yield (h, w) for each opening of a wall: its rectangle with its frame."""
+    """Yield (H, W) for each opening of a wall: its rectangle with its frame."""
     v, u = ((np.arange(n) + 0.5) / px_per_m for n in shape)
     for opening in room.openings:
         if opening.wall + FIRST_WALL != plane.index:
@@ -62,12 +62,12 @@ class FilledPlane:
     texture: Texture
     """As seen, holes left out."""
     values: Floats
-    """(h, w, 3): as seen where seen, else filled; 0 outside the plane."""
+    """(H, W, 3): as seen where seen, else filled; 0 outside the plane."""
     hole: Flags
     confidence: Floats
-    """(h, w)."""
+    """(H, W)."""
     continued: Flags
-    """(h, w): where the surface repeats or is plain, so that its continuation is no invention."""
+    """(H, W): where the surface repeats or is plain, so that its continuation is no invention."""
     how: str
 
 
@@ -170,10 +170,10 @@ class Skirting:
     """Tone against the wall above, by height over the floor."""
 
     tone: Floats
-    """(n, 3), from the floor up, ``1 / SKIRTING_PX_PER_M`` a row; 0 where there is none."""
+    """(N, 3), from the floor up, ``1 / SKIRTING_PX_PER_M`` a row; 0 where there is none."""
 
     def rows(self, height: int, px_per_m: float) -> Floats:
-        """Return (height, 3): the same by rows of a wall's texture, from its ceiling down."""
+        """Return (H, 3): the same by rows of a wall's texture, from its ceiling down."""
         above_m = (height - 0.5 - np.arange(height)) / px_per_m
         places = (np.arange(len(self.tone)) + 0.5) / SKIRTING_PX_PER_M
         parts = [np.interp(above_m, places, self.tone[:, k], right=0.0) for k in range(3)]
@@ -217,7 +217,7 @@ def _mixed_rows(plane: Plane, room: RoomModel, geometry: Equirectangular) -> int
 
 
 def _profile(texture: Texture, mixed: int) -> tuple[Floats, int] | None:
-    """Return the tone (n, 3) of the lowest rows, from the floor up, against the wall above; of how many columns."""
+    """Return the tone (N, 3) of the lowest rows, from the floor up, against the wall above; of how many columns."""
     rows = round(HIGHEST_M * SKIRTING_PX_PER_M)
     foot = round(texture.plane.height_m * SKIRTING_PX_PER_M)
     top, low = foot - round(ABOVE_M[1] * SKIRTING_PX_PER_M), foot - round(ABOVE_M[0] * SKIRTING_PX_PER_M)

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.planes import CEILING, FLOOR, planes_of
@@ -46,13 +45,13 @@ class Scene:
     """What the search looks at: the places of floor and walls that no furniture hides, as a list of pixels."""
 
     points_m: Doubles
-    """(n, 3)."""
-    plane: npt.NDArray[np.int16]
-    """(n,)."""
+    """(N, 3)."""
+    plane: Int16s
+    """(N,)."""
     log2_luminance: Floats
-    """(n,), relative to the median of its plane."""
+    """(N,), relative to the median of its plane."""
     weight: Doubles
-    """(n,): solid angle."""
+    """(N,): solid angle."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +70,7 @@ class SunFound:
 def find_sunlight(
     luminance: Floats,
     points_m: Doubles,
-    plane: npt.NDArray[np.int16],
+    plane: Int16s,
     usable: Flags,
     weight: Doubles,
     room: RoomModel,
@@ -120,7 +119,7 @@ def find_sunlight(
     return SunFound(mask, direction, True, f"windows along the sun's {how} direction ({where}) confirm it")
 
 
-def relative_log2(luminance: Floats, plane: npt.NDArray[np.int16], usable: Flags) -> Floats:
+def relative_log2(luminance: Floats, plane: Int16s, usable: Flags) -> Floats:
     """Return log2 of the luminance over the median of its plane's usable pixels; -20 at least."""
     found = np.full(luminance.shape, -20.0, np.float32)
     for index in np.unique(plane[usable]):

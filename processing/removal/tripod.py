@@ -132,13 +132,13 @@ def _at_nadir(probabilities: Floats, rgb8: Bytes, floor: Flags, disc_rad: float)
 
 
 def strangeness(rgb8: Bytes, known: Flags) -> Floats:
-    """Return (h, w) in 0..1: how unlike the colours of the known pixels each pixel is; a half at `OUTLIER`."""
+    """Return (H, W) in 0..1: how unlike the colours of the known pixels each pixel is; a half at `OUTLIER`."""
     away = colour_distance(rgb8, known)
     return (1 / (1 + np.exp(-np.clip((away - OUTLIER) / 3, -30, 30)))).astype(np.float32)
 
 
 def thin_and_dark(rgb8: Bytes) -> Floats:
-    """Return (h, w) in 0..1: how surely each pixel is narrower than `LEG_PX` and darker than what is beside it."""
+    """Return (H, W) in 0..1: how surely each pixel is narrower than `LEG_PX` and darker than what is beside it."""
     encoded = cv2.cvtColor(rgb8, cv2.COLOR_RGB2GRAY).astype(np.float32)
     light = np.log((encoded / 255) ** 2.2 + 1e-3)
     brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
