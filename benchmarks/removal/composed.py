@@ -14,10 +14,10 @@ from benchmarks.removal.edges import smooth_error
 from benchmarks.removal.real import encoded, image_of
 from benchmarks.removal.rivals import SLOW, Rival, timed
 from benchmarks.removal.scores import scored
+from processing.ground.seam import grown
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.fill import empty_room
 from processing.removal.masks import MARGIN_RAD, Masks, find_masks
-from processing.removal.round_masks import grown
 from processing.segmentation.embedded import scene_evidence
 
 REAL_ROOMS = 4

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats, Int16s
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.smooth import spread
+from processing.removal.illumination import spread
 
 REACH_PX = 3
 LEAST_STEP = 0.2

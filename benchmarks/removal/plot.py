@@ -14,8 +14,7 @@ from benchmarks.removal.rivals import Rival
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.fill import empty_room
-from processing.removal.regions import TEXELS
+from processing.removal.fill import TEXELS, empty_room
 
 Case = tuple[Floats, RoomModel, Flags, Flags]
 """The empty room's light, its model, what is to be filled, and where that is judged."""

@@ -10,13 +10,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.shared_data import DATA
 from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import linear_of_srgb, srgb_of_linear
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 WHITE_CD_M2 = 200.0
 """What 255 in an ordinary picture is taken for."""
 

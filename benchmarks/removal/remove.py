@@ -65,8 +65,6 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     others = rivals(slow=not quick)
     rows = Rows("remove", seed, CODE, keep=not quick)
     notes: list[str] = []
-    if not any("xphoto" in name for name in others):
-        notes.append("opencv-contrib (shift-map, FSR) absent: DAYLIT_RIVALS_PYTHON names no interpreter")
     fast = {name: rival for name, rival in others.items() if name not in SLOW}
     metrics: Figures = {}
     found: dict[str, Figures] = {name: {} for name in others}

@@ -54,12 +54,13 @@ from processing.room.opening_sun import find_openings_in_sun
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
-MASKS = ("masks", "furniture", "edges", "outliers", "tripod", "nadir", "meter_board", "sunlight")
+MASKS = ("masks", "furniture", "edges", "tripod", "sunlight", "shadows")
 CODE = {
     "ours": (
         *("processing/room/*.py", "processing/segmentation/*", "processing/surfaces/*.py"),
-        *("benchmarks/_detect*.py", "benchmarks/room/detect.py"),
-        *(f"processing/removal/{name}.py" for name in (*MASKS, "shadows", "round_masks")),
+        "benchmarks/room/detect*.py",
+        *("processing/ground/board.py", "processing/ground/seam.py"),
+        *(f"processing/removal/{name}.py" for name in MASKS),
     ),
 }
 QUICK_ROOMS, FULL_ROOMS, LISTED = 1, 24, 48

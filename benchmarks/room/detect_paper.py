@@ -14,8 +14,8 @@ from benchmarks.room.room_run import told
 from benchmarks.room.room_scores import score_room
 from processing.ground.arrays import Flags
 from processing.ground.room_model import OpeningKind, RoomModel
+from processing.ground.seam import resized
 from processing.removal.masks import Masks, find_masks
-from processing.removal.round_masks import resized
 from processing.room.readers import panoannotator_room
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps

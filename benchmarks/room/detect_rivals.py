@@ -14,9 +14,9 @@ from benchmarks.room.detect_truth import DATA
 from processing.errors import SegmenterError
 from processing.ground.arrays import Flags
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import resized
 from processing.pictures.images import RelativeImage
 from processing.pictures.preview import preview_rgb8
-from processing.removal.round_masks import resized
 from processing.removal.tripod import strangeness
 from processing.segmentation.around import ViewPlan, segment_around
 from processing.segmentation.evidence import SceneClass, SceneEvidence

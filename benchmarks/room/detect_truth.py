@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.shared_data import DATA
 from benchmarks.truth_rooms import room_model_of
 from mocks.rooms.model import Item, Role
 from mocks.rooms.room import Room
@@ -20,7 +21,6 @@ from processing.surfaces.maps import surface_maps
 from processing.surfaces.planes import CEILING
 from processing.surfaces.sun import wall_between, window_depth
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 HUNG = frozenset({"picture", "wall clock", "wall shelf"})
 LYING = frozenset({"rug"})
 PLANAR = frozenset({"floor", "wall", "skirting", "rug", "socket", "switch"})

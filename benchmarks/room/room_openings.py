@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,6 +13,7 @@ import shapely
 
 from benchmarks.room.room_level import as_image
 from benchmarks.seeds import Split
+from benchmarks.shared_data import DATA
 from benchmarks.truth_rooms import kept_list, room_model_of, truth_of
 from mocks.rooms.truth import TruthPictures
 from processing.ground.arrays import Doubles
@@ -104,7 +104,7 @@ def on_real(half: str, source: Callable[[RelativeImage], SceneEvidence], most: i
     from processing.errors import DaylitError
     from processing.room.readers import zind_pictures, zind_room
 
-    folder = Path(__file__).resolve().parents[3] / "shared" / "data" / "panoramas" / "zind"
+    folder = DATA / "panoramas" / "zind"
     out: dict[str, Any] = {"name": [], "score": [], "left_out": []}
     if not folder.is_dir():
         return out

@@ -10,11 +10,11 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.room.detect_truth import photograph
+from benchmarks.shared_data import DATA
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import RelativeImage
 from processing.room.readers import panoannotator_room, zind_pictures
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 Half = Literal["looked at", "scored"]
 
 

@@ -16,8 +16,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Floats
-from processing.removal.round_masks import resized
+from processing.ground.arrays import Bytes, Flags, Floats
+from processing.ground.seam import resized
+from processing.segmentation.evidence import SceneClass
+from processing.surfaces.maps import SurfaceMaps
+from processing.surfaces.planes import CEILING, FLOOR
 
 WINDOWS_RAD = (math.radians(56), math.radians(90))
 """Widths of windows along the equator; each overlaps the next by half."""
@@ -66,7 +69,7 @@ def _one_width(probability: Floats, rgb8: Bytes, width_rad: float) -> Floats:
 
 
 def cut_picture(probability: Floats, rgb8: Bytes) -> Floats:
-    """Return 1 where the graph cut of one picture (h, w, 3) says inside, from probabilities (h, w)."""
+    """Return 1 where the graph cut of one picture (H, W, 3) says inside, from probabilities (H, W)."""
     inside = probability > 0.5
     asked = (probability > 1 - SURE) & (probability < SURE)
     if inside.sum() < LEAST_PX or not asked.any() or (probability > 1 - SURE).all():
@@ -119,7 +122,7 @@ def _tiles(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
 
 
 def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS) -> Floats:
-    """Return ``values`` (h, w) smoothed along a colour guide (h, w, 3): linear in its colours within each window."""
+    """Return ``values`` (H, W) smoothed along a colour guide (H, W, 3): linear in its colours within each window."""
 
     def mean(picture: npt.NDArray[np.floating]) -> Floats:
         side = 2 * radius_px + 1
@@ -147,3 +150,60 @@ def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
     scale = 1 / (a * aa + b * bb + c * cc)
     solved = (aa * x + bb * y + cc * z, bb * x + dd * y + ee * z, cc * x + ee * y + ff * z)
     return [np.asarray(one * scale, np.float32) for one in solved]
+
+
+# How unlike the usual colours of a surface a place is: what stands before a plain wall or floor stands out.
+
+
+CLUSTERS = 6
+SAMPLES = 1500
+LEAST_CLUSTER_SHARE = 0.02
+"""Of the sample that a cluster must hold to be a colour of the surface."""
+OWN_SURE, OWN_LIKELY = 0.6, 0.4
+"""Probability of its own class from which a place teaches a surface's colours; the second where the first is rare."""
+RARE_OWN_PX, LEAST_OWN_PX = 100, 50
+MOST_OUTLYING = 5.0
+
+
+def colour_distance(rgb8: Bytes, known: Flags) -> Floats:
+    """Return (H, W): the squared distance, in standard deviations, of each pixel from the colours of known pixels.
+
+    Up to `CLUSTERS` colours with their spread in CIE L*a*b*; deterministic. ``known`` must hold some pixels.
+    """
+    colours = cv2.cvtColor(cv2.GaussianBlur(rgb8, (0, 0), 1.0), cv2.COLOR_RGB2Lab).astype(np.float32)
+    sample = colours[known]
+    sample = sample[:: max(1, len(sample) // SAMPLES)]
+    cv2.setRNGSeed(1)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 0.5)
+    count = min(CLUSTERS, len(sample))
+    _, member, middle = cv2.kmeans(sample, count, np.empty(0, np.int32), stop, 1, cv2.KMEANS_PP_CENTERS)
+    nearest = np.full(colours.shape[:2], np.inf, np.float32)
+    for index in range(count):
+        part = sample[member[:, 0] == index]
+        # The largest cluster always counts, so that there is one.
+        if len(part) < max(4, LEAST_CLUSTER_SHARE * len(sample)) and len(part) * count < len(sample):
+            continue
+        # 8-bit steps and noise: no colour is known better than this.
+        spread = np.cov(part.T) if len(part) > 3 else np.zeros((3, 3))
+        inverse = np.linalg.inv(spread + np.diag([9.0, 4.0, 4.0])).astype(np.float32)
+        off = colours - middle[index]
+        nearest = np.minimum(nearest, ((off @ inverse) * off).sum(axis=2))
+    return nearest
+
+
+def surface_outliers(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Floats:
+    """Return (H, W) in 0..`MOST_OUTLYING`: ln(1 + squared distance) from the colours of the plane behind each pixel.
+
+    ``probabilities`` (8, H, W) tell where a plane is seen; a plane that is hardly seen gives 0.
+    """
+    own = {FLOOR: SceneClass.FLOOR, CEILING: SceneClass.CEILING}
+    found = np.zeros(maps.plane.shape, np.float32)
+    for plane in np.unique(maps.plane):
+        here = maps.plane == plane
+        share = probabilities[own.get(int(plane), SceneClass.WALL)]
+        known = here & (share > OWN_SURE) & (maps.opening < 0)
+        if known.sum() < RARE_OWN_PX:
+            known = here & (share > OWN_LIKELY) & (maps.opening < 0)
+        if known.sum() >= LEAST_OWN_PX:
+            found[here] = np.log1p(colour_distance(rgb8, known))[here]
+    return np.clip(found, 0.0, MOST_OUTLYING)

@@ -6,23 +6,31 @@ Fills never cross an edge between planes: those edges are the layout's. Pixels o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError, RemovalError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import wrapped
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
-from processing.removal.plane_fill import CONTINUED, SEEN, SURE, SYNTHESISED, FilledPlane, fill_plane
-from processing.removal.regions import TEXELS, soften_edges, texture_density
-from processing.removal.skirting import Skirting, find_skirting
-from processing.removal.smooth import ToneScale, blurred, grey, spread
+from processing.removal.illumination import ToneScale, grey, known_mean, spread
+from processing.removal.plane_fill import (
+    CONTINUED,
+    SEEN,
+    SURE,
+    SYNTHESISED,
+    FilledPlane,
+    Skirting,
+    fill_plane,
+    find_skirting,
+)
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import plane_map
+from processing.surfaces.maps import boundary_rows, plane_map
 from processing.surfaces.planes import FIRST_WALL, FLOOR, Plane, planes_of
 from processing.surfaces.textures import unwrap, wrap
 
@@ -45,9 +53,9 @@ LEAST_RIM = 8
 
 
 def sunlit(values: Floats, known: Flags, hole: Flags, sun: Flags) -> tuple[Floats, Floats]:
-    """Return the texture (h, w, 3) with sunlight in its filled ``hole``, and how far each texel is lit (h, w), 0..1.
+    """Return the texture (H, W, 3) with sunlight in its filled ``hole``, and how far each texel is lit (H, W), 0..1.
 
-    ``sun`` (h, w): known texels in direct sunlight; ``known`` all known ones. Outside the hole nothing changes.
+    ``sun`` (H, W): known texels in direct sunlight; ``known`` all known ones. Outside the hole nothing changes.
     """
     nothing = np.zeros(hole.shape, np.float32)
     near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
@@ -58,12 +66,12 @@ def sunlit(values: Floats, known: Flags, hole: Flags, sun: Flags) -> tuple[Float
     scale = ToneScale.of(values, known)
     tone = scale.tone(values)
     beside = hole & cv2.dilate((~hole).astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
-    gain = _local(tone, rim) - _local(tone, beside)
+    gain = known_mean(tone, rim, RIM_PX)[0] - known_mean(tone, beside, RIM_PX)[0]
     # The rim of a patch is half in the shade; what is hardly brighter is no sun.
-    bright = rim & (grey(np.asarray(gain, np.float32)) > LEAST_GAIN)
+    bright = rim & (grey(gain) > LEAST_GAIN)
     if bright.sum() < LEAST_RIM:
         return values, nothing
-    more = spread(np.asarray(gain, np.float32), bright)
+    more = spread(gain, bright)
     share = spread(sun.astype(np.float32), known & near)
     lit = np.where(hole, np.clip((share - 0.5) / SOFT + 0.5, 0, 1), 0).astype(np.float32)
     out = values.copy()
@@ -81,12 +89,6 @@ def _whole(values: Floats, known: Flags, sun: Flags) -> Flags:
     _, labels = cv2.connectedComponents((bright | sun).astype(np.uint8))
     lit = np.unique(labels[sun])
     return np.asarray(np.isin(labels, lit[lit > 0]))
-
-
-def _local(tone: Floats, where: Flags) -> Floats:
-    weight = where.astype(np.float32)
-    share = blurred(weight, RIM_PX)
-    return np.asarray(blurred(tone * weight[..., None], RIM_PX) / np.maximum(share, 1e-4)[..., None], np.float32)
 
 
 PlaneFiller = Callable[[FilledPlane], FilledPlane]
@@ -107,13 +109,29 @@ class Emptied:
 
     image: LuminanceImage | RelativeImage
     """Of the given type; pixels outside the target are the given ones, filled ones have validity REPAIRED."""
-    provenance: npt.NDArray[np.uint8]
+    provenance: Bytes
     """(H, W): 0 seen, 1 continued from what is seen around, 2 synthesised."""
     confidence: Floats
     """(H, W), 0..1: 1 where seen."""
     textures: tuple[FilledPlane, ...]
     """Of the planes that had a hole, in their order."""
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What the panorama shows of the room."""
+
+    rgb: Floats
+    """(H, W, 3): finite."""
+    geometry: Equirectangular
+    room: RoomModel
+    masked: Flags
+    """(H, W): nothing of the room is seen here."""
+    kept: Flags
+    """(H, W): direct sunlight that stays."""
+    planes: Int16s
+    """(H, W): index of the plane behind each pixel."""
 
 
 def empty_room(
@@ -169,16 +187,16 @@ def empty_room(
     unfit = _unfit(target, sunlight)
     foreign = np.zeros_like(target) if foreign is None else foreign
     kept = np.zeros_like(target) if sunlight is None else sunlight & ~target
-    planes = planes_of(room)
+    seen = _Seen(rgb, geometry, room, target | blind, kept, shown)
     walls = ((shown >= FIRST_WALL) & target).any()
-    skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
+    skirting = find_skirting(rgb, geometry, room, seen.masked | unfit) if walls else None
     out, filled, notes = image.rgb.copy(), [], []
-    for plane in planes:
+    for plane in planes_of(room):
         where = target & (shown == plane.index)
         if not where.any():
             continue
         left_out = unfit | foreign if plane.index == FLOOR else unfit
-        done = _plane(rgb, geometry, room, plane, target | blind, left_out, kept, shown, quality, skirting)
+        done = _plane(seen, plane, left_out, quality, skirting)
         done = done if filler is None else filler(done)
         _draw(done, room, geometry, where, (out, provenance, confidence))
         filled.append(done)
@@ -219,35 +237,24 @@ def _finite(image: LuminanceImage | RelativeImage) -> tuple[Floats, Flags]:
 
 def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
     """Return pixels that are seen but show more than their plane: beside the target, and in the sun."""
-    wrapped = np.concatenate([target[:, -MIXED_PX:], target, target[:, :MIXED_PX]], axis=1).astype(np.uint8)
-    kernel = np.ones((2 * MIXED_PX + 1,) * 2, np.uint8)
-    beside = cv2.dilate(wrapped, kernel)[:, MIXED_PX:-MIXED_PX].astype(bool) & ~target
+    wide = wrapped(target, MIXED_PX).astype(np.uint8)
+    beside = cv2.dilate(wide, np.ones((2 * MIXED_PX + 1,) * 2, np.uint8))[:, MIXED_PX:-MIXED_PX].astype(bool) & ~target
     return beside if sunlight is None else beside | (sunlight & ~target)
 
 
-def _plane(
-    rgb: Floats,
-    geometry: Equirectangular,
-    room: RoomModel,
-    plane: Plane,
-    masked: Flags,
-    unfit: Flags,
-    kept: Flags,
-    shown: npt.NDArray[np.int16],
-    quality: str,
-    skirting: Skirting | None,
-) -> FilledPlane:
+def _plane(seen: _Seen, plane: Plane, unfit: Flags, quality: str, skirting: Skirting | None) -> FilledPlane:
+    rgb, geometry, room, masked = seen.rgb, seen.geometry, seen.room, seen.masked
     px_per_m = texture_density(plane, room, geometry, quality)
-    layers = np.concatenate([rgb, np.stack([unfit, kept], axis=-1).astype(np.float32)], axis=-1)
+    layers = np.concatenate([rgb, np.stack([unfit, seen.kept], axis=-1).astype(np.float32)], axis=-1)
     whole = unwrap(layers, geometry, room, plane, px_per_m, mask=masked)
     texture = replace(whole, values=np.ascontiguousarray(whole.values[..., :3]))
     mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
     # Texels that the camera sees and that are not known lie under the mask.
     hole = (texture.density > 0) & ~texture.known
-    like = (shown >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
-    seen = like & ~masked if (like & ~masked).any() else ~masked
-    # A few thousand pixels tell a median.
-    among = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // 10_000)]
+    like = (seen.planes >= FIRST_WALL) if plane.index >= FIRST_WALL else np.ones_like(masked)
+    bare = like & ~masked if (like & ~masked).any() else ~masked
+    # A few thousand pixels are enough for a median.
+    among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
     elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32)
     done = fill_plane(texture, hole, mixed, room, elsewhere, skirting)
     values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
@@ -259,7 +266,7 @@ def _draw(
     room: RoomModel,
     geometry: Equirectangular,
     where: Flags,
-    into: tuple[Floats, npt.NDArray[np.uint8], Floats],
+    into: tuple[Floats, Bytes, Floats],
 ) -> None:
     """Draw a plane's filling into the panorama, its provenance and its confidence."""
     out, provenance, confidence = into
@@ -275,10 +282,48 @@ def _draw(
 
 
 def _image(
-    image: LuminanceImage | RelativeImage, rgb: Floats, provenance: npt.NDArray[np.uint8], confidence: Floats
+    image: LuminanceImage | RelativeImage, rgb: Floats, provenance: Bytes, confidence: Floats
 ) -> LuminanceImage | RelativeImage:
     filled = provenance != SEEN
     uncertainty, validity = image.uncertainty.copy(), image.validity.copy()
     uncertainty[filled] = FILLED_UNCERTAINTY + (1 - confidence[filled])
     validity[filled] = Validity.REPAIRED
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity)
+
+
+TEXELS = {"draft": 400_000, "standard": 1_600_000, "reference": 4_000_000}
+"""Of the largest texture."""
+FINER = 1.25
+"""Texels to a panorama's pixel where the plane is nearest, so that copying costs no sharpness."""
+
+
+def texture_density(plane: Plane, room: RoomModel, geometry: Equirectangular, quality: str) -> float:
+    """Return pixels a metre that do justice to the panorama where it sees the plane best, within the limit."""
+    px_rad = geometry.height_px / math.pi
+    offset = np.array([0.0, 0.0, room.camera_height_m]) - plane.origin_m
+    nearest_m = max(abs(float(offset @ plane.normal)), 0.3)
+    most = math.sqrt(TEXELS[quality] / max(plane.width_m * plane.height_m, 1e-6))
+    return min(FINER * px_rad / nearest_m, most)
+
+
+# Pixels on the edges of floor and ceiling show two planes: filled ones are mixed as a camera would, not in steps.
+
+
+def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirectangular) -> None:
+    """Mix, in place, the target's pixels of a panorama (H, W, 3) that lie on an edge of floor or ceiling.
+
+    Of the row in which a column's edge lies, the share beyond the edge is what the next row shows. Nothing outside the
+    target changes. Edges between walls are upright in the picture, and have no steps.
+    """
+    before = out.copy()
+    for edge in boundary_rows(room, geometry):
+        row = np.floor(edge).astype(np.intp)
+        columns = np.flatnonzero((row >= 1) & (row < len(out) - 1))
+        row = row[columns]
+        lower = (row + 1 - edge[columns])[:, None]
+        # The pixel's middle tells which side it was drawn for.
+        above, below = before[row - 1, columns], before[row + 1, columns]
+        mixed = np.where(lower > 0.5, lower * before[row, columns] + (1 - lower) * above, 0)
+        mixed = np.where(lower > 0.5, mixed, (1 - lower) * before[row, columns] + lower * below)
+        chosen = target[row, columns]
+        out[row[chosen], columns[chosen]] = mixed[chosen]

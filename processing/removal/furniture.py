@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Flags, Floats
-from processing.removal.edges import snapped
-from processing.removal.round_masks import components, grown, row_solid_angles, smoothed, surface_outliers
+from processing.ground.arrays import Bytes, Flags, Floats, Indices, Int32s
+from processing.ground.seam import components, grown, row_solid_angles, smoothed
+from processing.removal.edges import snapped, surface_outliers
 from processing.segmentation.evidence import SceneClass
 from processing.surfaces.maps import SurfaceMaps
 from processing.surfaces.planes import CEILING, FLOOR
@@ -128,9 +127,7 @@ def islands_in(mask: Flags, never: Flags) -> Flags:
     return np.asarray(small[labels], bool)
 
 
-def _feet(
-    labels: npt.NDArray[np.int32], near_floor: Flags, count: int
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _feet(labels: Int32s, near_floor: Flags, count: int) -> tuple[Indices, Indices]:
     """Return, for each component, how many columns' lowest pixels lie before the floor, and how many columns it has."""
     below = np.vstack([labels[1:], np.zeros((1, labels.shape[1]), labels.dtype)])
     contour = (labels > 0) & (below != labels)

@@ -1,8 +1,8 @@
 """The slow part of a texture: light falling across a plane, fitted to what is known and continued through holes.
 
-In tones (`removal.tone`) light and pattern add up. Two sources tell the light: pixels one lattice step apart, whose
-difference holds no pattern (pairwise), and the tones themselves, where the pattern's contrast is low (smooth). Both go
-into one robust least-squares fit of a coarse grid of values that bends little.
+In tones (logarithms of light) light and pattern add up. Two sources give the light: pixels one lattice step apart,
+whose difference holds no pattern (pairwise), and the tones themselves, where the pattern's contrast is low (smooth).
+Both go into one robust least-squares fit of a coarse grid of values that bends little.
 """
 
 from __future__ import annotations
@@ -11,11 +11,121 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal.near_periodic_lattice import Lattice
-from processing.removal.smooth import blurred, grey, spread
+from processing.ground.arrays import Doubles, Flags, Floats, Indices
+from processing.ground.colour import LUMINANCE_WEIGHTS
+from processing.pictures.images import luminance_cd_m2
+
+# Wide Gaussian blurs at a cost that does not grow with their width.
+
+
+NARROW_PX = 4.0
+"""Standard deviation up to which the blur is exact; wider ones run on a smaller picture."""
+
+
+def blurred(picture: Floats, sigma_px: float) -> Floats:
+    """Return (H, W[, C]) blurred by a Gaussian; wide ones to within some percent of the picture's range."""
+    if sigma_px <= NARROW_PX:
+        return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_px).reshape(picture.shape), np.float32)
+    factor = NARROW_PX / 1.6 / sigma_px
+    size = tuple(max(1, round(n * factor)) for n in picture.shape[1::-1])
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    scale = (size[0] / picture.shape[1], size[1] / picture.shape[0])
+    small = cv2.GaussianBlur(small, (0, 0), sigmaX=max(sigma_px * scale[0], 0.3), sigmaY=max(sigma_px * scale[1], 0.3))
+    return np.asarray(
+        cv2.resize(small, picture.shape[1::-1], interpolation=cv2.INTER_LINEAR).reshape(picture.shape), np.float32
+    )
+
+
+def known_mean(values: Floats, known: Flags, sigma_px: float) -> tuple[Floats, Floats]:
+    """Return the local mean (H, W[, C]) of the known values, and the share (H, W) of the neighbourhood that is known.
+
+    ``values`` (H, W[, C]) count where ``known`` (H, W), weighted by a Gaussian (normalised convolution).
+    """
+    share = blurred(known.astype(np.float32), sigma_px)
+    total = blurred(np.where(_as(known, values), values, 0).astype(np.float32), sigma_px)
+    return np.asarray(total / np.maximum(_as(share, values), 1e-6), np.float32), share
+
+
+# Tones: the logarithm of light, in which illumination and reflectance add up and every error is a relative one.
+
+
+TOE = 0.03
+"""Of the median luminance: what is added before the logarithm, so that noise near black stays small."""
+TONE_WEIGHTS = np.array(LUMINANCE_WEIGHTS, np.float32)
+
+
+@dataclass(frozen=True)
+class ToneScale:
+    """The light added before the logarithm, in the picture's unit."""
+
+    toe: float
+
+    @classmethod
+    def of(cls, rgb: Floats, known: Flags) -> ToneScale:
+        """Return the scale that suits the known pixels of (H, W, 3); 1e-6 where nothing is known or all is black."""
+        seen = luminance_cd_m2(rgb[known]) if known.any() else np.zeros(1, np.float32)
+        return cls(max(TOE * float(np.median(seen)), 1e-6))
+
+    def tone(self, rgb: Floats) -> Floats:
+        """Return log(rgb + toe)."""
+        return np.asarray(np.log(np.maximum(rgb, 0) + np.float32(self.toe)), np.float32)
+
+    def light(self, tone: Floats) -> Floats:
+        """Return the light of tones; never negative."""
+        return np.asarray(np.maximum(np.exp(np.minimum(tone, 80.0)) - np.float32(self.toe), 0), np.float32)
+
+
+def grey(tone: Floats) -> Floats:
+    """Return (H, W): the tone's weighted mean over the channels."""
+    return np.asarray(tone @ TONE_WEIGHTS, np.float32)
+
+
+SWEEPS = 6
+_CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32) / 4
+
+
+def spread(values: Floats, given: Flags) -> Floats:
+    """Return (H, W[, C]): ``values`` where given, elsewhere the membrane through them; zeros where none is given."""
+    if not given.any():
+        return np.zeros_like(values)
+    picture = np.where(given if values.ndim == 2 else given[..., None], values, 0).astype(np.float32)
+    return _level(picture, given.astype(np.float32))
+
+
+def _level(values: Floats, share: Floats) -> Floats:
+    """Return the membrane; ``share`` (H, W) is how much of each pixel is given, by which ``values`` are multiplied."""
+    fixed = share > 0
+    own = values / _as(np.maximum(share, 1e-12), values)
+    if fixed.all() or min(share.shape) < 2:
+        mean = values.reshape(-1, *values.shape[2:]).sum(axis=0) / max(float(share.sum()), 1e-12)
+        return np.asarray(np.where(_as(fixed, values), own, mean), np.float32)
+    height, width = share.shape
+    small = (max(1, (width + 1) // 2), max(1, (height + 1) // 2))
+    even = (0, height % 2, 0, width % 2)
+    coarse = _level(
+        _halved(values, even, small),
+        _halved(share, even, small),
+    )
+    up = cv2.resize(coarse, (small[0] * 2, small[1] * 2), interpolation=cv2.INTER_LINEAR)
+    up = up.reshape(small[1] * 2, small[0] * 2, *values.shape[2:])[:height, :width]
+    out = np.where(_as(fixed, values), own, up).astype(np.float32)
+    for _ in range(SWEEPS):
+        swept = cv2.filter2D(out, -1, _CROSS, borderType=cv2.BORDER_REPLICATE).reshape(out.shape)
+        out = np.where(_as(fixed, values), own, swept)
+    return np.asarray(out, np.float32)
+
+
+def _halved(picture: Floats, even: tuple[int, int, int, int], size: tuple[int, int]) -> Floats:
+    """Return the means of squares of four; what ``even`` adds at the lower and right edge counts as not given."""
+    padded = cv2.copyMakeBorder(picture, *even, cv2.BORDER_CONSTANT, value=0)
+    small = cv2.resize(padded, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small.reshape(size[1], size[0], *picture.shape[2:]), np.float32)
+
+
+def _as(flat: Floats | Flags, like: Floats) -> Floats:
+    return np.asarray(flat if like.ndim == 2 else flat[..., None])
+
 
 CELLS = 7
 """Of the grid along the longer side."""
@@ -40,8 +150,8 @@ class _Grid:
         step = max(max(shape) / CELLS, 2.0)
         return cls(int(np.ceil(shape[0] / step)) + 1, int(np.ceil(shape[1] / step)) + 1, step)
 
-    def rows_at(self, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]) -> Doubles:
-        """Return the dense design matrix (n, nodes)."""
+    def rows_at(self, y: Indices, x: Indices) -> Doubles:
+        """Return the dense design matrix (N, NODES)."""
         v, u = y / self.step_px, x / self.step_px
         i, j = np.minimum(v.astype(np.intp), self.rows - 2), np.minimum(u.astype(np.intp), self.columns - 2)
         fv, fu = v - i, u - j
@@ -73,7 +183,7 @@ class _Grid:
         return np.array(rows) if rows else np.zeros((0, index.size))
 
     def image(self, nodes: Doubles, shape: tuple[int, int]) -> Floats:
-        """Return the values (h, w, c) of all pixels, smoothly between the nodes."""
+        """Return the values (H, W, C) of all pixels, smoothly between the nodes."""
         y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
         grid = nodes.reshape(self.rows, self.columns, -1).astype(np.float32)
         at = (x / np.float32(self.step_px), y / np.float32(self.step_px))
@@ -95,26 +205,33 @@ def _row(size: int, places: tuple[np.intp | int, ...], values: tuple[float, ...]
     return row
 
 
-def fit_illumination(tone: Floats, known: Flags, hole: Flags, lattice: Lattice | None, *, bend: float = 1.0) -> Floats:
+def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles | None, *, bend: float = 1.0) -> Floats:
     """Return (h, w, 3): the slow part of the tone, mean 0 over the known pixels, continued through the hole.
 
-    With a lattice the pairs one step apart tell the light and the tones only its mean; without, the tones tell all.
-    In the hole it is clamped to the range that it has around.
+    Parameters
+    ----------
+    tone
+        (H, W, 3): natural logarithm of light; only what is ``known`` (H, W) counts.
+    hole
+        (H, W): there the light is clamped to the range that it has around.
+    steps_px
+        (2, 2): the lattice's two steps (dx, dy), if the pattern has a lattice: pixels one step apart then give the
+        light and the tones themselves only its mean. None: the tones give all.
+    bend
+        Resistance to bending, relative to the usual one.
     """
-    shape = tone.shape[:2]
-    grid = _Grid.over(shape)
-    rng = np.random.default_rng(5)
     if not known.any():
         return np.zeros(tone.shape, np.float32)
-    design, target = _unary(grid, tone, known, rng, lattice)
+    shape, rng = tone.shape[:2], np.random.default_rng(5)
+    grid = _Grid.over(shape)
+    design, target = _unary(grid, tone, known, rng, steps_px)
     unary = len(design)
-    if lattice is not None:
-        pair_design, pair_target, pair_base = _pairs(grid, tone, known, lattice, rng)
+    if steps_px is not None:
+        pair_design, pair_target, pair_base = _pairs(grid, tone, known, steps_px, rng)
         design, target = np.concatenate([design, pair_design]), np.concatenate([target, pair_target])
     base = np.ones(len(design))
-    if lattice is not None and len(design) > unary:
-        base[:unary] = 0.02
-        base[unary:] = pair_base
+    if len(design) > unary:
+        base[:unary], base[unary:] = 0.02, pair_base
     nodes = _robust(design, target, base, grid.bending(), bend)
     slow = grid.image(nodes, shape)
     slow = slow - slow[known].mean(axis=0)
@@ -122,41 +239,35 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, lattice: Lattice |
 
 
 def local_light(rest: Floats, known: Flags, sigma_px: float) -> Floats:
-    """Return (h, w, c): what slow part a fit left, at the scale of ``sigma_px``, and its membrane through holes.
+    """Return (H, W, C): what slow part a fit left, at the scale of ``sigma_px``, and its membrane through holes.
 
     For surfaces without a lattice, whose pattern nobody can tell from light: glow and soft shadows meet at the rim.
     """
-    share = blurred(known.astype(np.float32), sigma_px)
-    return spread(_blurred(rest, known, sigma_px), known & (share > LEAST_SHARE))
-
-
-def _blurred(tone: Floats, known: Flags, sigma: float) -> Floats:
-    share = blurred(known.astype(np.float32), sigma)
-    low = blurred(np.where(known[..., None], tone, 0).astype(np.float32), sigma)
-    return np.asarray(low / np.maximum(share, 1e-4)[..., None], np.float32)
+    mean, share = known_mean(rest, known, sigma_px)
+    return spread(mean, known & (share > LEAST_SHARE))
 
 
 def _unary(
-    grid: _Grid, tone: Floats, known: Flags, rng: np.random.Generator, lattice: Lattice | None
+    grid: _Grid, tone: Floats, known: Flags, rng: np.random.Generator, steps_px: Doubles | None
 ) -> tuple[Doubles, Doubles]:
     """Return design and target of single pixels, averaged over a neighbourhood as wide as a lattice cell."""
-    cell = 0.0 if lattice is None else float(np.sqrt(abs(np.linalg.det(np.stack([lattice.a_px, lattice.b_px])))))
+    cell = 0.0 if steps_px is None else float(np.sqrt(abs(np.linalg.det(steps_px))))
     sigma = max(0.02 * max(tone.shape[:2]), 0.4 * cell, 1.0)
     y, x = _sample(known, rng, SAMPLES // 2)
-    return grid.rows_at(y, x), _blurred(tone, known, sigma)[y, x].astype(np.float64)
+    return grid.rows_at(y, x), known_mean(tone, known, sigma)[0][y, x].astype(np.float64)
 
 
 def _pairs(
-    grid: _Grid, tone: Floats, known: Flags, lattice: Lattice, rng: np.random.Generator
+    grid: _Grid, tone: Floats, known: Flags, steps_px: Doubles, rng: np.random.Generator
 ) -> tuple[Doubles, Doubles, Doubles]:
     """Return design, target and weight of differences between pixels one lattice step apart.
 
     Brighter pixels weigh more: what little light dark ones give off is glints and what lies behind them.
     """
-    smooth = _blurred(tone, known, 1.5)
+    smooth, _ = known_mean(tone, known, 1.5)
     bright = grey(smooth) - float(np.median(grey(smooth)[known]))
     designs, targets, weights = [], [], []
-    a, b = lattice.a_px, lattice.b_px
+    a, b = steps_px
     for step in (a, b, a + b, a - b, 2 * a, 2 * b):
         dx, dy = (round(float(v)) for v in step)
         both = _both_known(known, dx, dy)
@@ -183,7 +294,7 @@ def _both_known(known: Flags, dx: int, dy: int) -> Flags:
     return both
 
 
-def _sample(among: Flags, rng: np.random.Generator, count: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def _sample(among: Flags, rng: np.random.Generator, count: int) -> tuple[Indices, Indices]:
     y, x = np.nonzero(among)
     if len(y) > count:
         chosen = rng.choice(len(y), count, replace=False)

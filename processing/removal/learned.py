@@ -76,7 +76,7 @@ class LamaFiller:
         )
 
     def _run(self, srgb: Floats, hole: Flags) -> Floats:
-        """Return (h, w, 3) sRGB 0..1 for sRGB 0..1 of a size that the network takes."""
+        """Return (H, W, 3) sRGB 0..1 for sRGB 0..1 of a size that the network takes."""
         picture = srgb[..., ::-1] if self.bgr else srgb
         feed: dict[str, Any] = {
             "image": np.ascontiguousarray(picture.transpose(2, 0, 1)[None], np.float32),

@@ -13,15 +13,13 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import grown, resized, row_solid_angles, share_of_sphere
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound, find_furniture, islands_in
-from processing.removal.meter_board import meter_board
-from processing.removal.round_masks import grown, resized, row_solid_angles, share_of_sphere
-from processing.removal.shadows import ShadowFound, find_shadows
-from processing.removal.sunlight import SunFound, find_sunlight
-from processing.removal.tripod import TripodFound, find_tripod
+from processing.removal.sunlight import ShadowFound, SunFound, find_shadows, find_sunlight
+from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps

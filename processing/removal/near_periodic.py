@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal.illumination import fit_illumination, local_light
+from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light, spread
 from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights
 from processing.removal.near_periodic_lattice import (
     ORIENTED_NCC,
@@ -32,7 +32,6 @@ from processing.removal.near_periodic_lattice import (
     oriented,
     self_correlation,
 )
-from processing.removal.smooth import ToneScale, grey, spread
 
 SEARCH_PX = 400
 """Of the longer side of the picture on which the lattice is sought."""
@@ -69,22 +68,22 @@ class Completion:
     """A texture without its hole."""
 
     values: Floats
-    """(h, w, 3): the given values, bit for bit, but in the hole."""
+    """(H, W, 3): the given values, bit for bit, but in the hole."""
     confidence: Floats
-    """(h, w), 0..1: in the hole how well the copies agree with their surroundings; 1 where known."""
+    """(H, W), 0..1: in the hole how well the copies agree with their surroundings; 1 where known."""
     repeat: Repeat
     lattice: Lattice | None
     """In the texture's pixels."""
     illumination: Floats
-    """(h, w, 3): the factor by which the light differs from its mean."""
+    """(H, W, 3): the factor by which the light differs from its mean."""
 
 
 def complete(
     values: Floats, known: Flags, hole: Flags, *, density: Floats | None = None, found: Analysis | None = None
 ) -> Completion:
-    """Fill ``hole`` of a texture (h, w, 3), linear light >= 0, from the ``known`` pixels; both masks (h, w).
+    """Fill ``hole`` of a texture (H, W, 3), linear light >= 0, from the ``known`` pixels; both masks (H, W).
 
-    ``density`` (h, w): picture pixels a texel; what was seen finely is then preferred where it was to be seen so.
+    ``density`` (H, W): picture pixels a texel; what was seen finely is then preferred where it was to be seen so.
 
     ``found`` is what `analyse` gave, if asked before.
     Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
@@ -98,7 +97,7 @@ def complete(
     tone = np.where(known[..., None], scale.tone(values), 0).astype(np.float32)
     found = found or analyse(values, known)
     lattice, repeat = found.lattice, found.repeat
-    slow = fit_illumination(tone, known, hole, lattice)
+    slow = fit_illumination(tone, known, hole, None if lattice is None else lattice.basis_px)
     if lattice is None:
         slow = slow + local_light(np.where(known[..., None], tone - slow, 0), known, LOCAL * max(known.shape))
     flat = np.where(known[..., None], tone - slow, 0).astype(np.float32)
@@ -135,7 +134,7 @@ class Analysis:
 
 
 def analyse(values: Floats, known: Flags) -> Analysis:
-    """Return how the known part of a texture (h, w, 3) repeats."""
+    """Return how the known part of a texture (H, W, 3) repeats."""
     tone = np.where(known, grey(ToneScale.of(values, known).tone(values)), 0).astype(np.float32)
     factor = min(1.0, SEARCH_PX / max(tone.shape))
     small, share = _smaller(tone[..., None], known, factor)
@@ -153,7 +152,7 @@ def analyse(values: Floats, known: Flags) -> Analysis:
 
 
 def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]:
-    """Return the known pixels' mean (h, w, c) in a picture ``factor`` as large, and the share that is known."""
+    """Return the known pixels' mean (H, W, C) in a picture ``factor`` as large, and the share that is known."""
     if factor >= 1.0:
         return tone, known.astype(np.float32)
     size = tuple(max(2, round(n * factor)) for n in tone.shape[1::-1])
@@ -166,8 +165,8 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
 def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float]:
     """Return the shifts to try, in the texture's pixels, and how large a neighbourhood tells whether one fits."""
     if found.lattice is not None:
-        basis = np.stack([found.lattice.a_px, found.lattice.b_px])
-        return lattice_offsets(found.lattice, known, hole), float(np.sqrt(abs(np.linalg.det(basis))))
+        cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))
+        return lattice_offsets(found.lattice, known.shape[:2]), cell
     cell = LOOSE_CELL * max(known.shape)
     if found.line is not None:
         return line_offsets(found.line, found.correlation) / found.factor, cell
@@ -185,7 +184,7 @@ class _Job:
     """What is to be filled from what."""
 
     tone: Floats
-    """(h, w, 3), 0 where not known."""
+    """(H, W, 3), 0 where not known."""
     known: Flags
     hole: Flags
     density: Floats | None

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal.smooth import blurred, spread
+from processing.ground.arrays import Doubles, Flags, Floats, Indices
+from processing.removal.illumination import blurred, spread
 
 GUESS_WEIGHT = 0.25
 """Of filled pixels against known ones when copies are compared."""
@@ -51,21 +50,21 @@ class Weights:
     """How much each copy gives to each pixel of a window; ``share`` sums to 1 where any copy offers something."""
 
     share: Floats
-    """(n, h, w)."""
-    best: npt.NDArray[np.intp]
-    """(h, w): index of the copy that agrees best."""
+    """(N, H, W)."""
+    best: Indices
+    """(H, W): index of the copy that agrees best."""
     offered: Flags
-    """(h, w): any copy offers something here."""
+    """(H, W): any copy offers something here."""
     cost: Floats
-    """(h, w): mean squared tone difference of the best copy to its surroundings."""
+    """(H, W): mean squared tone difference of the best copy to its surroundings."""
     offsets: Doubles
-    """(n, 2) as (dx, dy)."""
+    """(N, 2) as (dx, dy)."""
 
 
 def shifted(
     tone: Floats, known: Flags, offset: Doubles, window: tuple[slice, slice], *, cubic: bool
 ) -> tuple[Floats, Flags]:
-    """Return what the pixels of a window get from (dx, dy) away, (h, w, c), and where that is known."""
+    """Return what the pixels of a window get from (dx, dy) away, (H, W, C), and where that is known."""
     rows, columns = window
     size = (columns.stop - columns.start, rows.stop - rows.start)
     move = np.array([[1, 0, columns.start + offset[0]], [0, 1, rows.start + offset[1]]], np.float64)
@@ -88,9 +87,9 @@ def solve_weights(
     guesses: bool = True,
     density: Floats | None = None,
 ) -> Weights:
-    """Return which copies fill the window's hole; ``tone`` (h, w, c) must be 0 where not known.
+    """Return which copies fill the window's hole; ``tone`` (H, W, C) must be 0 where not known.
 
-    ``density`` (h, w): how finely the picture that the texture comes from saw it; copies that were seen less finely
+    ``density`` (H, W): how finely the picture that the texture comes from saw it; copies that were seen less finely
     than their place count as worse.
     """
     inner = np.ones((3, 3), np.uint8)
@@ -131,7 +130,7 @@ def solve_weights(
 
 
 def _penalties(density: Floats | None, known: Flags, offsets: Doubles, window: tuple[slice, slice]) -> Floats | None:
-    """Return (n, h, w) >= 1: by how much a copy's cost rises for being seen less finely than its place."""
+    """Return (N, H, W) >= 1: by how much a copy's cost rises for being seen less finely than its place."""
     if density is None:
         return None
     fine = np.log(np.maximum(density, 1e-3)).astype(np.float32)[..., None]
@@ -153,7 +152,7 @@ def _first_guess(tone: Floats, known: Flags, copies: list[Floats], offered: list
 
 
 def _usual_costs(tone: Floats, known: Flags, offsets: Doubles) -> Floats:
-    """Return (n,): each shift's mean squared difference over all pixels that are known here and there.
+    """Return (N,): each shift's mean squared difference over all pixels that are known here and there.
 
     Rows of panes or tiles may differ more than the panes of one row: copies from along the row are then the better
     ones in the middle of a hole too, where nothing known is near enough to tell.
@@ -175,9 +174,9 @@ def _usual_costs(tone: Floats, known: Flags, offsets: Doubles) -> Floats:
 def _costs(
     guess: Floats, known: Flags, hole: Flags, copies: list[Floats], offered: list[Flags], size: int, usual: Floats
 ) -> Floats:
-    """Return (n, h, w): the mean squared difference between each copy and the guess in a box; inf where not offered.
+    """Return (N, H, W): the mean squared difference between each copy and the guess in a box; inf where not offered.
 
-    What it ``usual``ly is (n,) counts as so many pixels more.
+    What it ``usual``ly is (N,) counts as so many pixels more.
     """
     prior = np.float32(USUAL_SHARE * size**2)
     trust = np.where(known, 1.0, np.where(hole, GUESS_WEIGHT, 0.0)).astype(np.float32)
@@ -193,7 +192,7 @@ def _costs(
 
 
 def _rim_costs(tone: Floats, known: Flags, copies: list[Floats], offered: list[Flags], box_px: int) -> Floats:
-    """Return (n, h, w): the mean squared difference between copies and known pixels, the near ones above all."""
+    """Return (N, H, W): the mean squared difference between copies and known pixels, the near ones above all."""
     sizes = [box_px * 2**k | 1 for k in range(RIM_SCALES) if box_px * 2**k < 2 * max(known.shape)]
     cost = np.empty((len(copies), *known.shape), np.float32)
     for index, (copy, some) in enumerate(zip(copies, offered, strict=True)):
@@ -221,7 +220,7 @@ def _shares(cost: Floats) -> tuple[Floats, Floats]:
     return np.asarray(share / np.maximum(share.sum(axis=0), 1e-12), np.float32), np.asarray(least, np.float32)
 
 
-def _tidied(best: npt.NDArray[np.intp], offered: list[Flags], box_px: int) -> npt.NDArray[np.intp]:
+def _tidied(best: Indices, offered: list[Flags], box_px: int) -> Indices:
     """Return the choice without specks: each place takes what most of its neighbourhood takes, as far as offered."""
     most, out = np.zeros(best.shape, np.float32), best.copy()
     for index, some in enumerate(offered):
@@ -252,7 +251,7 @@ LARGEST_STEP = 0.3
 def blend(
     tone: Floats, known: Flags, weights: Weights, window: tuple[slice, slice], scale: float, manner: Manner
 ) -> tuple[Floats, Flags]:
-    """Return the window's copies blended (h, w, c), and where any copy offers something.
+    """Return the window's copies blended (H, W, C), and where any copy offers something.
 
     ``weights`` are those of a picture ``scale`` (<= 1) times as large. The best copy's seams are feathered.
     """
@@ -305,7 +304,7 @@ def _box(flags: Flags) -> tuple[slice, slice] | None:
 
 
 def met_to_rim(filled: Floats, offered: Flags, tone: Floats, known: Flags, hole: Flags, rim_px: float) -> Floats:
-    """Return the filling (h, w, c) moved by a membrane so that it meets the tones around the hole without a step."""
+    """Return the filling (H, W, C) moved by a membrane so that it meets the tones around the hole without a step."""
     width = max(1, round(rim_px))
     near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * width + 1,) * 2, np.uint8)).astype(bool)
     ring = near & known & offered

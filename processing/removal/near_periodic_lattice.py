@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
-from processing.removal.smooth import blurred
+from processing.removal.illumination import known_mean
 
 # How well a texture fits itself when shifted: normalised cross-correlation of the known pixels, by FFT.
 #
@@ -45,15 +45,12 @@ class SelfCorrelation:
 
 
 def high_passed(tone: Floats, known: Flags, sigma_px: float) -> Floats:
-    """Return (h, w): the tone less its weighted local mean; 0 where unknown."""
-    weight = known.astype(np.float32)
-    low = blurred(np.where(known, tone, 0).astype(np.float32), sigma_px)
-    share = blurred(weight, sigma_px)
-    return np.asarray(np.where(known, tone - low / np.maximum(share, 1e-6), 0), np.float32)
+    """Return (H, W): the tone less its weighted local mean; 0 where unknown."""
+    return np.where(known, tone - known_mean(tone, known, sigma_px)[0], 0).astype(np.float32)
 
 
 def oriented(tone: Floats, known: Flags, sigma_px: float) -> tuple[Floats, Flags]:
-    """Return (h, w, 2) which way edges and grain run (cosine and sine of twice the angle), and where that is known.
+    """Return (H, W, 2) which way edges and grain run (cosine and sine of twice the angle), and where that is known.
 
     Blocks laid crosswise repeat in it where their tones do not: herringbone.
     """
@@ -70,7 +67,7 @@ def oriented(tone: Floats, known: Flags, sigma_px: float) -> tuple[Floats, Flags
 
 
 def self_correlation(picture: Floats, known: Flags) -> SelfCorrelation:
-    """Return the masked NCC of a picture (h, w) or (h, w, c) with itself for all shifts up to 3/4 of its size."""
+    """Return the masked NCC of a picture (H, W) or (H, W, C) with itself for all shifts up to 3/4 of its size."""
     height, width = picture.shape[:2]
     size = [fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
     fm = fft.rfft2(known.astype(np.float64), s=size)
@@ -118,15 +115,20 @@ class Lattice:
     strength: float
     """Mean NCC at the eight nodes nearest to zero."""
 
+    @property
+    def basis_px(self) -> Doubles:
+        """Return both shifts (2, 2), one a row."""
+        return np.stack([self.a_px, self.b_px])
+
     def nodes(self, reach: int) -> Doubles:
-        """Return (n, 2): all combinations of up to ``reach`` of both vectors but zero."""
+        """Return (N, 2): all combinations of up to ``reach`` of both vectors but zero."""
         i, j = np.meshgrid(np.arange(-reach, reach + 1), np.arange(-reach, reach + 1), indexing="ij")
         keep = (i != 0) | (j != 0)
         return np.asarray(i[keep][:, None] * self.a_px + j[keep][:, None] * self.b_px)
 
 
 def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CANDIDATES) -> tuple[Doubles, Doubles]:
-    """Return shifts (n, 2) of local maxima with dy > 0, or dy = 0 < dx, strongest first, and their NCC."""
+    """Return shifts (N, 2) of local maxima with dy > 0, or dy = 0 < dx, strongest first, and their NCC."""
     ncc = np.nan_to_num(correlation.ncc, nan=-1.0).astype(np.float32)
     reach = 7
     local = cv2.dilate(ncc, np.ones((reach, reach), np.uint8))
@@ -141,7 +143,7 @@ def peaks(correlation: SelfCorrelation, *, least: float = 0.15, count: int = CAN
     return np.stack([dx, dy], axis=-1)[order].astype(np.float64), value[order]
 
 
-def _valley(ncc: npt.NDArray[np.float32], centre: tuple[int, int], dx: Indices, dy: Indices) -> Doubles:
+def _valley(ncc: Floats, centre: tuple[int, int], dx: Indices, dy: Indices) -> Doubles:
     """Return the least NCC on the way from zero to each shift: a true period climbs out of a valley."""
     t = np.linspace(0.1, 0.9, 33)
     x = np.clip(np.rint(centre[1] + dx[:, None] * t).astype(np.intp), 0, ncc.shape[1] - 1)
@@ -267,11 +269,11 @@ class Line:
     """0..1: how much of the grain runs that way."""
 
 
-def lattice_offsets(lattice: Lattice, known: Flags, hole: Flags) -> Doubles:
+def lattice_offsets(lattice: Lattice, shape: tuple[int, int]) -> Doubles:
     """Return the nodes that reach known pixels, nearest first: what is near has like light and like wear."""
-    height, width = known.shape
-    basis = np.stack([lattice.a_px, lattice.b_px])
-    reach = min(40, int(np.ceil(1.1 * np.hypot(height, width) / max(np.linalg.norm(basis, axis=1).min(), 1.0))))
+    height, width = shape
+    shortest = max(np.linalg.norm(lattice.basis_px, axis=1).min(), 1.0)
+    reach = min(40, int(np.ceil(1.1 * np.hypot(height, width) / shortest)))
     nodes = lattice.nodes(reach)
     nodes = nodes[(np.abs(nodes[:, 0]) < 0.9 * width) & (np.abs(nodes[:, 1]) < 0.9 * height)]
     nodes = nodes[np.argsort(np.hypot(*nodes.T))]

@@ -13,8 +13,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from processing.ground.arrays import Flags, Floats
-from processing.removal.illumination import fit_illumination
-from processing.removal.smooth import ToneScale, blurred, grey, spread
+from processing.removal.illumination import ToneScale, blurred, fit_illumination, grey, known_mean, spread
 
 # What furniture takes from the light of the wall beside it: it does not go on where the furniture is removed.
 #
@@ -39,15 +38,15 @@ LEAST_FAR = 0.3
 
 
 def away_from(known: Flags, hole: Flags, px_per_m: float) -> Flags:
-    """Return the ``known`` texels (h, w) further than `NEAR_M` from the hole; all of them where those are too few."""
+    """Return the ``known`` texels (H, W) further than `NEAR_M` from the hole; all of them where those are too few."""
     far = known & (_away_px(hole) > NEAR_M * px_per_m)
     return far if far.sum() > LEAST_FAR * known.sum() else known
 
 
 def rising_light(light: Floats, clean: Flags, seen: Flags, hole: Flags, px_per_m: float) -> Floats:
-    """Return (h, w), >= 0: the tone by which light in the hole is above its membrane; 0 elsewhere, and at the rim.
+    """Return (H, W), >= 0: the tone by which light in the hole is above its membrane; 0 elsewhere, and at the rim.
 
-    ``light`` (h, w, 3): tones where ``clean`` (h, w), and in the hole their membrane. It rises away from all that is
+    ``light`` (H, W, 3): tones where ``clean`` (H, W), and in the hole their membrane. It rises away from all that is
     ``seen``. It never falls: a wall's place behind furniture is not darker than its surroundings for that.
     """
     if not hole.any() or not clean.any():
@@ -103,12 +102,12 @@ class PlainFill:
     """A plain texture without its hole."""
 
     values: Floats
-    """(h, w, 3): the given values, bit for bit, but in the hole."""
+    """(H, W, 3): the given values, bit for bit, but in the hole."""
     confidence: Floats
     profile: Floats
-    """(h, 1, 3): tone of each row against the light."""
+    """(H, 1, 3): tone of each row against the light."""
     clean: Flags
-    """(h, w): known pixels that show the surface itself."""
+    """(H, W): known pixels that show the surface itself."""
     roughness: float
     """Standard deviation of the known tones about light and profile: 0.01 paint, above 0.1 a pattern."""
 
@@ -124,10 +123,10 @@ def fill_plain(
     most_rough: float = np.inf,
     px_per_m: float | None = None,
 ) -> PlainFill:
-    """Fill ``hole`` of a texture (h, w, 3), linear light, from ``known``; ``level_rows``: rows have a profile.
+    """Fill ``hole`` of a texture (H, W, 3), linear light, from ``known``; ``level_rows``: rows have a profile.
 
-    ``usual_rows`` (h, 3): tone that rows have on other walls (skirting), where this one's are not seen. ``beside``
-    (h, w): what is seen though not to be learnt from; soft shadows there run out in the hole. A surface rougher than
+    ``usual_rows`` (H, 3): tone that rows have on other walls (skirting), where this one's are not seen. ``beside``
+    (H, W): what is seen though not to be learnt from; soft shadows there run out in the hole. A surface rougher than
     ``most_rough`` (what is seen through a window) gets no grain. ``px_per_m``: of a wall before which the hole's things
     stood; the light that they took from it is given back (`occlusion`). None: light goes on as it is at the rim.
     """
@@ -163,7 +162,7 @@ def fill_plain(
 
 
 def _profile(rest: Floats, known: Flags, hole: Flags, usual: Floats | None) -> Floats:
-    """Return (h, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted.
+    """Return (H, 1, 3): each row's median near the hole against the rows around it, as far as it is to be trusted.
 
     Of rows that are not seen near the hole, what is ``usual``.
     """
@@ -200,9 +199,7 @@ def _other_colours(tone: Floats, known: Flags) -> Flags:
     """
     if not known.any():
         return np.zeros_like(known)
-    share = blurred(known.astype(np.float32), GRAIN_PX)
-    mean = blurred(np.where(known[..., None], tone, 0).astype(np.float32), GRAIN_PX)
-    mean = np.asarray(mean / np.maximum(share, 1e-3)[..., None], np.float32)
+    mean, _ = known_mean(tone, known, GRAIN_PX)
     colour = mean - grey(mean)[..., None]
     off = np.abs(colour - np.median(colour[known], axis=0)).max(axis=-1)
     usual = OUTLIER * 1.4826 * float(np.median(off[known]))
@@ -219,20 +216,15 @@ def _outliers(rest: Floats, known: Flags) -> Flags:
     level = grey(rest)
     if not known.any():
         return np.zeros_like(known)
-    wide = max(4.0, 0.06 * max(known.shape))
-    share = blurred(known.astype(np.float32), wide)
-    local = blurred(np.where(known, level, 0).astype(np.float32), wide) / np.maximum(share, 1e-4)
-    off = np.abs(level - local)
+    off = np.abs(level - known_mean(level, known, max(4.0, 0.06 * max(known.shape)))[0])
     spread_of = max(1.4826 * float(np.median(off[known])), LEAST_SPREAD)
     odd = known & (off > OUTLIER * spread_of)
     return cv2.dilate(odd.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & known
 
 
 def _low(rest: Floats, clean: Flags) -> Floats:
-    """Return (h, w, 3) what is left of the light, smooth, and its membrane through holes."""
-    share = blurred(clean.astype(np.float32), GRAIN_PX)
-    low = blurred(np.where(clean[..., None], rest, 0).astype(np.float32), GRAIN_PX)
-    mean = np.asarray(low / np.maximum(share, 1e-4)[..., None], np.float32)
+    """Return (H, W, 3) what is left of the light, smooth, and its membrane through holes."""
+    mean, share = known_mean(rest, clean, GRAIN_PX)
     return spread(mean, clean & (share > 0.3))
 
 
@@ -240,26 +232,23 @@ def _calm(grain: Floats, clean: Flags) -> Flags:
     """Return the clean pixels around which nothing but grain is seen: no edges, cables, sockets."""
     if not clean.any():
         return clean
-    share = blurred(clean.astype(np.float32), GRAIN_PX)
-    energy = blurred((np.where(clean, grey(grain), 0) ** 2).astype(np.float32), GRAIN_PX) / np.maximum(share, 1e-3)
+    energy, _ = known_mean(grey(grain) ** 2, clean, GRAIN_PX)
     lively = clean & (energy > CALM * float(np.median(energy[clean])) + 1e-8)
     out = clean & ~cv2.dilate(lively.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     return out if out.sum() > 0.05 * clean.sum() else clean
 
 
 def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
-    """Return (h, w, 3) the soft shadows that end at a hole's rim, run out into it; 0 elsewhere.
+    """Return (H, W, 3) the soft shadows that end at a hole's rim, run out into it; 0 elsewhere.
 
-    ``step`` (h, w, 3): tone of what is seen less that of the filling. Only what is darker, of the same colour and
+    ``step`` (H, W, 3): tone of what is seen less that of the filling. Only what is darker, of the same colour and
     without edges of its own is a shadow; the rest of a thing is not.
     """
     near = cv2.dilate(hole.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
     ring = near & beside
     if not ring.any():
         return np.zeros_like(step)
-    share = blurred(beside.astype(np.float32), RIM_PX / 2)
-    mean = blurred(np.where(beside[..., None], step, 0).astype(np.float32), RIM_PX / 2)
-    mean = np.asarray(mean / np.maximum(share, 1e-3)[..., None], np.float32)
+    mean, _ = known_mean(step, beside, RIM_PX / 2)
     shade = grey(mean)
     colour = np.abs(mean - shade[..., None]).max(axis=-1)
     rough = np.abs(grey(step.astype(np.float32)) - shade)
@@ -271,7 +260,7 @@ def fading_shadows(step: Floats, beside: Flags, hole: Flags) -> Floats:
 
 
 def _copied_grain(grain: Floats, clean: Flags, hole: Flags) -> Floats:
-    """Return (h, w, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
+    """Return (H, W, 3): grain of known pixels of the same rows, else of others, blocks from different places."""
     height, width = clean.shape
     out, left = np.zeros_like(grain), hole.copy()
     rng = np.random.default_rng(11)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,13 +11,13 @@ import numpy as np
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
+from processing.removal.illumination import ToneScale, grey, known_mean
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
-from processing.removal.regions import opening_regions, too_bright
-from processing.removal.skirting import Skirting
 from processing.removal.sources import plane_sources
-from processing.surfaces.planes import FIRST_WALL, FLOOR
-from processing.surfaces.textures import Texture
+from processing.sphere import Equirectangular
+from processing.surfaces.planes import FIRST_WALL, FLOOR, Plane, planes_of
+from processing.surfaces.textures import Texture, unwrap
 
 PATTERN = 0.012
 """Roughness about light and profile from which a wall or ceiling is no plain paint but a pattern."""
@@ -28,6 +30,31 @@ SURE = 0.35
 """Confidence under which what was filled is called synthesised."""
 
 
+FRAME_M = 0.08
+"""Around an opening: its frame belongs to it."""
+
+
+def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_per_m: float) -> Iterator[Flags]:
+    """Yield (H, W) for each opening of a wall: its rectangle with its frame."""
+    v, u = ((np.arange(n) + 0.5) / px_per_m for n in shape)
+    for opening in room.openings:
+        if opening.wall + FIRST_WALL != plane.index:
+            continue
+        right, left = plane.width_m - opening.start_m + FRAME_M, plane.width_m - opening.end_m - FRAME_M
+        top = plane.height_m - opening.head_m - FRAME_M
+        low = plane.height_m - opening.sill_m + (FRAME_M if opening.sill_m > 0 else 0.0)
+        yield ((v >= top) & (v <= low))[:, None] & ((u >= left) & (u <= right))[None, :]
+
+
+def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
+    """Return known pixels far brighter than their surface around: lamps, glints; nothing is to be copied from them."""
+    if not known.any():
+        return np.zeros_like(known)
+    level = np.log(np.maximum(luminance, 1e-9))
+    local, _ = known_mean(level, known, max(3.0, 0.08 * max(known.shape)))
+    return known & (level > local + math.log(factor))
+
+
 @dataclass(frozen=True)
 class FilledPlane:
     """A plane's texture, whole."""
@@ -35,12 +62,12 @@ class FilledPlane:
     texture: Texture
     """As seen, holes left out."""
     values: Floats
-    """(h, w, 3): as seen where seen, else filled; 0 outside the plane."""
+    """(H, W, 3): as seen where seen, else filled; 0 outside the plane."""
     hole: Flags
     confidence: Floats
-    """(h, w)."""
+    """(H, W)."""
     continued: Flags
-    """(h, w): where the surface repeats or is plain, so that its continuation is no invention."""
+    """(H, W): where the surface repeats or is plain, so that its continuation is no invention."""
     how: str
 
 
@@ -120,3 +147,97 @@ def _surface(
         done = replace(done, values=np.where(hole[..., None], done.values * rows, values))
     kind = "" if done.lattice is None else f", NCC {done.lattice.strength:.2f}"
     return done.values, done.confidence, done.repeat is not Repeat.NONE, f"{done.repeat.value}{kind}"
+
+
+# The skirting of a room: what runs along the foot of its walls, learned from all of them for walls that hide theirs.
+
+
+SKIRTING_PX_PER_M = 80.0
+HIGHEST_M = 0.25
+TOP_M = 0.05
+"""Below that height: what of the wall is just above the skirting, against which it is told."""
+ABOVE_M = (0.3, 0.6)
+"""Where the wall itself must be seen too."""
+LEAST_COLUMNS = 12
+MIXED_PX, FARTHER = 1.5, 1.2
+"""Pixels beside the floor that show some of it; distance of what is seen of a wall over that of its plane."""
+LEAST_TONE, MOST_SPREAD = 0.04, 0.35
+"""Of the strongest row: a skirting is seen against its wall, and alike on all walls (of that tone)."""
+
+
+@dataclass(frozen=True)
+class Skirting:
+    """Tone against the wall above, by height over the floor."""
+
+    tone: Floats
+    """(N, 3), from the floor up, ``1 / SKIRTING_PX_PER_M`` a row; 0 where there is none."""
+
+    def rows(self, height: int, px_per_m: float) -> Floats:
+        """Return (H, 3): the same by rows of a wall's texture, from its ceiling down."""
+        above_m = (height - 0.5 - np.arange(height)) / px_per_m
+        places = (np.arange(len(self.tone)) + 0.5) / SKIRTING_PX_PER_M
+        parts = [np.interp(above_m, places, self.tone[:, k], right=0.0) for k in range(3)]
+        return np.stack(parts, axis=-1).astype(np.float32)
+
+
+def find_skirting(rgb: Floats, geometry: Equirectangular, room: RoomModel, masked: Flags) -> Skirting | None:
+    """Return what runs along the foot of the walls, None where nothing does or walls differ.
+
+    ``rgb`` (H, W, 3) is finite; nothing is taken from ``masked`` pixels (H, W).
+    """
+    found = []
+    for plane in planes_of(room)[FIRST_WALL:]:
+        texture = unwrap(rgb, geometry, room, plane, SKIRTING_PX_PER_M, mask=masked)
+        known = texture.known.copy()
+        for opening in opening_regions(plane, room, known.shape, SKIRTING_PX_PER_M):
+            # What is seen through a window, and its reveal, is no wall to compare with.
+            known[opening] = False
+        profile = _profile(replace(texture, known=known), _mixed_rows(plane, room, geometry))
+        if profile is not None:
+            found.append(profile)
+    if not found:
+        return None
+    profiles, columns = np.stack([tone for tone, _ in found]), np.array([count for _, count in found], np.float64)
+    middle = _weighted_median(profiles, columns)
+    strongest = int(np.abs(middle).mean(axis=1).argmax())
+    height = float(np.abs(middle[strongest]).mean())
+    off = np.abs(grey(profiles[:, strongest]) - float(grey(middle[strongest])))
+    spread = float(_weighted_median(off[:, None], columns)[0])
+    if height < LEAST_TONE or spread > MOST_SPREAD * height:
+        return None
+    return Skirting(middle.astype(np.float32))
+
+
+def _mixed_rows(plane: Plane, room: RoomModel, geometry: Equirectangular) -> int:
+    """Return how many of a wall's lowest rows hold some of the floor in the picture's pixels."""
+    eye = np.array([0.0, 0.0, room.camera_height_m])
+    away = FARTHER * max(abs(float((eye - plane.origin_m) @ plane.normal)), 0.3)
+    pixel_m = math.pi / geometry.height_px * (away**2 + room.camera_height_m**2) / away
+    return math.ceil(MIXED_PX * pixel_m * SKIRTING_PX_PER_M)
+
+
+def _profile(texture: Texture, mixed: int) -> tuple[Floats, int] | None:
+    """Return the tone (N, 3) of the lowest rows, from the floor up, against the wall above; of how many columns."""
+    rows = round(HIGHEST_M * SKIRTING_PX_PER_M)
+    foot = round(texture.plane.height_m * SKIRTING_PX_PER_M)
+    top, low = foot - round(ABOVE_M[1] * SKIRTING_PX_PER_M), foot - round(ABOVE_M[0] * SKIRTING_PX_PER_M)
+    if top < 0 or foot > len(texture.values):
+        return None
+    whole = texture.known[foot - rows : foot].all(axis=0) & texture.known[top:low].all(axis=0)
+    if whole.sum() < LEAST_COLUMNS:
+        return None
+    tone = ToneScale.of(texture.values, texture.known).tone(texture.values[:, whole])
+    off = tone[foot - rows : foot][::-1] - np.median(tone[top:low], axis=0)
+    found = np.asarray(np.median(off, axis=1), np.float32)
+    # Walls grow darker towards the floor; that is light.
+    found -= np.median(found[-round(TOP_M * SKIRTING_PX_PER_M) :], axis=0)
+    found[:mixed] = found[min(mixed, rows - 1)]
+    return found, int(whole.sum())
+
+
+def _weighted_median(values: Floats, weight: np.ndarray) -> Floats:
+    """Return the weighted median along the first axis."""
+    order = np.argsort(values, axis=0)
+    share = np.cumsum(weight[order], axis=0) / weight.sum()
+    place = (share >= 0.5 - 1e-12).argmax(axis=0)[None]
+    return np.asarray(np.take_along_axis(np.take_along_axis(values, order, axis=0), place, axis=0)[0])

@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.removal.illumination import fit_illumination
-from processing.removal.smooth import ToneScale, grey
+from processing.removal.illumination import ToneScale, fit_illumination, grey
 
 CELL_M = 0.03
 MOST_CELLS = 110
@@ -48,7 +47,7 @@ MOST_OUT = 0.35
 
 
 def plane_sources(values: Floats, sources: Flags, px_per_m: float) -> Flags:
-    """Return those of ``sources`` (h, w) that look as the plane does; ``values`` (h, w, 3) are linear light.
+    """Return those of ``sources`` (H, W) that look as the plane does; ``values`` (H, W, 3) are linear light.
 
     All of them where too little is seen to tell.
     """
@@ -81,7 +80,7 @@ def _islands(seen: Flags) -> Flags:
 
 
 def _looks(values: Floats, sources: Flags, share: Floats, seen: Flags) -> Floats:
-    """Return (h, w, 5) how cells look: colour, tone, roughness, in weighted natural logarithms."""
+    """Return (H, W, 5) how cells look: colour, tone, roughness, in weighted natural logarithms."""
     tone = ToneScale.of(values, sources).tone(values)
     weight = sources.astype(np.float32)
     mean = _means(tone * weight[..., None], share)
@@ -141,7 +140,7 @@ def _things(looks: Floats, steep: Floats, off: Doubles, seen: Flags) -> Flags:
 def _ends(looks: Floats, steep: Floats, clump: Flags, usual: Flags) -> bool:
     """Return whether a clump ends at an edge, as things do; light and shadow run out.
 
-    ``steep`` (h, w): how much looks change across `ACROSS_CELLS`. Towards a hole nobody sees how a clump ends: what has
+    ``steep`` (H, W): how much looks change across `ACROSS_CELLS`. Towards a hole nobody sees how a clump ends: what has
     no other border is a thing.
     """
     outside = cv2.distanceTransform((~clump).astype(np.uint8), cv2.DIST_L2, 3)
@@ -157,7 +156,7 @@ def _ends(looks: Floats, steep: Floats, clump: Flags, usual: Flags) -> bool:
 
 
 def _steepness(looks: Floats, seen: Flags) -> Floats:
-    """Return (h, w): how much looks change across `ACROSS_CELLS` at most, near each cell."""
+    """Return (H, W): how much looks change across `ACROSS_CELLS` at most, near each cell."""
     half, found = ACROSS_CELLS // 2, np.zeros(seen.shape, np.float32)
     for axis in (0, 1):
         one, other = np.roll(looks, half, axis), np.roll(looks, -half, axis)
@@ -169,6 +168,6 @@ def _steepness(looks: Floats, seen: Flags) -> Floats:
 
 
 def _squares(a: Floats | Doubles, b: Floats | Doubles) -> Doubles:
-    """Return (n, m): squared distances between rows."""
+    """Return (N, M): squared distances between rows."""
     found = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1)[None] - 2 * a @ b.T
     return np.asarray(np.maximum(found, 0), np.float64)

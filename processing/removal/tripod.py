@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Flags, Floats
-from processing.removal.edges import cut_picture, snapped
-from processing.removal.round_masks import colour_distance, components, row_latitudes
+from processing.ground.arrays import Bytes, Flags, Floats, Indices
+from processing.ground.board import MOST_LATITUDE_RAD, board_around
+from processing.ground.seam import components, row_latitudes, wrapped
+from processing.removal.edges import colour_distance, cut_picture, snapped
 from processing.segmentation.evidence import SceneClass
 
 # The surroundings of the nadir seen straight from above, without the panorama's stretching: there and back.
@@ -40,7 +41,7 @@ def nadir_picture(picture: npt.NDArray[np.generic], *, nearest: bool = False) ->
     longitude = np.arctan2(at[None, :], -at[:, None])
     latitude = radius_map() - math.pi / 2
     pad = 2
-    wide = np.concatenate([picture[:, width - pad :], picture, picture[:, :pad]], axis=1)
+    wide = wrapped(picture, pad)
     x = ((longitude / (2 * math.pi) + 0.5) * width - 0.5 + pad).astype(np.float32)
     y = ((0.5 - latitude / math.pi) * height - 0.5).astype(np.float32)
     how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
@@ -131,13 +132,13 @@ def _at_nadir(probabilities: Floats, rgb8: Bytes, floor: Flags, disc_rad: float)
 
 
 def strangeness(rgb8: Bytes, known: Flags) -> Floats:
-    """Return (h, w) in 0..1: how unlike the colours of the known pixels each pixel is; a half at `OUTLIER`."""
+    """Return (H, W) in 0..1: how unlike the colours of the known pixels each pixel is; a half at `OUTLIER`."""
     away = colour_distance(rgb8, known)
     return (1 / (1 + np.exp(-np.clip((away - OUTLIER) / 3, -30, 30)))).astype(np.float32)
 
 
 def thin_and_dark(rgb8: Bytes) -> Floats:
-    """Return (h, w) in 0..1: how surely each pixel is narrower than `LEG_PX` and darker than what is beside it."""
+    """Return (H, W) in 0..1: how surely each pixel is narrower than `LEG_PX` and darker than what is beside it."""
     encoded = cv2.cvtColor(rgb8, cv2.COLOR_RGB2GRAY).astype(np.float32)
     light = np.log((encoded / 255) ** 2.2 + 1e-3)
     brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
@@ -175,3 +176,91 @@ def _boards(evidence: Floats, rgb8: Bytes, near: Flags) -> tuple[Flags, int]:
     strong[0] = False
     strong[np.unique(labels[near])] = False
     return strong[labels], int(strong.sum())
+
+
+# The meter's board at the place where a session says that the meter looked, and its stand: no network need guess.
+#
+# The stand is what is thin, hangs together with the board's lower edge, and reaches down from there. A sheet on a wall
+# or on furniture has no stand.
+
+
+THIN_RAD = math.radians(3.5)
+"""What is narrower may be a pole or a leg; what is wider is left to other evidence."""
+STAND_STOPS, POLE_STOPS = 0.35, 0.12
+"""By which a leg, and a pole over its length, differs from what is beside it."""
+TEXTURE_SHARE, TEXTURE_TIMES = 0.75, 2.5
+"""What this share of a row beside the stand does not exceed is texture; a stand differs by this many times as much."""
+POLE_REACH, POLE_RAD = 0.1, math.radians(3)
+"""Of the board's width, how far from its middle a pole is looked for; over which length it is averaged."""
+REACH = 0.4
+"""Of the board's width, to either side of its middle: how far legs spread."""
+LEAST_POLE_RAD = math.radians(4)
+"""Below the board, from which it stands on something of its own."""
+
+
+def meter_board(luminance: Floats, target: tuple[float, float]) -> tuple[Flags, bool]:
+    """Return the mask (H, W) of board and stand in an upright panorama, and whether there is a stand.
+
+    Parameters
+    ----------
+    luminance
+        (H, W) float32, any scale; W = 2 H. What is not finite or not above zero is no part of a board.
+    target
+        Where the meter looked: longitude and latitude in rad.
+
+    Nothing is marked where no board is seen at the target (a wall was measured, the target lies beyond 60 degrees).
+    """
+    height, width = luminance.shape
+    nothing = np.zeros((height, width), bool)
+    if not all(map(math.isfinite, target)) or abs(target[1]) > MOST_LATITUDE_RAD:
+        return nothing, False
+    middle, row = width // 2, min(int((0.5 - target[1] / math.pi) * height), height - 1)
+    shift = middle - int((target[0] / (2 * math.pi) + 0.5) * width)
+    known = np.isfinite(luminance) & (luminance > 0)
+    level = np.log2(np.where(known, luminance, np.float32(1e-6))).astype(np.float32)
+    level = np.roll(level, shift, axis=1)
+    board = board_around(cv2.medianBlur(level, 3), np.roll(known, shift, axis=1), (row, middle))
+    if board is None:
+        return nothing, False
+    stand = _stand(level, board)
+    return np.roll(board | stand, -shift, axis=1), bool(stand.any())
+
+
+def _stand(level: Floats, board: Flags) -> Flags:
+    """Return what is thin, unlike what is beside it, and hangs from the board's lower edge."""
+    height = level.shape[0]
+    rows, columns = np.nonzero(board)
+    low, left, right = int(rows.max()), int(columns.min()), int(columns.max())
+    window, narrow = np.zeros_like(board), np.zeros_like(board)
+    for mask, share in ((window, REACH), (narrow, POLE_REACH)):
+        reach = max(2, round(share * (right - left)))
+        mask[low - 2 :, (left + right) // 2 - reach : (left + right) // 2 + reach + 1] = True
+    wide = 2 * (right - left)
+    beside = np.r_[max(0, left - wide) : left, right : min(level.shape[1], right + wide)]
+    brush = max(3, round(THIN_RAD / math.pi * height)) | 1
+    long = max(3, round(POLE_RAD / math.pi * height)) | 1
+    poles = _unlike(np.asarray(cv2.blur(level, (1, long)), np.float32), (brush, 1))
+    legs = np.maximum(_unlike(level, (brush, 1)), _unlike(level, (brush, brush)))
+    pole = (poles > np.maximum(POLE_STOPS, _usual(poles, beside))) & narrow
+    seen = ((pole | ((legs > np.maximum(STAND_STOPS, _usual(legs, beside))) & window)) & ~board).astype(np.uint8)
+    thin = np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8)), np.uint8)
+    _, labels = cv2.connectedComponents(thin, connectivity=8)
+    hanging = np.unique(labels[low : low + 4][narrow[low : low + 4]])
+    found = np.isin(labels, hanging[hanging > 0])
+    depth = (int(np.nonzero(found)[0].max()) - low) * math.pi / height if found.any() else 0.0
+    if depth < LEAST_POLE_RAD:
+        return np.zeros_like(board)
+    return np.asarray(cv2.dilate(found.astype(np.uint8), np.ones((3, 3), np.uint8)), bool)
+
+
+def _usual(unlike: Floats, beside: Indices) -> Floats:
+    """Return (H, 1): by how much a stand must differ from what is beside it; a carpet's texture does not."""
+    texture = np.quantile(unlike[:, beside], TEXTURE_SHARE, axis=1).astype(np.float32)[:, None]
+    return np.asarray(TEXTURE_TIMES * cv2.blur(texture, (1, 9)), np.float32)
+
+
+def _unlike(level: Floats, brush: tuple[int, int]) -> Floats:
+    """Return by how much each place is darker or brighter than what lies a brush's width away on both sides."""
+    shape = cv2.getStructuringElement(cv2.MORPH_RECT, brush)
+    hats = [cv2.morphologyEx(level, how, shape) for how in (cv2.MORPH_BLACKHAT, cv2.MORPH_TOPHAT)]
+    return np.asarray(np.maximum(*hats), np.float32)

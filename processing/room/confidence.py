@@ -17,8 +17,7 @@ from processing.ground.arrays import Doubles
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.room.columns import Columns
-from processing.room.fit import CAP, residuals
-from processing.room.hypotheses import Hypothesis
+from processing.room.hypotheses import CAP, Hypothesis, residuals
 from processing.room.refine import Refined
 from processing.sphere import Equirectangular
 

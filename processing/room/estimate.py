@@ -32,7 +32,7 @@ STRAIGHT_RAD = math.radians(2.0)
 
 
 def tidied(floor_m: Doubles) -> Doubles | None:
-    """Return a polygon (n, 2) without walls shorter than 6 cm and corners of less than 2 degrees; None if none is left.
+    """Return a polygon (N, 2) without walls shorter than 6 cm and corners of less than 2 degrees; None if none is left.
 
     A short wall's two corners become the one in their middle.
     """

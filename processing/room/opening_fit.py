@@ -13,14 +13,133 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import cv2
+import numba as nb
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
-from processing.room.opening_kernels import box_scores, edge, region
 from processing.room.wall_views import WallView
 from processing.segmentation.evidence import SceneClass
+
+# How well rectangles on a wall explain what is seen there (compiled).
+
+
+APART_TEXELS = 1.5
+"""Outlines that are nearer to each other are one."""
+
+
+class WallSums(NamedTuple):
+    """Running sums over a wall's texture of H x W texels, and where the camera is."""
+
+    votes: Doubles
+    """(H + 1, W + 1): votes for the opening, from the upper left corner."""
+    upright: Doubles
+    """(W, H + 1): strength of edges along upright lines, from the top."""
+    level: Doubles
+    """(H, W + 1): the same along level lines, from the left."""
+    brighter: tuple[Doubles, Doubles]
+    """Like ``upright`` and ``level``, of signed edges: positive where it is brighter to the right, or below."""
+    px_per_m: float
+    eye: Doubles
+    """(3,): the camera's (u, v) and its distance from the wall, m."""
+
+
+@nb.njit(cache=True, nogil=True)
+def _summed(table: Any, y: float, x: float) -> float:
+    row, column = min(int(y), table.shape[0] - 2), min(int(x), table.shape[1] - 2)
+    down, right = y - row, x - column
+    above = table[row, column] * (1 - right) + table[row, column + 1] * right
+    below = table[row + 1, column] * (1 - right) + table[row + 1, column + 1] * right
+    return float(above * (1 - down) + below * down)
+
+
+@nb.njit(cache=True, nogil=True)
+def region(table: Any, px_per_m: float, u0: float, v0: float, u1: float, v1: float) -> float:
+    """Return the sum (m2) of a rectangle from running sums (H + 1, W + 1); ends between texels count in part."""
+    height, width = table.shape[0] - 1, table.shape[1] - 1
+    x0, x1 = min(max(u0 * px_per_m, 0.0), width), min(max(u1 * px_per_m, 0.0), width)
+    y0, y1 = min(max(v0 * px_per_m, 0.0), height), min(max(v1 * px_per_m, 0.0), height)
+    total = _summed(table, y1, x1) - _summed(table, y0, x1) - _summed(table, y1, x0) + _summed(table, y0, x0)
+    return total / px_per_m**2
+
+
+@nb.njit(cache=True, nogil=True)
+def edge(table: Any, px_per_m: float, at_m: float, start_m: float, end_m: float) -> float:
+    """Return the sum (m) of edges along a line from running sums (LINES, N + 1); 0 at the wall's own ends."""
+    at = at_m * px_per_m
+    lines, last = table.shape[0], table.shape[1] - 1
+    if not 1 < at < lines - 1:
+        return 0.0
+    place = min(max(at - 0.5, 0.0), lines - 1.001)
+    line = int(place)
+    share = place - line
+    first = int(min(max(np.rint(start_m * px_per_m), 0), last))
+    after = int(min(max(np.rint(end_m * px_per_m), 0), last))
+    one, other = table[line, after] - table[line, first], table[line + 1, after] - table[line + 1, first]
+    return float((one * (1 - share) + other * share) / px_per_m)
+
+
+@nb.njit(cache=True, nogil=True)
+def _shown(eye: Any, recess_m: float, box: Any, out: Any) -> None:
+    u0, v0, u1, v1 = box[0], box[1], box[2], box[3]
+    if recess_m <= 0:
+        out[0], out[1], out[2], out[3] = u0 + recess_m, v0 + recess_m, u1 - recess_m, v1
+        return
+    k = eye[2] / (eye[2] + recess_m)
+    out[0] = max(u0, eye[0] + (u0 - eye[0]) * k)
+    out[1] = max(v0, eye[1] + (v0 - eye[1]) * k)
+    out[2] = min(u1, eye[0] + (u1 - eye[0]) * k)
+    out[3] = min(v1, eye[1] + (v1 - eye[1]) * k)
+
+
+@nb.njit(cache=True, nogil=True)
+def _glass(upright: Any, level: Any, px_per_m: float, frames_m: Any, shown: Any) -> float:
+    """Return the edges around the glass, within a frame as wide on all sides as suits best."""
+    best = -np.inf
+    for frame in frames_m:
+        u0, v0, u1, v1 = shown[0] + frame, shown[1] + frame, shown[2] - frame, shown[3] - frame
+        found = edge(upright, px_per_m, u0, v0, v1) + edge(upright, px_per_m, u1, v0, v1)
+        found += edge(level, px_per_m, v0, u0, u1) + edge(level, px_per_m, v1, u0, u1)
+        best = max(best, found)
+    return best
+
+
+@nb.njit(cache=True, nogil=True)
+def box_scores(wall: WallSums, recess_m: float, weights: Any, frames_m: Any, boxes: Any, out: Any) -> None:
+    """Fill ``out`` (N,) with the scores of rectangles ``boxes`` (N, 4), m.
+
+    ``weights`` (13,): of area, of outer edges (upright, upper, lower), of inner ones likewise, of the glass's, of the
+    rectangle's own width and height, and of outer edges that are brighter inside (upright, upper, lower).
+    ``frames_m`` (K,): widths of a window's frame that are tried.
+    """
+    votes, upright, level, brighter, px_per_m, eye = wall
+    shown = np.empty(4)
+    apart = APART_TEXELS / px_per_m
+    for i in range(len(boxes)):
+        box = boxes[i]
+        _shown(eye, recess_m, box, shown)
+        seen = region(votes, px_per_m, shown[0], shown[1], shown[2], shown[3])
+        # Networks call a reveal now wall, now window.
+        total = weights[0] * max(seen, region(votes, px_per_m, box[0], box[1], box[2], box[3]))
+        for side in range(4):
+            table = level if side % 2 else upright
+            start, end = (0, 2) if side % 2 else (1, 3)
+            which = 0 if side % 2 == 0 else (side + 1) // 2
+            total += weights[4 + which] * edge(table, px_per_m, shown[side], shown[start], shown[end])
+            if abs(shown[side] - box[side]) > apart:
+                total += weights[1 + which] * edge(table, px_per_m, box[side], box[start], box[end])
+            if weights[10 + which] != 0:
+                signed = edge(brighter[side % 2], px_per_m, box[side], box[start], box[end])
+                total += weights[10 + which] * (signed if side < 2 else -signed)
+        if weights[7] != 0:
+            total += weights[7] * _glass(upright, level, px_per_m, frames_m, shown)
+        out[i] = total + weights[8] * (box[2] - box[0]) + weights[9] * (box[3] - box[1])
+
+
+# Kinds of openings, and the fit of their rectangles.
+
 
 Box = tuple[float, float, float, float]
 
@@ -97,26 +216,21 @@ class Field:
 
     @cached_property
     def shown(self) -> Floats:
-        """Return the share (h, w) of what is looked for."""
+        """Return the share (H, W) of what is looked for."""
         share = self.share
         shown = share[self.kind.shown] + share[SceneClass.FIXTURE] if self.cloth else share[self.kind.shown]
         return np.asarray(shown, dtype=np.float32)
 
     @cached_property
     def votes(self) -> Floats:
-        """Return for and against the kind at each texel (h, w), -1..1; 0 where something hides the wall."""
+        """Return for and against the kind at each texel (H, W), -1..1; 0 where something hides the wall."""
         shown = self.shown
         hiding = [each for each in HIDING if not (self.cloth and each is SceneClass.FIXTURE)]
         hidden = self.share[hiding].sum(axis=0)
         return np.where(self.view.known, 2 * shown + hidden - 1, 0.0).astype(np.float32)
 
     @cached_property
-    def _votes_sum(self) -> Doubles:
-        return np.asarray(cv2.integral(self.votes, sdepth=cv2.CV_64F), dtype=np.float64)
-
-    @cached_property
-    def _edge_sums(self) -> tuple[Doubles, Doubles, tuple[Doubles, Doubles]]:
-        """Return running sums of edges along upright and level lines; and signed ones: brighter to the right, below."""
+    def _sums(self) -> WallSums:
         standing = np.minimum(self.share[[SceneClass.FURNITURE, SceneClass.TRIPOD]].sum(axis=0), 1)
         # Curtains have upright edges of their own; sill and head are seen over radiators and under rods.
         cloth = 0.0 if self.cloth else self.share[SceneClass.FIXTURE]
@@ -129,22 +243,23 @@ class Field:
             first = np.cumsum((cv2.blur(upright, (3, 1)) - common) * bare, axis=0, dtype=np.float64)
             second = np.cumsum((cv2.blur(level, (1, 3)) - common) * clear, axis=1, dtype=np.float64)
             found += [np.ascontiguousarray(np.pad(first, ((1, 0), (0, 0))).T), np.pad(second, ((0, 0), (1, 0)))]
-        return found[0], found[1], (found[2], found[3])
+        votes = np.asarray(cv2.integral(self.votes, sdepth=cv2.CV_64F), np.float64)
+        eye = np.array(self.view.eye, np.float64)
+        return WallSums(votes, found[0], found[1], (found[2], found[3]), self.view.px_per_m, eye)
 
     def region(self, box: Box) -> float:
         """Return the sum of votes (m2) in a box; ends between texels count in part."""
-        return float(region(self._votes_sum, self.view.px_per_m, *box))
+        return float(region(self._sums.votes, self.view.px_per_m, *box))
 
     def level_edge(self, v_m: float, u0_m: float, u1_m: float) -> float:
         """Return how much edge (m) runs along a level line; 0 at the wall's own ends."""
-        return float(edge(self._edge_sums[1], self.view.px_per_m, v_m, u0_m, u1_m))
+        return float(edge(self._sums.level, self.view.px_per_m, v_m, u0_m, u1_m))
 
     def scores(self, recess_m: float, boxes: Doubles, weights: Sequence[float] | None = None) -> Doubles:
-        """Return the scores (n,) of boxes (n, 4): larger is better, 0 is no opening. ``weights`` None: the kind's."""
+        """Return the scores (N,) of boxes (N, 4): larger is better, 0 is no opening. ``weights`` None: the kind's."""
         out = np.empty(len(boxes))
         view, used = self.view, np.array(weights or self.kind.weights, dtype=np.float64)
-        eye, frames = np.array(view.eye, dtype=np.float64), np.array(FRAMES_M)
-        box_scores(self._votes_sum, *self._edge_sums, view.px_per_m, eye, recess_m, used, frames, boxes, out)
+        box_scores(self._sums, recess_m, used, np.array(FRAMES_M), boxes, out)
         usual, head = self.kind.usual_width_m, self.kind.usual_head_m
         if usual:
             out -= 0.25 * ((boxes[:, 2] - boxes[:, 0] - usual[0]) / usual[1]) ** 2

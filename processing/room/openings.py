@@ -12,9 +12,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Flags
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.room.opening_fit import (
@@ -247,7 +246,7 @@ def _lowest_glimpse(field: Field, texels: tuple[int, int, int, int]) -> int:
     return v0 + (int(rows[-1]) if rows.size else 0)
 
 
-def _is_blind(field: Field, there: npt.NDArray[np.bool_], texels: tuple[int, int, int, int]) -> bool:
+def _is_blind(field: Field, there: Flags, texels: tuple[int, int, int, int]) -> bool:
     """Return whether cloth and window form one rectangle, and cloth hangs before the window rather than beside it."""
     u0, v0, u1, v1 = texels
     window = field.share[field.kind.shown][v0:v1, u0:u1]

@@ -12,9 +12,8 @@ from typing import Any
 
 import numba as nb
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Indices
 from processing.room.columns import Columns
 
 # Which walls explain the columns: the cheapest division of the turn into stretches that each show one wall.
@@ -46,11 +45,11 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Costs:
-    """Of every stretch: ``cost`` (kinds, n, longest + 1) by first column and number of columns, and its fit."""
+    """Of every stretch: ``cost`` (KINDS, N, LONGEST + 1) by first column and number of columns, and its fit."""
 
     cost: Doubles
     fit: Doubles
-    """(kinds, n, longest + 1, 2)."""
+    """(KINDS, N, LONGEST + 1, 2)."""
 
 
 def stretch_costs(columns: Columns, turned_rad: float, kinds: tuple[int, ...] = (ALONG_X, ALONG_Y, FREE)) -> Costs:
@@ -146,7 +145,7 @@ def divide(costs: Costs, corner: Doubles, price: float, kinds: dict[int, float])
     return total, stretches[::-1]
 
 
-def _cheapest_kinds(cost: Doubles, kinds: dict[int, float]) -> tuple[npt.NDArray[np.intp], Doubles]:
+def _cheapest_kinds(cost: Doubles, kinds: dict[int, float]) -> tuple[Indices, Doubles]:
     priced = np.full(cost.shape, np.inf)
     for kind, extra in kinds.items():
         priced[kind] = cost[kind] + extra
@@ -205,7 +204,7 @@ class Outline:
 
 
 def corners_of(outline: Outline) -> Doubles:
-    """Return corner i, where wall i - 1 meets wall i, (n, 2) in the world's axes, clockwise; NaN if parallel."""
+    """Return corner i, where wall i - 1 meets wall i, (N, 2) in the world's axes, clockwise; NaN if parallel."""
     angle = np.array([w.normal_rad for w in outline.walls]) + outline.turned_rad
     distance = np.array([w.distance for w in outline.walls])
     nx, ny = np.sin(angle), np.cos(angle)

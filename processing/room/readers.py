@@ -39,7 +39,7 @@ def opening_on_wall(
 ) -> list[Opening]:
     """Return the opening between two places (2, 2) of the plan on the wall they lie on; nothing where that is none.
 
-    ``floor`` (n, 2) counter-clockwise; ``heights_m`` (2,) of its lower and upper edge, held within the wall.
+    ``floor`` (N, 2) counter-clockwise; ``heights_m`` (2,) of its lower and upper edge, held within the wall.
     """
     start, following = floor, np.roll(floor, -1, axis=0)
     length = np.hypot(*(following - start).T)

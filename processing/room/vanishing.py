@@ -12,9 +12,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Doubles, Floats
+from processing.ground.arrays import Bytes, Doubles, Floats, Indices
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Perspective, point_directions, view_axes
 from processing.sphere.views import Panorama, covering_views, cut_view
@@ -45,23 +44,23 @@ class Arcs:
     """Line segments on the sphere, in the axes of the panorama's world."""
 
     ends: Doubles
-    """(n, 2, 3), unit directions."""
+    """(N, 2, 3), unit directions."""
     normals: Doubles
-    """(n, 3), unit: of the great circle through both ends."""
+    """(N, 3), unit: of the great circle through both ends."""
     length_rad: Doubles
-    """(n,)."""
+    """(N,)."""
     sigma_rad: Doubles
-    """(n,): standard error of the great circle's direction."""
+    """(N,): standard error of the great circle's direction."""
 
     @property
     def middles(self) -> Doubles:
-        """Return the unit directions (n, 3) of the arcs' middles."""
+        """Return the unit directions (N, 3) of the arcs' middles."""
         total = self.ends.sum(axis=1)
         return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
 
 
 def tone_mapped(image: RelativeImage | LuminanceImage) -> Bytes:
-    """Return an 8-bit grey copy (h, w) in which edges of sunny and of dim parts have like contrast.
+    """Return an 8-bit grey copy (H, W) in which edges of sunny and of dim parts have like contrast.
 
     Log luminance against its surround, `CONTRAST_STOPS` from black to white. All black or constant: mid-grey.
     """
@@ -101,7 +100,7 @@ def find_arcs(image: RelativeImage | LuminanceImage) -> Arcs:
 
 
 def arcs_of(ends: Doubles, pixel_rad: float) -> Arcs:
-    """Return arcs through pairs of directions (n, 2, 3), found with pixels of a size; too short ones are dropped."""
+    """Return arcs through pairs of directions (N, 2, 3), found with pixels of a size; too short ones are dropped."""
     normals = np.cross(ends[:, 0], ends[:, 1])
     sine = np.linalg.norm(normals, axis=1)
     length = np.arctan2(sine, (ends[:, 0] * ends[:, 1]).sum(axis=1))
@@ -111,7 +110,7 @@ def arcs_of(ends: Doubles, pixel_rad: float) -> Arcs:
 
 
 def _of_view(panorama: Panorama, view: Perspective) -> Doubles:
-    """Return the ends (n, 2, 3) of one view's segments."""
+    """Return the ends (N, 2, 3) of one view's segments."""
     picture = cut_view(panorama, view)
     if picture.min() == picture.max():
         return np.empty((0, 2, 3))
@@ -125,7 +124,7 @@ def _of_view(panorama: Panorama, view: Perspective) -> Doubles:
     return directions
 
 
-def _nearest(ends: Doubles, axes: Doubles) -> npt.NDArray[np.intp]:
+def _nearest(ends: Doubles, axes: Doubles) -> Indices:
     return np.asarray((ends.sum(axis=1) @ axes.T).argmax(axis=1))
 
 
@@ -177,7 +176,7 @@ def _spread(arcs: Arcs, of_room_rad: float) -> Doubles:
 
 
 def _verticals(arcs: Arcs, worth: Doubles, most_tilt_rad: float) -> Doubles:
-    """Return up to `KEPT` directions (k, 3) through which many arcs go, none near another, and the zenith itself."""
+    """Return up to `KEPT` directions (K, 3) through which many arcs go, none near another, and the zenith itself."""
     steep = np.flatnonzero(np.abs(arcs.normals[:, 2]) < math.sin(most_tilt_rad))
     zenith = np.array([[0.0, 0.0, 1.0]])
     if steep.size < 2:
@@ -257,7 +256,7 @@ def _jackknife(arcs: Arcs, worth: Doubles, rows: Doubles) -> Doubles:
     return np.asarray((SECTORS - 1) / SECTORS * off.T @ off)
 
 
-def _sector(arcs: Arcs, rows: Doubles) -> npt.NDArray[np.intp]:
+def _sector(arcs: Arcs, rows: Doubles) -> Indices:
     seen = arcs.middles @ rows.T
     turn = np.arctan2(seen[:, 0], seen[:, 1]) / (2 * math.pi) + 0.5
     return np.asarray(np.minimum((turn * SECTORS).astype(np.intp), SECTORS - 1))

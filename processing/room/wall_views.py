@@ -11,9 +11,8 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.segmentation.evidence import SceneEvidence
@@ -38,9 +37,9 @@ class WallView:
     plane: Plane
     px_per_m: float
     log_luminance: Floats
-    """(h, w): log2 of luminance over the room's median."""
-    known: npt.NDArray[np.bool_]
-    """(h, w)."""
+    """(H, W): log2 of luminance over the room's median."""
+    known: Flags
+    """(H, W)."""
     share: Floats
     """(len(SceneClass), h, w): probabilities."""
     eye: tuple[float, float, float]
@@ -53,7 +52,7 @@ class WallView:
 
     @cached_property
     def edges(self) -> tuple[Floats, Floats]:
-        """Return how clearly brightness rises at each texel (h, w), -1..1, from left to right and downwards."""
+        """Return how clearly brightness rises at each texel (H, W), -1..1, from left to right and downwards."""
         soft = cv2.GaussianBlur(self.log_luminance, (0, 0), 0.8)
         out = []
         for dx, dy in ((1, 0), (0, 1)):

@@ -127,7 +127,7 @@ def _asked(panorama: Panorama, segmenter: Segmenter, view: Perspective, worth: f
 
 
 def _worth_a_look(coarse: Floats, view: Perspective) -> bool:
-    """Return whether a view may show floor or furniture, as far as coarse probabilities (8, h, w) tell."""
+    """Return whether a view may show floor or furniture, as far as coarse probabilities (8, H, W) tell."""
     small = view_at(fov_rad=view.fov_x_rad, theta_rad=view.yaw_rad, phi_rad=view.pitch_rad, height_px=32, width_px=32)
     seen = cut_view(np.ascontiguousarray(coarse.transpose(1, 2, 0)), small)
     shown = np.maximum(seen[..., SceneClass.FLOOR], seen[..., SceneClass.FURNITURE]) >= TOLD

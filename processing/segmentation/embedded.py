@@ -179,13 +179,13 @@ def scene_evidence(
 
 
 def _turned(picture: Floats, turns: tuple[int, ...]) -> Floats:
-    """Return the turned, every second time mirrored pictures (n, 3, 128, 256)."""
+    """Return the turned, every second time mirrored pictures (N, 3, 128, 256)."""
     found = [np.roll(picture, turn, axis=1)[:, :: -1 if number % 2 else 1] for number, turn in enumerate(turns)]
     return np.ascontiguousarray(np.stack(found).transpose(0, 3, 1, 2))
 
 
 def _back(values: Floats, number: int, turn: int) -> Floats:
-    """Return what was found on a turned picture (..., columns) as it lies on the picture itself."""
+    """Return what was found on a turned picture (..., N) as it lies on the picture itself."""
     return np.asarray(np.roll(values[..., :: -1 if number % 2 else 1], -turn, axis=-1), dtype=np.float32)
 
 

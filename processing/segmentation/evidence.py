@@ -48,14 +48,14 @@ class BoundaryEvidence:
     """
 
     ceiling_rad: Doubles
-    """(n,), > 0."""
+    """(N,), > 0."""
     floor_rad: Doubles
-    """(n,), < 0."""
+    """(N,), < 0."""
     ceiling_sigma_rad: Doubles
-    """(n,): standard uncertainty."""
+    """(N,): standard uncertainty."""
     floor_sigma_rad: Doubles
     corner: Floats
-    """(n,), 0..1: how likely a vertical corner of the room (seen or hidden) lies in this column."""
+    """(N,), 0..1: how likely a vertical corner of the room (seen or hidden) lies in this column."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ class Segmenter(Protocol):
         """Whether it takes no other."""
 
     def probabilities(self, view_rgb8: Bytes) -> Floats:
-        """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); each pixel sums to 1."""
+        """Return (H', W', len(SceneClass)) of an sRGB view (H, W, 3); each pixel sums to 1."""
 
 
 class _ByContract(ABC):
@@ -72,7 +72,7 @@ class _ByContract(ABC):
         return self.contract.fixed_size
 
     def probabilities(self, view_rgb8: Bytes) -> Floats:
-        """Return (h', w', len(SceneClass)) of an sRGB view (h, w, 3); `SegmenterError` where the network fails."""
+        """Return (H', W', len(SceneClass)) of an sRGB view (H, W, 3); `SegmenterError` where the network fails."""
         try:
             found = self._outputs_of(network_input(self.contract, view_rgb8))
         # Runtimes' errors have no common base.

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from processing.calibration.profile import RigProfile
-from processing.calibration.scale.board import find_board
 from processing.calibration.scale.luminance import ScaleFactor, scale_from_reading, scaled
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, published_vignetting
-from processing.errors import LensError
+from processing.errors import LensError, ScaleError
+from processing.ground.board import find_board
 from processing.ground.colour import LUMINANCE_WEIGHTS
-from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.sphere import Equirectangular
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import SessionManifest, Side
 
@@ -141,8 +142,11 @@ def _target(
         return (*asked.angles_rad(asked.target), {"source": "given"})
     if session.target is not None:
         return session.target.longitude_rad, session.target.latitude_rad, {"source": "recorded in the session"}
-    board = find_board(image)
-    return board.longitude_rad, board.latitude_rad, {"source": "board found", "confidence": board.confidence}
+    if not isinstance(image.geometry, Equirectangular):
+        raise ScaleError("the board is looked for in panoramas only", advice="give the target's direction")
+    board = find_board(image.rgb, luminance_cd_m2(image.rgb), image.validity == Validity.VALID)
+    longitude = math.remainder(board.longitude_rad + image.geometry.yaw_rad, 2 * math.pi)
+    return longitude, board.latitude_rad, {"source": "board found", "confidence": board.confidence}
 
 
 def _luminance(rgb: tuple[float, float, float]) -> float:

@@ -38,7 +38,7 @@ class Plane:
     width_m: float
     height_m: float
     outline_m: Doubles
-    """(n, 2): the plane's polygon in (u, v)."""
+    """(N, 2): the plane's polygon in (u, v)."""
 
     def world(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
         """Return world positions (..., 3) of places on the plane."""

@@ -25,9 +25,9 @@ def check_stands(room: RoomModel) -> None:
 
 
 def wall_ranges(floor: npt.ArrayLike, azimuth_rad: npt.ArrayLike) -> tuple[Doubles, Int16s]:
-    """Return the horizontal distance of the nearest wall (m) and its number, for azimuths (n,) from +y towards +x.
+    """Return the horizontal distance of the nearest wall (m) and its number, for azimuths (N,) from +y towards +x.
 
-    ``floor`` (corners, 2), counter-clockwise around the camera at (0, 0). Inf and -1 where no wall is met, which does
+    ``floor`` (K, 2), counter-clockwise around the camera at (0, 0). Inf and -1 where no wall is met, which does
     not happen for a camera inside.
     """
     corners = np.asarray(floor, dtype=np.float64)
@@ -64,7 +64,7 @@ def in_sight(floor: npt.ArrayLike, points_m: npt.ArrayLike) -> Flags:
 
 
 def boundary_latitudes(room: RoomModel, azimuth_rad: npt.ArrayLike) -> tuple[Doubles, Doubles]:
-    """Return the latitudes (rad) at which the nearest wall meets ceiling and floor, for azimuths (n,)."""
+    """Return the latitudes (rad) at which the nearest wall meets ceiling and floor, for azimuths (N,)."""
     distance, _ = wall_ranges(room.floor, azimuth_rad)
     up = np.arctan2(room.ceiling_height_m - room.camera_height_m, distance)
     return up, np.arctan2(-room.camera_height_m, distance)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Flags, Floats, Int32s
+from processing.ground.arrays import Doubles, Flags, Floats, Int16s, Int32s
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.surfaces.planes import planes_of
 
@@ -20,7 +20,7 @@ RED_IN_SUN, BLUE_IN_SUN = (-0.25, 1.0), (-2.5, 0.3)
 """Natural logarithms of red and blue over green, against the surface in the shade: a low sun is warmer than the sky."""
 
 
-def coloured_as_behind(rgb: Floats, plane: npt.NDArray[np.int16], places: Flags, hidden: Flags) -> Flags:
+def coloured_as_behind(rgb: Floats, plane: Int16s, places: Flags, hidden: Flags) -> Flags:
     """Return those of the ``places`` (H, W) that have the colour of the plane behind, or that in warm sunlight.
 
     ``rgb`` (H, W, 3) is linear light, ``plane`` (H, W) numbers the room's planes; a plane's colour is that of what
@@ -99,7 +99,7 @@ def window_depth(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -
     return np.maximum(best, OUTSIDE).astype(np.float32), which
 
 
-def wall_between(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> npt.NDArray[np.bool_]:
+def wall_between(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> Flags:
     """Return where another wall of the room hides the sun's window: the way there leaves the room more than once."""
     points = np.asarray(points_m, dtype=np.float64)
     direction = np.asarray(sun, dtype=np.float64)[:2]

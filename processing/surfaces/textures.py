@@ -4,18 +4,212 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
+import numba as nb
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int16s
 from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map
 from processing.surfaces.planes import FIRST_WALL, Plane
 from processing.surfaces.sight import check_stands, in_sight
-from processing.surfaces.texture_kernels import unwrapped, wrapped
+
+# Compiled resampling between a panorama and a plane.
+
+
+MOST_FINE = 8
+"""Samples across a texel or pixel: finer detail than that is lost to aliasing, which is then below 1 in 64."""
+LEAST_KNOWN = 0.5
+"""Share of a texel's samples that must be known."""
+CLEAR = 1e-3
+"""Weight of masked pixels that spoils a sample."""
+
+
+class _Rectified(NamedTuple):
+    """A texture as the compiled code fills and reads it."""
+
+    axes: Doubles
+    """(4, 3): the plane's origin as seen from the camera (m), unit vectors along its u and v, and its normal."""
+    px_per_m: float
+    inside: Floats
+    """(H, W): 1 for texels that count, else 0."""
+    values: Floats
+    """(H, W, C)."""
+
+
+class _Seen(NamedTuple):
+    """The panorama's pixels of which a room's plane is wanted."""
+
+    planes: Int16s
+    """(H, W): index of the plane that each pixel sees."""
+    rows: Indices
+    """(N,)."""
+    columns: Indices
+    """(N,)."""
+    yaw_rad: float
+    floor: Doubles
+    """(K, 2): the room's corners, m."""
+    camera_m: float
+    ceiling_m: float
+
+
+@nb.njit(cache=True, nogil=True)
+def _fineness(extent_px: float) -> int:
+    return min(MOST_FINE, max(1, int(np.ceil(0.8 * extent_px))))
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_sample(picture: Any, masked: Any, x: float, y: float, sums: Any) -> bool:
+    """Add the panorama's value at a place in pixels to ``sums``; False where a masked pixel has part in it."""
+    height, width, channels = picture.shape
+    # Within half a row of a pole, the pole's own row.
+    y = min(max(y - 0.5, 0.0), height - 1.0)
+    x = x - 0.5
+    left, up = int(np.floor(x)), int(y)
+    right_part, down_part = x - left, y - up
+    down = min(up + 1, height - 1)
+    right = (left + 1) % width
+    left %= width
+    if masked.size > 0:
+        hidden = (1 - down_part) * ((1 - right_part) * masked[up, left] + right_part * masked[up, right])
+        hidden += down_part * ((1 - right_part) * masked[down, left] + right_part * masked[down, right])
+        if hidden > CLEAR:
+            return False
+    for c in range(channels):
+        above = (1 - right_part) * picture[up, left, c] + right_part * picture[up, right, c]
+        below = (1 - right_part) * picture[down, left, c] + right_part * picture[down, right, c]
+        sums[c] += (1 - down_part) * above + down_part * below
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
+def _unwrapped(picture: Any, masked: Any, yaw_rad: float, texture: _Rectified, known: Any, density: Any) -> None:
+    """Fill a texture's values and its ``known`` and ``density`` (H, W), from a panorama ``picture`` (H, W, C)."""
+    axes, px_per_m, seen, values = texture
+    corner, u_axis, v_axis, normal = axes[0], axes[1], axes[2], axes[3]
+    texel_m = 1 / px_per_m
+    height, width, channels = picture.shape
+    row_rad, column_rad = np.pi / height, 2 * np.pi / width
+    sums = np.zeros(channels)
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            if not seen[i, j]:
+                continue
+            d = corner + ((j + 0.5) * texel_m) * u_axis + ((i + 0.5) * texel_m) * v_axis
+            distance = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+            facing = abs(d[0] * normal[0] + d[1] * normal[1] + d[2] * normal[2]) / distance
+            flat = max(np.sqrt(d[0] ** 2 + d[1] ** 2) / distance, np.sin(row_rad / 2))
+            density[i, j] = facing * (texel_m / distance) ** 2 / (row_rad * column_rad * flat)
+            fine = _fineness(texel_m / distance / row_rad)
+            sums[:] = 0.0
+            count = 0
+            for a in range(fine * fine):
+                across = (j + (a % fine + 0.5) / fine) * texel_m
+                along = (i + (a // fine + 0.5) / fine) * texel_m
+                dx = corner[0] + across * u_axis[0] + along * v_axis[0]
+                dy = corner[1] + across * u_axis[1] + along * v_axis[1]
+                dz = corner[2] + across * u_axis[2] + along * v_axis[2]
+                x = (np.arctan2(dx, dy) - yaw_rad) / column_rad + width / 2
+                y = height / 2 - np.arctan2(dz, np.sqrt(dx * dx + dy * dy)) / row_rad
+                count += _add_sample(picture, masked, x, y, sums)
+            if count >= LEAST_KNOWN * fine * fine:
+                known[i, j] = True
+                for c in range(channels):
+                    values[i, j, c] = sums[c] / count
+
+
+@nb.njit(cache=True, nogil=True)
+def _plane_met(floor: Any, dx: float, dy: float, dz: float, camera_m: float, ceiling_m: float) -> int:
+    """Return which plane a ray from the camera meets: 0 floor, 1 ceiling, 2 + i wall i."""
+    nearest, wall = np.inf, -1
+    n = floor.shape[0]
+    for i in range(n):
+        x0, y0 = floor[i, 0], floor[i, 1]
+        x1, y1 = floor[(i + 1) % n, 0], floor[(i + 1) % n, 1]
+        side, ahead, area = dx * y0 - dy * x0, dx * y1 - dy * x1, x0 * y1 - y0 * x1
+        if side <= 0 < ahead and area > 0 and area < nearest * (ahead - side):
+            nearest, wall = area / (ahead - side), i
+    height = camera_m + nearest * dz
+    if height < 0:
+        return 0
+    return 1 if height > ceiling_m else 2 + wall
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_texel(texture: Any, inside: Any, x: float, y: float, sums: Any) -> None:
+    """Add a texture's value at a place in texels, from texels inside its outline where there are any."""
+    height, width, channels = texture.shape
+    x = min(max(x - 0.5, 0.0), width - 1.0)
+    y = min(max(y - 0.5, 0.0), height - 1.0)
+    left, up = int(x), int(y)
+    right, down = min(left + 1, width - 1), min(up + 1, height - 1)
+    right_part, down_part = x - left, y - up
+    a = (1 - right_part) * (1 - down_part)
+    b, c, d = right_part * (1 - down_part), (1 - right_part) * down_part, right_part * down_part
+    ia, ib, ic, id_ = a * inside[up, left], b * inside[up, right], c * inside[down, left], d * inside[down, right]
+    total = ia + ib + ic + id_
+    if total > 1e-6:
+        a, b, c, d = ia / total, ib / total, ic / total, id_ / total
+    for k in range(channels):
+        sums[k] += a * texture[up, left, k] + b * texture[up, right, k]
+        sums[k] += c * texture[down, left, k] + d * texture[down, right, k]
+
+
+@nb.njit(cache=True, nogil=True)
+def _alone(planes: Any, row: int, column: int) -> bool:
+    """Return whether a pixel's neighbours all see its plane."""
+    height, width = planes.shape
+    for i in (-1, 0, 1):
+        for j in (-1, 0, 1):
+            if planes[min(max(row + i, 0), height - 1), (column + j) % width] != planes[row, column]:
+                return False
+    return True
+
+
+@nb.njit(cache=True, nogil=True)
+def _wrapped(texture: _Rectified, index: int, seen: _Seen, out: Any) -> None:
+    """Fill ``out`` (N, C) for pixels that see plane ``index``, each averaged over the part of it that sees the plane.
+
+    The plane is met at most once by a ray: u and v of the place are dot products with the plane's axes.
+    """
+    axes, px_per_m, inside, values = texture
+    planes, rows, columns, yaw_rad, floor, camera_m, ceiling_m = seen
+    corner, u_axis, v_axis, normal = axes[0], axes[1], axes[2], axes[3]
+    height, width = planes.shape
+    row_rad, column_rad = np.pi / height, 2 * np.pi / width
+    sums = np.zeros(values.shape[2])
+    distance = corner[0] * normal[0] + corner[1] * normal[1] + corner[2] * normal[2]
+    for p in range(rows.shape[0]):
+        whole = _alone(planes, rows[p], columns[p])
+        latitude = np.pi / 2 - (rows[p] + 0.5) * row_rad
+        longitude = (columns[p] + 0.5 - width / 2) * column_rad + yaw_rad
+        facing = np.cos(latitude) * (np.sin(longitude) * normal[0] + np.cos(longitude) * normal[1])
+        facing = max(abs(facing + np.sin(latitude) * normal[2]), 1e-6)
+        fine = _fineness(abs(distance) / facing**2 * row_rad * px_per_m)
+        sums[:] = 0.0
+        count = 0
+        for a in range(fine * fine):
+            lat = np.pi / 2 - (rows[p] + (a // fine + 0.5) / fine) * row_rad
+            lon = (columns[p] + (a % fine + 0.5) / fine - width / 2) * column_rad + yaw_rad
+            dx, dy, dz = np.sin(lon), np.cos(lon), np.tan(lat)
+            if not whole and _plane_met(floor, dx, dy, dz, camera_m, ceiling_m) != index:
+                continue
+            towards = dx * normal[0] + dy * normal[1] + dz * normal[2]
+            scale = distance / towards
+            ox, oy, oz = dx * scale - corner[0], dy * scale - corner[1], dz * scale - corner[2]
+            u = (ox * u_axis[0] + oy * u_axis[1] + oz * u_axis[2]) * px_per_m
+            v = (ox * v_axis[0] + oy * v_axis[1] + oz * v_axis[2]) * px_per_m
+            _add_texel(values, inside, u, v, sums)
+            count += 1
+        for c in range(values.shape[2]):
+            out[p, c] = sums[c] / max(count, 1)
+
+
+# Textures.
+
 
 MOST_TEXELS = 64_000_000
 
@@ -27,11 +221,11 @@ class Texture:
     plane: Plane
     px_per_m: float
     values: Floats
-    """(h, w) or (h, w, C), as the picture; 0 where unknown."""
+    """(H, W) or (H, W, C), as the picture; 0 where unknown."""
     known: Flags
-    """(h, w): inside the plane's outline, seen from the camera, not masked."""
+    """(H, W): inside the plane's outline, seen from the camera, not masked."""
     density: Floats
-    """(h, w): panorama pixels to a texel (of their areas); 0 where the camera does not see the plane."""
+    """(H, W): panorama pixels to a texel (of their areas); 0 where the camera does not see the plane."""
 
 
 def texture_shape(plane: Plane, px_per_m: float) -> tuple[int, int]:
@@ -47,15 +241,15 @@ def texture_shape(plane: Plane, px_per_m: float) -> tuple[int, int]:
     return height, width
 
 
-def texel_places(plane: Plane, px_per_m: float) -> npt.NDArray[np.float64]:
-    """Return world positions (h, w, 3) of the texels' middles."""
+def texel_places(plane: Plane, px_per_m: float) -> Doubles:
+    """Return world positions (H, W, 3) of the texels' middles."""
     height, width = texture_shape(plane, px_per_m)
     u, v = (np.arange(width) + 0.5) / px_per_m, (np.arange(height) + 0.5) / px_per_m
     return plane.world(u[None, :], v[:, None])
 
 
 def outline_mask(plane: Plane, px_per_m: float) -> Flags:
-    """Return which texels' middles (h, w) lie inside the plane's outline."""
+    """Return which texels' middles (H, W) lie inside the plane's outline."""
     import shapely
 
     height, width = texture_shape(plane, px_per_m)
@@ -96,12 +290,10 @@ def unwrap(
     check_stands(room)
     hidden = np.zeros((0, 0), np.float32) if mask is None else _checked_mask(mask, geometry).astype(np.float32)
     shape = texture_shape(plane, px_per_m)
-    seen = _seen(room, plane, px_per_m)
+    seen = _seen(room, plane, px_per_m).astype(np.float32)
     values = np.zeros((*shape, light.shape[2]), np.float32)
     known, density = np.zeros(shape, bool), np.zeros(shape, np.float32)
-    unwrapped(
-        light, hidden, _axes(room, plane), 1 / px_per_m, geometry.yaw_rad, seen, values, known, density
-    )  # fmt: skip
+    _unwrapped(light, hidden, geometry.yaw_rad, _Rectified(_axes(room, plane), px_per_m, seen, values), known, density)
     return Texture(plane, px_per_m, values[..., 0] if picture.ndim == 2 else values, known, density)
 
 
@@ -128,15 +320,14 @@ def wrap(
     rows, columns = np.nonzero(mask)
     texture = np.ascontiguousarray(texture_values.reshape(*shape, -1), dtype=np.float32)
     values = np.zeros((len(rows), texture.shape[2]), np.float32)
-    wrapped(
-        texture, outline_mask(plane, px_per_m).astype(np.float32), planes, plane.index, rows, columns,
-        _axes(room, plane), float(px_per_m), geometry.yaw_rad, np.asarray(room.floor, dtype=np.float64),
-        room.camera_height_m, room.ceiling_height_m, values,
-    )  # fmt: skip
+    inside = outline_mask(plane, px_per_m).astype(np.float32)
+    floor = np.asarray(room.floor, dtype=np.float64)
+    seen = _Seen(planes, rows, columns, geometry.yaw_rad, floor, room.camera_height_m, room.ceiling_height_m)
+    _wrapped(_Rectified(_axes(room, plane), float(px_per_m), inside, texture), plane.index, seen, values)
     return (values[:, 0] if texture_values.ndim == 2 else values), mask
 
 
-def _axes(room: RoomModel, plane: Plane) -> npt.NDArray[np.float64]:
+def _axes(room: RoomModel, plane: Plane) -> Doubles:
     """Return (4, 3): the plane's origin as seen from the camera, its axes and its normal."""
     corner = plane.origin_m - np.array([0.0, 0.0, room.camera_height_m])
     return np.stack([corner, plane.u_axis, plane.v_axis, plane.normal])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shapely.errors import GEOSException
 
+from processing.errors import SceneError
+from processing.ground.polygons import triangles
 from processing.segmentation.evidence import SceneClass
 from training.labels import boundary_latitudes
 from training.rooms.forms import bed, block, couch, heap, laden, shelf, wardrobe
-from training.rooms.house import draw_house, triangulated
+from training.rooms.house import draw_house
 from training.rooms.pieces import Piece, built_in_pieces, folder_pieces, joined
 from training.rooms.props import furnish_house
 from training.rooms.recoat import recoated
@@ -131,10 +132,10 @@ def test_outline_without_triangles_is_drawn_again(monkeypatch: pytest.MonkeyPatc
     def refused_once(outline: np.ndarray) -> np.ndarray:
         asked.append(outline)
         if len(asked) == 1:
-            raise GEOSException("Unable to find a convex corner")
-        return triangulated(outline)
+            raise SceneError("an outline that crosses itself")
+        return triangles(outline)
 
-    monkeypatch.setattr("training.rooms.house.triangulated", refused_once)
+    monkeypatch.setattr("training.rooms.house.triangles", refused_once)
     house = draw_house(np.random.default_rng(5), 1)
     assert len(asked) == 2
     assert np.array_equal(house.outline, asked[1])

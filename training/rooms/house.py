@@ -11,10 +11,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
-from shapely.errors import GEOSException
 from shapely.geometry import Polygon
 
+from processing.errors import SceneError
 from processing.ground.arrays import Doubles
+from processing.ground.polygons import triangles
 from processing.segmentation.evidence import SceneClass
 from training.rooms.outlines import draw_cameras, draw_eye_m, draw_height_m, draw_outline
 from training.rooms.soup import WORLD, Frame, Soup
@@ -77,17 +78,9 @@ def _floor(rng: np.random.Generator) -> tuple[Doubles, Doubles]:
     """Return an outline and its triangles; now and then an outline has none (corners in a line, to rounding)."""
     for _ in range(10):
         outline = draw_outline(rng)
-        with suppress(GEOSException):
-            return outline, triangulated(outline)
+        with suppress(SceneError):
+            return outline, triangles(outline)
     raise RuntimeError("ten outlines in a row that cannot be divided into triangles")
-
-
-def triangulated(outline: Doubles) -> Doubles:
-    """Return triangles (n, 3, 2) that fill a polygon."""
-    import shapely
-
-    pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(Polygon(outline)))
-    return np.array([shapely.get_coordinates(piece)[:3] for piece in pieces])
 
 
 def ceiling_things(rng: np.random.Generator, house: House) -> None:

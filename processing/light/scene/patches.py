@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from processing.errors import ParameterError, SceneError
 from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.ground.polygons import inside
 from processing.light.scene.scene import Part, Scene, Surface
-from processing.light.scene.triangles import inside, pane_triangles, surface_triangles
+from processing.light.scene.triangles import pane_triangles, surface_triangles
 from processing.light.solver.kernels import Key, random
 
 FURNITURE, PANE = -1, -2

@@ -8,7 +8,6 @@ import pytest
 from processing.light.scene.gloss import gloss_factor
 from processing.light.scene.outdoor import sky_outdoors, without_sun
 from processing.light.scene.scene import Sun
-from processing.light.scene.triangles import ears
 from processing.light.solver.sight import sight_of
 from processing.light.solver.stage import Stage, area_means
 from processing.light.solver.upsample import upsampled
@@ -32,16 +31,6 @@ def test_area_means_keep_the_mean() -> None:
         assert area_means(texture, rows, columns).mean(axis=(0, 1)) == pytest.approx(
             texture.mean(axis=(0, 1)), rel=1e-6
         )
-
-
-def test_outlines_of_any_form_are_covered_once() -> None:
-    cross = np.array(
-        [(0, 1), (1, 1), (1, 0), (2, 0), (2, 1), (3, 1), (3, 2), (2, 2), (2, 3), (1, 3), (1, 2), (0, 2)], float
-    )
-    for outline in (cross, cross[::-1]):
-        corners = ears(outline)
-        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        assert np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2 == pytest.approx(5)
 
 
 def test_the_sun_is_taken_out_of_the_sky_with_all_its_energy() -> None:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Flags
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.ground.seam import resized, smoothed
 from processing.pictures.images import RelativeImage
-from processing.removal.round_masks import resized, smoothed
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from processing.ground.room_model import RoomModel
-from processing.removal.fill import sunlit
+from processing.removal.fill import soften_edges, sunlit
 from processing.removal.plain import fading_shadows
-from processing.removal.regions import soften_edges
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import boundary_rows, plane_map
 

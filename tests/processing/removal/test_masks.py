@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError, RoomError
+from processing.ground.seam import grown, share_of_sphere
 from processing.pictures.images import RelativeImage
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
 from processing.removal.furniture import attached, islands_in
 from processing.removal.masks import find_masks, target_of, with_islands
-from processing.removal.round_masks import grown, share_of_sphere
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular

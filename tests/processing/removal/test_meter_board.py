@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from processing.ground.seam import share_of_sphere
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.masks import find_masks
-from processing.removal.meter_board import meter_board
-from processing.removal.round_masks import share_of_sphere
+from processing.removal.tripod import meter_board
 from tests.processing.removal.painted_room import paint
 
 HEIGHT = 256

@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.ground.arrays import Floats
-from processing.removal.illumination import fit_illumination
+from processing.removal.illumination import fit_illumination, spread
 from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.near_periodic_lattice import reduced
-from processing.removal.smooth import spread
 
 
 def tiled(shape: tuple[int, int] = (120, 140), step: tuple[float, float] = (24, 20)) -> Floats:
@@ -122,5 +121,6 @@ def test_light_is_told_from_a_pattern_by_pairs() -> None:
     known = np.ones(tone.shape[:2], bool)
     hole = ~known
     lattice = analyse(np.exp(tone), known).lattice
-    slow = fit_illumination((tone + slope).astype(np.float32), known, hole, lattice)
+    assert lattice is not None
+    slow = fit_illumination((tone + slope).astype(np.float32), known, hole, lattice.basis_px)
     assert np.abs(slow - slope)[10:-10, 10:-10].mean() < 0.08

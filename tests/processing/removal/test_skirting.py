@@ -10,7 +10,7 @@ import pytest
 from processing.ground.room_model import Opening, OpeningKind
 from processing.pictures.images import RelativeImage
 from processing.removal.fill import empty_room
-from processing.removal.skirting import find_skirting
+from processing.removal.plane_fill import find_skirting
 from processing.sphere import Equirectangular
 from tests.processing.removal.painted_room import Painted, box_room, paint
 

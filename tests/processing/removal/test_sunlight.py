@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from processing.ground.seam import row_solid_angles
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.round_masks import row_solid_angles
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.surfaces.planes import CEILING
 from processing.surfaces.sun import (

@@ -7,8 +7,8 @@ import pytest
 
 from mocks.rooms.model import ADE20K as MOCK_NAMES
 from processing.errors import SegmenterError
+from processing.segmentation.adapters import ADE20K, ADE20K_TABLE, KNOWN, VOC, VOC_TABLE, class_matrix
 from processing.segmentation.evidence import SceneClass
-from processing.segmentation.tables import ADE20K, ADE20K_TABLE, KNOWN, VOC, VOC_TABLE, class_matrix
 
 
 def test_sizes_and_uniqueness() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.removal.round_masks import components, grown, resized, share_of_sphere, smoothed
+from processing.ground.seam import components, grown, resized, share_of_sphere, smoothed
 from processing.sphere import Equirectangular, directions, pixels
 
 ROWS = 46

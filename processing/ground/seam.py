@@ -1,27 +1,38 @@
-"""Masks on the whole sphere: round the seam, over the poles, and measured in angles rather than pixels."""
+"""Whole panoramas: pictures and masks that go on round the seam and over the poles, measured in angles.
+
+A panorama is equirectangular, W = 2 H: column 0 lies beside column W - 1, all pixels of the first row meet at the
+zenith, those of the last at the nadir (docs/coordinates.md).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Doubles, Flags, Floats, Int32s
-from processing.segmentation.evidence import SceneClass
-from processing.surfaces.maps import SurfaceMaps
-from processing.surfaces.planes import CEILING, FLOOR
+from processing.ground.arrays import Doubles, Flags, Floats, Int16s, Int32s, Int64s
+
+Picture = TypeVar("Picture", bound=npt.NDArray[np.generic])
+
+
+def wrapped(picture: Picture, pad_px: int) -> Picture:
+    """Return (H, W + 2 pad[, C]): a panorama (H, W[, C]) continued by ``pad_px`` <= W columns beyond its seam."""
+    if not pad_px:
+        return picture
+    return np.concatenate([picture[:, -pad_px:], picture, picture[:, :pad_px]], axis=1)  # type: ignore[return-value]
 
 
 def row_latitudes(rows: int) -> Doubles:
-    """Return the latitudes (rows,) of the rows' middles of a whole panorama."""
+    """Return the latitudes (ROWS,) of the rows' middles of a whole panorama."""
     return np.asarray((0.5 - (np.arange(rows) + 0.5) / rows) * math.pi)
 
 
 def row_solid_angles(shape: tuple[int, int]) -> Doubles:
-    """Return the solid angle (rows, 1) in sr of one pixel of each row of a whole panorama."""
+    """Return the solid angle (ROWS, 1) in sr of one pixel of each row of a whole panorama."""
     edges = np.sin((0.5 - np.arange(shape[0] + 1) / shape[0]) * math.pi)
     return np.asarray((edges[:-1] - edges[1:])[:, None] * (2 * math.pi / shape[1]))
 
@@ -87,7 +98,7 @@ def grown(mask: Flags, angle_rad: float) -> Flags:
     return found
 
 
-def _columns_away(mask: Flags) -> npt.NDArray[np.int16] | Int32s:
+def _columns_away(mask: Flags) -> Int16s | Int32s:
     """Return how many columns each place is from the nearest of its row's mask, round the seam; more than all: none."""
     columns = mask.shape[1]
     kind = np.int16 if 3 * columns < np.iinfo(np.int16).max else np.int32
@@ -103,7 +114,7 @@ def _columns_away(mask: Flags) -> npt.NDArray[np.int16] | Int32s:
     return np.asarray(np.minimum(left, right))
 
 
-def _half_widths(here: Doubles, there: Doubles, angle_rad: float, columns: int) -> npt.NDArray[np.int64]:
+def _half_widths(here: Doubles, there: Doubles, angle_rad: float, columns: int) -> Int64s:
     """Return how many columns to either side lie within an angle, from latitudes to others; -1: none does."""
     level = np.maximum(np.cos(here) * np.cos(there), 1e-12)
     cosine = (math.cos(angle_rad) - np.sin(here) * np.sin(there)) / level
@@ -121,7 +132,7 @@ def resized(values: Floats, shape: tuple[int, int]) -> Floats:
     if shape[0] <= height and shape[1] <= width:
         return _by_channel(values, lambda flat: cv2.resize(flat, shape[::-1], interpolation=cv2.INTER_AREA))
     pad = 2
-    wide = np.concatenate([values[:, width - pad :], values, values[:, :pad]], axis=1)
+    wide = wrapped(values, pad)
     scale = shape[1] / width
     x = ((np.arange(shape[1]) + 0.5) / scale - 0.5 + pad).astype(np.float32)
     y = ((np.arange(shape[0]) + 0.5) * (height / shape[0]) - 0.5).astype(np.float32)
@@ -145,63 +156,6 @@ def smoothed(values: Floats, angle_rad: float) -> Floats:
     if sigma_px < 0.3:
         return values
     pad = min(math.ceil(3 * sigma_px), values.shape[1])
-    wide = np.concatenate([values[:, values.shape[1] - pad :], values, values[:, :pad]], axis=1)
+    wide = wrapped(values, pad)
     out = cv2.GaussianBlur(wide, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(out[:, pad : pad + values.shape[1]], dtype=np.float32)
-
-
-# How unlike the usual colours of a surface a place is: what stands before a plain wall or floor stands out.
-
-
-CLUSTERS = 6
-SAMPLES = 1500
-LEAST_SHARE = 0.02
-"""Of the sample that a cluster must hold to be a colour of the surface."""
-SURE, LIKELY = 0.6, 0.4
-"""Probability of its own class from which a place teaches a surface's colours; the second where the first is rare."""
-RARE_PX, LEAST_PX = 100, 50
-MOST = 5.0
-
-
-def colour_distance(rgb8: Bytes, known: Flags) -> Floats:
-    """Return (h, w): the squared distance, in standard deviations, of each pixel from the colours of known pixels.
-
-    Up to `CLUSTERS` colours with their spread in CIE L*a*b*; deterministic. ``known`` must hold some pixels.
-    """
-    colours = cv2.cvtColor(cv2.GaussianBlur(rgb8, (0, 0), 1.0), cv2.COLOR_RGB2Lab).astype(np.float32)
-    sample = colours[known]
-    sample = sample[:: max(1, len(sample) // SAMPLES)]
-    cv2.setRNGSeed(1)
-    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 20, 0.5)
-    count = min(CLUSTERS, len(sample))
-    _, member, middle = cv2.kmeans(sample, count, np.empty(0, np.int32), stop, 1, cv2.KMEANS_PP_CENTERS)
-    nearest = np.full(colours.shape[:2], np.inf, np.float32)
-    for index in range(count):
-        part = sample[member[:, 0] == index]
-        # The largest cluster always counts, so that there is one.
-        if len(part) < max(4, LEAST_SHARE * len(sample)) and len(part) * count < len(sample):
-            continue
-        # 8-bit steps and noise: no colour is known better than this.
-        spread = np.cov(part.T) if len(part) > 3 else np.zeros((3, 3))
-        inverse = np.linalg.inv(spread + np.diag([9.0, 4.0, 4.0])).astype(np.float32)
-        off = colours - middle[index]
-        nearest = np.minimum(nearest, ((off @ inverse) * off).sum(axis=2))
-    return nearest
-
-
-def surface_outliers(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Floats:
-    """Return (H, W) in 0..`MOST`: ln(1 + squared distance) from the colours of the plane behind each pixel.
-
-    ``probabilities`` (8, H, W) tell where a plane is seen; a plane that is hardly seen gives 0.
-    """
-    own = {FLOOR: SceneClass.FLOOR, CEILING: SceneClass.CEILING}
-    found = np.zeros(maps.plane.shape, np.float32)
-    for plane in np.unique(maps.plane):
-        here = maps.plane == plane
-        share = probabilities[own.get(int(plane), SceneClass.WALL)]
-        known = here & (share > SURE) & (maps.opening < 0)
-        if known.sum() < RARE_PX:
-            known = here & (share > LIKELY) & (maps.opening < 0)
-        if known.sum() >= LEAST_PX:
-            found[here] = np.log1p(colour_distance(rgb8, known))[here]
-    return np.clip(found, 0.0, MOST)
