@@ -36,8 +36,8 @@ from mocks.rooms.textures import (
     wood as textures_wood,
 )
 from mocks.rooms.textures.base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, with_mean
+from mocks.worlds.hdr_world import MipTexture
 from mocks.worlds.light import Vector
-from mocks.worlds.textures import MipTexture
 
 _ONE_TONE: dict[str, Callable[[Texture], Tile]] = {
     "planks": textures_wood.planks,
