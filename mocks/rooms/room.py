@@ -12,8 +12,7 @@ import numpy as np
 from mocks.rooms.finish import draw_finish
 from mocks.rooms.furnish.furnish import check_items, furnish
 from mocks.rooms.furniture import item_parts
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Finish, Item, Plan, Role, Use
+from mocks.rooms.model import Finish, Item, Part, Plan, Role, Use
 from mocks.rooms.plan.check import check_plan
 from mocks.rooms.plan.fixtures import draw_fixtures
 from mocks.rooms.plan.forms import Outline, draw_camera, draw_outline, draw_turn_rad, rectangle, seen_from

@@ -27,8 +27,8 @@ from mocks.rooms.furniture import (
     storage as books,
 )
 from mocks.rooms.furniture.build import Build
-from mocks.rooms.mesh import Mesh, Part, merge
-from mocks.rooms.model import ADE20K, NO_CLASS, Finish, Item, Material
+from mocks.rooms.model import ADE20K, NO_CLASS, Finish, Item, Material, Part
+from processing.ground.mesh import Mesh, merge
 
 _CHANCE = 7301
 """Sets these generators apart from all others of the same seed."""

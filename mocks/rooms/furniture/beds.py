@@ -7,12 +7,11 @@ import math
 import numpy as np
 
 from mocks.rooms.furniture.build import Build
-from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import beam, cylinder, deformed, moved, rounded_box, turned
-from mocks.rooms.soft_shapes import pad, pillow
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Doubles
+from processing.ground.mesh import Mesh, moved, turned
+from processing.ground.shapes import beam, cylinder, deformed, pad, pillow, rounded_box
 
 # Cloth by itself: rugs, cushions, blankets.
 

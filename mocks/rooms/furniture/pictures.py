@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from mocks.rooms.furniture.build import BLACK_PLASTIC, WHITE_PLASTIC, Build
-from mocks.rooms.mesh import Mesh, box
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import beam, disc, moved, tube, turned
 from mocks.worlds.light import Vector
+from processing.ground.mesh import Mesh, box, moved, turned
+from processing.ground.shapes import beam, disc, tube
 
 MOUNT = Material("passe-partout", (0.80, 0.79, 0.76))
 PAINTS: tuple[tuple[Vector, ...], ...] = (

@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from mocks.rooms.furniture.build import CERAMIC, FOLIAGE, SOIL, Build
-from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import cylinder, lathe, moved, tube, turned
-from mocks.rooms.soft_shapes import blade, leaf
 from mocks.worlds.light import Vector
+from processing.ground.mesh import Mesh, moved, turned
+from processing.ground.shapes import cylinder, lathe, sheet, tube
 
 BARK = Material("bark", (0.16, 0.115, 0.075))
 
@@ -95,3 +94,30 @@ def _tree(b: Build, radius: float, soil: float) -> None:
             mesh = leaf(long, long * 0.5, float(b.rng.uniform(0.4, 0.9)), 0.2)
             place: Vector = (base[0], base[1], base[2])
             b.add(_aimed(mesh, 0.25 + 0.6 * t, k * 2.39996 + stem, place), green)
+
+
+def leaf(length_m: float, width_m: float, bend_rad: float, fold: float = 0.25, cells: int = 5) -> Mesh:
+    """Return a leaf that grows from the origin along y, rising first and drooping by ``bend_rad`` over its length."""
+    t = np.linspace(0.0, 1.0, cells + 1)
+    angle = -bend_rad * t
+    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (length_m / cells)
+    line = np.concatenate([np.zeros((1, 2)), np.cumsum(step[:-1], axis=0)])
+    half = width_m / 2 * np.maximum(np.sin(math.pi * np.clip(t, 0.02, 0.985) ** 0.75), 0.03)
+    across = np.array([-1.0, 0.0, 1.0])
+    x = half[:, None] * across
+    y = np.broadcast_to(line[:, :1], x.shape)
+    z = line[:, 1:] + fold * half[:, None] * np.abs(across)
+    surface = np.stack([x, y, z], axis=-1).transpose(1, 0, 2)
+    return sheet(surface, 0.0012)
+
+
+def blade(length_m: float, width_m: float, lean_rad: float, bend_rad: float, cells: int = 6) -> Mesh:
+    """Return an upright sword leaf: wide in the middle, pointed, leaning and bending towards y."""
+    t = np.linspace(0.0, 1.0, cells + 1)
+    angle = math.pi / 2 - lean_rad - bend_rad * t
+    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (length_m / cells)
+    line = np.concatenate([np.zeros((1, 2)), np.cumsum(step[:-1], axis=0)])
+    half = width_m / 2 * np.clip(np.minimum(0.55 + t, (1.0 - t) * 2.2), 0.03, 1.0)
+    x = half[:, None] * np.array([-1.0, 0.0, 1.0])
+    surface = np.stack([x, np.broadcast_to(line[:, :1], x.shape), np.broadcast_to(line[:, 1:], x.shape)], axis=-1)
+    return sheet(surface.transpose(1, 0, 2), 0.002)

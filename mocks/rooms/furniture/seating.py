@@ -8,8 +8,8 @@ import numpy as np
 
 from mocks.rooms.furniture.build import BLACK_PLASTIC, Build
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import beam, cylinder, moved, rounded_box, tube, turned
-from mocks.rooms.soft_shapes import pad, sheet
+from processing.ground.mesh import moved, turned
+from processing.ground.shapes import beam, cylinder, pad, rounded_box, sheet, tube
 
 SEAT_M = 0.44
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from mocks.rooms.furniture.build import CERAMIC, PAPER, Build
-from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import ball, cylinder, lathe, moved, rounded_box, tube, turned
 from mocks.worlds.light import Vector
+from processing.ground.mesh import Mesh, moved, turned
+from processing.ground.shapes import ball, cylinder, lathe, rounded_box, tube
 
 
 def _vessel(outside: list[tuple[float, float]], wall: float) -> Mesh:

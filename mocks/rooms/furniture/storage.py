@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mocks.rooms.furniture.build import CERAMIC, PAGES, PAPER, Build
-from mocks.rooms.mesh import Mesh, box, merge
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import ball, cylinder, moved, rounded_box, tube, turned
+from processing.ground.mesh import Mesh, box, merge, moved, turned
+from processing.ground.shapes import ball, cylinder, rounded_box, tube
 
 # Books: rows on shelves, piles on tables.
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from mocks.rooms.furniture.build import Build
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import cylinder, lathe, moved, rounded_box, tube
+from processing.ground.mesh import moved
+from processing.ground.shapes import cylinder, lathe, rounded_box, tube
 
 TOP_M = 0.03
 

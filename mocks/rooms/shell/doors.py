@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from shapely import box as rectangle
 
-from mocks.rooms.mesh import Mesh, Part, box, quad
-from mocks.rooms.model import Door, Finish, Plan
+from mocks.rooms.model import Door, Finish, Part, Plan
 from mocks.rooms.plan.space import HALL_DEPTH_M, HALL_SIDE_M
-from mocks.rooms.shapes import cylinder, rounded_box, tube, turned
 from mocks.rooms.shell.surfaces import ARCHITRAVE_M, flat, mirrored, on_wall, part_of, plan_rng
+from processing.ground.mesh import Mesh, box, quad, turned
+from processing.ground.shapes import cylinder, rounded_box, tube
 
 LEAF_M = 0.04
 GAP_M = 0.003

@@ -7,13 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh, Part, box, merge
-from mocks.rooms.model import Finish, Fixture, Material, Plan, Role
-from mocks.rooms.shapes import ball, cylinder, grid_faces, rounded_box, tube, turned
+from mocks.rooms.model import Finish, Fixture, Material, Part, Plan, Role
 from mocks.rooms.shell.lamps import lamp
 from mocks.rooms.shell.surfaces import on_wall, part_of, repeated
-from mocks.rooms.soft_shapes import sheet
 from processing.ground.arrays import Doubles
+from processing.ground.mesh import Mesh, box, grid_faces, merge, turned
+from processing.ground.shapes import ball, cylinder, rounded_box, sheet, tube
 
 # What hangs at windows: curtains on their rods, roller and venetian blinds.
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh, Part, merge
-from mocks.rooms.model import Finish, Fixture, Material, Role
-from mocks.rooms.shapes import ball, cylinder, lathe, moved, tube
+from mocks.rooms.model import Finish, Fixture, Material, Part, Role
 from mocks.rooms.shell.surfaces import part_of
 from mocks.worlds.light import Vector
+from processing.ground.mesh import Mesh, merge, moved
+from processing.ground.shapes import ball, cylinder, lathe, tube
 
 OPAL = Material("opal glass", (0.82, 0.82, 0.8), roughness=0.2)
 SHADE = Material("lamp shade", (0.74, 0.71, 0.65))

@@ -5,8 +5,7 @@ The shell is light-tight: light enters through the panes of `window_panes` and n
 
 from __future__ import annotations
 
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Finish, Plan
+from mocks.rooms.model import Finish, Part, Plan
 from mocks.rooms.shell.doors import door_parts
 from mocks.rooms.shell.fixtures import fixture_parts
 from mocks.rooms.shell.surfaces import floor_and_ceiling, mouldings, walls

@@ -9,11 +9,11 @@ from shapely import box as rectangle
 from shapely import union_all
 from shapely.geometry import Polygon
 
-from mocks.rooms.mesh import Mesh, Part, quad
-from mocks.rooms.model import Finish, Plan, Window
-from mocks.rooms.shapes import cylinder, rounded_box, tube, turned
+from mocks.rooms.model import Finish, Part, Plan, Window
 from mocks.rooms.shell.surfaces import flat, on_wall, part_of
 from mocks.worlds.light import Vector
+from processing.ground.mesh import Mesh, quad, turned
+from processing.ground.shapes import cylinder, rounded_box, tube
 
 FRAME_DEPTH_M = 0.068
 CASEMENT_PROUD_M = 0.012

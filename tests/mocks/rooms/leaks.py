@@ -9,8 +9,7 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from shapely.geometry import Polygon
 
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Plan
+from mocks.rooms.model import Part, Plan
 from mocks.rooms.shell.shell import Pane
 
 
