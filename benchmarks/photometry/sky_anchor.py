@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.photometry.outdoor import linke_of, pvlib_clear_sky_lx
 from mocks.rooms.light.engine import environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter
-from mocks.rooms.sky.moment import Moment, sun_distance_au, sun_of
+from mocks.rooms.sky.daylight import Moment, sun_distance_au, sun_of
 from mocks.rooms.sky.sky import Sky
 from mocks.worlds.light import LUMINANCE_WEIGHTS
 from processing.ground.mesh import quad

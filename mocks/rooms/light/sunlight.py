@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.shell.shell import Pane
+from mocks.rooms.shell import Pane
 from mocks.worlds.light import BrightDisc, Vector
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.mesh import Mesh

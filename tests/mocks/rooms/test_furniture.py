@@ -10,7 +10,7 @@ import pytest
 
 from mocks.rooms.finish import draw_finish
 from mocks.rooms.furniture import MODELS, item_parts
-from mocks.rooms.furniture.plants import blade, leaf
+from mocks.rooms.furniture.small import blade, leaf
 from mocks.rooms.model import ADE20K, NO_CLASS, Item, Part, Role, Use
 from processing.ground.mesh import Mesh, merge
 from processing.ground.shapes import ball, beam, cylinder, lathe, pad, pillow, rounded_box, tube
