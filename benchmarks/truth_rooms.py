@@ -21,8 +21,7 @@ from benchmarks.seeds import Split, seeds
 from mocks.optics.picture_cache import content_key, default_folder
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.truth import TruthPictures, truth_pictures
-from mocks.rooms.truth_files import TruthFileError, load_truth, save_truth
+from mocks.rooms.truth import TruthFileError, TruthPictures, load_truth, save_truth, truth_pictures
 from mocks.rooms.world import RoomWorld
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mocks.rooms.mesh import Part
+from mocks.rooms.model import Part
 from mocks.rooms.room import Room, make_room
 from processing.ground.arrays import Floats
 from processing.segmentation.embedded import WIDTH_PX

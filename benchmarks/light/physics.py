@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.light import analytic
 from mocks.rooms.light.engine import environment_emitter, irradiance_at, irradiance_over, mesh_shape, mitsuba
-from mocks.rooms.mesh import Mesh, box, merge, quad
+from processing.ground.mesh import Mesh, box, merge, quad
 
 Errors = dict[str, float]
 Triple = tuple[float, float, float]

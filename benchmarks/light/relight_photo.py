@@ -18,7 +18,7 @@ from benchmarks.light.albedo import REVEAL_M, outdoors_of_room, picture
 from benchmarks.truth_rooms import QUALITY, room_model_of, truth_of
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.sky.moment import LOWEST_SUN_RAD, Moment, sun_of
+from mocks.rooms.sky.daylight import LOWEST_SUN_RAD, Moment, sun_of
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site

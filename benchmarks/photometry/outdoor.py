@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from mocks.rooms.sky.moment import Moment
+from mocks.rooms.sky.daylight import Moment
 
 WATER_CM = 1.5
 """Precipitable water: the usual mid-latitude value, that of the ASTM G173 atmosphere."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from benchmarks.photometry.outdoor import linke_of, pvlib_clear_sky_lx
 from mocks.rooms.light.engine import environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter
-from mocks.rooms.mesh import quad
-from mocks.rooms.sky.moment import Moment, sun_distance_au, sun_of
+from mocks.rooms.sky.daylight import Moment, sun_distance_au, sun_of
 from mocks.rooms.sky.sky import Sky
 from mocks.worlds.light import LUMINANCE_WEIGHTS
+from processing.ground.mesh import quad
 
 SITES = {"Pittsburgh": (40.44, -79.94), "Lisbon": (38.7, -9.1), "Oslo": (59.9, 10.7), "Singapore": (1.3, 103.8)}
 DAYS = ((3, 21), (6, 21), (9, 23), (12, 21))

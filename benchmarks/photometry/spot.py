@@ -11,8 +11,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from mocks.worlds.hdr_world import HdrWorld
 from mocks.worlds.light import Site, UniformWorld, Vector, World, direction_of, unit
-from mocks.worlds.world import HdrWorld, SimpleRoom, meter_luminance_cd_m2
+from mocks.worlds.simple_room import SimpleRoom
+from mocks.worlds.world import meter_luminance_cd_m2
 from processing.ground.arrays import Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 

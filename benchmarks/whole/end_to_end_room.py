@@ -10,14 +10,14 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh
-from mocks.rooms.mesh import Part as TruePart
 from mocks.rooms.model import Material, Role
+from mocks.rooms.model import Part as TruePart
 from mocks.rooms.room import Room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
 from processing.ground.arrays import Floats
+from processing.ground.mesh import Mesh
 from processing.layout.arrangement import PlacedItem
 from processing.layout.models.catalogue import Catalogue
 from processing.light.scene.scene import Part

@@ -17,7 +17,8 @@ from mocks.instruments.usb.bus import SimulatedUsbBackend
 from mocks.optics.camera import CANON_5D2, THETA_Z1, CameraOptics, Filter
 from mocks.optics.pictures import RenderedShots
 from mocks.optics.sensor import Exposure
-from mocks.worlds.world import Vector, World, meter_luminance_cd_m2, open_world
+from mocks.worlds.light import Vector, World
+from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
 SimulatedCamera = SimulatedThetaZ1 | SimulatedCanon5D2
 OPTICS = {"theta_z1": THETA_Z1, "canon_5d2": CANON_5D2}

@@ -8,11 +8,12 @@ along its edge from the edge's first corner. Albedo and emission are linear RGB 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal, TypeAlias
 
 from mocks.worlds.light import Vector
+from processing.ground.mesh import Mesh
 
 # Numbers of the ADE20K classes (150, counted from 0) that simulated rooms hold.
 
@@ -89,6 +90,26 @@ class Material:
     texture: Texture | None = None
     roughness: float | None = None
     emission_cd_m2: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mesh of one material, and what it is to the truth. ``instance`` is 0 for the shell and its fixtures."""
+
+    mesh: Mesh
+    material: Material
+    surface: str
+    """floor, ceiling, wall, reveal, window frame, door, radiator, ... or the item's kind."""
+    ade: int
+    """ADE20K class; `NO_CLASS` for equipment."""
+    role: Role
+    instance: int = 0
+    wall: int = -1
+    """Of walls: which edge of the polygon."""
+
+    def placed(self, position_m: Vector, turn_rad: float = 0.0) -> Part:
+        """Return the part turned about z, then moved."""
+        return replace(self, mesh=self.mesh.placed(position_m, turn_rad))
 
 
 @dataclass(frozen=True)

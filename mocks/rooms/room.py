@@ -12,14 +12,21 @@ import numpy as np
 from mocks.rooms.finish import draw_finish
 from mocks.rooms.furnish.furnish import check_items, furnish
 from mocks.rooms.furniture import item_parts
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Finish, Item, Plan, Role, Use
-from mocks.rooms.plan.check import check_plan
+from mocks.rooms.model import Finish, Item, Part, Plan, Role, Use
 from mocks.rooms.plan.fixtures import draw_fixtures
-from mocks.rooms.plan.forms import Outline, draw_camera, draw_outline, draw_turn_rad, rectangle, seen_from
-from mocks.rooms.plan.openings import draw_doors, draw_windows
-from mocks.rooms.shell.shell import Pane, shell_parts, window_panes
-from mocks.rooms.sky.moment import Moment, draw_moment
+from mocks.rooms.plan.forms import (
+    Outline,
+    draw_camera,
+    draw_doors,
+    draw_outline,
+    draw_turn_rad,
+    draw_windows,
+    rectangle,
+    seen_from,
+)
+from mocks.rooms.plan.space import check_plan
+from mocks.rooms.shell import Pane, shell_parts, window_panes
+from mocks.rooms.sky.daylight import Moment, draw_moment
 from mocks.rooms.sky.sky import Kind, Sky, draw_sky
 from mocks.worlds.light import Vector
 

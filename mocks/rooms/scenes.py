@@ -11,9 +11,8 @@ import numpy as np
 
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.sky.clouds import CloudDrift
-from mocks.rooms.sky.moment import Moment
-from mocks.rooms.sky.sky import SHARES, Kind, Sky, draw_sky
+from mocks.rooms.sky.daylight import Moment
+from mocks.rooms.sky.sky import SHARES, CloudDrift, Kind, Sky, draw_sky
 
 _DOMAIN = 5100
 _SEEDS = 10**9

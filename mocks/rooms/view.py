@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.rooms.light.cube import Cube
+from mocks.rooms.light.cube import PLANE_TOLERANCE_M, Cube, Guide, facing_normals
 from mocks.rooms.light.geometry import Geometry, Hits
-from mocks.rooms.light.guide import PLANE_TOLERANCE_M, Guide, facing_normals
 from mocks.rooms.light.light import Baked
 from mocks.rooms.light.sunlight import sun_share
 from mocks.rooms.model import Material

@@ -14,7 +14,7 @@ from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.light.light import QUALITIES, Baked, bake, components, lightings
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.sky.clouds import CloudDrift
+from mocks.rooms.sky.sky import CloudDrift
 from mocks.rooms.view import RoomView, outdoors
 from mocks.worlds.light import BrightDisc, Site, Vector, unit
 from processing.ground.arrays import Floats

@@ -1,4 +1,4 @@
-"""A world made of HDR pictures: one equirectangular picture for the room, one for the sky."""
+"""A world of HDR pictures, one equirectangular picture for the room and one for the sky, and how they are sampled."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
+import cv2
 import numpy as np
 
-from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, WorldFileError
-from mocks.worlds.textures import MipTexture
+from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Reals, Site, WorldFileError
 from processing.ground.arrays import Floats
 
 MAX_PIXELS = 16384 * 8192
 _UNDERSHOOT = 0.05
+_REMAP_WIDTH = 8192
 _HDR_MAGIC = (b"#?RADIANCE", b"#?RGBE")
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 
@@ -98,8 +99,6 @@ def read_equirect(path: Path) -> Floats:
 
 
 def _read_hdr(path: Path, head: bytes) -> Floats:
-    import cv2
-
     _, _, rest = head.partition(b"\n\n")
     words = rest.split(b"\n", 1)[0].split()
     if len(words) != 4 or words[0] != b"-Y" or words[2] != b"+X":
@@ -146,3 +145,70 @@ def _refused(path: Path, what: str) -> WorldFileError:
         likely="not an equirectangular HDR picture, or a damaged download",
         advice="give a .hdr or .exr panorama, twice as wide as high",
     )
+
+
+@dataclass(frozen=True)
+class MipTexture:
+    """A picture and its halvings; every level carries a border of one pixel, so that lookups never leave it."""
+
+    levels: tuple[Floats, ...]
+
+    @classmethod
+    def equirectangular(cls, pixels: Floats) -> MipTexture:
+        """Return the texture of a panorama: the columns wrap, and over a pole lies the other half."""
+        return cls(tuple(_sphere_border(level) for level in _halvings(pixels)))
+
+    @classmethod
+    def tiled(cls, pixels: Floats) -> MipTexture:
+        """Return the texture of a tile that repeats in both directions."""
+        return cls(tuple(np.pad(level, ((1, 1), (1, 1), (0, 0)), mode="wrap") for level in _halvings(pixels)))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the finest level."""
+        return self.levels[0].shape[0] - 2, self.levels[0].shape[1] - 2
+
+    def level_for(self, footprint_px: float) -> int:
+        """Return the level whose pixels are just not coarser than ``footprint_px`` finest pixels."""
+        level = math.floor(math.log2(max(footprint_px, 1.0)))
+        return min(level, len(self.levels) - 1)
+
+    def sample(self, column: Reals, row: Reals, level: int = 0) -> Floats:
+        """Return bilinear values at finest-level coordinates (0 is the centre of the first pixel).
+
+        Coordinates must lie within half a pixel of the picture; tiles are wrapped by the caller.
+        """
+        image = self.levels[level]
+        scale = 0.5**level
+        x = np.asarray((column + 0.5) * scale + 0.5, dtype=np.float32)
+        y = np.asarray((row + 0.5) * scale + 0.5, dtype=np.float32)
+        if x.ndim == 2 and max(x.shape) < 32767:
+            return np.asarray(_remap(image, x, y))
+        flat_x, flat_y = _blocks(x), _blocks(y)
+        return np.asarray(_remap(image, flat_x, flat_y).reshape(-1, 3)[: x.size].reshape(*x.shape, 3))
+
+
+def _remap(image: Floats, x: Floats, y: Floats) -> Floats:
+    out = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(out, dtype=np.float32)
+
+
+def _blocks(values: Floats) -> Floats:
+    rows = max(1, -(-values.size // _REMAP_WIDTH))
+    block = np.zeros(rows * _REMAP_WIDTH, dtype=np.float32)
+    block[: values.size] = values.ravel()
+    return block.reshape(rows, _REMAP_WIDTH)
+
+
+def _halvings(pixels: Floats) -> list[Floats]:
+    levels = [pixels]
+    while min(levels[-1].shape[:2]) >= 8 and all(n % 2 == 0 for n in levels[-1].shape[:2]):
+        last = levels[-1]
+        levels.append(0.25 * (last[::2, ::2] + last[1::2, ::2] + last[::2, 1::2] + last[1::2, 1::2]))
+    return levels
+
+
+def _sphere_border(pixels: Floats) -> Floats:
+    half = pixels.shape[1] // 2
+    tall = np.concatenate([np.roll(pixels[:1], half, 1), pixels, np.roll(pixels[-1:], half, 1)])
+    return np.ascontiguousarray(np.concatenate([tall[:, -1:], tall, tall[:, :1]], axis=1))

@@ -15,45 +15,8 @@ import numpy as np
 from mocks.optics.chart import ChartRoom
 from mocks.rooms.model import Use
 from mocks.worlds.hdr_world import HdrWorld, read_equirect
-from mocks.worlds.light import (
-    LUMINANCE_WEIGHTS,
-    BrightDisc,
-    LightDrift,
-    Site,
-    UniformWorld,
-    Vector,
-    World,
-    WorldFileError,
-    direction_of,
-    luminance_cd_m2,
-    spread_over_disc,
-    unit,
-)
+from mocks.worlds.light import Site, UniformWorld, Vector, World, WorldFileError, luminance_cd_m2, spread_over_disc
 from mocks.worlds.simple_room import SimpleRoom
-from mocks.worlds.sky import SimpleSky
-from processing.ground.arrays import Floats
-
-__all__ = [
-    "LUMINANCE_WEIGHTS",
-    "BrightDisc",
-    "ChartRoom",
-    "Floats",
-    "HdrWorld",
-    "LightDrift",
-    "SimpleRoom",
-    "SimpleSky",
-    "Site",
-    "UniformWorld",
-    "Vector",
-    "World",
-    "WorldFileError",
-    "direction_of",
-    "luminance_cd_m2",
-    "meter_luminance_cd_m2",
-    "open_world",
-    "read_equirect",
-    "unit",
-]
 
 _GENERATED = re.compile(r"(?P<use>[a-z]+)-(?P<seed>[0-9]{1,9})")
 
@@ -61,7 +24,7 @@ _GENERATED = re.compile(r"(?P<use>[a-z]+)-(?P<seed>[0-9]{1,9})")
 def meter_luminance_cd_m2(
     world: World, direction: Vector, t_s: float = 0.0, *, spot_deg: float = 1 / 3, site: Site = Site.INDOOR
 ) -> float:
-    """Return what a luminance meter at the camera reads: the mean over a round spot, bright discs included.
+    """Return what a luminance meter at the camera reads, in cd/m2: the mean over a round spot, bright discs included.
 
     Samples at equal solid angles, so many that an edge across the spot is right to 0.1 %; ``spot_deg`` is the spot's
     diameter (1/3 degree on an LS-160).

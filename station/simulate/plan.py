@@ -20,7 +20,7 @@ from station.simulate.conditions import COLUMNS, DAYLIGHT_ONLY, WITH_LAMPS, Cond
 
 if TYPE_CHECKING:
     from mocks.rooms.room import Room
-    from mocks.rooms.sky.moment import Moment
+    from mocks.rooms.sky.daylight import Moment
     from mocks.rooms.world import RoomWorld
     from station.capture.rig_file import RigFile
 
@@ -207,13 +207,13 @@ def _zoned(local: datetime) -> datetime:
 
 
 def _moment(condition: Condition) -> Moment:
-    from mocks.rooms.sky.moment import Moment
+    from mocks.rooms.sky.daylight import Moment
 
     return Moment(*SITE_DEG, _zoned(condition.local).astimezone(UTC), math.radians(condition.heading_deg))
 
 
 def _require_daylight(conditions: list[Condition], path: Path) -> None:
-    from mocks.rooms.sky.moment import sun_of
+    from mocks.rooms.sky.daylight import sun_of
 
     night = [c for c in conditions if sun_of(_moment(c))[1] <= 0]
     if night:

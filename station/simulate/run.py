@@ -118,7 +118,7 @@ def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, tell: Tell) ->
     tell(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete since an earlier run"))
     truth = request.into / TRUTH_FOLDER / plan.folder
     if request.truth and not truth.is_dir():
-        from mocks.rooms.truth_files import make_truth
+        from mocks.rooms.truth import make_truth
 
         tell(DatasetEvent("rendering", plan.folder, "truth"))
         unfinished = request.into / _UNFINISHED / TRUTH_FOLDER

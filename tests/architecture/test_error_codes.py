@@ -21,7 +21,7 @@ def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
         "mocks.worlds.light",
         "mocks.optics.picture_cache",
         "mocks.rooms.light.engine",
-        "mocks.rooms.truth_files",
+        "mocks.rooms.truth",
         "processing.errors",
     ):
         importlib.import_module(module)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Role
+from mocks.rooms.model import Part, Role
 from mocks.rooms.room import Room
 from mocks.rooms.truth import TruthPictures
 from processing.segmentation.evidence import SceneClass

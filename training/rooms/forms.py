@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Floats
+from processing.ground.mesh import grid_faces
 from processing.segmentation.evidence import SceneClass
 from training.rooms.pieces import Piece, joined
 from training.rooms.soup import WORLD, Soup
@@ -42,9 +43,7 @@ class _Maker:
 
     def sheet(self, grid: npt.NDArray[np.float64], paint: int) -> None:
         """Add a surface through points (n, m, 3)."""
-        a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
-        both = np.concatenate([np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)])
-        self.soup.add(both.reshape(-1, 3, 3), SceneClass.FURNITURE, paint)
+        self.soup.add(grid.reshape(-1, 3)[grid_faces(*grid.shape[:2])], SceneClass.FURNITURE, paint)
 
     def piece(self, kind: str, size: Vec) -> Piece:
         triangles, _, paint_of = self.soup.joined()

@@ -11,8 +11,7 @@ import numpy.typing as npt
 from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
 
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Item, Role
+from mocks.rooms.model import Item, Part, Role
 from mocks.rooms.room import Room
 from processing.ground.arrays import Floats
 

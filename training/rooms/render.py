@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.mesh import Mesh, Part
-from mocks.rooms.model import ADE20K, Material, Role
+from mocks.rooms.model import ADE20K, Material, Part, Role
 from mocks.rooms.truth import equirectangular
 from processing.ground.arrays import Floats
+from processing.ground.mesh import Mesh
 from processing.segmentation.evidence import SceneClass
 from training.rooms.beyond import Home, other_room, outdoors
 from training.rooms.house import Portal

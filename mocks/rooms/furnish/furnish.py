@@ -8,18 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from shapely.geometry import Polygon
 
-from mocks.rooms.furnish import (
-    bedroom as furnish_bedroom,
-)
-from mocks.rooms.furnish import (
-    dining as furnish_dining,
-)
-from mocks.rooms.furnish import (
-    living as furnish_living,
-)
-from mocks.rooms.furnish import (
-    office as furnish_office,
-)
+from mocks.rooms.furnish import bedroom, day_rooms
 from mocks.rooms.furnish.check import check_items, hides_board, sees_window
 from mocks.rooms.furnish.clutter import floor_lamp_by, picture_over, things_on, wall_things
 from mocks.rooms.furnish.space import Arrangement
@@ -60,10 +49,10 @@ def _second_place(a: Arrangement, finish: Finish, area_m2: float) -> None:
         # Not where people look from the sofa; a living room that could only be a study has none.
         for sofa in [item for item in a.items if item.kind == "sofa"]:
             a.keep_free(sofa, 1.7, 0.3)
-        if furnish_dining.essentials(a, finish):
+        if day_rooms.dining_essentials(a, finish):
             things_on(a, next(item for item in a.items if item.kind == "dining table"), 4)
     elif a.plan.use is Use.BEDROOM and area_m2 > 13.0 and a.chance(0.45):
-        furnish_office.workplace(a, finish)
+        day_rooms.workplace(a, finish)
 
 
 def _piece(a: Arrangement, kind: str) -> None:
@@ -103,10 +92,10 @@ TRIPOD_M = (0.82, 0.82, 1.475)
 
 Step = Callable[[Arrangement, Finish], object]
 RECIPES: dict[Use, tuple[Step, Step]] = {
-    Use.BEDROOM: (furnish_bedroom.essentials, furnish_bedroom.extras),
-    Use.LIVING: (furnish_living.essentials, furnish_living.extras),
-    Use.DINING: (furnish_dining.essentials, furnish_dining.extras),
-    Use.OFFICE: (furnish_office.essentials, furnish_office.extras),
+    Use.BEDROOM: (bedroom.essentials, bedroom.extras),
+    Use.LIVING: (day_rooms.living_essentials, day_rooms.living_extras),
+    Use.DINING: (day_rooms.dining_essentials, day_rooms.dining_extras),
+    Use.OFFICE: (day_rooms.office_essentials, day_rooms.office_extras),
 }
 
 

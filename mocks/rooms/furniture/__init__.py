@@ -7,28 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocks.rooms.furniture import (
-    beds,
-    devices,
-    pictures,
-    plants,
-    seating,
-    small,
-    storage,
-    tables,
-)
-from mocks.rooms.furniture import (
-    beds as textiles,
-)
-from mocks.rooms.furniture import (
-    devices as equipment,
-)
-from mocks.rooms.furniture import (
-    storage as books,
-)
+from mocks.rooms.furniture import cases, devices, small, soft
 from mocks.rooms.furniture.build import Build
-from mocks.rooms.mesh import Mesh, Part, merge
-from mocks.rooms.model import ADE20K, NO_CLASS, Finish, Item, Material
+from mocks.rooms.model import ADE20K, NO_CLASS, Finish, Item, Material, Part
+from processing.ground.mesh import Mesh, merge
 
 _CHANCE = 7301
 """Sets these generators apart from all others of the same seed."""
@@ -43,21 +25,21 @@ class Model:
 
 
 MODELS: dict[str, Model] = {
-    "bed": Model(beds.bed, "bed"),
-    "nightstand": Model(storage.nightstand, "table"),
-    "wardrobe": Model(storage.wardrobe, "wardrobe"),
-    "chest of drawers": Model(storage.chest_of_drawers, "chest of drawers"),
-    "cabinet": Model(storage.cabinet, "cabinet"),
-    "bookcase": Model(storage.bookcase, "bookcase"),
-    "wall shelf": Model(storage.wall_shelf, "shelf"),
-    "sofa": Model(seating.sofa, "sofa"),
-    "armchair": Model(seating.sofa, "armchair"),
-    "ottoman": Model(seating.ottoman, "ottoman"),
-    "chair": Model(seating.chair, "chair"),
-    "swivel chair": Model(seating.swivel_chair, "swivel chair"),
-    "dining table": Model(tables.dining_table, "table"),
-    "coffee table": Model(tables.coffee_table, "coffee table"),
-    "desk": Model(tables.desk, "desk"),
+    "bed": Model(soft.bed, "bed"),
+    "nightstand": Model(cases.nightstand, "table"),
+    "wardrobe": Model(cases.wardrobe, "wardrobe"),
+    "chest of drawers": Model(cases.chest_of_drawers, "chest of drawers"),
+    "cabinet": Model(cases.cabinet, "cabinet"),
+    "bookcase": Model(cases.bookcase, "bookcase"),
+    "wall shelf": Model(cases.wall_shelf, "shelf"),
+    "sofa": Model(soft.sofa, "sofa"),
+    "armchair": Model(soft.sofa, "armchair"),
+    "ottoman": Model(soft.ottoman, "ottoman"),
+    "chair": Model(soft.chair, "chair"),
+    "swivel chair": Model(soft.swivel_chair, "swivel chair"),
+    "dining table": Model(cases.dining_table, "table"),
+    "coffee table": Model(cases.coffee_table, "coffee table"),
+    "desk": Model(cases.desk, "desk"),
     "floor lamp": Model(devices.floor_lamp, "lamp"),
     "table lamp": Model(devices.table_lamp, "lamp"),
     "television": Model(devices.television, "television"),
@@ -68,19 +50,19 @@ MODELS: dict[str, Model] = {
     "bottle": Model(small.bottle, "bottle"),
     "bowl": Model(small.bowl, "plate"),
     "mug": Model(small.mug, "glass"),
-    "box": Model(small.box, "box"),
+    "box": Model(small.carton, "box"),
     "basket": Model(small.basket, "basket"),
     "toy blocks": Model(small.toy_blocks, "plaything"),
     "toy ball": Model(small.toy_ball, "ball"),
-    "books": Model(books.books, "book"),
-    "plant": Model(plants.plant, "plant"),
-    "picture": Model(pictures.picture, "painting"),
-    "wall clock": Model(pictures.wall_clock, "clock"),
-    "rug": Model(textiles.rug, "rug"),
-    "cushion": Model(textiles.cushion, "cushion"),
-    "blanket": Model(textiles.blanket, "blanket"),
-    "tripod": Model(equipment.tripod, ""),
-    "meter board": Model(equipment.meter_board, ""),
+    "books": Model(cases.books, "book"),
+    "plant": Model(small.plant, "plant"),
+    "picture": Model(small.picture, "painting"),
+    "wall clock": Model(small.wall_clock, "clock"),
+    "rug": Model(soft.rug, "rug"),
+    "cushion": Model(soft.cushion, "cushion"),
+    "blanket": Model(soft.blanket, "blanket"),
+    "tripod": Model(devices.tripod, ""),
+    "meter board": Model(devices.meter_board, ""),
 }
 """Every kind of item."""
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh
 from mocks.rooms.model import Finish, Item, Material
-from mocks.rooms.shapes import beam, rounded_box, tube
 from mocks.worlds.light import Vector
+from processing.ground.mesh import Mesh
+from processing.ground.shapes import beam, rounded_box, tube
 
 PAPER: tuple[Vector, ...] = (
     *((0.55, 0.12, 0.10), (0.10, 0.19, 0.34), (0.72, 0.66, 0.52), (0.14, 0.27, 0.20), (0.80, 0.78, 0.72)),

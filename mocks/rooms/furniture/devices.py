@@ -8,7 +8,8 @@ import numpy as np
 
 from mocks.rooms.furniture.build import BLACK_PLASTIC, CERAMIC, SCREEN, SHADE, WHITE_PLASTIC, Build
 from mocks.rooms.model import Material
-from mocks.rooms.shapes import ball, cylinder, lathe, moved, rounded_box, tube, turned
+from processing.ground.mesh import moved, turned
+from processing.ground.shapes import ball, cylinder, lathe, rounded_box, tube
 
 # The photographer's own things: the tripod below the camera and the white board that the meter looks at.
 

@@ -25,9 +25,9 @@ import numpy.typing as npt
 
 from drivers.errors import DaylitError
 from mocks.rooms.light.llvm import usable_library, version_in_name
-from mocks.rooms.mesh import Mesh, quad
 from mocks.worlds.light import Vector, unit
 from processing.ground.arrays import Doubles, Floats
+from processing.ground.mesh import Mesh, quad
 
 PATH: dict[str, Any] = {"type": "path", "max_depth": -1, "rr_depth": 12}
 """The integrator: paths of any length, ended by chance (which leaves the mean as it is) from the 12th bounce on."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mocks.rooms.light.engine import EngineError
-from mocks.rooms.mesh import Part
+from mocks.rooms.model import Part
 from processing.ground.arrays import Flags, Floats, Int32s
 
 _BLOCK = 1 << 18

@@ -15,9 +15,8 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from mocks.rooms.light.cube import Cube
+from mocks.rooms.light.cube import Cube, Guide
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.light.guide import Guide
 from mocks.rooms.light.sunlight import enters, outward, sun_patches, sun_share
 from mocks.rooms.light.transport import Lighting, Sampling, load_scene, render_cube
 from mocks.rooms.room import Room

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.mesh import Mesh
-from mocks.rooms.shell.shell import Pane
+from mocks.rooms.shell import Pane
 from mocks.worlds.light import BrightDisc, Vector
 from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.mesh import Mesh
 
 _RIM, _FILL = 6, 32
 _LIFT_M = 1e-3

@@ -15,9 +15,10 @@ import numpy as np
 from mocks.rooms.light.cube import FACES, Cube
 from mocks.rooms.light.engine import PATH, environment_emitter, mesh_shape, mitsuba, sun_emitter
 from mocks.rooms.light.sunlight import SunPatch
-from mocks.rooms.mesh import Part, merge
+from mocks.rooms.model import Part
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Floats
+from processing.ground.mesh import merge
 
 _RUSSIAN_ROULETTE_DEPTH = 5
 """Paths of any length, ended by chance from here on: no light is lost, and half the work is saved."""

@@ -1,1 +1,24 @@
-"""Walls, windows, doors, fixtures and lamps as meshes."""
+"""Everything of a room that is not furniture, as meshes: walls with their openings, frames, doors and fixtures.
+
+The shell is light-tight: light enters through the panes of `window_panes` and nowhere else. Panes have no mesh."""
+
+from __future__ import annotations
+
+from mocks.rooms.model import Finish, Part, Plan
+from mocks.rooms.shell.fixtures import fixture_parts
+from mocks.rooms.shell.openings import Pane, door_parts, window_panes, window_parts
+from mocks.rooms.shell.surfaces import floor_and_ceiling, mouldings, walls
+
+__all__ = ["Pane", "shell_parts", "window_panes"]
+
+
+def shell_parts(plan: Plan, finish: Finish) -> list[Part]:
+    """Return shell and fixtures of a room, in its coordinates (metres)."""
+    return [
+        *floor_and_ceiling(plan, finish),
+        *walls(plan, finish),
+        *mouldings(plan, finish),
+        *window_parts(plan, finish),
+        *door_parts(plan, finish),
+        *fixture_parts(plan, finish),
+    ]

@@ -13,12 +13,12 @@ from shapely import box as rectangle
 from shapely import union_all
 from shapely.geometry import Polygon
 
-from mocks.rooms.mesh import Mesh, Part, merge
-from mocks.rooms.model import ADE20K, Door, Finish, Material, Plan, Role, Window
+from mocks.rooms.model import ADE20K, Door, Finish, Material, Part, Plan, Role, Window
 from mocks.rooms.plan.forms import inner_angle_rad
 from mocks.rooms.plan.space import openings_of
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Doubles
+from processing.ground.mesh import Mesh, merge
 
 
 def part_of(

@@ -14,63 +14,43 @@ import cv2
 import numpy as np
 
 from mocks.rooms.model import Texture
-from mocks.rooms.textures import (
-    cloth as textures_cloth,
-)
-from mocks.rooms.textures import (
-    cloth as textures_rugs,
-)
-from mocks.rooms.textures import (
-    pictures as textures_pictures,
-)
-from mocks.rooms.textures import (
-    tiles as textures_tiles,
-)
-from mocks.rooms.textures import (
-    tiles as textures_walls,
-)
-from mocks.rooms.textures import (
-    wood as textures_parquet,
-)
-from mocks.rooms.textures import (
-    wood as textures_wood,
-)
+from mocks.rooms.textures import cloth, pictures, tiles, wood
 from mocks.rooms.textures.base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, with_mean
+from mocks.worlds.hdr_world import MipTexture
 from mocks.worlds.light import Vector
-from mocks.worlds.textures import MipTexture
 
 _ONE_TONE: dict[str, Callable[[Texture], Tile]] = {
-    "planks": textures_wood.planks,
-    "veneer": textures_wood.veneer,
-    "laminate": textures_parquet.laminate,
-    "herringbone": textures_parquet.herringbone,
-    "blocks": textures_parquet.blocks,
-    "concrete": textures_tiles.concrete,
-    "paint": textures_walls.paint,
-    "plaster": textures_walls.plaster,
-    "carpet loop": textures_cloth.carpet_loop,
-    "carpet pile": textures_cloth.carpet_pile,
-    "woven": textures_cloth.woven,
-    "boucle": textures_cloth.boucle,
-    "knit": textures_cloth.knit,
-    "leather": textures_cloth.leather,
-    "rattan": textures_cloth.rattan,
+    "planks": wood.planks,
+    "veneer": wood.veneer,
+    "laminate": wood.laminate,
+    "herringbone": wood.herringbone,
+    "blocks": wood.blocks,
+    "concrete": tiles.concrete,
+    "paint": tiles.paint,
+    "plaster": tiles.plaster,
+    "carpet loop": cloth.carpet_loop,
+    "carpet pile": cloth.carpet_pile,
+    "woven": cloth.woven,
+    "boucle": cloth.boucle,
+    "knit": cloth.knit,
+    "leather": cloth.leather,
+    "rattan": cloth.rattan,
 }
 _PATTERNED: dict[str, Callable[[Texture], Tile]] = {
-    "tiles": textures_tiles.tiles,
-    "hexagons": textures_tiles.hexagons,
-    "terrazzo": textures_tiles.terrazzo,
-    "striped": textures_cloth.striped,
-    "wallpaper stripes": textures_walls.wallpaper_stripes,
-    "wallpaper motifs": textures_walls.wallpaper_motifs,
-    "wallpaper damask": textures_walls.wallpaper_damask,
-    "rug medallions": textures_rugs.medallions,
-    "rug lozenges": textures_rugs.lozenges,
-    "rug bands": textures_rugs.bands,
-    "picture fields": textures_pictures.fields,
-    "picture hills": textures_pictures.hills,
-    "picture shapes": textures_pictures.shapes,
-    "picture leaves": textures_pictures.leaves,
+    "tiles": tiles.tiles,
+    "hexagons": tiles.hexagons,
+    "terrazzo": tiles.terrazzo,
+    "striped": cloth.striped,
+    "wallpaper stripes": tiles.wallpaper_stripes,
+    "wallpaper motifs": tiles.wallpaper_motifs,
+    "wallpaper damask": tiles.wallpaper_damask,
+    "rug medallions": cloth.medallions,
+    "rug lozenges": cloth.lozenges,
+    "rug bands": cloth.bands,
+    "picture fields": pictures.fields,
+    "picture hills": pictures.hills,
+    "picture shapes": pictures.shapes,
+    "picture leaves": pictures.leaves,
 }
 KINDS = (*_ONE_TONE, *_PATTERNED)
 """All kinds of pattern. The mean of those up to rattan is their first colour; the others have several colours."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from processing.ground.arrays import Doubles
+from processing.ground.mesh import band_faces, grid_faces, grid_rim
 from processing.layout.furniture.solids import Spot, cleaned, cube_grid, rounded_rectangle, tube
 from processing.layout.furniture.surface import Solid, corner_normals, joined, solid
 
@@ -76,20 +77,9 @@ def _dense(ring: Doubles, step_m: float) -> Doubles:
 def sheets(upper: Doubles, lower: Doubles) -> Solid:
     """Return the closed body between two (m, n, 3) sheets with a common rim; x grows with m, y with n."""
     m, n = upper.shape[:2]
-    i, j = np.meshgrid(np.arange(m - 1), np.arange(n - 1), indexing="ij")
-    a = (i * n + j).ravel()
-    b, c, d = a + n, a + n + 1, a + 1
-    top = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    bottom = top[:, ::-1] + m * n
-    border = np.concatenate([
-        np.arange(m - 1) * n, (m - 1) * n + np.arange(n - 1), np.arange(m - 1, 0, -1) * n + n - 1,
-        np.arange(n - 1, 0, -1),
-    ])  # fmt: skip
-    after = np.roll(border, -1)
-    rim = np.concatenate([
-        np.stack([border, border + m * n, after + m * n], 1), np.stack([border, after + m * n, after], 1),
-    ])  # fmt: skip
-    return cleaned(np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]), np.concatenate([top, bottom, rim]))
+    top, rim = grid_faces(m, n), grid_rim(m, n)
+    faces = np.concatenate([top, top[:, ::-1] + m * n, band_faces(rim, rim + m * n)]).astype(np.int64)
+    return cleaned(np.concatenate([upper.reshape(-1, 3), lower.reshape(-1, 3)]), faces)
 
 
 def pillow(

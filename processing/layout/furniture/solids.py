@@ -8,7 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Int64s
+from processing.ground.arrays import Doubles
+from processing.ground.mesh import carried_frames
+from processing.ground.shapes import rounded_box
 from processing.layout.furniture.surface import Solid, solid
 
 Spot = tuple[float, float, float]
@@ -55,52 +57,10 @@ def box(low: Spot, high: Spot, bevel_m: float = 0.003, steps: int = 1) -> Solid:
 
 
 def cube_grid(half: Doubles, r: float, steps: int, inner: int) -> Solid:
-    """Return a box of half extents with edges of radius r, its flat fields divided `inner` times; rest is itself."""
-    lattice, faces = _lattice(steps, inner)
-    core = half - r
-    turn = np.tan(np.pi / 4 * np.linspace(0, 1, steps + 1)) if steps else np.zeros(1)
-    # Lattice coordinate -> place along the axis (before rounding): rounding region, flat region, rounding region.
-    columns = []
-    for axis in range(3):
-        flat = np.linspace(-core[axis], core[axis], inner + 1)
-        rim = core[axis] + r * turn[1:] if steps else np.empty(0)
-        line = np.concatenate([-rim[::-1], flat, rim])
-        columns.append(line[lattice[:, axis]])
-    points = np.stack(columns, axis=1)
-    if r > 0:
-        inside = np.clip(points, -core, core)
-        away = points - inside
-        points = inside + r * away / np.linalg.norm(away, axis=1, keepdims=True)
-    else:
-        points = np.sign(points) * np.where(np.abs(points) >= core - 1e-12, half, np.abs(points))
-    return solid(points, faces)
-
-
-_LATTICES: dict[tuple[int, int], tuple[Int64s, Int64s]] = {}
-
-
-def _lattice(steps: int, inner: int) -> tuple[Int64s, Int64s]:
-    """Return the surface points (integers) and triangles of a cube of 2 steps + inner cells a side."""
-    if (steps, inner) in _LATTICES:
-        return _LATTICES[steps, inner]
-    n = 2 * steps + inner
-    u, v = (g.ravel() for g in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    quads = []
-    for axis in range(3):
-        for side in (0, n):
-            corners = []
-            for du, dv in ((0, 0), (1, 0), (1, 1), (0, 1)) if side else ((0, 0), (0, 1), (1, 1), (1, 0)):
-                p = np.zeros((len(u), 3), dtype=np.int64)
-                p[:, axis], p[:, (axis + 1) % 3], p[:, (axis + 2) % 3] = side, u + du, v + dv
-                corners.append(p)
-            quads.append(np.stack(corners, axis=1))
-    every = np.concatenate(quads)
-    code = (every @ np.array([(n + 1) ** 2, n + 1, 1])).ravel()
-    _, first, place = np.unique(code, return_index=True, return_inverse=True)
-    quad = place.reshape(-1, 4)
-    faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]])
-    _LATTICES[steps, inner] = (every.reshape(-1, 3)[first], faces)
-    return _LATTICES[steps, inner]
+    """Return a box of half extents (3,), metres, with edges of radius r, its flat fields divided `inner` times."""
+    x, y, z = (float(v) for v in half)
+    mesh = rounded_box((-x, -y, -z), (x, y, z), r, steps, (inner, inner, inner))
+    return cleaned(mesh.vertices, mesh.faces.astype(np.int64))
 
 
 def circle(radius_m: float, sides: int, z: float = 0.0, start_rad: float = 0.0) -> Doubles:
@@ -156,7 +116,9 @@ def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12
     if closed:
         return _ring_tube(p, float(radii[0]), sides)
     tangents = np.gradient(p, axis=0)
-    frames = _frames(tangents / np.linalg.norm(tangents, axis=1, keepdims=True))
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    first = np.cross(tangents[0], (0.0, 0.0, 1.0))
+    frames = carried_frames(tangents, first if np.linalg.norm(first) >= 1e-6 else np.array((1.0, 0.0, 0.0)))
     a = 2 * np.pi * np.arange(sides) / sides
     wheel = np.stack([np.cos(a), np.sin(a)], axis=1)
     rings = p[:, None, :] + radii[:, None, None] * (wheel @ frames)
@@ -166,19 +128,6 @@ def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12
     rings[0] += t0 / np.linalg.norm(t0) * min(0.4 * radii[0], 0.4 * float(np.linalg.norm(t0)))
     rings[-1] -= t1 / np.linalg.norm(t1) * min(0.4 * radii[-1], 0.4 * float(np.linalg.norm(t1)))
     return loft(np.concatenate([head[None], rings, tail[None]]))
-
-
-def _frames(tangents: Doubles) -> Doubles:
-    """Return (m, 2, 3): two directions across each tangent, turning as little as they can."""
-    first = np.cross(tangents[0], [0.0, 0.0, 1.0])
-    if np.linalg.norm(first) < 1e-6:
-        first = np.array([1.0, 0.0, 0.0])
-    frames = []
-    for t in tangents:
-        first = first - (first @ t) * t
-        first /= np.linalg.norm(first)
-        frames.append(np.stack([first, np.cross(t, first)]))
-    return np.stack(frames)
 
 
 def _ring_tube(p: Doubles, radius_m: float, sides: int) -> Solid:

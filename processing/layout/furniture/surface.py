@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Int64s
+from processing.ground.mesh import crosses
 from processing.layout.furniture.model import Material, Part
 
 CREASE_RAD = np.radians(50.0)
@@ -68,12 +69,6 @@ def signed_volume_m3(vertices: Doubles, faces: Int64s) -> float:
     """Return the volume enclosed; negative where triangles wind inwards."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
-
-
-def crosses(vertices: Doubles, faces: Int64s) -> Doubles:
-    """Return (m, 3): normals of the faces, as long as twice their area."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
 
 
 def corner_normals(vertices: Doubles, faces: Int64s, crease_rad: float = CREASE_RAD) -> Doubles:

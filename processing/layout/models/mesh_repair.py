@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from processing.ground.arrays import Doubles, Flags, Int64s
-from processing.layout.furniture.surface import crosses
+from processing.ground.mesh import crosses
 from processing.layout.models.mesh_files import RawPart
 
 

@@ -9,9 +9,8 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from shapely.geometry import Polygon
 
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Plan
-from mocks.rooms.shell.shell import Pane
+from mocks.rooms.model import Part, Plan
+from mocks.rooms.shell import Pane
 
 
 def missed(parts: tuple[Part, ...], origins: npt.NDArray[np.float64], ways: npt.NDArray[np.float64]) -> npt.NDArray:

@@ -10,10 +10,10 @@ import pytest
 
 from mocks.rooms.finish import draw_finish
 from mocks.rooms.furniture import MODELS, item_parts
-from mocks.rooms.mesh import Mesh, Part, merge
-from mocks.rooms.model import ADE20K, NO_CLASS, Item, Role, Use
-from mocks.rooms.shapes import ball, beam, cylinder, lathe, rounded_box, tube
-from mocks.rooms.soft_shapes import blade, leaf, pad, pillow
+from mocks.rooms.furniture.small import blade, leaf
+from mocks.rooms.model import ADE20K, NO_CLASS, Item, Part, Role, Use
+from processing.ground.mesh import Mesh, merge
+from processing.ground.shapes import ball, beam, cylinder, lathe, pad, pillow, rounded_box, tube
 
 SIZES_M = {
     "bed": (1.68, 2.12, 1.0),

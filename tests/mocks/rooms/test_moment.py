@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta, timezone
 import numpy as np
 import pytest
 
-from mocks.rooms.sky.moment import LOWEST_SUN_RAD, Moment, draw_moment, sun_distance_au, sun_of
+from mocks.rooms.sky.daylight import LOWEST_SUN_RAD, Moment, draw_moment, sun_distance_au, sun_of
 
 
 def meeus_sun_deg(moment: Moment) -> tuple[float, float]:

@@ -15,8 +15,8 @@ from benchmarks.photometry import spot as _spot
 from mocks.rooms.light import engine as engines
 from mocks.rooms.light import llvm
 from mocks.rooms.light.engine import EngineError, environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter
-from mocks.rooms.mesh import quad
 from processing.ground.arrays import Floats
+from processing.ground.mesh import quad
 
 WHITE = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}}
 DOWN = (0.0, 0.0, -1.0)

@@ -12,8 +12,8 @@ from mocks.rooms import model as ade
 from mocks.rooms.light import engine as engines
 from mocks.rooms.light.engine import LLVM, SCALAR, Engine, EngineError
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.mesh import Part, quad
-from mocks.rooms.model import Material, Role
+from mocks.rooms.model import Material, Part, Role
+from processing.ground.mesh import quad
 from station.capture import preflight
 
 

@@ -16,7 +16,7 @@ from mocks.rooms.light.sunlight import enters, sun_share
 from mocks.rooms.light.transport import load_scene
 from mocks.rooms.model import Role, Use
 from mocks.rooms.room import check_room, make_room
-from mocks.rooms.sky.clouds import CloudDrift
+from mocks.rooms.sky.sky import CloudDrift
 from mocks.rooms.truth import description, equirectangular, point_lights, truth_pictures
 from mocks.rooms.world import RoomWorld, baked_light, room_world
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
@@ -266,7 +266,7 @@ def test_passing_clouds_only_dim_the_sun():
 def test_there_is_no_sky_of_the_night():
     from datetime import UTC, datetime
 
-    from mocks.rooms.sky.moment import Moment
+    from mocks.rooms.sky.daylight import Moment
 
     with pytest.raises(ValueError, match="below the horizon"):
         make_room(1, Use.EMPTY, moment=Moment(40.44, -79.99, datetime(2023, 6, 21, 5, tzinfo=UTC), 0.0))

@@ -13,8 +13,7 @@ import pytest
 
 from benchmarks.seeds import seeds
 from mocks.rooms import room as room_module
-from mocks.rooms.mesh import Part
-from mocks.rooms.model import Plan, Role, Use, Window
+from mocks.rooms.model import Part, Plan, Role, Use, Window
 from mocks.rooms.room import MAIN_PIECE, Room, accent_wall, check_room, make_room
 from tests.mocks.rooms.leaks import missed, rays_inside, through
 

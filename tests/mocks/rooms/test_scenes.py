@@ -10,7 +10,7 @@ import pytest
 
 from mocks.rooms.model import Plan, Use
 from mocks.rooms.scenes import clouds_of, scene_room, seed_of, use_of
-from mocks.rooms.sky.moment import Moment, sun_of
+from mocks.rooms.sky.daylight import Moment, sun_of
 from mocks.rooms.world import RoomWorld
 
 NOON = Moment(40.44, -79.99, datetime(2023, 6, 22, 17, 0, tzinfo=UTC), math.radians(167))

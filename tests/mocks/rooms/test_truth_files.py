@@ -10,8 +10,17 @@ import numpy as np
 import pytest
 
 from mocks.rooms.room import make_room
-from mocks.rooms.truth import PointLight, TruthPictures
-from mocks.rooms.truth_files import LIGHT, MASKS, NUMBERS, TRUTH_NAME, TruthFileError, load_truth, save_truth
+from mocks.rooms.truth import (
+    LIGHT,
+    MASKS,
+    NUMBERS,
+    TRUTH_NAME,
+    PointLight,
+    TruthFileError,
+    TruthPictures,
+    load_truth,
+    save_truth,
+)
 from mocks.worlds.hdr_world import read_equirect
 
 ROWS = 8

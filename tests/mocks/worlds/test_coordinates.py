@@ -11,13 +11,13 @@ import pytest
 
 from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye
 from mocks.rooms.light.transport import Lighting, load_scene
-from mocks.rooms.mesh import Part, quad
-from mocks.rooms.model import Material, Role, Use
+from mocks.rooms.model import Material, Part, Role, Use
 from mocks.rooms.room import make_room
-from mocks.rooms.sky.moment import Moment, sun_of
+from mocks.rooms.sky.daylight import Moment, sun_of
 from mocks.rooms.sky.sky import SUN_RADIUS_RAD, Sky
 from mocks.rooms.truth import equirectangular
 from mocks.worlds.light import Site, UniformWorld, direction_of, luminance_cd_m2
+from processing.ground.mesh import quad
 
 SIZE = (400, 200)
 

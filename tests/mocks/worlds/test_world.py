@@ -3,7 +3,6 @@
 import math
 import pickle
 import sys
-from dataclasses import replace
 from types import ModuleType
 
 import cv2
@@ -14,26 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocks.rooms.model import Use
-from mocks.worlds import room_light
-from mocks.worlds.room_light import bake
-from mocks.worlds.room_plan import Box, WallRect, plan_room
-from mocks.worlds.room_rays import blocked, pane_distance_m, room_faces
-from mocks.worlds.textures import PlankFloor
-from mocks.worlds.world import (
+from mocks.worlds.hdr_world import HdrWorld, read_equirect
+from mocks.worlds.light import (
     BrightDisc,
-    HdrWorld,
     LightDrift,
-    SimpleRoom,
-    SimpleSky,
     Site,
     UniformWorld,
     WorldFileError,
     direction_of,
     luminance_cd_m2,
-    meter_luminance_cd_m2,
-    open_world,
-    read_equirect,
 )
+from mocks.worlds.simple_room import CAMERA_HEIGHT_M, SimpleRoom, cast, plan_room, window_form_factor
+from mocks.worlds.sky import SimpleSky
+from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
 
 def sphere(height):
@@ -65,9 +57,9 @@ def test_room_luminances_are_those_of_a_daylit_room(panorama):
 
 
 def test_window_is_the_brightest_part_of_the_wall_ahead(room, panorama):
-    window = room.plan.window
-    middle = (window.a0 * 0.7 + window.a1 * 0.3, room.plan.high[1], (window.z0 + window.z1) / 2 - 1.6)
-    beside = (window.a0 - 0.5, room.plan.high[1], middle[2])
+    x0, z0, x1, z1 = room.plan.window
+    middle = (x0 * 0.7 + x1 * 0.3, room.plan.high[1], (z0 + z1) / 2 - CAMERA_HEIGHT_M)
+    beside = (x0 - 0.5, room.plan.high[1], middle[2])
     through = meter_luminance_cd_m2(room, middle)
     assert through > 4 * meter_luminance_cd_m2(room, beside)
 
@@ -78,8 +70,8 @@ def test_sun_makes_a_patch_on_the_floor_much_brighter_than_the_floor_around(room
 
 
 def test_what_the_window_shows_is_the_sky_outside(room):
-    window = room.plan.window
-    up = (window.a0 * 0.75 + window.a1 * 0.25, room.plan.high[1], window.z1 - 0.25 - 1.6)
+    x0, _, x1, z1 = room.plan.window
+    up = (x0 * 0.75 + x1 * 0.25, room.plan.high[1], z1 - 0.25 - CAMERA_HEIGHT_M)
     direction = np.array([up], dtype=np.float32) / np.linalg.norm(up)
     glass = room.open_sky(Site.INDOOR, direction.astype(np.float32))[0]
     inside = room.radiance(Site.INDOOR, direction.astype(np.float32))[0]
@@ -89,7 +81,7 @@ def test_what_the_window_shows_is_the_sky_outside(room):
 
 
 def test_board_is_white_even_and_known(room):
-    board = room.plan.board
+    board = room.plan.blocks[-1]
     rng = np.random.default_rng(0)
     corner = np.array([board.low[0] + 0.02, board.high[1], board.low[2] + 0.02])
     points = corner + rng.uniform(0, 0.46, (64, 3)) * [1, 0, 1] - [0, 0, 1.6]
@@ -99,87 +91,66 @@ def test_board_is_white_even_and_known(room):
     assert meter_luminance_cd_m2(room, room.board_direction) == pytest.approx(room.board_luminance_cd_m2(), rel=1e-5)
 
 
-def empty_room(window=None):
-    """A bare room of 5 x 4 x 2.7 m (but for a crumb, since a plan has a board)."""
-    plan = plan_room(0)
-    crumb = Box((2.0, 1.5, 2.0), (2.001, 1.501, 2.001), (0.5, 0.5, 0.5))
-    low, high = (-2.5, -2.0, 0.0), (2.5, 2.0, 2.7)
-    return replace(plan, low=low, high=high, boxes=(), board=crumb, window=window or WallRect(0.0, 1e-3, 1.0, 1.001))
+def corners_of_window(y, x0, x1, z0, z1):
+    return np.array([(x, y, z) for x, z in ((x0, z0), (x0, z1), (x1, z1), (x1, z0))], dtype=float)
 
 
-def test_white_furnace_adds_what_the_series_says():
-    """Closed room of albedo a, evenly lit by E: the bounces add E a / (1 - a) everywhere."""
-    plan = empty_room()
-    faces = room_faces(plan)
-    patches = room_light._grid(faces, 0.38, 0.24)
-    albedo = np.full((len(faces), 3), 0.5, dtype=np.float32)
-    added = room_light._bounce(plan, patches, albedo, np.ones((len(patches.point), 3), dtype=np.float32))
-    np.testing.assert_allclose(added[patches.face < 6], 1.0, rtol=2e-3)
+def test_form_factor_before_a_square_is_the_closed_form():
+    """A square of side 2 m, 1 m from a point facing it: four times a corner's rectangle (Howell's catalogue, B-4)."""
+    square = corners_of_window(1.0, -1.0, 1.0, -1.0, 1.0)
+    point = np.zeros((1, 3), np.float32)
+    expected = 4 / math.pi * math.sqrt(0.5) * math.atan(math.sqrt(0.5))
+    assert window_form_factor(square, point, 1, 1.0)[0] == pytest.approx(expected, rel=1e-6)
+    assert window_form_factor(square, point, 1, -1.0)[0] == 0
 
 
-def test_form_factor_of_floor_to_ceiling_is_the_closed_form():
-    """0.3506 for two parallel rectangles of 5 x 4 m, 2.7 m apart."""
-    plan = empty_room()
-    patches = room_light._grid(room_faces(plan), 0.38, 0.24)
-    factors = room_light._form_factors(plan, patches)
-    floor, ceiling = patches.face == 4, patches.face == 5
-    seen = factors[floor][:, ceiling].sum(axis=1)
-    mean = float((seen * patches.area_m2[floor]).sum() / patches.area_m2[floor].sum())
-    assert mean == pytest.approx(0.3506, rel=0.02)
-
-
-def test_skylight_on_the_wall_opposite_is_what_an_integral_gives():
-    """Window light at one point against a fine numerical integral over the opening."""
-    plan = empty_room(WallRect(-0.8, 0.9, 0.9, 2.2))
-    sky = SimpleSky()
-    faces = room_faces(plan)
-    black = np.full((len(faces), 3), 1e-9, dtype=np.float32)
-    maps = bake(plan, faces, black, replace(sky, sun_luminance_cd_m2=1e-9))
-    face = np.array([2], dtype=np.int32)
-    got = float(luminance_cd_m2(maps.at(face, np.array([0.5]), np.array([0.4])))[0])
-    x, z = np.meshgrid(np.linspace(-0.8, 0.9, 400), np.linspace(0.9, 2.2, 400))
-    way = np.stack([x - 0.0, np.full(x.shape, 4.0), z - 0.4 * 2.7], axis=-1)
+@pytest.mark.parametrize(("axis", "sign", "point"), [(0, 1.0, (-2.5, 0.3, 1.0)), (2, 1.0, (0.4, -1.0, 0.0))])
+def test_form_factor_is_what_an_integral_gives(axis, sign, point):
+    """Seen from a side wall and from the floor, against a fine numerical integral over the opening."""
+    x, z = np.meshgrid(-0.8 + 1.7 * (np.arange(400) + 0.5) / 400, 0.9 + 1.3 * (np.arange(400) + 0.5) / 400)
+    way = np.stack([x, np.full(x.shape, 2.0), z], axis=-1) - point
     distance2 = (way**2).sum(axis=-1)
-    direction = (way / np.sqrt(distance2)[..., None]).astype(np.float32)
-    out_x = x + direction[..., 0] / direction[..., 1] * plan.wall_thickness_m
-    out_z = z + direction[..., 2] / direction[..., 1] * plan.wall_thickness_m
-    clear = pane_distance_m(plan, out_x.astype(np.float32), out_z.astype(np.float32)) > 0
-    light = luminance_cd_m2(sky.radiance(direction)) * direction[..., 1] ** 2 / distance2 * clear
-    expected = float(light.mean()) * 1.7 * 1.3 * 0.65
-    assert got == pytest.approx(expected, rel=0.06)
+    expected = float((sign * way[..., axis] * way[..., 1] / (math.pi * distance2**2)).mean()) * 1.7 * 1.3
+    got = window_form_factor(corners_of_window(2.0, -0.8, 0.9, 0.9, 2.2), np.array([point], np.float32), axis, sign)
+    assert got[0] == pytest.approx(expected, rel=1e-3)
 
 
-def test_shadow_test_sees_a_box_between_two_points():
+def test_rays_meet_the_block_before_the_wall():
     plan = plan_room(0)
-    box = plan.boxes[0]
-    middle = (np.array(box.low) + np.array(box.high)) / 2
-    before = np.array([[middle[0], middle[1] + 1.0, middle[2]]], dtype=np.float32)
-    behind = np.array([[middle[0], middle[1] - 1.0, middle[2]]], dtype=np.float32)
-    assert blocked(plan, before, behind)[0]
-    assert not blocked(plan, before, before + np.float32(0.2))[0]
+    for number, block in enumerate(plan.blocks):
+        middle = (np.array(block.low) + np.array(block.high)) / 2 - (0, 0, CAMERA_HEIGHT_M)
+        face, point = cast(plan, (middle / np.linalg.norm(middle)).astype(np.float32)[None])
+        assert face[0] >= 6
+        assert np.linalg.norm(point[0] - (0, 0, CAMERA_HEIGHT_M)) <= np.linalg.norm(middle) + 1e-4, number
+
+
+def test_sun_and_shadow_fall_where_geometry_says():
+    """From a point on the floor in the sun the way to the sun leads through a pane; beside the patch it does not."""
+    room = SimpleRoom(3)
+    floor = np.stack([*np.meshgrid(np.linspace(-2, 2, 120), np.linspace(-2, 2, 120))], axis=-1).reshape(-1, 2)
+    point = np.column_stack([floor, np.zeros(len(floor))]).astype(np.float32)
+    lit = room._sunlit(point)
+    sun = np.array(room.sky.sun_direction)
+    x0, z0, x1, z1 = room.plan.window
+    at_glass = point + sun * ((room.plan.high[1] + 0.24 - point[:, 1]) / sun[1])[:, None]
+    outside = (at_glass[:, 0] < x0) | (at_glass[:, 0] > x1) | (at_glass[:, 2] < z0) | (at_glass[:, 2] > z1)
+    assert (lit == 1).sum() > 50
+    assert not lit[outside].any()
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**31))
 def test_every_seed_leaves_the_camera_free_and_all_furniture_inside(seed):
     plan = plan_room(seed)
-    for box in plan.solids:
+    for box in plan.blocks:
         assert all(low < high for low, high in zip(box.low, box.high, strict=True))
         assert all(a >= b - 1e-9 for a, b in zip(box.low, plan.low, strict=True))
         assert all(a <= b + 1e-9 for a, b in zip(box.high, plan.high, strict=True))
         gap = [max(low, -high, 0.0) for low, high in zip(box.low[:2], box.high[:2], strict=True)]
         assert math.hypot(*gap) > 0.8
-    assert plan.low[0] < plan.window.a0 < plan.window.a1 < plan.high[0]
-    assert plan.window.z1 < plan.high[2]
-
-
-def test_floor_tile_repeats_without_a_seam():
-    tile = PlankFloor(seed=5).tile()
-    boards = tile.shape[1]
-    step_inside = np.median(np.abs(np.diff(tile, axis=0)))
-    across_seam = np.median(np.abs(tile[0] - tile[-1]))
-    assert tile.shape == (boards, boards, 3)
-    assert across_seam < 3 * step_inside
+    x0, z0, x1, z1 = plan.window
+    assert plan.low[0] < x0 < x1 < plan.high[0]
+    assert plan.low[2] < z0 < z1 < plan.high[2]
 
 
 def test_seeds_differ_and_repeat():

@@ -17,8 +17,8 @@ import daylit
 from drivers.errors import DeviceTimeoutError
 from mocks.rooms.light import light
 from mocks.rooms.room import make_room
-from mocks.rooms.truth_files import load_truth
-from mocks.worlds.world import SimpleRoom
+from mocks.rooms.truth import load_truth
+from mocks.worlds.simple_room import SimpleRoom
 from station.errors import ConditionsError, SessionExistsError
 from station.session.manifest import load_manifest
 from station.session.session import SessionManifest, SessionStatus, Side

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocks.optics.camera import CANON_5D2, ND3_TINT
+from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site, luminance_cd_m2
-from mocks.worlds.world import ChartRoom
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter, published_nd_filter, without_negatives
 from processing.errors import LensError
 

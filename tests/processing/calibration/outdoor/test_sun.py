@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from mocks.rooms.sky.moment import Moment, sun_of
+from mocks.rooms.sky.daylight import Moment, sun_of
 from mocks.worlds.sky import SimpleSky
 from processing.calibration.outdoor import outdoor
 from processing.calibration.outdoor.clear_sky import Place, clear_beam, direct_efficacy_lm_w, sun_place

@@ -1,4 +1,4 @@
-"""Shapes that furniture is made of: rounded blocks, tubes, turned and soft bodies. Metres, normals outwards.
+"""Shapes that things are made of: rounded blocks, tubes, turned bodies, cushions and cloth. Metres, normals outwards.
 
 All are closed bodies, so that light never meets the back of a surface; texture coordinates are metres along the
 surface, v along the longest side (the grain of wood).
@@ -13,9 +13,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from mocks.rooms.mesh import Mesh, merge
-from mocks.worlds.light import Vector
-from processing.ground.arrays import Doubles, Int32s
+from processing.ground.arrays import Doubles
+from processing.ground.mesh import (
+    Mesh,
+    Vector,
+    band_faces,
+    carried_frames,
+    grid_faces,
+    grid_rim,
+    merge,
+    moved,
+    smooth,
+    without_slivers,
+)
 
 CREASE_RAD = math.radians(35.0)
 """A turned profile that bends more than this has a sharp edge there."""
@@ -65,40 +75,9 @@ def _side(axis: int, sign: float, flat: Doubles, radius: float, scales: list[Dou
     return Mesh(vertices, normal.reshape(-1, 3), vertices[:, [u, v]], grid_faces(len(grid_a), len(grid_b)))
 
 
-def grid_faces(rows: int, columns: int) -> Int32s:
-    """Return the triangles of a grid of vertices (row by row), normals along d/drow x d/dcolumn."""
-    index = np.arange(rows * columns).reshape(rows, columns)
-    p, q, r, s = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
-    return np.concatenate([np.stack([p, q, r], -1).reshape(-1, 3), np.stack([p, r, s], -1).reshape(-1, 3)]).astype(
-        np.int32
-    )
-
-
 def deformed(mesh: Mesh, move: Callable[[Doubles], Doubles]) -> Mesh:
     """Return the mesh with its vertices moved and smooth normals made anew."""
     return smooth(replace(mesh, vertices=move(mesh.vertices.copy())))
-
-
-def smooth(mesh: Mesh) -> Mesh:
-    """Return the mesh with each normal the mean (by area) of the faces that meet at its place."""
-    corners = mesh.vertices[mesh.faces]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    _, place = np.unique(np.round(mesh.vertices, 6), axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    total = np.zeros((int(place.max()) + 1, 3))
-    for corner in range(3):
-        np.add.at(total, place[mesh.faces[:, corner]], across)
-    normals = total[place]
-    return replace(mesh, normals=normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
-
-
-def turned(mesh: Mesh, axis: Vector, angle_rad: float, about: Vector = (0.0, 0.0, 0.0)) -> Mesh:
-    """Return the mesh turned about an axis through a point, counter-clockwise seen from the axis' tip."""
-    x, y, z = np.array(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    matrix = np.eye(3) + math.sin(angle_rad) * cross + (1 - math.cos(angle_rad)) * cross @ cross
-    vertices = (mesh.vertices - about) @ matrix.T + about
-    return replace(mesh, vertices=vertices, normals=mesh.normals @ matrix.T)
 
 
 def beam(start: Vector, end: Vector, width_m: float, thickness_m: float, radius_m: float = 0.003) -> Mesh:
@@ -137,14 +116,10 @@ def tube(points: Sequence[Vector], radius_m: float | Sequence[float], sides: int
 
 def _rings(path: Doubles, tangent: Doubles, radii: Doubles, sides: int) -> tuple[Doubles, Doubles]:
     """Return rings of points around a path and the directions outwards, carried along without twist."""
-    angles = np.linspace(0.0, 2 * math.pi, sides + 1)
+    angles = np.linspace(0.0, 2 * math.pi, sides + 1)[:, None]
     first = np.cross(tangent[0], (1.0, 0.0, 0.0) if abs(tangent[0, 0]) < 0.7 else (0.0, 1.0, 0.0))
-    out = np.empty((len(path), sides + 1, 3))
-    for k, t in enumerate(tangent):
-        first = first - t * (first @ t)
-        first = first / np.linalg.norm(first)
-        second = np.cross(t, first)
-        out[k] = np.cos(angles)[:, None] * first + np.sin(angles)[:, None] * second
+    frames = carried_frames(tangent, first)
+    out = np.cos(angles) * frames[:, :1] + np.sin(angles) * frames[:, 1:]
     return path[:, None, :] + radii[:, None, None] * out, out
 
 
@@ -192,18 +167,6 @@ def _turned_strip(points: Doubles, outwards: Doubles, way: Doubles, sides: int) 
     return without_slivers(Mesh(vertices.reshape(-1, 3), normals.reshape(-1, 3), uv, faces))
 
 
-def without_slivers(mesh: Mesh) -> Mesh:
-    """Return the mesh without triangles of no area."""
-    corners = mesh.vertices[mesh.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return replace(mesh, faces=mesh.faces[area > 1e-12])
-
-
-def moved(mesh: Mesh, by: Vector) -> Mesh:
-    """Return the mesh moved."""
-    return replace(mesh, vertices=mesh.vertices + np.array(by))
-
-
 def cylinder(bottom: Vector, radius_m: float, height_m: float, edge_m: float = 0.0, sides: int = 24) -> Mesh:
     """Return an upright cylinder whose rims are bevelled by ``edge_m``."""
     r, h, e = radius_m, height_m, min(edge_m, radius_m / 2, height_m / 2)
@@ -218,3 +181,69 @@ def ball(middle: Vector, radius_m: float, sides: int = 20) -> Mesh:
     angles = np.linspace(-math.pi / 2, math.pi / 2, sides // 2 + 1)
     profile = [(abs(radius_m * math.cos(a)) if abs(a) < 1.57 else 0.0, radius_m * math.sin(a)) for a in angles]
     return moved(lathe(profile, sides), middle)
+
+
+def pad(low: Vector, high: Vector, radius_m: float, crown_m: float, cells: int = 5) -> Mesh:
+    """Return a seat cushion: a rounded block whose broad sides swell by ``crown_m`` within the given bounds."""
+    lo, hi = np.array(low, dtype=np.float64), np.array(high, dtype=np.float64)
+    half, middle = (hi - lo) / 2, (hi + lo) / 2
+    thin = int(np.argmin(half))
+    counts = [cells, cells, cells]
+    counts[thin] = 1
+    lo[thin] += crown_m
+    hi[thin] -= crown_m
+    block = rounded_box(_vector(lo), _vector(hi), radius_m, 2, (counts[0], counts[1], counts[2]))
+
+    def swell(vertices: Doubles) -> Doubles:
+        place = (vertices - middle) / half
+        dome = np.ones(len(vertices))
+        for axis in range(3):
+            if axis != thin:
+                dome *= 1 - np.clip(np.abs(place[:, axis]), 0, 1) ** 3
+        vertices[:, thin] += crown_m * dome * np.sign(place[:, thin])
+        return vertices
+
+    return deformed(block, swell)
+
+
+def pillow(size_m: Vector, cells: int = 8) -> Mesh:
+    """Return a pillow lying around the origin: thin at the seams, with drawn-out corners; size is x, y, z."""
+    w, d, h = (s / 2 for s in size_m)
+    line = np.sin(np.linspace(-math.pi / 2, math.pi / 2, cells + 1))
+    x, y = np.meshgrid(line, line, indexing="ij")
+    full = np.sqrt(np.clip(1 - x**4, 0, 1) * np.clip(1 - y**4, 0, 1))
+    waist_x, waist_y = 1 - 0.07 * np.cos(y * math.pi / 2), 1 - 0.07 * np.cos(x * math.pi / 2)
+    flat = np.stack([w * x * waist_x, d * y * waist_y], axis=-1)
+    layers = [np.concatenate([flat, (s * h * (0.04 + 0.96 * full))[..., None]], axis=-1) for s in (1.0, -1.0)]
+    return _two_sided(layers[0], layers[1], flat)
+
+
+def _two_sided(top: Doubles, bottom: Doubles, uv: Doubles) -> Mesh:
+    """Return the closed body between two grids of points (n, m, 3), the top's normals along d/drow x d/dcolumn.
+
+    The rim has normals of its own, as a seam or the edge of a leaf has.
+    """
+    n, m = top.shape[:2]
+    faces, rim = grid_faces(n, m), grid_rim(n, m)
+    k = np.arange(len(rim))
+    band = band_faces(k, k + len(rim))
+    flat = uv.reshape(-1, 2)
+    points = [top.reshape(-1, 3), bottom.reshape(-1, 3)]
+    edge = np.concatenate([points[0][rim], points[1][rim]])
+    sides = ((points[0], flat, faces), (points[1], flat, faces[:, ::-1]), (edge, np.tile(flat[rim], (2, 1)), band))
+    return merge([smooth(Mesh(v, np.zeros_like(v), t, f.astype(np.int32))) for v, t, f in sides])
+
+
+def sheet(surface: Doubles, thickness_m: float) -> Mesh:
+    """Return cloth of a thickness under a grid of points (n, m, 3); its upper side looks along d/drow x d/dcolumn."""
+    rows, columns = (np.gradient(surface, axis=k) for k in (0, 1))
+    normal = np.cross(rows, columns)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)
+    way = [np.linalg.norm(np.diff(surface, axis=k), axis=-1) for k in (0, 1)]
+    u = np.concatenate([np.zeros((1, surface.shape[1])), np.cumsum(way[0], axis=0)])
+    v = np.concatenate([np.zeros((surface.shape[0], 1)), np.cumsum(way[1], axis=1)], axis=1)
+    return _two_sided(surface, surface - thickness_m * normal, np.stack([u, v], axis=-1))
+
+
+def _vector(values: Doubles) -> Vector:
+    return (float(values[0]), float(values[1]), float(values[2]))
