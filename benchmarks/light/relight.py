@@ -61,8 +61,10 @@ TIMES = (
 )
 CODE = {
     "ours": (
-        *("processing/rendering/*.py", "processing/relighting/*.py", "mocks/rooms/**/*.py"),
-        *("benchmarks/_relight*.py", "benchmarks/light/relight.py"),
+        "processing/light/**/*.py",
+        "processing/relighting/*.py",
+        "mocks/rooms/**/*.py",
+        "benchmarks/light/relight*.py",
     ),
 }
 LOWER_M = 0.6
@@ -121,7 +123,7 @@ def _done(
         if rows.late and found[kind] and not rows.knows(key):
             left += 1
             continue
-        found[kind].append(rows.row(key, work, even_late=not found[kind]))
+        found[kind].append({"key": key} | rows.row(key, work, even_late=not found[kind]))
     if left:
         print(f"{left} rows are left; run again to go on", file=sys.stderr)
     return found, left

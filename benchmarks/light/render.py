@@ -53,7 +53,7 @@ from processing.light.solver.transport import links_of, patch_points
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 
-CODE = {"ours": ("processing/rendering/*.py",), "theirs": ()}
+CODE = {"ours": ("processing/light/**/*.py",), "theirs": ()}
 RACE_ROOMS, RADIANCE_ROOMS, METHOD_ROOMS, SHEET_ROOMS = 8, 3, 4, 4
 """Radiance takes longest, and is looked at in a room of each kind."""
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
