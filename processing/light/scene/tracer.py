@@ -1,7 +1,7 @@
 """What a ray meets: Embree where it is installed, else Mitsuba's own ray tracer (LLVM or CUDA).
 
 `DAYLIT_RENDERER` names one (`embree`, `llvm`, `cuda`, `scalar`); all give the same picture but for rounding. Measured
-on small rooms, one core: Embree 8 to 10 million rays a CPU second, Mitsuba's LLVM variant through NumPy 3.3 million; its
+on small rooms, one core: Embree 8 to 10 million rays a CPU second, Mitsuba through NumPy 3.3 million (LLVM); its
 scalar variant, ray by ray, 0.08 million. The last is taken only where it is asked for.
 """
 
