@@ -43,9 +43,9 @@ from processing.light.scene.albedo import albedo_of_room
 from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Outdoors, Scene, Vector, plain
 from processing.light.scene.shell import shell_of
+from processing.light.solver.basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView
-from processing.light.solver.relight_basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.sight import sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS

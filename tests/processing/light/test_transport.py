@@ -15,10 +15,10 @@ from processing.light.scene import tracer as tracers
 from processing.light.scene.patches import patches_of
 from processing.light.scene.scene import Scene, Sun, plain
 from processing.light.scene.tracer import EmbreeTracer, MitsubaTracer, tracer_of
-from processing.light.solver.daylight import skylight, sunlight
-from processing.light.solver.lightmap import light_map, relit
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
-from processing.light.solver.transport import links_of, patch_points
+from processing.light.solver.sun import sunlight
+from processing.light.solver.transport import light_map, links_of, patch_points
 from tests.processing.light.rooms import box, box_room, overcast, scene_of, uniform_sky
 
 
@@ -99,7 +99,7 @@ def test_another_sky_over_the_same_links_is_what_a_fresh_map_gives() -> None:
     room = box_room()
     one, other = (Stage.of(scene_of(room, sky), 0.3) for sky in (uniform_sky(10.0), overcast(3.0, rows=64)))
     light = light_map(one, 32, seed=4)
-    assert np.array_equal(relit(other, light.links, 32, seed=4).total, light_map(other, 32, seed=4).total)
+    assert np.array_equal(light_map(other, 32, seed=4, links=light.links).total, light_map(other, 32, seed=4).total)
     assert np.array_equal(light_map(one, 32, seed=4).total, light.total)
     assert not np.array_equal(light_map(one, 32, seed=5).total, light.total)
 
