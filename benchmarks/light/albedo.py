@@ -32,7 +32,7 @@ from processing.light.solver.irradiance import EFFORTS
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.sphere import Equirectangular, directions, solid_angles
 
-CODE = {"ours": ("processing/rendering/*.py",)}
+CODE = {"ours": ("processing/light/**/*.py",)}
 ROWS, OUTDOOR_ROWS, RELIGHT_ROWS = 256, 256, 64
 QUICK_ROOMS, FULL_ROOMS, RELIT_ROOMS = 2, 16, 8
 QUANTILES = 1000

@@ -43,9 +43,9 @@ from processing.light.scene.albedo import albedo_of_room
 from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Outdoors, Scene, Vector, plain
 from processing.light.scene.shell import shell_of
+from processing.light.solver.basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView
-from processing.light.solver.relight_basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.sight import sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS
@@ -61,8 +61,10 @@ TIMES = (
 )
 CODE = {
     "ours": (
-        *("processing/rendering/*.py", "processing/relighting/*.py", "mocks/rooms/**/*.py"),
-        *("benchmarks/_relight*.py", "benchmarks/light/relight.py"),
+        "processing/light/**/*.py",
+        "processing/relighting/*.py",
+        "mocks/rooms/**/*.py",
+        "benchmarks/light/relight*.py",
     ),
 }
 LOWER_M = 0.6
@@ -121,7 +123,7 @@ def _done(
         if rows.late and found[kind] and not rows.knows(key):
             left += 1
             continue
-        found[kind].append(rows.row(key, work, even_late=not found[kind]))
+        found[kind].append({"key": key} | rows.row(key, work, even_late=not found[kind]))
     if left:
         print(f"{left} rows are left; run again to go on", file=sys.stderr)
     return found, left

@@ -26,8 +26,8 @@ from processing.calibration.outdoor.clear_sky import Place
 from processing.light.picture.relight_land import with_captured_land
 from processing.light.picture.relight_photo import photograph_under
 from processing.light.scene.albedo import albedo_of_room
+from processing.light.solver.basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.relight import RelightView, Relit
-from processing.light.solver.relight_basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.relighting.weather import captured_weather, daylight_at, level_illuminance

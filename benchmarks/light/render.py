@@ -45,15 +45,14 @@ from processing.light.picture.render import render
 from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Outdoors, Scene, plain
 from processing.light.scene.shell import shell_of
-from processing.light.solver.daylight import skylight
 from processing.light.solver.irradiance import Effort, gathered
-from processing.light.solver.lightmap import light_map
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
-from processing.light.solver.transport import links_of, patch_points
+from processing.light.solver.transport import light_map, links_of, patch_points
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 
-CODE = {"ours": ("processing/rendering/*.py",), "theirs": ()}
+CODE = {"ours": ("processing/light/**/*.py",), "theirs": ()}
 RACE_ROOMS, RADIANCE_ROOMS, METHOD_ROOMS, SHEET_ROOMS = 8, 3, 4, 4
 """Radiance takes longest, and is looked at in a room of each kind."""
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)

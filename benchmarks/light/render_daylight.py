@@ -16,7 +16,7 @@ from benchmarks.light.render_scenes import room_model
 from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Outdoors, Pane, Scene
 from processing.light.scene.shell import shell_of
-from processing.light.solver.daylight import skylight
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 
 HEAD_ON, INDEX, GROUND = 0.88, 1.526, 0.3

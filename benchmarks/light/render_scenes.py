@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from processing.ground.mitsuba_variants import load_mitsuba, usable_variant
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
-from processing.light.scene.engine import usable_variant, with_variant
 from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain
 from processing.light.scene.shell import shell_of
@@ -92,7 +92,7 @@ class PlainPath:
     """The scene in Mitsuba, with its stock path tracer and an environment map that holds the sun."""
 
     def __init__(self, scene: Scene) -> None:
-        self.mi: Any = with_variant(usable_variant())
+        self.mi: Any = load_mitsuba(usable_variant())
         mi = self.mi
         self.variant = mi.variant()
         parts: dict[str, Any] = {"type": "scene", "integrator": {"type": "path", "max_depth": -1, "rr_depth": 12}}
@@ -141,15 +141,19 @@ class PlainPath:
         return np.array(mi.render(self.scene, sensor=mi.load_dict(camera), spp=spp, seed=seed))
 
     def pixels(self, eye_m: tuple[float, ...], rays: np.ndarray, spp: int, seed: int) -> np.ndarray:
-        """Return what the stock integrator finds along rays (n, 3) from a point, (n, 3)."""
-        mi = self.mi
-        many = np.repeat(rays.astype(np.float32), spp, axis=0)
-        sampler = mi.load_dict({"type": "independent"})
-        sampler.seed(seed, len(many))
-        start = mi.Point3f(*(mi.Float(np.full(len(many), v, np.float32)) for v in eye_m))
-        ray = mi.RayDifferential3f(start, mi.Vector3f(np.ascontiguousarray(many.T)))
-        found, _, _ = self.scene.integrator().sample(self.scene, sampler, ray)
-        return np.array(found).T.reshape(len(rays), spp, 3).mean(axis=1, dtype=np.float64)
+        """Return what the stock integrator sees along ``rays`` (N, 3), unit, from a point: (N, 3) cd/m2.
+
+        One radiance meter a ray, side by side on one film: that works in every variant.
+        """
+        pixel = {"type": "hdrfilm", "width": 1, "height": 1, "rfilter": {"type": "box"}}
+        film = pixel | {"width": len(rays), "pixel_format": "rgb", "component_format": "float32"}
+        meters = {
+            f"meter{k:06d}": {"type": "radiancemeter", "origin": list(eye_m), "direction": ray, "film": pixel}
+            for k, ray in enumerate(rays.astype(float).tolist())
+        }
+        sampler = {"type": "independent"}
+        batch = self.mi.load_dict({"type": "batch", "film": film, "sampler": sampler, **meters})
+        return np.array(self.mi.render(self.scene, sensor=batch, spp=spp, seed=seed), np.float64)[0]
 
 
 def _with_sun(outdoors: Outdoors) -> np.ndarray:

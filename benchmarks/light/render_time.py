@@ -27,10 +27,10 @@ from benchmarks.light.render_scenes import PlainPath, emissions_of, triangles_of
 from benchmarks.paired import cost_of
 from processing.light.picture.render import render
 from processing.light.solver.irradiance import Effort, gathered
-from processing.light.solver.lightmap import light_map
 from processing.light.solver.sight import Sight, albedo_of, emission_of, sight_of
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun_picture import sun_of
+from processing.light.solver.sun import sun_of
+from processing.light.solver.transport import light_map
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular
 

@@ -58,7 +58,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sky other/stages/calibrate/outdoor.exr
     """
     _check(asked)
-    from processing.light.solver.relight_basis import BASIS_EFFORTS
+    from processing.light.solver.basis import BASIS_EFFORTS
     from processing.relighting.relit_session import FOLDER, Relighting
     from processing.relighting.session_room import check_sky, read_session_room
 

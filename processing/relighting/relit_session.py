@@ -14,9 +14,9 @@ from processing.calibration.outdoor.clear_sky import Place, sun_place
 from processing.errors import DaylightError, RelightError
 from processing.light.picture.relight_photo import photograph_under
 from processing.light.scene.scene import Outdoors
+from processing.light.solver.basis import LightBasis, basis_of, read_basis, scene_digest, write_basis
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView, Relit
-from processing.light.solver.relight_basis import LightBasis, basis_of, read_basis, scene_digest, write_basis
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.pictures.writing import write_whole

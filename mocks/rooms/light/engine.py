@@ -1,9 +1,8 @@
 """Mitsuba, loaded when first needed, in the fastest variant that is safe on this computer.
 
-``llvm_ad_rgb`` where an LLVM library is found that is proven to work (`mocks.rooms.light.llvm`), else ``scalar_rgb``,
-which
-works everywhere; ``DAYLIT_MITSUBA_VARIANT`` chooses either. The two give the same pictures but for their noise. Both
-use as many threads as this process may use cores.
+``llvm_ad_rgb`` where an LLVM library is proven to work (`processing.ground.mitsuba_variants`), else ``scalar_rgb``,
+which works everywhere; ``DAYLIT_MITSUBA_VARIANT`` chooses either. The two give the same pictures but for their noise.
+Both use as many threads as this process may use cores.
 
 Below that, the parts that every simulated scene is built of, in world axes and photometric units, and the meter that
 the analytic tests read: what they prove holds for the rooms because both are made of these parts.
@@ -24,10 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import DaylitError
-from mocks.rooms.light.llvm import usable_library, version_in_name
 from mocks.worlds.light import Vector, unit
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.mesh import Mesh, quad
+from processing.ground.mitsuba_variants import LLVM, SCALAR, load_mitsuba, usable_library, version_in_name
 
 PATH: dict[str, Any] = {"type": "path", "max_depth": -1, "rr_depth": 12}
 """The integrator: paths of any length, ended by chance (which leaves the mean as it is) from the 12th bounce on."""
@@ -37,7 +36,6 @@ _SUN_DISTANCE_M = 1e5
 """Far enough that the sun stands at the same place (to 0.1 mrad) for all of a room."""
 _METER_PIXELS, _METER_SIDE_M = 4, 1e-3
 
-SCALAR, LLVM = "scalar_rgb", "llvm_ad_rgb"
 ASKED = "DAYLIT_MITSUBA_VARIANT"
 LIBRARIES = ("mitsuba", "embreex", "pyoidn", "pvlib", "shapely")
 """What generated rooms need; packages of embreex and pyoidn do not exist for every system."""
@@ -104,14 +102,7 @@ def variant() -> str:
 @cache
 def mitsuba() -> Any:
     """Return the module ``mitsuba`` with the variant set."""
-    chosen = engine()
-    if chosen.llvm:
-        # Dr.Jit looks here when it is first used.
-        os.environ["DRJIT_LIBLLVM_PATH"] = str(chosen.llvm)
-    import mitsuba as mi
-
-    mi.set_variant(chosen.variant)
-    return mi
+    return load_mitsuba(engine().variant)
 
 
 def environment_emitter(map_rgb: Floats) -> dict[str, Any]:

@@ -16,10 +16,10 @@ from processing.light.picture.mirrors import Mirrors, few_highlights
 from processing.light.picture.render import ROWS_AT_ONCE_PX
 from processing.light.scene.scene import Vector
 from processing.light.solver.irradiance import Effort, Irradiance, gathered
-from processing.light.solver.lightmap import LightMap
 from processing.light.solver.sight import FIRST_PART, Sight, albedo_of, emission_of, sight_along
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun_picture import sun_of
+from processing.light.solver.sun import sun_of
+from processing.light.solver.transport import LightMap
 from processing.light.solver.upsample import upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, directions

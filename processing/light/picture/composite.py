@@ -158,7 +158,7 @@ def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, 
         part = slice(start, start + at_once)
         count = len(points[part])
         origins, rays = np.empty((2, count, samples, 3), np.float32)
-        cosine_rays(points[part][:, None, :], normals[part], shifts[part], 0, samples, origins, rays)
+        cosine_rays(points[part][:, None, :], normals[part], shifts[part], origins, rays)
         flat = rays.reshape(-1, 3)
         hits = stage.tracer.cast(origins.reshape(-1, 3), flat)
         seen = np.where((hits.triangle < 0)[:, None], looked_up(panorama, flat), 0)

@@ -16,9 +16,9 @@ import numpy as np
 from processing.ground.arrays import Doubles, Floats
 from processing.light.scene.scene import Material, Vector
 from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, compiled, random
-from processing.light.solver.lightmap import LightMap
 from processing.light.solver.sight import FIRST_PART, Sight, looked_up
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.transport import LightMap
 
 HEAD_ON = 0.04
 """Reflectance of all that is no metal, seen head on (n = 1.5)."""

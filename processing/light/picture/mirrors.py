@@ -20,10 +20,10 @@ from processing.light.picture.highlights import (
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Vector
 from processing.light.solver.denoise import denoised
-from processing.light.solver.lightmap import LightMap
 from processing.light.solver.sight import FIRST_PART, Sight, sight_of
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun_picture import sun_of
+from processing.light.solver.sun import sun_of
+from processing.light.solver.transport import LightMap
 from processing.sphere import Equirectangular
 
 MOST_ROWS = 512

@@ -13,10 +13,10 @@ import numpy as np
 from processing.ground.arrays import Doubles, Floats
 from processing.light.scene.scene import Scene, Vector
 from processing.light.solver.irradiance import EFFORTS, Effort, Irradiance, gathered, irradiance_of
-from processing.light.solver.lightmap import light_map
 from processing.light.solver.sight import Sight, albedo_of, emission_of, seen_outdoors, sight_along, sight_of
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun_picture import sun_of
+from processing.light.solver.sun import sun_of
+from processing.light.solver.transport import light_map
 from processing.light.solver.upsample import upsampled
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions
 

@@ -28,7 +28,7 @@ from processing.light.solver.irradiance import Effort
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import Sight, albedo_of, sight_of
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun_picture import sun_of
+from processing.light.solver.sun import sun_of
 from processing.light.solver.upsample import upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.sphere import Equirectangular

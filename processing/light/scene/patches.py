@@ -16,10 +16,8 @@ from processing.ground.arrays import Doubles, Floats, Int32s
 from processing.ground.polygons import inside
 from processing.light.scene.scene import Part, Scene, Surface
 from processing.light.scene.triangles import pane_triangles, surface_triangles
-from processing.light.solver.kernels import Key, random
+from processing.light.solver.kernels import FURNITURE, PANE, Key, Ownership, random
 
-FURNITURE, PANE = -1, -2
-"""Of ``Patches.owner``, instead of a surface's number."""
 SUBCELLS = 8
 """Along each side of a texel that an outline cuts."""
 MOST_PATCHES = 200_000
@@ -70,6 +68,11 @@ class Patches:
     def count(self) -> int:
         """Return the number of patches."""
         return len(self.area_m2)
+
+    @property
+    def ownership(self) -> Ownership:
+        """Return whose triangles and patches are, for compiled loops."""
+        return Ownership(self.owner, self.item, self.normals, self.frames, self.grids)
 
     def places(self, patch: np.ndarray, key: Key) -> Floats:
         """Return a random place on each of some patches (k,), uniform over its area: (k, 3)."""

@@ -13,12 +13,12 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
 from processing.light.scene.scene import Vector
-from processing.light.solver.daylight import skylight
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
-from processing.light.solver.kernels import Key, bounce
+from processing.light.solver.kernels import Key
 from processing.light.solver.sight import Sight
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
-from processing.light.solver.transport import BrightPatches, from_bright, links_of
+from processing.light.solver.transport import BrightPatches, bounced, links_of
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 LOOKS = 8
@@ -147,11 +147,7 @@ def _gathered(
 ) -> Doubles:
     points, normals = sight.point[solid][:, None, :], sight.normal[solid]
     samples = max(1, effort.pixel_samples // 2)
-    out = skylight(stage, points, normals, max(1, round(samples * PANE_SHARE)), (seed, 40))
     links = links_of(stage, points, normals, samples, (seed, 41))
-    bounced = np.empty_like(out)
-    bounce(links.patch, smooth, bounced)
-    out += bounced
-    if bright is not None:
-        out += from_bright(stage, bright, points, normals, links, max(1, round(samples * SHOT_SHARE)), (seed, 42))
-    return out
+    shots = max(1, round(samples * SHOT_SHARE))
+    out, _ = bounced(stage, links, smooth, bright, (points, normals), shots, (seed, 42))
+    return skylight(stage, points, normals, max(1, round(samples * PANE_SHARE)), (seed, 40)) + out

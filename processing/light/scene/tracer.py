@@ -1,7 +1,8 @@
 """What a ray meets: Embree where it is installed, else Mitsuba's own ray tracer (LLVM or CUDA).
 
-`DAYLIT_RENDERER` names one (`embree`, `llvm`, `cuda`); all give the same picture but for rounding. Measured on small
-rooms, one core: Embree 8 to 10 million rays a CPU second, Mitsuba's LLVM variant through NumPy 3.3 million.
+`DAYLIT_RENDERER` names one (`embree`, `llvm`, `cuda`, `scalar`); all give the same picture but for rounding. Measured
+on small rooms, one core: Embree 8 to 10 million rays a CPU second, Mitsuba through NumPy 3.3 million (LLVM); its
+scalar variant, ray by ray, 0.08 million. The last is taken only where it is asked for.
 """
 
 from __future__ import annotations
@@ -12,17 +13,16 @@ from importlib.util import find_spec
 from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from processing.errors import EngineError
-from processing.ground.arrays import Floats, Int32s
-from processing.light.scene.engine import usable_variant, with_variant
+from processing.ground.arrays import Flags, Floats, Int32s
+from processing.ground.mitsuba_variants import CUDA, LLVM, SCALAR, load_mitsuba, usable_library, usable_variant
 
 ASKED = "DAYLIT_RENDERER"
-EMBREE, LLVM, CUDA = "embree", "llvm", "cuda"
+EMBREE = "embree"
 NEARLY = 0.999
 """Of the way to a place, that must be free for it to be seen."""
-VARIANTS = {LLVM: "llvm_ad_rgb", CUDA: "cuda_ad_rgb"}
+VARIANTS = {"llvm": LLVM, "cuda": CUDA, "scalar": SCALAR}
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Tracer(Protocol):
         """Return the first hits of rays (n, 3); directions are unit vectors."""
         ...
 
-    def free(self, origins: Floats, ways: Floats) -> npt.NDArray[np.bool_]:
+    def free(self, origins: Floats, ways: Floats) -> Flags:
         """Return where nothing stands in the way (n,) from origins to origins + `NEARLY` ways."""
         ...
 
@@ -54,10 +54,9 @@ class Tracer(Protocol):
 def tracer_of(triangles: Floats) -> Tracer:
     """Return a tracer of triangles (m, 3, 3)."""
     asked = os.environ.get(ASKED) or None
-    if asked not in (None, EMBREE, LLVM, CUDA):
-        raise EngineError(
-            f"no renderer is called {asked!r}", where=ASKED, advice=f"say {EMBREE}, {LLVM} or {CUDA}, or leave it unset"
-        )
+    if asked not in (None, EMBREE, *VARIANTS):
+        names = ", ".join([EMBREE, *VARIANTS])
+        raise EngineError(f"no renderer is called {asked!r}", where=ASKED, advice=f"one of {names}, or leave it unset")
     if asked in (None, EMBREE) and find_spec("embreex") is not None:
         return EmbreeTracer(triangles)
     if asked == EMBREE:
@@ -89,7 +88,7 @@ class EmbreeTracer:
         distance = np.where(found["primID"] >= 0, found["tfar"], np.float32(np.inf))
         return Hits(found["primID"], distance, found["u"], found["v"])
 
-    def free(self, origins: Floats, ways: Floats) -> npt.NDArray[np.bool_]:
+    def free(self, origins: Floats, ways: Floats) -> Flags:
         """Return where nothing stands in the way (n,)."""
         if not len(ways):
             return np.empty(0, bool)
@@ -103,17 +102,21 @@ class EmbreeTracer:
 
 
 class MitsubaTracer:
-    """Mitsuba's ray tracer in a vectorised variant."""
+    """Mitsuba's ray tracer; in its scalar variant one ray at a time, which is slow but works everywhere."""
 
     def __init__(self, triangles: Floats, variant: str | None = None) -> None:
-        chosen = variant or usable_variant()
-        if chosen not in VARIANTS.values():
+        """``triangles`` (M, 3, 3) in metres; ``variant`` None: the fastest vectorised one that works.
+
+        Raises `EngineError` where the variant, or any vectorised one, cannot be had.
+        """
+        self._variant = variant or usable_variant()
+        if (variant is None and self._variant == SCALAR) or (variant == LLVM and usable_library() is None):
             raise EngineError(
-                "no ray tracer works here",
+                "no ray tracer works here" if variant is None else "no LLVM library works here",
                 likely="embreex is not packaged for this system, and no LLVM of 16 or newer was found",
-                advice="install LLVM 16 or newer (Debian: libllvm19)",
+                advice=f"install LLVM 16 or newer (Debian: libllvm19), or set {ASKED}=scalar, which is slow",
             )
-        self._mi: Any = with_variant(chosen)
+        self._mi: Any = load_mitsuba(self._variant)
         mesh = self._mi.Mesh("triangles", 3 * len(triangles), len(triangles))
         values = self._mi.traverse(mesh)
         values["vertex_positions"] = np.ascontiguousarray(triangles, np.float32).ravel()
@@ -122,23 +125,35 @@ class MitsubaTracer:
         self._scene = self._mi.load_dict({"type": "scene", "triangles": mesh})
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Return the first hits of rays (n, 3)."""
+        """Return the first hits of rays: ``origins`` (N, 3) in metres, ``directions`` (N, 3) of unit length."""
         mi = self._mi
         if not len(directions):
             none = np.empty(0, np.float32)
             return Hits(np.empty(0, np.int32), none, none, none)
-        ray = mi.Ray3f(mi.Point3f(np.asarray(origins).T), mi.Vector3f(np.asarray(directions).T))
-        found = self._scene.ray_intersect_preliminary(ray, coherent=False)
-        distance, places = found.t.numpy(), found.prim_uv.numpy()
-        met = np.isfinite(distance)
-        triangle = np.where(met, found.prim_index.numpy().astype(np.int64), -1).astype(np.int32)
-        return Hits(triangle, distance, places[0], places[1])
+        if self._variant == SCALAR:
+            hits = [
+                self._scene.ray_intersect_preliminary(mi.Ray3f(o, d)) for o, d in zip(origins, directions, strict=True)
+            ]
+            distance = np.array([h.t for h in hits], np.float32)
+            places = np.array([h.prim_uv for h in hits], np.float32).T
+            index = np.array([h.prim_index for h in hits], np.int64)
+        else:
+            ray = mi.Ray3f(mi.Point3f(np.asarray(origins).T), mi.Vector3f(np.asarray(directions).T))
+            found = self._scene.ray_intersect_preliminary(ray, coherent=False)
+            distance, places = found.t.numpy(), found.prim_uv.numpy()
+            index = found.prim_index.numpy().astype(np.int64)
+        return Hits(np.where(np.isfinite(distance), index, -1).astype(np.int32), distance, places[0], places[1])
 
-    def free(self, origins: Floats, ways: Floats) -> npt.NDArray[np.bool_]:
-        """Return where nothing stands in the way (n,)."""
+    def free(self, origins: Floats, ways: Floats) -> Flags:
+        """Return where (N,) nothing lies between ``origins`` (N, 3) and origins + `NEARLY` ``ways`` (N, 3), metres."""
         mi = self._mi
         if not len(ways):
             return np.empty(0, bool)
+        if self._variant == SCALAR:
+            rays = (
+                mi.Ray3f(mi.Point3f(o), mi.Vector3f(w), NEARLY, 0.0, []) for o, w in zip(origins, ways, strict=True)
+            )
+            return ~np.array([self._scene.ray_test(ray) for ray in rays], bool)
         ray = mi.Ray3f(mi.Point3f(np.asarray(origins).T), mi.Vector3f(np.asarray(ways).T))
         ray.maxt = mi.Float(NEARLY)
         return np.asarray(~self._scene.ray_test(ray).numpy())

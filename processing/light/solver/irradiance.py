@@ -11,13 +11,11 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats
-from processing.light.solver.daylight import skylight
 from processing.light.solver.denoise import denoised
-from processing.light.solver.kernels import bounce
-from processing.light.solver.lightmap import LightMap, light_map
 from processing.light.solver.sight import Sight
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
-from processing.light.solver.transport import from_bright, links_of
+from processing.light.solver.transport import LightMap, bounced, light_map, links_of
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
 PANE_SHARE, SHOT_SHARE = 0.5, 0.25
@@ -88,20 +86,15 @@ class _Halves:
 
 
 def gathered(stage: Stage, light: LightMap, points: Floats, normals: Floats, samples: int, seed: int) -> Doubles:
-    """Return the irradiance (n, 3) of places (n, 3) without the sun's own disc: panes, lamps, all bounces."""
+    """Return the irradiance (N, 3), lx, of places without the sun's own disc: panes, lamps, all bounces.
 
-    def few(share: float) -> int:
-        return max(1, round(samples * share))
-
+    ``points`` (N, 3), m; ``normals`` (N, 3); ``samples`` rays from each point for bounces.
+    """
     places = points[:, None, :]
-    out = skylight(stage, places, normals, few(PANE_SHARE), (seed, 20))
     links = links_of(stage, places, normals, samples, (seed, 21))
-    bounced = np.empty_like(out)
-    bounce(links.patch, stage.albedo * light.rest, bounced)
-    out += bounced
-    if light.bright is not None:
-        out += from_bright(stage, light.bright, places, normals, links, few(SHOT_SHARE), (seed, 22))
-    return out
+    radiosity, shots = stage.albedo * light.rest, max(1, round(samples * SHOT_SHARE))
+    out, _ = bounced(stage, links, radiosity, light.bright, (places, normals), shots, (seed, 22))
+    return skylight(stage, places, normals, max(1, round(samples * PANE_SHARE)), (seed, 20)) + out
 
 
 Lights: TypeAlias = dict[tuple[int, int], LightMap]
@@ -123,7 +116,7 @@ def irradiance_of(
         halves.add([_half(stage, sight, solid, effort, one, lights) for one in seeds])
         noisy = [_picture(total / halves.rounds, sight, solid) for total in halves.sums]
         noisy = [without_fireflies(one, other) for one, other in (noisy, noisy[::-1])]
-        error = _difference(noisy[0], noisy[1], sight, blurred=effort.clean)
+        error = relative_error(noisy[0], noisy[1], sight, blurred=effort.clean)
         spent = effort.budget_s is not None and time.process_time() - start_s >= effort.budget_s
         if effort.max_error is None or error <= effort.max_error or spent or halves.rounds >= effort.most_rounds:
             mean: Floats = (noisy[0] + noisy[1]) * np.float32(0.5)
@@ -168,8 +161,8 @@ def cleaned(picture: Floats, sight: Sight, *, wraps: bool, quality: str = "high"
     return denoised(picture, *guides, wraps=wraps, quality=quality)
 
 
-def _difference(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -> float:
-    """Return the relative rms error that two halves tell of their mean; where it is cleaned, of neighbours' means.
+def relative_error(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -> float:
+    """Return the relative rms error of the mean of two halves (H, W, 3); where it is cleaned, of neighbours' means.
 
     Cleaning averages over about as many pixels as `CLEAN_PX` squared: measured, see docs/rendering.md.
     """

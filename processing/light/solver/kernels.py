@@ -1,35 +1,54 @@
-"""Compiled loops over rays: directions to sample, which patch a ray met, light from outside, bounces."""
+"""Random numbers and compiled loops over rays: directions to sample, and which patch a ray met.
+
+Arrays of rays are (N, S, 3): S rays from each of N points. ``points`` are (N, 1, 3), or (N, S, 3) with a place for each
+ray, in metres; ``normals`` (N, 3) are unit; ``shifts`` (N, 2) in [0, 1) turn each point's own set of sample numbers.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-# Random numbers that stay with their row: more rows, or other draws before, change none of the rows there were.
-#
-# So two scenes that share their first patches or pixels meet the same chance there, and their difference is quiet.
-
+from processing.ground.arrays import Doubles, Floats, Int32s
 
 Key: TypeAlias = tuple[int, ...]
 """The seed, then what the numbers are for."""
 _DOMAIN = 811
-
-
-def random(key: Key, rows: int, columns: int) -> npt.NDArray[np.float64]:
-    """Return numbers (rows, columns) in [0, 1) that depend on key, row and column alone."""
-    return np.random.default_rng([_DOMAIN, *key]).random((rows, columns))
-
-
+"""Chosen: keeps these random numbers apart from those of other rooms of the code with the same seed."""
 FIRST, SECOND = 0.7548776662466927, 0.5698402909980532
-"""Roberts's R2 sequence: n * (FIRST, SECOND) mod 1 covers the square evenly for every n."""
+"""Roberts's R2 sequence (2018): n * (FIRST, SECOND) mod 1 covers the square evenly for every n."""
 STEP_OFF_M = 2e-4
-"""How far rays start off their surface."""
+"""How far rays start off their surface; chosen: above the rounding of float32 in a room of 20 m."""
 FURNITURE, PANE = -1, -2
+"""Owners of triangles that belong to no surface of the room."""
+
+
+class Ownership(NamedTuple):
+    """Whose the triangles (M) and the patches are, for compiled loops."""
+
+    owner: Int32s
+    """(M,): the surface's number, `FURNITURE` or `PANE`."""
+    item: Int32s
+    """(M,): of furniture the patch, of panes the pane's number."""
+    normals: Floats
+    """(M, 3), unit."""
+    frames: Doubles
+    """(surfaces, 3, 3): origin, u / texel width, v / texel height."""
+    grids: Int32s
+    """(surfaces, 3): columns, rows, first patch."""
+
+
+def random(key: Key, rows: int, columns: int) -> Doubles:
+    """Return numbers, shape (rows, columns), in [0, 1) that depend on key, row and column alone.
+
+    More rows change none of the rows before: two scenes that share their first patches or pixels meet the same chance
+    there, and their difference is quiet.
+    """
+    return np.random.default_rng([_DOMAIN, *key]).random((rows, columns))
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -42,9 +61,9 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @compiled
-def cosine_rays(points, normals, shifts, start, samples, origins, directions):  # type: ignore[no-untyped-def]
-    """Fill rays (n, samples, 3) spread by the cosine; ``points`` (n, samples or 1, 3), ``shifts`` (n, 2)."""
-    several = points.shape[1] > 1
+def cosine_rays(points, normals, shifts, origins, directions):  # type: ignore[no-untyped-def]
+    """Fill ``origins`` and ``directions`` (N, S, 3) of rays spread by the cosine to each point's normal."""
+    samples, several = directions.shape[1], points.shape[1] > 1
     for i in range(normals.shape[0]):
         x, y, z = normals[i, 0], normals[i, 1], normals[i, 2]
         # Duff and others (2017): a basis without branches on small numbers.
@@ -52,8 +71,8 @@ def cosine_rays(points, normals, shifts, start, samples, origins, directions):  
         a = -1.0 / (sign + z)
         b = x * y * a
         for s in range(samples):
-            u = (shifts[i, 0] + (start + s + 1) * FIRST) % 1.0
-            v = (shifts[i, 1] + (start + s + 1) * SECOND) % 1.0
+            u = (shifts[i, 0] + (s + 1) * FIRST) % 1.0
+            v = (shifts[i, 1] + (s + 1) * SECOND) % 1.0
             radius, angle = math.sqrt(u), 2 * math.pi * v
             p, q, w = radius * math.cos(angle), radius * math.sin(angle), math.sqrt(max(1.0 - u, 0.0))
             directions[i, s, 0] = p * (1.0 + sign * x * x * a) + q * b + w * x
@@ -66,10 +85,13 @@ def cosine_rays(points, normals, shifts, start, samples, origins, directions):  
 
 
 @compiled
-def met_patches(  # type: ignore[no-untyped-def]
-    origins, directions, triangle, distance, owner, item, tri_normals, frames, grids, patch, facing
-):
-    """Fill the patch that each ray (n) met (-1: a pane, nothing, or a surface's back) and its cosine there."""
+def met_patches(origins, directions, triangle, distance, ownership, patch, facing):  # type: ignore[no-untyped-def]
+    """Fill the patch (R,) that each ray (R, 3) met (-1: a pane, nothing, or a surface's back) and its cosine there.
+
+    ``triangle`` (R,) and ``distance`` (R,), m, are the rays' hits; ``ownership`` is an `Ownership`.
+    """
+    owner, item, tri_normals = ownership.owner, ownership.item, ownership.normals
+    frames, grids = ownership.frames, ownership.grids
     for i in range(triangle.shape[0]):
         patch[i] = -1
         facing[i] = 0.0
@@ -96,38 +118,6 @@ def met_patches(  # type: ignore[no-untyped-def]
         row = min(max(math.floor(v), 0), rows - 1)
         patch[i] = grids[f, 2] + row * columns + column
         facing[i] = cosine
-
-
-@compiled
-def bounce(links, radiosity, out):  # type: ignore[no-untyped-def]
-    """Fill irradiance (n, 3): the mean radiosity of the patches that each point's rays met; -1 gives no light."""
-    samples = links.shape[1]
-    for i in range(links.shape[0]):
-        r = g = b = 0.0
-        for s in range(samples):
-            k = links[i, s]
-            if k >= 0:
-                r += radiosity[k, 0]
-                g += radiosity[k, 1]
-                b += radiosity[k, 2]
-        out[i, 0], out[i, 1], out[i, 2] = r / samples, g / samples, b / samples
-
-
-@compiled
-def bounce_bright(links, density, radiosity, chance, shots, out):  # type: ignore[no-untyped-def]
-    """Add the light of bright patches that rays met, weighted against ``shots`` aimed at them (balance heuristic).
-
-    ``density`` (n, samples) is cos cos' / (pi r2) of each ray; ``chance`` (n,) the aimed shots' density per m2.
-    """
-    samples = links.shape[1]
-    for i in range(links.shape[0]):
-        for s in range(samples):
-            k = links[i, s]
-            if k >= 0 and chance[k] > 0:
-                found = samples * density[i, s]
-                weight = found / (found + shots * chance[k]) / samples
-                for c in range(3):
-                    out[i, c] += radiosity[k, c] * weight
 
 
 @compiled
@@ -160,10 +150,13 @@ def _on_rectangle(x0, y0, z0, x1, y1, p, q):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pane_rays(  # type: ignore[no-untyped-def]
-    points, normals, shifts, start, samples, corner, across, up, origins, directions, weight
-):
-    """Fill rays (n, samples, 3) to a rectangle, uniform in solid angle; ``weight``: cos x solid angle, 0 if hidden."""
+def pane_rays(points, normals, shifts, rectangle, origins, directions, weight):  # type: ignore[no-untyped-def]
+    """Fill rays (N, S, 3) to a ``rectangle`` (3, 3: corner, across, up; m), uniform in solid angle.
+
+    ``weight`` (N, S): cosine times the rectangle's solid angle, sr; 0 where the rectangle is behind the surface.
+    """
+    corner, across, up = rectangle[0], rectangle[1], rectangle[2]
+    samples = directions.shape[1]
     wide = math.sqrt(across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
     high = math.sqrt(up[0] ** 2 + up[1] ** 2 + up[2] ** 2)
     ax, ay, az = across[0] / wide, across[1] / wide, across[2] / wide
@@ -184,8 +177,8 @@ def pane_rays(  # type: ignore[no-untyped-def]
             if z0 > 0:
                 z0, cx, cy, cz = -z0, -cx, -cy, -cz
             x0, y0 = dx * ax + dy * ay + dz * az, dx * bx + dy * by + dz * bz
-            p = (shifts[i, 0] + (start + s + 1) * FIRST) % 1.0
-            q = (shifts[i, 1] + (start + s + 1) * SECOND) % 1.0
+            p = (shifts[i, 0] + (s + 1) * FIRST) % 1.0
+            q = (shifts[i, 1] + (s + 1) * SECOND) % 1.0
             solid, x, y = _on_rectangle(x0, y0, z0, x0 + wide, y0 + high, p, q)
             far = math.sqrt(x * x + y * y + z0 * z0)
             ox, oy, oz = x * ax + y * bx + z0 * cx, x * ay + y * by + z0 * cy, x * az + y * bz + z0 * cz
@@ -193,41 +186,6 @@ def pane_rays(  # type: ignore[no-untyped-def]
             cosine = (ox * normals[i, 0] + oy * normals[i, 1] + oz * normals[i, 2]) / far
             if cosine > 0:
                 weight[i, s] = cosine * solid
-
-
-@compiled
-def add_outdoors(  # type: ignore[no-untyped-def]
-    owner, item, pane, triangle, ray, directions, weight, picture, tint, normal, cell, clear, veil, samples, out
-):
-    """Add to ``out`` (n, 3) what rays (k) that reach a pane bring in; ``ray`` (k,) tells each one's point.
-
-    ``cell`` (k,) is the place on the pane where ``clear`` (cells,) and ``veil`` (cells, 3) are read; ``tint`` (m, 3) is
-    its transmittance at cosines to its ``normal`` evenly from 0 to 1 (m = 1: alike at all).
-    """
-    last = tint.shape[0] - 1
-    rows, columns = picture.shape[0], picture.shape[1]
-    for k in range(ray.shape[0]):
-        t = triangle[k]
-        if t < 0 or owner[t] != PANE or item[t] != pane:
-            continue
-        x, y, z = directions[k, 0], directions[k, 1], directions[k, 2]
-        across = (math.atan2(x, y) / (2 * math.pi) + 0.5) * columns - 0.5
-        down = (0.5 - math.asin(min(max(z, -1.0), 1.0)) / math.pi) * rows - 0.5
-        c0, r0 = math.floor(across), math.floor(down)
-        fc, fr = across - c0, down - r0
-        low, high = min(max(int(r0), 0), rows - 1), min(max(int(r0) + 1, 0), rows - 1)
-        left, right = int(c0) % columns, (int(c0) + 1) % columns
-        share = weight[k] / samples
-        i = ray[k]
-        facing = min(abs(x * normal[0] + y * normal[1] + z * normal[2]), 1.0) * last
-        step = min(math.floor(facing), max(last - 1, 0))
-        part = facing - step
-        for c in range(3):
-            above = picture[low, left, c] * (1 - fc) + picture[low, right, c] * fc
-            below = picture[high, left, c] * (1 - fc) + picture[high, right, c] * fc
-            through = tint[step, c] * (1 - part) + tint[min(step + 1, last), c] * part
-            outside = through * (above * (1 - fr) + below * fr)
-            out[i, c] += share * (clear[cell[k]] * outside + veil[cell[k], c])
 
 
 @compiled

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Int32s
-from processing.light.scene.patches import FURNITURE, PANE, Patches, patches_of
-from processing.light.scene.scene import Part, Scene
+from processing.light.scene.patches import FURNITURE, Patches, patches_of
+from processing.light.scene.scene import Outdoors, Pane, Part, Scene
 from processing.light.scene.tracer import Hits, Tracer, tracer_of
 from processing.light.solver.kernels import met_patches
 from processing.sphere.resampling import linear_samples
@@ -24,65 +23,62 @@ class Stage:
     scene: Scene
     patches: Patches
     tracer: Tracer
+    albedo: Doubles
+    """(P, 3): mean albedo of each patch."""
+    exitance: Doubles
+    """(P, 3) lm/m2: pi times emitted radiance, of lamps."""
 
     @classmethod
     def of(cls, scene: Scene, texel_m: float = 0.1) -> Stage:
         """Return a scene made ready; ``texel_m`` is the width of its patches."""
         patches = patches_of(scene, texel_m)
-        return cls(scene, patches, tracer_of(patches.triangles))
+        albedo = _patch_means(scene, patches, "albedo")
+        exitance = np.pi * _patch_means(scene, patches, "emission_cd_m2")
+        return cls(scene, patches, tracer_of(patches.triangles), albedo, exitance)
 
-    @cached_property
-    def albedo(self) -> Doubles:
-        """(patches, 3): mean albedo of each patch."""
-        return self._means("albedo")
-
-    @cached_property
-    def exitance(self) -> Doubles:
-        """(patches, 3): pi times emitted radiance, of lamps."""
-        return np.pi * self._means("emission_cd_m2")
+    def under(self, outdoors: Outdoors, panes: tuple[Pane, ...]) -> Stage:
+        """Return the same room in another light, seen through these panes of the same size."""
+        return replace(self, scene=replace(self.scene, outdoors=outdoors, panes=panes))
 
     def met(self, origins: Floats, directions: Floats, hits: Hits) -> tuple[Int32s, Floats]:
-        """Return which patch each ray (n, 3) met (-1 for panes, backs and nothing) and the cosine there."""
+        """Return which patch each ray met (N,) (-1 for panes, backs and nothing) and the cosine there (N,).
+
+        ``origins`` (N, 3), m; ``directions`` (N, 3), unit.
+        """
         patch, facing = np.empty(len(directions), np.int32), np.empty(len(directions), np.float32)
-        p = self.patches
-        met_patches(
-            *(origins, directions, hits.triangle, hits.distance_m),
-            *(p.owner, p.item, p.normals, p.frames, p.grids, patch, facing),
-        )
+        met_patches(origins, directions, hits.triangle, hits.distance_m, self.patches.ownership, patch, facing)
         return patch, facing
 
-    def _means(self, name: str) -> Doubles:
-        found = np.zeros((self.patches.count, 3))
-        for surface, (columns, rows, first) in zip(self.scene.surfaces, self.patches.grids, strict=True):
-            texture = getattr(surface, name)
-            found[first : first + columns * rows] = area_means(texture, int(rows), int(columns)).reshape(-1, 3)
-        mine = np.flatnonzero(self.patches.owner == FURNITURE)
-        if len(mine):
-            self._furniture_means(found, mine, name)
-        return found
 
-    def _furniture_means(self, found: Doubles, mine: np.ndarray, name: str) -> None:
-        """Average furniture's colour over each patch, by area, from the middle of each triangle."""
-        p = self.patches
-        corners = p.triangles[mine].astype(np.float64)
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        value = np.zeros((len(mine), 3))
-        for number, part in enumerate(self.scene.parts):
-            chosen = p.part[mine] == number
-            if name == "albedo":
-                middle = corners[chosen].mean(axis=1)
-                value[chosen] = part_albedo(part, p.face[mine][chosen], middle)
-            else:
-                value[chosen] = part.material.emission_cd_m2
-        total = np.zeros(len(found))
-        np.add.at(total, p.item[mine], area)
-        np.add.at(found, p.item[mine], value * area[:, None])
-        seen = total > 0
-        found[seen] /= total[seen, None]
+def _patch_means(scene: Scene, patches: Patches, name: str) -> Doubles:
+    """Return the means (P, 3) of a texture of surfaces and parts over each patch."""
+    means = np.zeros((patches.count, 3))
+    for surface, (columns, rows, first) in zip(scene.surfaces, patches.grids, strict=True):
+        texture = getattr(surface, name)
+        means[first : first + columns * rows] = area_means(texture, int(rows), int(columns)).reshape(-1, 3)
+    mine = np.flatnonzero(patches.owner == FURNITURE)
+    if not len(mine):
+        return means
+    # Furniture's colour by area, from the middle of each triangle.
+    corners = patches.triangles[mine].astype(np.float64)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    value = np.zeros((len(mine), 3))
+    for number, part in enumerate(scene.parts):
+        chosen = patches.part[mine] == number
+        if name == "albedo":
+            value[chosen] = part_albedo(part, patches.face[mine][chosen], corners[chosen].mean(axis=1))
+        else:
+            value[chosen] = part.material.emission_cd_m2
+    total = np.zeros(len(means))
+    np.add.at(total, patches.item[mine], area)
+    np.add.at(means, patches.item[mine], value * area[:, None])
+    seen = total > 0
+    means[seen] /= total[seen, None]
+    return means
 
 
 def area_means(texture: Floats, rows: int, columns: int) -> Doubles:
-    """Return a texture's means over a grid of rows x columns cells that cover it, exact for any sizes."""
+    """Return the means of a texture (h, w, K) over a grid of cells that covers it: (rows, columns, K), exact."""
     down, across = _shares(texture.shape[0], rows), _shares(texture.shape[1], columns)
     return np.asarray(np.tensordot(across, np.tensordot(down, texture, (1, 0)), (1, 1)).swapaxes(0, 1))
 
@@ -95,7 +91,7 @@ def _shares(fine: int, coarse: int) -> Doubles:
 
 
 def part_albedo(part: Part, face: Int32s, places: Doubles) -> Doubles:
-    """Return the albedo (n, 3) of places (n, 3) on a part's faces (n,); metals count as matte of their base colour."""
+    """Return the albedo (N, 3) of places (N, 3) on a part's faces (N,); metals count as matte of their base colour."""
     colour = np.broadcast_to(np.asarray(part.material.colour, np.float64), (len(face), 3))
     texture = part.material.texture
     if texture is None or part.uv is None:
@@ -110,7 +106,7 @@ def part_albedo(part: Part, face: Int32s, places: Doubles) -> Doubles:
 
 
 def part_shares(part: Part, face: Int32s, places: Doubles) -> tuple[Doubles, Doubles]:
-    """Return the shares (n,), (n,) that a face's second and third corner have in places (n, 3) on it, 0 to 1."""
+    """Return the shares (N,), (N,) that a face's second and third corner have in places (N, 3), m, on it, 0 to 1."""
     corners = part.vertices_m[part.faces[face]]
     a, b, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], places - corners[:, 0]
     aa, ab, bb = (a * a).sum(1), (a * b).sum(1), (b * b).sum(1)
@@ -120,7 +116,7 @@ def part_shares(part: Part, face: Int32s, places: Doubles) -> tuple[Doubles, Dou
 
 
 def part_normals(part: Part, face: Int32s, places: Doubles) -> Floats | None:
-    """Return the smooth normals (n, 3) of places on a part's faces; None for a part whose faces are flat."""
+    """Return the smooth normals (N, 3) of places (N, 3) on a part's faces (N,); None where its faces are flat."""
     if part.normals is None:
         return None
     s, t = part_shares(part, face, places)
@@ -130,7 +126,7 @@ def part_normals(part: Part, face: Int32s, places: Doubles) -> Floats | None:
 
 
 def surface_values(texture: Floats, u: Doubles, v: Doubles) -> Floats:
-    """Return a texture's values (n, 3) at places given as shares of its surface's width and height, bilinear."""
+    """Return values (N, 3) of a texture (h, w, 3) at ``u``, ``v`` (N,), shares of its width and height, bilinear."""
     high, wide = texture.shape[:2]
     if high == wide == 1:
         return np.broadcast_to(texture[0, 0], (len(u), 3))
@@ -142,6 +138,3 @@ def surface_values(texture: Floats, u: Doubles, v: Doubles) -> Floats:
         part = slice(start, start + (1 << 14))
         found[part] = linear_samples(np.ascontiguousarray(texture), x[None, part], y[None, part])[0]
     return found
-
-
-__all__ = ["PANE", "Stage", "area_means", "part_albedo", "part_normals", "part_shares", "surface_values"]

@@ -3,16 +3,78 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats, Int32s
 from processing.light.solver.kernels import compiled
 from processing.light.solver.sight import Sight
 
 REACH_PX = 3
-"""How far a large pixel looks for a small one of its own surface."""
+"""How far a large pixel looks for small ones of its own surface."""
+MOST = 4
+"""Small pixels that a large one is made of."""
+
+
+class _Seen(NamedTuple):
+    """What pixels see, for compiled loops: of the small picture (h, w, ...), of the large one (N, ...)."""
+
+    label: Int32s
+    normal: Floats
+    point: Floats
+
+
+@dataclass(frozen=True)
+class Steps:
+    """For each large pixel (N) up to `MOST` small ones of its own surface: found once, used for every light."""
+
+    index: Int32s
+    """(N, MOST): flat index of the small pixels."""
+    weight: Floats
+    """(N, MOST): sum 1, or 0 where there are none."""
+
+    @classmethod
+    def of(
+        cls,
+        small: Sight,
+        large: Sight,
+        wanted: Flags,
+        first_row: int,
+        high: int,
+        *,
+        wraps: bool,
+        any_solid: bool,
+    ) -> Steps:
+        """Return the steps between two pictures of the same geometry but for their size.
+
+        ``large`` may be a band of whole rows: from ``first_row`` on, of ``high`` in all. Pixels that are not ``wanted``
+        (N,) have no steps. ``wraps``: a panorama, whose left and right edges meet. ``any_solid``: rather any solid
+        pixel, however different, than none.
+        """
+        count = len(large.label)
+        index, weight = np.zeros((count, MOST), np.int32), np.zeros((count, MOST), np.float32)
+        seen = _Seen(
+            small.label.reshape(small.shape),
+            small.normal.reshape(*small.shape, 3),
+            small.point.reshape(*small.shape, 3),
+        )
+        shape = np.array([first_row, high, large.shape[1], 3 if any_solid else 2])
+        _find(seen, _Seen(large.label, large.normal, large.point), shape, wraps, wanted, index, weight)
+        return cls(index, weight)
+
+    def apply(self, values: Floats) -> Floats:
+        """Return ``values`` (h, w, K) of the small picture for all large pixels: (N, K)."""
+        out = np.zeros((len(self.index), values.shape[2]), np.float32)
+        _apply(np.ascontiguousarray(values.reshape(-1, values.shape[2])), self.index, self.weight, out)
+        return out
+
+    @property
+    def missed(self) -> Flags:
+        """(N,): large pixels that have no small pixel of their own surface near."""
+        flags: Flags = self.weight[:, 0] + self.weight[:, 1] + self.weight[:, 2] + self.weight[:, 3] == 0
+        return flags
 
 
 def upsampled(
@@ -23,26 +85,32 @@ def upsampled(
     wraps: bool,
     first_row: int = 0,
     rows: int | None = None,
-    among: npt.NDArray[np.bool_] | None = None,
-) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return values (n, k) for the large picture's pixels, and which (n,) found no small pixel of their own surface.
+    among: Flags | None = None,
+) -> tuple[Floats, Flags]:
+    """Return values (N, K) for the large picture's pixels, and which (N,) have no small pixel of their own surface.
 
-    ``values`` is (h, w, k) for the small picture; both must have the same geometry but for their size. ``large`` may be
-    a band of whole rows: from ``first_row`` on, of ``rows`` in all. Pixels that are not ``among`` (n,) stay 0.
+    ``values`` is (h, w, K) for the small picture; both must have the same geometry but for their size. ``large`` may be
+    a band of whole rows: from ``first_row`` on, of ``rows`` in all. Pixels that are not ``among`` (N,) stay 0.
     """
     wanted = large.solid if among is None else large.solid & among
-    out, missed = np.zeros((len(large.label), values.shape[2]), np.float32), np.zeros(len(large.label), bool)
-    _spread(
-        *(np.ascontiguousarray(values), small.label.reshape(small.shape), small.normal.reshape(*small.shape, 3)),
-        *(small.point.reshape(*small.shape, 3), large.label, large.normal, large.point),
-        *(np.array([first_row, rows or large.shape[0], large.shape[1]]), wraps, wanted, out, missed),
-    )
-    return out, missed
+    steps = Steps.of(small, large, wanted, first_row, rows or large.shape[0], wraps=wraps, any_solid=False)
+    return steps.apply(values), steps.missed & wanted
 
 
 @compiled
-def likeness_of(label, other, normal, others_normal, point, others_point) -> float:  # type: ignore[no-untyped-def]
-    """Return how much one pixel tells of another: 0 for another surface, less the more the two are turned apart."""
+def _apply(values, index, weight, out):  # type: ignore[no-untyped-def]
+    for i in range(index.shape[0]):
+        for k in range(index.shape[1]):
+            w = weight[i, k]
+            if w > 0:
+                j = index[i, k]
+                for c in range(values.shape[1]):
+                    out[i, c] += w * values[j, c]
+
+
+@compiled
+def _likeness(label, other, normal, others_normal, point, others_point) -> float:  # type: ignore[no-untyped-def]
+    """Return how much one pixel says of another: 0 for another surface, less the more the two are turned apart."""
     if label != other:
         return 0.0
     turned = normal[0] * others_normal[0] + normal[1] * others_normal[1] + normal[2] * others_normal[2]
@@ -59,44 +127,56 @@ def likeness_of(label, other, normal, others_normal, point, others_point) -> flo
 
 
 @compiled
-def _sum(low, high, y, x, wraps, values, labels, normals, points, label, normal, point, total):  # type: ignore[no-untyped-def]
-    """Fill ``total`` (1 + k,) with the weight and weighted values of the alike among small pixels around (y, x).
-
-    From ``low`` to ``high`` about the pixel before: the four around by their share, a wider reach by nearness.
-    """
-    total[:] = 0.0
-    rows, columns = labels.shape
-    for r in range(max(math.floor(y) + low, 0), min(math.floor(y) + high, rows)):
-        for c in range(math.floor(x) + low, math.floor(x) + high):
-            if (c < 0 or c >= columns) and not wraps:
-                continue
-            k = c % columns
-            share = likeness_of(label, labels[r, k], normal, normals[r, k], point, points[r, k])
-            if share == 0.0:
-                continue
-            if low == 0:
-                share *= (1 - abs(y - r)) * (1 - abs(x - c)) + 1e-4
-            else:
-                share /= (0.01 + (y - r) ** 2 + (x - c) ** 2) ** 2
-            total[0] += share
-            for channel in range(total.shape[0] - 1):
-                total[1 + channel] += share * values[r, k, channel]
+def _keep(index, weight, at, share):  # type: ignore[no-untyped-def]
+    """Keep one more pixel, in place of the least."""
+    least = 0
+    for k in range(1, weight.shape[0]):
+        if weight[k] < weight[least]:
+            least = k
+    if share > weight[least]:
+        index[least] = at
+        weight[least] = share
 
 
 @compiled
-def _spread(values, labels, normals, points, label, normal, point, shape, wraps, wanted, out, missed):  # type: ignore[no-untyped-def]
-    rows, columns = labels.shape
-    total = np.zeros(1 + values.shape[2])
-    for i in range(label.shape[0]):
+def _around(small, large, i, place, attempt, wraps, index, weight):  # type: ignore[no-untyped-def]
+    """Keep the best small pixels about ``place`` (y, x); ``attempt`` 0: the four around, 1: wider, 2: any solid one."""
+    y, x = place
+    rows, columns = small.label.shape
+    top, left = math.floor(y), math.floor(x)
+    low, high = (1 - REACH_PX, 1 + REACH_PX) if attempt > 0 else (0, 2)
+    label, normal, point = large.label[i], large.normal[i], large.point[i]
+    for r in range(max(top + low, 0), min(top + high, rows)):
+        for column in range(left + low, left + high):
+            if (column < 0 or column >= columns) and not wraps:
+                continue
+            c = column % columns
+            if attempt < 2:
+                share = _likeness(label, small.label[r, c], normal, small.normal[r, c], point, small.point[r, c])
+            else:
+                share = 1.0 if small.label[r, c] >= 0 else 0.0
+            if share == 0.0:
+                continue
+            if attempt > 0:
+                share /= (0.01 + (y - r) ** 2 + (x - column) ** 2) ** 2
+            else:
+                share *= (1 - abs(y - r)) * (1 - abs(x - column)) + 1e-4
+            _keep(index, weight, r * columns + c, share)
+
+
+@compiled
+def _find(small, large, shape, wraps, wanted, index, weight):  # type: ignore[no-untyped-def]
+    """Fill the steps of all wanted pixels; ``shape`` (4,): first row, rows in all, columns, attempts."""
+    for i in range(large.label.shape[0]):
         if not wanted[i]:
             continue
-        y = (shape[0] + i // shape[2] + 0.5) * rows / shape[1] - 0.5
-        x = (i % shape[2] + 0.5) * columns / shape[2] - 0.5
-        _sum(0, 2, y, x, wraps, values, labels, normals, points, label[i], normal[i], point[i], total)
-        if total[0] == 0:
-            low, high = 1 - REACH_PX, 1 + REACH_PX
-            _sum(low, high, y, x, wraps, values, labels, normals, points, label[i], normal[i], point[i], total)
-        missed[i] = total[0] == 0
-        if total[0] > 0:
-            for channel in range(values.shape[2]):
-                out[i, channel] = total[1 + channel] / total[0]
+        y = (shape[0] + i // shape[2] + 0.5) * small.label.shape[0] / shape[1] - 0.5
+        x = (i % shape[2] + 0.5) * small.label.shape[1] / shape[2] - 0.5
+        total = 0.0
+        for attempt in range(shape[3]):
+            _around(small, large, i, (y, x), attempt, wraps, index[i], weight[i])
+            total = weight[i].sum()
+            if total > 0:
+                break
+        if total > 0:
+            weight[i] /= total

@@ -13,8 +13,8 @@ from benchmarks.light import analytic
 from benchmarks.light import physics as _physics
 from benchmarks.photometry import spot as _spot
 from mocks.rooms.light import engine as engines
-from mocks.rooms.light import llvm
 from mocks.rooms.light.engine import EngineError, environment_emitter, irradiance_at, mesh_shape, mitsuba, sun_emitter
+from processing.ground import mitsuba_variants
 from processing.ground.arrays import Floats
 from processing.ground.mesh import quad
 
@@ -182,7 +182,7 @@ def test_versions_are_read_from_library_names() -> None:
         "/opt/homebrew/Cellar/llvm/20.1.2/lib/libLLVM.dylib": 20,
         "/opt/own/libLLVM.so": 0,
     }
-    assert {name: llvm.version_in_name(Path(name)) for name in names} == names
+    assert {name: mitsuba_variants.version_in_name(Path(name)) for name in names} == names
 
 
 def test_unfit_library_is_found_out_in_a_child_and_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,13 +190,13 @@ def test_unfit_library_is_found_out_in_a_child_and_remembered(tmp_path: Path, mo
     library.write_bytes(b"no library at all")
     monkeypatch.setenv("DAYLIT_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(library))
-    monkeypatch.setattr(llvm, "PLACES", ())
+    monkeypatch.setattr(mitsuba_variants, "PLACES", ())
     asked = []
-    run = llvm.subprocess.run
-    monkeypatch.setattr(llvm.subprocess, "run", lambda *a, **k: (asked.append(a), run(*a, **k))[1])
-    assert list(llvm.candidates()) == [library.resolve()]
-    assert llvm.usable_library() is None
-    assert llvm.usable_library() is None
+    run = mitsuba_variants.subprocess.run
+    monkeypatch.setattr(mitsuba_variants.subprocess, "run", lambda *a, **k: (asked.append(a), run(*a, **k))[1])
+    assert list(mitsuba_variants.candidates()) == [library.resolve()]
+    assert mitsuba_variants.usable_library() is None
+    assert mitsuba_variants.usable_library() is None
     assert len(asked) == 1
 
 
@@ -204,8 +204,8 @@ def test_old_libraries_are_not_even_asked(tmp_path: Path, monkeypatch: pytest.Mo
     for name in ("libLLVM-14.so.1", "libLLVM-15.so.1", "libLLVM.so.17.0", "libLLVM.so.19.1"):
         (tmp_path / name).write_bytes(b"")
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
-    monkeypatch.setattr(llvm, "PLACES", (str(tmp_path / "*"),))
-    assert [path.name for path in llvm.candidates()] == ["libLLVM.so.19.1", "libLLVM.so.17.0"]
+    monkeypatch.setattr(mitsuba_variants, "PLACES", (str(tmp_path / "*"),))
+    assert [path.name for path in mitsuba_variants.candidates()] == ["libLLVM.so.19.1", "libLLVM.so.17.0"]
 
 
 def test_variant_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:

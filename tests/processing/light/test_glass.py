@@ -12,9 +12,10 @@ from benchmarks.light.analytic import through_opening_lux, uniform
 from processing.errors import MaterialError
 from processing.light.scene.scene import INDEX, TABLE, Sun, transmittance_at, transmittance_table
 from processing.light.scene.scene_file import read_scene, write_scene
-from processing.light.solver.daylight import skylight, sunlight
 from processing.light.solver.sight import GLASS, seen_outdoors, sight_of
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
+from processing.light.solver.sun import sunlight
 from processing.sphere import Equirectangular
 from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
 

@@ -86,7 +86,7 @@ def test_lamps_are_what_gives_more_light_than_it_gets() -> None:
 
 
 def test_lamps_light_the_room() -> None:
-    from processing.light.solver.lightmap import light_map
+    from processing.light.solver.transport import light_map
 
     dark = scene_of(box_room(window=None), uniform_sky(0.0), 0.5)
     ceiling = replace(dark.surfaces[1], emission_cd_m2=plain(100.0))

@@ -11,11 +11,11 @@ from processing.errors import ParameterError, RelightError
 from processing.light.picture.relight_photo import relit_photograph, veil_gains
 from processing.light.picture.render import render
 from processing.light.scene.scene import Outdoors, Sun, plain
+from processing.light.solver.basis import basis_of, read_basis, write_basis
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView
-from processing.light.solver.relight_basis import SKY_CELLS, basis_of, read_basis, sky_cell, sky_values, write_basis
-from processing.light.solver.relight_kernels import settle_onwards
 from processing.light.solver.sight import GLASS, sight_of
+from processing.light.solver.sky import SKY_CELLS, sky_cell, sky_values
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import settle
 from processing.sphere import Equirectangular
@@ -174,12 +174,16 @@ def test_what_covers_windows_follows_the_light_on_them(view) -> None:
 
 
 def test_light_settles_as_bounce_by_bounce(view) -> None:
-    links, albedo = view.basis.patch_links, view.stage.albedo
-    first = np.random.default_rng(3).uniform(0, 100, (len(albedo), 3)).astype(np.float32)
-    found = first.astype(np.float64)
-    assert settle_onwards(links.patch, albedo, first, found, 200, 1e-6)
-    assert found == pytest.approx(settle(view.stage, links, first.astype(np.float64), albedo), rel=1e-3)
-    assert not settle_onwards(links.patch, np.ones_like(albedo), first, first.astype(np.float64), 1, 1e-6)
+    met, albedo = view.basis.patch_links.patch, view.stage.albedo
+    first = np.random.default_rng(3).uniform(0, 100, (len(albedo), 3))
+    found = first.copy()
+    assert settle(met, albedo, first, found, 200, 1e-6)
+    wanted, more = first.copy(), first
+    for _ in range(200):
+        more = np.where((met >= 0)[..., None], (albedo * more)[met], 0).mean(axis=1)
+        wanted += more
+    assert found == pytest.approx(wanted, rel=1e-4)
+    assert not settle(met, np.ones_like(albedo), first, first.copy(), 1, 1e-6)
 
 
 def test_a_way_is_free_where_a_ray_goes_as_far(view) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from processing.light.scene.scene import Scene, Sun
-from processing.light.solver import sun_picture
+from processing.light.solver import sun
 from processing.light.solver.sight import FIRST_PART, sight_of
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun_picture import sun_of
+from processing.light.solver.sun import sun_of
 from processing.sphere import Perspective
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
@@ -36,9 +36,9 @@ LEGS = tuple(box((x, 0.3, 0.3), (0.03, 0.03, 0.6)) for x in (-0.15, -0.05, 0.05,
 def test_blocks_give_the_light_that_every_pixel_gives(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = Stage.of(scene, 0.5)
     sight = sight_of(stage, VIEW, EYE)
-    assert sun_picture._step(sight) > 1
+    assert sun._block_px(sight) > 1
     quick = sun_of(stage, sight, 16, 0)
-    monkeypatch.setattr(sun_picture, "MOST_STEP", 1)
+    monkeypatch.setattr(sun, "MOST_STEP", 1)
     whole = sun_of(stage, sight, 16, 0)
     assert whole.max() > 1000
     assert quick == pytest.approx(whole, rel=1e-4, abs=1)
@@ -48,16 +48,16 @@ def test_blocks_look_at_far_fewer_pixels(monkeypatch: pytest.MonkeyPatch) -> Non
     stage = Stage.of(sunny(), 0.5)
     sight, looked = sight_of(stage, VIEW, EYE), []
 
-    def counted(stage, sun, points, *more):
+    def counted(stage, disc, points, *more):
         looked.append(len(points))
-        return tint(stage, sun, points, *more)
+        return tint(stage, disc, points, *more)
 
-    tint = sun_picture.sun_tint
-    monkeypatch.setattr(sun_picture, "sun_tint", counted)
+    tint = sun.sun_tint
+    monkeypatch.setattr(sun, "sun_tint", counted)
     sun_of(stage, sight, 16, 0)
     few = sum(looked)
     looked.clear()
-    monkeypatch.setattr(sun_picture, "MOST_STEP", 1)
+    monkeypatch.setattr(sun, "MOST_STEP", 1)
     sun_of(stage, sight, 16, 0)
     assert few < 0.4 * sum(looked)
 

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 
 from benchmarks.light.analytic import overcast_behind_facade_lux, parallel_form_factor, perpendicular_form_factor
-from processing.errors import NoBalanceError
+from processing.errors import EngineError, NoBalanceError
+from processing.ground.mitsuba_variants import LLVM, SCALAR, usable_library
+from processing.light.scene import tracer as tracers
 from processing.light.scene.patches import patches_of
 from processing.light.scene.scene import Scene, Sun, plain
-from processing.light.scene.tracer import EmbreeTracer, MitsubaTracer
-from processing.light.solver.daylight import skylight, sunlight
-from processing.light.solver.lightmap import light_map, relit
+from processing.light.scene.tracer import EmbreeTracer, MitsubaTracer, tracer_of
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
-from processing.light.solver.transport import links_of, patch_points
+from processing.light.solver.sun import sunlight
+from processing.light.solver.transport import light_map, links_of, patch_points
 from tests.processing.light.rooms import box, box_room, overcast, scene_of, uniform_sky
 
 
@@ -97,7 +99,7 @@ def test_another_sky_over_the_same_links_is_what_a_fresh_map_gives() -> None:
     room = box_room()
     one, other = (Stage.of(scene_of(room, sky), 0.3) for sky in (uniform_sky(10.0), overcast(3.0, rows=64)))
     light = light_map(one, 32, seed=4)
-    assert np.array_equal(relit(other, light.links, 32, seed=4).total, light_map(other, 32, seed=4).total)
+    assert np.array_equal(light_map(other, 32, seed=4, links=light.links).total, light_map(other, 32, seed=4).total)
     assert np.array_equal(light_map(one, 32, seed=4).total, light.total)
     assert not np.array_equal(light_map(one, 32, seed=5).total, light.total)
 
@@ -124,7 +126,10 @@ def test_white_walls_with_a_window_settle() -> None:
     assert 1 < light.mean() < 10
 
 
-def test_tracers_agree() -> None:
+@pytest.mark.parametrize("variant", [SCALAR, LLVM])
+def test_tracers_agree(variant: str) -> None:
+    if variant == LLVM and usable_library() is None:
+        pytest.skip("no LLVM library of version 16 or newer is installed (Debian: libllvm19)")
     rng = np.random.default_rng(2)
     triangles = patches_of(
         scene_of(box_room(), uniform_sky()).furnished((box((1, 1, 0.4), (0.5, 0.5, 0.8)),)), 1.0
@@ -132,6 +137,26 @@ def test_tracers_agree() -> None:
     rays = rng.normal(size=(500, 3)).astype(np.float32)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     origins = np.tile(np.float32([0.1, 0.2, 1.5]), (500, 1))
-    one, other = EmbreeTracer(triangles).cast(origins, rays), MitsubaTracer(triangles).cast(origins, rays)
+    embree, mitsuba = EmbreeTracer(triangles), MitsubaTracer(triangles, variant)
+    one, other = embree.cast(origins, rays), mitsuba.cast(origins, rays)
     assert np.allclose(one.distance_m, other.distance_m, rtol=1e-4)
     assert (one.triangle == other.triangle).mean() > 0.99
+    ways = rays * rng.uniform(0.5, 4.0, (500, 1)).astype(np.float32)
+    free = embree.free(origins, ways)
+    assert 0.1 < free.mean() < 0.9
+    assert (free == mitsuba.free(origins, ways)).mean() > 0.99
+
+
+def test_without_embree_and_llvm_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracers, "find_spec", lambda name: None)
+    monkeypatch.setattr(tracers, "usable_variant", lambda: SCALAR)
+    monkeypatch.setattr(tracers, "usable_library", lambda: None)
+    triangles = np.eye(3, dtype=np.float32)[None]
+    with pytest.raises(EngineError, match="no ray tracer works here"):
+        tracer_of(triangles)
+    monkeypatch.setenv("DAYLIT_RENDERER", "llvm")
+    with pytest.raises(EngineError, match="no LLVM library works here") as caught:
+        tracer_of(triangles)
+    assert "DAYLIT_RENDERER=scalar" in caught.value.advice
+    monkeypatch.setenv("DAYLIT_RENDERER", "scalar")
+    assert isinstance(tracer_of(triangles), MitsubaTracer)

@@ -1,0 +1,203 @@
+"""Light from the sky: rays through each pane, spread evenly over its solid angle.
+
+The same rays are either summed at once under the sky of the scene (`skylight`), or kept with the cell of the sky that
+each reaches (`sky_rays`), so that any other sky is a sum over stored rays (`add_sky`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from processing.ground.arrays import Doubles, Floats, Indices, Int64s, UInt16s
+from processing.light.scene.patches import PANE
+from processing.light.scene.scene import Outdoors, Pane, transmittance_table
+from processing.light.solver.kernels import Key, compiled, pane_rays, random
+from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.sphere import Equirectangular
+from processing.sphere.resampling import resample
+
+SKY_ROWS = 128
+"""The stored sky's cells are 1.4 degrees wide; rays meet them at random, so that this blurs and does not bias."""
+SKY_CELLS = 2 * SKY_ROWS * SKY_ROWS
+
+
+class _Glass(NamedTuple):
+    """A pane's glass and what covers it, for compiled loops."""
+
+    tint: Floats
+    """(M, 3): transmittance at cosines evenly from 0 to 1 (M = 1: alike at all)."""
+    normal: Doubles
+    """(3,), unit."""
+    clear: Floats
+    """(cells,): how much of it is clear."""
+    veil: Floats
+    """(cells, 3) cd/m2: radiance of what covers it."""
+
+
+class _PaneRays(NamedTuple):
+    """Rays (K) that reach a pane."""
+
+    point: Int64s
+    """(K,): which point they come from."""
+    direction: Floats
+    """(K, 3), unit."""
+    weight: Floats
+    """(K,), sr: irradiance by radiance."""
+    cell: Indices
+    """(K,): where they meet the pane, flat index into its ``clear``."""
+
+
+class SkyRays(NamedTuple):
+    """Stored rays (K) of N points that reach the sky or what covers a pane."""
+
+    first: Int64s
+    """(N + 1,): where each point's rays begin."""
+    cell: UInt16s
+    """(K,): of the sky's cells, row by row; from `SKY_CELLS` on what covers each pane."""
+    tint: UInt16s
+    """(K,): the pane whose glass colours the light; the number of panes: nothing does."""
+    weight: Floats
+    """(K,), sr: irradiance by radiance."""
+
+
+def _rays_to(stage: Stage, number: int, points: Floats, normals: Floats, samples: int, key: Key) -> Iterator[_PaneRays]:
+    """Yield the rays, of ``samples`` from each point to one pane, that nothing stops on their way."""
+    pane, patches = stage.scene.panes[number], stage.patches
+    rectangle = np.array([pane.corner_m, pane.across_m, pane.up_m], np.float64)
+    shifts = random((*key, number), len(normals), 2)
+    at_once = max(1, RAYS_AT_ONCE // samples)
+    for start in range(0, len(normals), at_once):
+        part = slice(start, start + at_once)
+        shape = (len(normals[part]), samples)
+        origins, rays = np.empty((2, *shape, 3), np.float32)
+        weight = np.empty(shape, np.float32)
+        pane_rays(points[part], normals[part], shifts[part], rectangle, origins, rays, weight)
+        ahead = np.flatnonzero(weight.ravel() > 0)
+        starts, ways = origins.reshape(-1, 3)[ahead], rays.reshape(-1, 3)[ahead]
+        hits = stage.tracer.cast(starts, ways)
+        there = np.flatnonzero(
+            (hits.triangle >= 0) & (patches.owner[hits.triangle] == PANE) & (patches.item[hits.triangle] == number)
+        )
+        direction, ahead = ways[there], ahead[there]
+        cell = np.zeros(len(there), np.intp)
+        if pane.clear.size > 1:
+            row, column = pane.cells(starts[there] + hits.distance_m[there, None] * direction)
+            cell = row * pane.clear.shape[1] + column
+        yield _PaneRays(start + ahead // samples, direction, weight.ravel()[ahead] / np.float32(samples), cell)
+
+
+def skylight(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> Doubles:
+    """Return the irradiance (N, 3), lx, that the panes give under the scene's sky, without the sun.
+
+    ``points`` (N, K, 3), m: one place each (K = 1), or ``samples`` of them; ``normals`` (N, 3); ``samples`` rays go
+    from each point to each pane.
+    """
+    out = np.zeros((len(normals), 3))
+    for number, pane in enumerate(stage.scene.panes):
+        tint = transmittance_table(pane.transmittance, pane.sheets)
+        glass = _Glass(tint, pane.normal, pane.clear.ravel(), pane.veil_cd_m2.reshape(-1, 3))
+        for rays in _rays_to(stage, number, points, normals, samples, key):
+            _add_outdoors(rays, stage.scene.outdoors.rgb, glass, out)
+    return out
+
+
+@compiled
+def _add_outdoors(rays, picture, glass, out):  # type: ignore[no-untyped-def]
+    """Add to irradiance ``out`` (N, 3) what `_PaneRays` bring in from ``picture`` (h, 2 h, 3) cd/m2, bilinearly."""
+    clear, veil, tint, normal = glass.clear, glass.veil, glass.tint, glass.normal
+    last = tint.shape[0] - 1
+    rows, columns = picture.shape[0], picture.shape[1]
+    for k in range(rays.point.shape[0]):
+        x, y, z = rays.direction[k, 0], rays.direction[k, 1], rays.direction[k, 2]
+        across = (math.atan2(x, y) / (2 * math.pi) + 0.5) * columns - 0.5
+        down = (0.5 - math.asin(min(max(z, -1.0), 1.0)) / math.pi) * rows - 0.5
+        c0, r0 = math.floor(across), math.floor(down)
+        fc, fr = across - c0, down - r0
+        low, high = min(max(int(r0), 0), rows - 1), min(max(int(r0) + 1, 0), rows - 1)
+        left, right = int(c0) % columns, (int(c0) + 1) % columns
+        i, cell, weight = rays.point[k], rays.cell[k], rays.weight[k]
+        # The transmittance at this angle, between two entries of its table.
+        facing = min(abs(x * normal[0] + y * normal[1] + z * normal[2]), 1.0) * last
+        step = min(math.floor(facing), max(last - 1, 0))
+        part = facing - step
+        for c in range(3):
+            above = picture[low, left, c] * (1 - fc) + picture[low, right, c] * fc
+            below = picture[high, left, c] * (1 - fc) + picture[high, right, c] * fc
+            through = tint[step, c] * (1 - part) + tint[min(step + 1, last), c] * part
+            outside = through * (above * (1 - fr) + below * fr)
+            out[i, c] += weight * (clear[cell] * outside + veil[cell, c])
+
+
+def sky_rays(stage: Stage, points: Floats, normals: Floats, samples: int, key: Key) -> SkyRays:
+    """Return where ``samples`` rays from each point to each pane end: ``points`` (N, K, 3), ``normals`` (N, 3)."""
+    panes, parts = stage.scene.panes, [_no_rays()]
+    for number, pane in enumerate(panes):
+        veil = pane.veil_cd_m2.reshape(-1, 3).mean(axis=1) / max(float(veil_means(pane).mean()), 1e-20)
+        clear = pane.clear.ravel()
+        for rays in _rays_to(stage, number, points, normals, samples, key):
+            lit, covered = np.flatnonzero(clear[rays.cell] > 0), np.flatnonzero(veil[rays.cell] > 0)
+            # Glass lets through less at an angle; its colour hardly changes with it, and is multiplied later.
+            dimmed = pane.through(rays.direction[lit]).mean(axis=1) / max(float(np.mean(pane.transmittance)), 1e-9)
+            weight = rays.weight[lit] * clear[rays.cell[lit]] * dimmed
+            parts.append((rays.point[lit], sky_cell(rays.direction[lit]), np.full(len(lit), number, np.uint16), weight))
+            cell = np.full(len(covered), SKY_CELLS + number, np.uint16)
+            weight = rays.weight[covered] * veil[rays.cell[covered]]
+            parts.append((rays.point[covered], cell, np.full(len(covered), len(panes), np.uint16), weight))
+    point, cell, tint, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
+    order = np.argsort(point, kind="stable")
+    first = np.searchsorted(point[order], np.arange(len(normals) + 1)).astype(np.int64)
+    return SkyRays(
+        first, cell[order].astype(np.uint16), tint[order].astype(np.uint16), weight[order].astype(np.float32)
+    )
+
+
+def _no_rays() -> tuple[Int64s, UInt16s, UInt16s, Floats]:
+    return (np.empty(0, np.int64), np.empty(0, np.uint16), np.empty(0, np.uint16), np.empty(0, np.float32))
+
+
+def sky_cell(rays: Floats) -> UInt16s:
+    """Return the sky's cell (N,) in the direction of rays (N, 3), unit."""
+    column = ((np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * 2 * SKY_ROWS).astype(np.int64) % (2 * SKY_ROWS)
+    row = ((0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * SKY_ROWS).astype(np.int64).clip(0, SKY_ROWS - 1)
+    return (row * 2 * SKY_ROWS + column).astype(np.uint16)
+
+
+def veil_means(pane: Pane) -> Doubles:
+    """Return the mean radiance (shape (3,), cd/m2) of what covers a pane."""
+    mean: Doubles = pane.veil_cd_m2.reshape(-1, 3).mean(axis=0, dtype=np.float64)
+    return mean
+
+
+def sky_values(outdoors: Outdoors, panes: tuple[Pane, ...]) -> Floats:
+    """Return the radiance of the sky's cells and then of what covers each pane: (C, 3) cd/m2."""
+    rgb = outdoors.rgb
+    if rgb.shape[0] != SKY_ROWS:
+        source = Equirectangular(rgb.shape[1], rgb.shape[0])
+        rgb, _ = resample(np.ascontiguousarray(rgb), source, Equirectangular(2 * SKY_ROWS, SKY_ROWS))
+    return np.concatenate([rgb.reshape(-1, 3), *(veil_means(pane)[None] for pane in panes)]).astype(np.float32)
+
+
+@compiled
+def add_sky(rays, colours, values, out, apart):  # type: ignore[no-untyped-def]
+    """Add the light of stored `SkyRays` to irradiance ``out`` (N, 3), lx.
+
+    ``colours`` (panes + 1, 3): transmittance; ``values`` (C, 3): radiance of the sky's cells (`sky_values`). To
+    ``apart`` (N,) goes half the difference in green between the estimates of the odd and of the even rays.
+    """
+    for i in range(out.shape[0]):
+        r = g = b = odd = 0.0
+        for k in range(rays.first[i], rays.first[i + 1]):
+            c, t, w = rays.cell[k], rays.tint[k], rays.weight[k]
+            r += w * colours[t, 0] * values[c, 0]
+            light = w * colours[t, 1] * values[c, 1]
+            g += light
+            b += w * colours[t, 2] * values[c, 2]
+            odd += light if k & 1 else -light
+        out[i, 0] += r
+        out[i, 1] += g
+        out[i, 2] += b
+        apart[i] += odd
