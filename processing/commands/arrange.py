@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import printable
+
 if TYPE_CHECKING:
     from processing.layout.arrangement import Arrangement, Arrangements
     from processing.layout.items import Item
@@ -64,7 +66,7 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
         click.echo(json.dumps({"ok": complete, "folder": str(folder), **result.model_dump(mode="json")}))
         return 0 if complete else 1
     for line in _lines(result):
-        click.echo("".join(c if c.isprintable() else "?" for c in line))
+        click.echo(printable(line))
     click.echo(f"written to {folder}")
     return 0 if complete else 1
 

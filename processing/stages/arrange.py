@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,19 +108,11 @@ def nothing_to_arrange(context: StageContext) -> str | None:
     """Return why there is nothing to do: no furniture asked, no room, no door."""
     asked = context.parameters
     assert isinstance(asked, ArrangeParameters)
-    if not asked.asked:
+    if not asked.wanted:
         return "no furniture asked"
     if context.optional_artifact("room", "room") is None:
         return "the stage room told no room; give one (--room)"
     return None
-
-
-def check_arrangement(value: object) -> None:
-    """Raise `LayoutError` unless a value read from JSON is `Arrangements`."""
-    try:
-        Arrangements.model_validate_json(json.dumps(value))
-    except ValueError as error:
-        raise LayoutError(f"no arrangements: {str(error).splitlines()[0]}", where="--arrangement") from None
 
 
 def run(context: StageContext) -> StageOutput:
@@ -134,7 +125,7 @@ def run(context: StageContext) -> StageOutput:
     plan = from_room_model(room, name=context.session.name or "room", keep_camera_free=True)
     choice = _choice(asked, context.session.name, plan)
     context.progress(0.3, choice.name)
-    items = _items(asked, choice, context.files.get("furniture"))
+    items = _items(asked, choice)
     try:
         found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed)
     except (NoDoorError, RoomTooSmallError) as error:
@@ -152,9 +143,9 @@ def _choice(asked: ArrangeParameters, session_name: str, plan: FloorPlan) -> Cho
     return named_choice(session_name) or fitting_choice(plan, asked.rules, asked.seed)
 
 
-def _items(asked: ArrangeParameters, choice: Choice, folder: Path | None) -> list[Item]:
+def _items(asked: ArrangeParameters, choice: Choice) -> list[Item]:
     """Return the items; with a folder of furniture, in the sizes of its models (kinds that it lacks are built in)."""
-    kinds = KINDS if folder is None else {**KINDS, **Catalogue.at(folder).kinds(asked.seed)}
+    kinds = KINDS if asked.furniture is None else {**KINDS, **Catalogue.at(asked.furniture).kinds(asked.seed)}
     return parse_items(asked.items if asked.items is not None else set_list(choice.name), kinds)
 
 
@@ -200,7 +191,7 @@ def _output(found: Arrangements, choice: Choice, drawn: set[str], assumed: str) 
         "not_placed": {one.id: one.reason for one in refused},
     }
     return StageOutput(
-        artifacts={"arrangement": found.model_dump(mode="json")} | dict.fromkeys(sorted(drawn), True),
+        artifacts={"arrangement": found} | dict.fromkeys(sorted(drawn), True),
         metrics=metrics,
         warnings=tuple(StageWarning(code="arrange", message=text[:500]) for text in texts),
         left_out=dict.fromkeys(sorted(every - drawn), NO_SUCH),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +18,7 @@ from processing.stages.contract import StageContext, StageWarning
 from processing.stages.upright import known_room
 
 
-def judged(value: object, context: StageContext) -> tuple[StageWarning, ...]:
+def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ...]:
     """Return a warning for each alternative that breaks hard rules in this room, naming rule and pieces.
 
     The user may want it so; what stands in a wall is still shown as it is. Without a room nothing can be told.
@@ -31,13 +30,12 @@ def judged(value: object, context: StageContext) -> tuple[StageWarning, ...]:
     """
     if context.optional_artifact("room", "room") is None:
         return ()
-    found = Arrangements.model_validate_json(json.dumps(value))
     room, _ = with_door(known_room(context))
     plan = from_room_model(room, name="room", keep_camera_free=True)
-    every = [_broken(one, plan, _rules(one.rule_set)) for one in found.arrangements]
+    every = [_broken(one, plan, _rules(one.rule_set)) for one in given.arrangements]
     return tuple(
         StageWarning(code="arrangement", message=f"alternative {one.rank} breaks rules in this room: {told}"[:500])
-        for one, told in zip(found.arrangements, every, strict=True)
+        for one, told in zip(given.arrangements, every, strict=True)
         if told
     )
 
