@@ -202,7 +202,7 @@ STAGES: tuple[Stage, ...] = (
                 "json",
                 optional=True,
                 model="processing.layout.arrangement:Arrangements",
-                fits="processing.stages.arrange_judged:judged",
+                fits="processing.stages.arrange:judged",
             ),
             Artifact("contact-sheet", "file", optional=True, file_name="contact-sheet.png"),
             *(Artifact(f"plan-{k}", "file", optional=True, file_name=f"plan-{k}.svg") for k in range(1, 8)),

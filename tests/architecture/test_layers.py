@@ -67,8 +67,8 @@ ONLY_IN = {
         *("processing/ground/", "processing/layout/", "processing/room/", "processing/surfaces/"),
     ),
 }
-BINDS_BOTH = ("processing/commands/demo.py",)
-"""Commands that run the station and then processing."""
+BINDS_BOTH = ("processing/commands/demo.py", "processing/api.py")
+"""What runs the station and then processing: a command, and the public functions."""
 FRONT_DOOR_ANEW = "processing/batch/child.py"
 """The program of its own in which a batch runs each session: it is the command line, begun once more."""
 LIGHT_AT_IMPORT = ("station.capture.events", "station.commands.views", "processing.commands.process")

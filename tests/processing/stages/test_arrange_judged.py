@@ -13,7 +13,7 @@ from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
 from processing.layout.items import parse_items
 from processing.layout.plan import from_room_model
-from processing.stages.arrange_judged import judged
+from processing.stages.arrange import judged
 from processing.stages.parameters import StageParameters
 from tests.processing.stages.test_staging import ROOM, context
 

@@ -13,6 +13,7 @@ import pytest
 
 from processing.errors import ItemError, ProcessingError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.layout.assumed import fitting_choice, named_choice, with_door
 from processing.light.picture.render import render
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import Effort
@@ -23,7 +24,6 @@ from processing.running.artifacts import load, save
 from processing.sphere import Equirectangular
 from processing.stages import arrange, materials
 from processing.stages import render as rendering
-from processing.stages.arrange import fitting_choice, named_choice, with_door
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import ArrangeParameters, MaterialsParameters, RenderParameters, StageParameters
 from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
