@@ -15,7 +15,7 @@ import daylit
 
 def main(folder: str = "sessions") -> int:
     """Capture a small session of the built-in room, process it up to calibration, and print figures."""
-    session = daylit.capture("first room", folder, simulate="room", size="small", rate=100)
+    session = daylit.capture("first room", folder, simulate="room", size="small", rate=4)
     print(f"{session.path}: {len(session.manifest.frames)} frames, {session.manifest.status.value}")
 
     report = daylit.process(session, until="calibrate", quality="draft")

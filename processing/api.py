@@ -146,7 +146,7 @@ def process(
 
 
 def read_picture(path: AnyPath) -> Picture:
-    """Return a picture that a stage wrote (EXR): light with its uncertainty and validity.
+    """Return the picture in the file ``path`` (an EXR that a stage wrote): light with its uncertainty and validity.
 
     Returns
     -------
@@ -194,7 +194,8 @@ def capture(
     simulate
         Instead of instruments: the world that simulated ones look at, such as ``"room"`` or ``"living-3"``.
     size, rate
-        Of simulated instruments: size of their pictures, and how much faster than life their time runs.
+        Of simulated instruments: size of their pictures, and how much faster than life their time runs (a busy
+        computer may miss their answers from about 10 on).
     on_event
         Called with each `CaptureEvent`.
 
@@ -202,7 +203,7 @@ def capture(
 
     Example
     -------
-    >>> session = daylit.capture("try", simulate="room", size="small", rate=100)
+    >>> session = daylit.capture("try", simulate="room", size="small", rate=4)
     >>> session.manifest.status
     <SessionStatus.COMPLETE: 'complete'>
     """
