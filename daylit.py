@@ -1,13 +1,63 @@
-"""The front door: the ``daylit`` command. Adds the command groups and imports nothing heavy."""
+"""The front door: the ``daylit`` command and, for Python, a few names that are imported when they are used.
+
+>>> import daylit
+>>> session = daylit.open_session("sessions/2023-05-19T1554Z_coda-320")
+>>> report = daylit.process(session, until="calibrate")
+>>> picture = daylit.read_picture(session / "stages" / "calibrate" / "indoor.exr")
+>>> picture.luminance_cd_m2().max(), picture.unit
+"""
 
 from __future__ import annotations
 
 import importlib
 import json
 import sys
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
+
+if TYPE_CHECKING:
+    from processing.api import Picture, Session, arrange, capture, open_session, process, read_picture, simulate
+    from processing.layout.arrangement import Arrangements
+    from processing.pictures.images import LuminanceImage, RelativeImage, Validity
+    from processing.running.results import RunReport
+
+__all__ = [
+    "Arrangements",
+    "LuminanceImage",
+    "Picture",
+    "RelativeImage",
+    "RunReport",
+    "Session",
+    "Validity",
+    "arrange",
+    "capture",
+    "open_session",
+    "process",
+    "read_picture",
+    "simulate",
+]
+_ELSEWHERE = {
+    "Arrangements": "processing.layout.arrangement",
+    "LuminanceImage": "processing.pictures.images",
+    "RelativeImage": "processing.pictures.images",
+    "RunReport": "processing.running.results",
+    "Validity": "processing.pictures.images",
+}
+"""Where public names live that are not in `processing.api`."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name not in __all__:
+        raise AttributeError(f"module 'daylit' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_ELSEWHERE.get(name, "processing.api")), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 class Entry(NamedTuple):

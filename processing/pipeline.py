@@ -1,7 +1,8 @@
-"""THE table of stages: what is done with a session, in which order, from what, and with which options.
+"""THE table of stages: what is done with a session, in which order, and from what.
 
-Adding a stage is adding a row here and a module in `processing.stages` (docs/pipeline.md shows one). Functions and
-parameter models are named as "module:name" and imported only when they are used, so that this table costs nothing.
+Adding a stage is adding a row here, a class in `processing.stages.parameters` and a module in `processing.stages`
+(docs/pipeline.md shows one). Functions and models are named as "module:name" and imported only when they are used, so
+that this table costs nothing. The options of the command line follow from a stage's parameters.
 Whatever can change a stage's result is in its row: the runner makes the fingerprint of it, and lets the stage see no
 more of the session than that.
 """
@@ -10,13 +11,14 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from processing.errors import ParameterError
 
+if TYPE_CHECKING:
+    from processing.stages.parameters import Option, StageParameters
+
 ArtifactKind = Literal["picture", "mask", "json", "file"]
-OptionKind = Literal["parameter", "file", "folder", "answer"]
-ValueType = Literal["float", "int", "str", "flag"]
 Trade = Literal["quality", "max_error", "time_budget"]
 
 
@@ -30,30 +32,11 @@ class Artifact:
     """Whether the stage may leave it out, saying why."""
     file_name: str = ""
     """Of kind "file"; the others are NAME.exr, NAME.png and NAME.json."""
-    check: str = ""
-    """Of what users may give: "module:function" that takes the value and raises a typed error."""
+    model: str = ""
+    """Of kind "json": "module:name" of the pydantic model that stages exchange; none: they exchange plain values."""
     fits: str = ""
-    """The same of the value and the stage's context: whether it fits what earlier stages made; may return warnings."""
-
-
-@dataclass(frozen=True)
-class Option:
-    """A command line option of a stage, e.g. ``--k1``.
-
-    ``parameter``: sets the parameter ``name``. ``file``, ``folder``: handed to the stage as ``context.files[name]``.
-    ``answer``: a file that takes the place of the artifact ``name``; the stage then does not run.
-    """
-
-    flag: str
-    kind: OptionKind
-    name: str
-    help: str
-    type: ValueType = "float"
-    """Of parameters."""
-    excludes: tuple[str, ...] = ()
-    """Flags that would do nothing beside this one: a run that asks for both is refused."""
-    beside: tuple[str, ...] = ()
-    """Flags without which this one would do nothing."""
+    """Of what users may give: "module:function" that takes the value and the stage's context and raises a typed error
+    where it does not fit what earlier stages made; may return warnings."""
 
 
 @dataclass(frozen=True)
@@ -74,34 +57,41 @@ class Stage:
     """Fields of the session's manifest that it may see, and "folder": the session's files as they are on disk.
     "relight": what `daylit relight` made of it."""
     makes: tuple[Artifact, ...] = ()
-    parameters: str = "processing.stages.contract:StageParameters"
+    parameters: str = "processing.stages.parameters:StageParameters"
     skip_rule: str = ""
     """``reason(context) -> str | None``: why there is nothing to do."""
     trades: tuple[Trade, ...] = ()
     """Which of --quality, --max-error and --time-budget change what it does."""
-    options: tuple[Option, ...] = ()
+
+    @property
+    def model(self) -> type[StageParameters]:
+        """Return the class of its parameters."""
+        found: type[StageParameters] = resolve(self.parameters)
+        return found
+
+    @property
+    def options(self) -> dict[str, Option]:
+        """Return its command line options by flag, as its parameters say."""
+        from processing.stages.parameters import options_of
+
+        return {option.flag: option for option in options_of(self.model)}
 
 
 NETWORK = ("segmentation/room_network.onnx", "segmentation/room_network.json")
-SET = Option("--set", "parameter", "set", "Furniture: bedroom, living, dining, office, auto (default), none.", "str")
-ITEMS = Option("--items", "parameter", "items", 'A list of furniture instead: "bed, 2 nightstand".', "str")
-SEED = Option("--seed", "parameter", "seed", "Other arrangements, another draw.", "int")
-FURNITURE = Option("--furniture", "folder", "furniture", "Folder of models (glTF, OBJ, 3D-FUTURE) to furnish with.")
 STAGED = tuple(f"staged-{k}" for k in range(1, 8))
-CALIBRATION = Option("--calibration", "file", "calibration", "Rig profile of `daylit rig calibrate`.")
 
 STAGES: tuple[Stage, ...] = (
     Stage(
         name="verify",
         version=1,
-        title="check the session",
+        title="check session",
         function="processing.stages.verify:run",
         reads=("folder",),
     ),
     Stage(
         name="merge",
         version=1,
-        title="merge the brackets",
+        title="merge brackets",
         function="processing.stages.merge:run",
         needs=("verify",),
         reads=("frames", "devices", "rig", "panorama"),
@@ -113,15 +103,11 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.parameters:MergeParameters",
         skip_rule="processing.stages.merge:nothing_to_merge",
         trades=("quality", "max_error"),
-        options=(
-            CALIBRATION,
-            Option("--side", "parameter", "side", "Merge only indoor or outdoor.", "str"),
-        ),
     ),
     Stage(
         name="calibrate",
         version=2,
-        title="scale to cd/m2",
+        title="calibrate to cd/m2",
         function="processing.stages.calibrate:run",
         needs=("merge",),
         reads=("site", "heading_rad", "target", "readings", "frames", "devices", "rig", "panorama"),
@@ -131,54 +117,27 @@ STAGES: tuple[Stage, ...] = (
             Artifact("calibration", "json"),
         ),
         parameters="processing.stages.parameters:CalibrateParameters",
-        options=(
-            CALIBRATION,
-            Option("--k1", "parameter", "k1", "Scale of the indoor picture, instead of meter and target."),
-            Option("--k2", "parameter", "k2", "Scale between the cameras, instead of the rig profile's."),
-            Option("--target", "parameter", "target", "LON,LAT (degrees) where the meter looked.", "str"),
-            Option("--outdoor-lux", "parameter", "outdoor_lux", "Horizontal illuminance measured outside."),
-            Option("--repair-sun", "parameter", "repair_sun", "A clipped sun: no, illuminance or clear-sky.", "str"),
-            Option(
-                "--outdoor-view", "parameter", "outdoor_view", "equidistant, hemispherical, equirectangular.", "str"
-            ),
-            Option("--outdoor-field", "parameter", "outdoor_field_deg", "Degrees within the outdoor image circle."),
-            Option("--outdoor-top", "parameter", "outdoor_top_deg", "Compass azimuth of the outdoor picture's top."),
-            Option("--falloff", "parameter", "falloff", "Vignetting correction: auto or off.", "str"),
-            Option("--glare", "parameter", "glare", "Veil around the outdoor image circle: auto or keep.", "str"),
-        ),
     ),
     Stage(
         name="room",
         version=4,
-        title="tell the room",
+        title="estimate room layout",
         function="processing.stages.room:run",
         data=NETWORK,
         needs=("calibrate",),
         reads=("camera_height_m", "site", "heading_rad", "frames"),
         makes=(
             Artifact("panorama", "picture", optional=True),
-            Artifact("room", "json", optional=True, check="processing.ground.room_model:check_room"),
+            Artifact("room", "json", optional=True, model="processing.ground.room_model:RoomModel"),
             Artifact("evidence", "file", optional=True, file_name="evidence.npz"),
         ),
         parameters="processing.stages.parameters:RoomParameters",
         trades=("quality",),
-        options=(
-            Option(
-                "--room",
-                "file",
-                "room",
-                "Room of `daylit room`, instead of one told from the panorama.",
-                excludes=("--camera-height", "--layout-model"),
-            ),
-            Option("--layout-model", "file", "layout_model", "ONNX of HorizonNet, LED2-Net or LGT-Net."),
-            Option("--camera-height", "parameter", "camera_height_m", "Of the panorama camera, metres: the scale."),
-            Option("--level", "parameter", "level", "A tilted panorama: auto makes it upright, off leaves it.", "str"),
-        ),
     ),
     Stage(
         name="figures",
         version=2,
-        title="tell the light",
+        title="compute light figures",
         function="processing.stages.figures:run",
         needs=("calibrate", "room"),
         reads=("heading_rad", "camera_height_m", "readings"),
@@ -187,7 +146,7 @@ STAGES: tuple[Stage, ...] = (
     Stage(
         name="detect",
         version=5,
-        title="find what is to be removed",
+        title="detect furniture and sunlight",
         function="processing.stages.detect:run",
         data=NETWORK,
         needs=("calibrate", "room"),
@@ -202,36 +161,11 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.parameters:DetectParameters",
         skip_rule="processing.stages.detect:nothing_to_go_by",
         trades=("quality",),
-        options=(
-            Option(
-                "--mask",
-                "answer",
-                "target",
-                "Picture: white is to be removed; instead of detection.",
-                excludes=("--segmenter", "--segmenter-contract", "--margin", "--sunlight", "--keep-sunlight"),
-            ),
-            Option(
-                "--segmenter",
-                "file",
-                "segmenter",
-                "Network for segmentation of your own, ONNX or tflite.",
-                beside=("--segmenter-contract",),
-            ),
-            Option(
-                "--segmenter-contract",
-                "file",
-                "segmenter_contract",
-                "JSON that says how to use it.",
-                beside=("--segmenter",),
-            ),
-            Option("--margin", "parameter", "margin_deg", "Degrees by which the target reaches over what is found."),
-            Option("--sunlight", "parameter", "sunlight", "auto; off: direct sunlight is not removed.", "str"),
-        ),
     ),
     Stage(
         name="remove",
         version=4,
-        title="empty the room",
+        title="remove furniture",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect"),
         makes=(
@@ -242,23 +176,11 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.parameters:RemoveParameters",
         skip_rule="processing.stages.remove:nothing_to_remove",
         trades=("quality",),
-        options=(
-            Option("--keep-sunlight", "parameter", "keep_sunlight", "Leave direct sunlight where it is.", "flag"),
-            Option("--filler", "file", "filler", "Filling network of your own: a LaMa export, ONNX."),
-            Option(
-                "--filler-channels",
-                "parameter",
-                "filler_channels",
-                "Of --filler: rgb (default) or bgr.",
-                "str",
-                beside=("--filler",),
-            ),
-        ),
     ),
     Stage(
         name="materials",
         version=2,
-        title="tell what surfaces reflect",
+        title="estimate materials",
         function="processing.stages.materials:run",
         needs=("calibrate", "room", "detect", "remove"),
         reads=("heading_rad",),
@@ -266,11 +188,6 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.parameters:MaterialsParameters",
         skip_rule="processing.stages.materials:nothing_to_stage",
         trades=("quality",),
-        options=(
-            SET,
-            ITEMS,
-            Option("--reveal", "parameter", "reveal_m", "Depth of the windows' niches, metres."),
-        ),
     ),
     Stage(
         name="arrange",
@@ -284,28 +201,19 @@ STAGES: tuple[Stage, ...] = (
                 "arrangement",
                 "json",
                 optional=True,
-                check="processing.stages.arrange:check_arrangement",
-                fits="processing.stages.arrange_judged:judged",
+                model="processing.layout.arrangement:Arrangements",
+                fits="processing.stages.arrange:judged",
             ),
             Artifact("contact-sheet", "file", optional=True, file_name="contact-sheet.png"),
             *(Artifact(f"plan-{k}", "file", optional=True, file_name=f"plan-{k}.svg") for k in range(1, 8)),
         ),
         parameters="processing.stages.parameters:ArrangeParameters",
         skip_rule="processing.stages.arrange:nothing_to_arrange",
-        options=(
-            Option("--arrangement", "answer", "arrangement", "arrangement.json of `daylit arrange`, instead."),
-            SET,
-            ITEMS,
-            FURNITURE,
-            Option("--rules", "parameter", "rules", "comfort, standard (default), tight, accessible.", "str"),
-            Option("--alternatives", "parameter", "alternatives", "How many, 1 to 7; default 3.", "int"),
-            SEED,
-        ),
     ),
     Stage(
         name="render",
         version=2,
-        title="put furniture into the picture",
+        title="render staged room",
         function="processing.stages.render:run",
         needs=("calibrate", "room", "detect", "remove", "materials", "arrange"),
         makes=(
@@ -316,27 +224,16 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.parameters:RenderParameters",
         skip_rule="processing.stages.render:nothing_to_render",
         trades=("quality", "max_error", "time_budget"),
-        options=(
-            Option("--method", "parameter", "method", "differential (default), global, ibl.", "str"),
-            FURNITURE,
-            Option("--style", "parameter", "style", "Of the built-in furniture; default: another for each.", "str"),
-            SEED,
-        ),
     ),
     Stage(
         name="report",
         version=5,
-        title="write the report",
+        title="write report",
         function="processing.report.stage:run",
         needs=("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render"),
         reads=("name", "site", "frames", "devices", "relight"),
         makes=(Artifact("page", "file", file_name="index.html"),),
         parameters="processing.stages.parameters:ReportParameters",
-        options=(
-            Option(
-                "--no-staged-label", "parameter", "no_staged_label", "Staged pictures without visible label.", "flag"
-            ),
-        ),
     ),
 )
 
@@ -357,7 +254,7 @@ def check_table(stages: tuple[Stage, ...]) -> None:
         if unknown:
             raise ValueError(f"{stage.name} needs {sorted(unknown)}, which no earlier stage is")
         makes = {artifact.name for artifact in stage.makes}
-        answers = {option.name for option in stage.options if option.kind == "answer"}
+        answers = {option.artifact for option in stage.options.values() if option.kind == "answer"}
         if answers - makes:
             raise ValueError(f"{stage.name} does not make {sorted(answers - makes)}")
         seen.add(stage.name)
@@ -390,7 +287,7 @@ def selected(until: str | None, stages: tuple[Stage, ...] = STAGES) -> tuple[Sta
 
 def options(stages: tuple[Stage, ...] = STAGES) -> dict[str, Option]:
     """Return each option of the stages by its flag (stages may share one)."""
-    return {option.flag: option for stage in stages for option in stage.options}
+    return {flag: option for stage in stages for flag, option in stage.options.items()}
 
 
 def trades(stages: tuple[Stage, ...] = STAGES) -> frozenset[Trade]:

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import printable
+
 if TYPE_CHECKING:
     from processing.layout.arrangement import Arrangement, Arrangements
     from processing.layout.items import Item
-    from processing.layout.plan import FloorPlan
-
-IN_A_SESSION = ("room.json", "stages/room/room.json")
-"""Where a session keeps its room: corrected by hand, else as estimated."""
 
 
 @click.command()
@@ -64,7 +62,7 @@ def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None
         click.echo(json.dumps({"ok": complete, "folder": str(folder), **result.model_dump(mode="json")}))
         return 0 if complete else 1
     for line in _lines(result):
-        click.echo("".join(c if c.isprintable() else "?" for c in line))
+        click.echo(printable(line))
     click.echo(f"written to {folder}")
     return 0 if complete else 1
 
@@ -80,6 +78,7 @@ def _rule_set(options: dict[str, Any]) -> Any:
 
 
 def _solve(room: Path, **options: Any) -> Arrangements:
+    from processing.api import floor_plan
     from processing.errors import ParameterError
     from processing.layout.arrange import arrange as solve
     from processing.layout.paper_form import parse_place, placed_by_ratios
@@ -88,7 +87,7 @@ def _solve(room: Path, **options: Any) -> Arrangements:
     if (options["items"] is None) == (options["set_name"] is None):
         raise ParameterError("give either --items or --set")
     items = _items(options)
-    plan = _plan(room, keep_camera_free=options["keep_camera"])
+    plan = floor_plan(room, keep_camera_free=options["keep_camera"])
     book = _book(options)
     rules = book.named(options["rules"])
     pins = dict(parse_pin(text) for text in options["pins"])
@@ -105,25 +104,6 @@ def _items(options: dict[str, Any]) -> list[Item]:
         return parse_items(options["items"]) if options["items"] is not None else set_items(options["set_name"])
     kinds = {**KINDS, **Catalogue.at(options["catalogue"]).kinds(options["seed"])}
     return parse_items(options["items"] if options["items"] is not None else set_list(options["set_name"]), kinds)
-
-
-def _plan(path: Path, *, keep_camera_free: bool) -> FloorPlan:
-    """Return the plan of a plan.json, a room.json, or a session's folder (its room corrected by hand goes first)."""
-    from processing.errors import PlanError
-    from processing.ground.room_model import read_json, read_room
-    from processing.layout.plan import from_room_model
-    from processing.layout.plan_files import read_plan
-
-    if path.is_dir():
-        for inner in IN_A_SESSION:
-            if (path / inner).is_file():
-                return from_room_model(read_room(path / inner), keep_camera_free=keep_camera_free, name=path.name)
-        advice = f"daylit room {path} --edit, or daylit process {path} --until room"
-        raise PlanError("the session has no room yet", where=str(path), advice=advice)
-    data = read_json(path)
-    if isinstance(data, dict) and "floor" in data:
-        return from_room_model(read_room(path), keep_camera_free=keep_camera_free, name=path.stem)
-    return read_plan(path)
 
 
 def _lines(result: Arrangements) -> list[str]:

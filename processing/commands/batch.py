@@ -6,12 +6,12 @@ import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from processing.commands.process import ProcessCommand
+from processing.commands.process import ProcessCommand, run_request
+from station.commands.views import SilentView, printable
 
 if TYPE_CHECKING:
     from processing.batch.run import BatchReport
@@ -19,66 +19,32 @@ if TYPE_CHECKING:
     from processing.running.requests import RunRequest
 
 
-# What a user sees of a batch: a bar and the failures on a terminal, a line a session elsewhere, and the summary.
-
-
-class QuietView:
-    """Shows nothing: for --json."""
-
-    def show(self, outcome: Outcome, over: int, total: int) -> None:
-        """Show what became of a session."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
-
-
-class BarsView(QuietView):
+class BarsView(SilentView):
     """A bar for all sessions with the time left, and a line for each; without a terminal lines alone."""
 
     def __init__(self, *, terminal: bool) -> None:
-        self._bars: Any = None
-        self._task: Any = None
         if terminal:
             from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
             columns = (TextColumn("sessions"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-            self._bars = Progress(*columns, transient=True)
-            self._task = self._bars.add_task("", total=None)
+            self.bars = Progress(*columns, transient=True)
+            self._task = self.bars.add_task("", total=None)
 
-    def show(self, outcome: Outcome, over: int, total: int) -> None:
-        """Write a line and move the bar."""
-        from processing.commands.process_views import printable
-
+    def show(self, event: tuple[Outcome, int, int]) -> None:
+        """Write a line and move the bar; the event: outcome of a session, how many are over, of how many."""
+        outcome, over, total = event
         line = printable(f"{over}/{total}  {outcome_line(outcome)}")
-        if self._bars is None:
+        if self.bars is None:
             click.echo(line)
             return
         from rich.markup import escape
 
-        self._bars.update(self._task, total=total, completed=over)
-        self._bars.console.print(escape(line), highlight=False, style="red" if outcome.state == "failed" else None)
-
-    def __enter__(self) -> Self:
-        if self._bars is not None:
-            self._bars.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bars is not None:
-            self._bars.stop()
+        self.bars.update(self._task, total=total, completed=over)
+        self.bars.console.print(escape(line), highlight=False, style="red" if outcome.state == "failed" else None)
 
 
 def summary_lines(report: BatchReport) -> Iterator[str]:
     """Yield the failures, then the totals."""
-    from processing.commands.process_views import printable
-
     for one in report.failed:
         yield printable(outcome_line(one))
     done = len(report.outcomes) - len(report.failed)
@@ -105,9 +71,6 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
 )
 @click.option("--zone", default="UTC", show_default=True, metavar="NAME", help="Of dates and times in the table.")
 @click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="For the table (default: FOLDER).")
-@click.option("--until", metavar="STAGE", help="Run this stage and what it needs, no more.")
-@click.option("--force", metavar="STAGE", multiple=True, help="Run this stage though nothing has changed (repeatable).")
-@click.option("--recheck", is_flag=True, help="Read every file again instead of trusting size and times.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
 def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
     """Process every session in FOLDER, several at a time; takes the options of `daylit process`.
@@ -137,29 +100,23 @@ def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
         asked["session_timeout"],
         known_zone(asked["zone"]),
     )
-    with QuietView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
-        report = run_batch(request, view.show)
+    with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
+        report = run_batch(request, lambda *event: view.show(event))
     table, values = write_table(asked["into"] or folder, report)
-    _tell(report, summary_lines, (table, values), as_json=as_json)
+    if as_json:
+        click.echo(json.dumps({**report.to_dict(), "files": [str(table), str(values)]}))
+    else:
+        for line in (*summary_lines(report), f"table: {table}"):
+            click.echo(line)
     return 5 if report.failed else 0
 
 
-def _tell(report: BatchReport, lines: Any, files: tuple[Path, Path], *, as_json: bool) -> None:
-    if as_json:
-        click.echo(json.dumps({**report.to_dict(), "files": [str(path) for path in files]}))
-        return
-    for line in lines(report):
-        click.echo(line)
-    click.echo(f"table: {files[0]}")
-
-
 def _checked(asked: dict[str, Any]) -> RunRequest:
-    """Return what is asked of each session; `ParameterError` now rather than once a session."""
-    from processing.commands.process import run_request
+    """Return the request for each session; `ParameterError` now rather than once a session."""
     from processing.pipeline import STAGES
     from processing.running.requests import planned
 
-    request = run_request({**asked, "dry_run": False})
+    request = run_request(asked)
     planned(request, STAGES)
     return request
 
@@ -179,12 +136,12 @@ def _arguments(request: RunRequest) -> tuple[str, ...]:
         found += ["--max-error", repr(request.max_error)]
     if request.time_budget_s is not None:
         found += ["--time-budget", repr(request.time_budget_s)]
-    kinds = options()
+    known = options()
     for flag, value in request.options.items():
-        if kinds[flag].type == "flag" and kinds[flag].kind == "parameter":
+        if known[flag].type is bool:
             found += [flag] if value else []
         else:
-            found += [flag, str(value if kinds[flag].kind == "parameter" else Path(str(value)).resolve())]
+            found += [flag, str(value if known[flag].kind == "parameter" else Path(str(value)).resolve())]
     return tuple(found)
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from station.commands.views import printable
+
 
 @click.group()
 def dataset() -> None:
@@ -81,9 +83,9 @@ def check(folder: Path, *, as_json: bool) -> int:
         return 0 if report.ok else 1
     for word in ("missing", "changed", "new"):
         for name in getattr(report, word):
-            click.echo(_printable(f"{word}: {name}"))
+            click.echo(printable(f"{word}: {name}"))
     for problem in report.problems:
-        click.echo(_printable(problem))
+        click.echo(printable(problem))
     click.echo(f"{report.files} files compared: {'all as it was built' if report.ok else 'not as it was built'}")
     return 0 if report.ok else 1
 
@@ -115,7 +117,7 @@ def _tell(found: dict[str, Any]) -> None:
             text = ", ".join(f"{key} {one}" for key, one in parts)
         elif isinstance(value, list):
             text = " to ".join(value)
-        click.echo(_printable(f"{name.replace('_', ' '):<18} {'-' if text is None else text}"))
+        click.echo(printable(f"{name.replace('_', ' '):<18} {'-' if text is None else text}"))
 
 
 def _shares(text: str) -> tuple[float, float, float]:
@@ -126,7 +128,3 @@ def _shares(text: str) -> tuple[float, float, float]:
     except ValueError:
         raise ParameterError(f"--split {text[:40]}: three numbers in per cent, such as 70,15,15") from None
     return a, b, c
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)

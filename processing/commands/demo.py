@@ -176,13 +176,14 @@ def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
 
 
 def _processed(session: Path, options: dict[str, str], quality: str, *, as_json: bool) -> RunReport:
-    from processing.commands.process_views import SilentView, plain_or_terminal, summary_lines
+    from processing.commands.process import stage_view, summary_lines
     from processing.running.requests import RunRequest
     from processing.running.runner import process
     from processing.stages.contract import Quality
+    from station.commands.views import SilentView
 
     request = RunRequest(quality=Quality(quality), options=options)
-    with SilentView() if as_json else plain_or_terminal(sys.stdout.isatty()) as view:
+    with SilentView() if as_json else stage_view() as view:
         report = process(session, request, on_event=view.show)
     if not as_json:
         for line in summary_lines(report, request, explain=False):

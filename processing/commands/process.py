@@ -4,48 +4,50 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import SilentView, printable
+
 if TYPE_CHECKING:
-    from processing.pipeline import Option
+    from rich.progress import TaskID
+
     from processing.running.requests import RunRequest
+    from processing.running.results import RunEvent, RunReport, StageReport
+    from processing.stages.parameters import Option
 
 _PREFIX = "of_stage_"
 _TRADES = {
-    "quality": {"type": click.Choice(["draft", "standard", "reference"]), "help": "How much work is worth while."},
+    "quality": {"type": click.Choice(["draft", "standard", "reference"]), "help": "How much work is worthwhile."},
     "max_error": {"type": float, "help": "Relative error that is good enough (0.02 is 2 %)."},
     "time_budget": {"type": float, "help": "Seconds that may be spent."},
 }
 
 
 class ProcessCommand(click.Command):
-    """Takes the options of the stages from the table, so that what no stage does is not offered."""
+    """A command that runs the pipeline: its options are its own, those of every run, and those of the stages."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return our own options and those of the stages."""
+        """Return the command's own options, those of every run, and what the stages of the table take."""
         from processing.pipeline import options, trades
 
-        found: list[click.Parameter] = list(super().get_params(ctx))
-        at = len(found) - 2
-        more = [_trade_option(trade) for trade in sorted(trades())]
-        more += [_stage_option(flag, option) for flag, option in options().items()]
-        return [*found[:at], *more, *found[at:]]
+        *own, as_json, help_option = super().get_params(ctx)
+        more = [*_run_options(), *(_trade_option(trade) for trade in sorted(trades()))]
+        more += [_stage_option(option) for option in options().values()]
+        return [*own, *more, as_json, help_option]
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write our own options, then those of each stage in the order in which stages run."""
+        """Write the command's options, then those of each stage in the order in which stages run."""
         from processing.pipeline import STAGES
 
-        params = [p for p in self.get_params(ctx) if isinstance(p, click.Option)]
-        sections: dict[str, list[click.Option]] = {
-            "Options": [p for p in params if not (p.name or "").startswith(_PREFIX)]
-        }
-        for stage in STAGES:
-            names = {_parameter_name(option.flag) for option in stage.options}
-            told = {p.name for section in sections.values() for p in section}
-            sections[f"{stage.name}: {stage.title}"] = [p for p in params if p.name in names - told]
+        params = {p.name or "": p for p in self.get_params(ctx) if isinstance(p, click.Option)}
+        sections = {"Options": [p for name, p in params.items() if not name.startswith(_PREFIX)]}
+        for stage in STAGES:  # an option that several stages share stands with the first
+            names = [name for flag in stage.options if (name := _parameter_name(flag)) in params]
+            sections[f"{stage.name}: {stage.title}"] = [params.pop(name) for name in names]
         for title, among in sections.items():
             records = [record for p in among if (record := p.get_help_record(ctx))]
             if records:
@@ -53,33 +55,64 @@ class ProcessCommand(click.Command):
                     formatter.write_dl(records)
 
 
+def _run_options() -> tuple[click.Option, ...]:
+    return (
+        click.Option(["--until"], metavar="STAGE", help="Run this stage and what it needs, no more."),
+        click.Option(
+            ["--force"],
+            metavar="STAGE",
+            multiple=True,
+            help="Run this stage although nothing has changed (repeatable).",
+        ),
+        click.Option(["--recheck"], is_flag=True, help="Read every file again instead of trusting size and times."),
+    )
+
+
 def _trade_option(trade: str) -> click.Option:
     from processing.pipeline import STAGES
 
-    honoured = ", ".join(stage.name for stage in STAGES if trade in stage.trades)
     given: dict[str, Any] = dict(_TRADES[trade])
-    given["help"] += f" Stages: {honoured}."
+    given["help"] += f" Stages: {', '.join(stage.name for stage in STAGES if trade in stage.trades)}."
     return click.Option([f"--{trade.replace('_', '-')}"], **given)
 
 
-def _stage_option(flag: str, option: Option) -> click.Option:
-    """Return an option of one stage; where several have it, its help names them."""
+def _stage_option(option: Option) -> click.Option:
+    """Return the option of a stage's parameter; where several stages have it, its help names them."""
     from processing.pipeline import STAGES
 
-    users = [stage.name for stage in STAGES if option in stage.options]
+    users = [stage.name for stage in STAGES if option.flag in stage.options]
     shared = f" Stages: {', '.join(users)}." if len(users) > 1 else ""
-    kind = {"type": _type(option.kind, option.type), "is_flag": option.type == "flag", "default": None}
-    return click.Option([flag, _parameter_name(flag)], help=f"{option.help}{shared}", **kind)
+    return click.Option(
+        [option.flag, _parameter_name(option.flag)],
+        type=option.type if option.kind == "parameter" else click.Path(path_type=Path),
+        is_flag=option.type is bool,
+        metavar=f"[{'|'.join(option.choices)}]" if option.choices else None,
+        default=None,
+        help=option.help + shared,
+    )
 
 
 def _parameter_name(flag: str) -> str:
     return _PREFIX + flag.removeprefix("--").replace("-", "_")
 
 
-def _type(kind: str, value: str) -> Any:
-    if kind != "parameter":
-        return click.Path(path_type=Path)
-    return {"float": float, "int": int, "str": str, "flag": bool}[value]
+def run_request(asked: Mapping[str, Any]) -> RunRequest:
+    """Return the request that the options of a `ProcessCommand` make, without what was not given."""
+    from processing.pipeline import options
+    from processing.running.requests import RunRequest
+    from processing.stages.contract import Quality
+
+    values = {flag: asked[_parameter_name(flag)] for flag in options()}
+    return RunRequest(
+        until=asked["until"],
+        force=asked["force"],
+        dry_run=asked.get("dry_run", False),
+        recheck=asked["recheck"],
+        quality=Quality(asked.get("quality") or "standard"),
+        max_error=asked.get("max_error"),
+        time_budget_s=asked.get("time_budget"),
+        options={flag: value for flag, value in values.items() if value is not None},
+    )
 
 
 @click.command(cls=ProcessCommand)
@@ -96,9 +129,6 @@ def _type(kind: str, value: str) -> Any:
     metavar="FOLDER",
     help="With --panorama: where its session is made (default: sessions).",
 )
-@click.option("--until", metavar="STAGE", help="Run this stage and what it needs, no more.")
-@click.option("--force", metavar="STAGE", multiple=True, help="Run this stage though nothing has changed (repeatable).")
-@click.option("--recheck", is_flag=True, help="Read every file again instead of trusting size and times.")
 @click.option("--dry-run", is_flag=True, help="Say what would run and why; change nothing.")
 @click.option("--explain", is_flag=True, help="Say of every stage which input or parameter changed, old and new.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
@@ -114,7 +144,6 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
       daylit process --until merge --max-error 0.02 --explain sessions/2023-05-19T1554Z_coda-320
       daylit process --panorama bedroom.jpg
     """
-    from processing.commands.process_views import SilentView, plain_or_terminal, summary_lines
     from processing.running.runner import process as run
 
     request = run_request(asked)
@@ -124,7 +153,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
             return 0
     else:
         session = _session(session, asked["panorama"], asked["into"])
-    with SilentView() if as_json else plain_or_terminal(sys.stdout.isatty()) as view:
+    with SilentView() if as_json else stage_view() as view:
         report = run(session, request, on_event=view.show)
     if as_json:
         click.echo(json.dumps({"ok": True, "dry_run": request.dry_run, **report.to_dict()}))
@@ -138,13 +167,13 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
 
 
 def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:
-    """Return the session that is there of a panorama; else check the picture, say what would be made, return None."""
+    """Return the existing session of a panorama; without one check the picture, say what would be made, return None."""
     from processing.pictures.panorama import read_panorama
     from processing.running.panorama_session import existing_session
 
-    found = existing_session(panorama, into)
-    if found is not None:
-        return found
+    session = existing_session(panorama, into)
+    if session is not None:
+        return session
     units = read_panorama(panorama).image.unit
     if as_json:
         click.echo(json.dumps({"ok": True, "dry_run": True, "session": None, "units": units, "stages": []}))
@@ -169,20 +198,98 @@ def _session(session: Path | None, panorama: Path | None, into: Path | None) -> 
     return panorama_session(panorama, into or Path("sessions"))
 
 
-def run_request(asked: dict[str, Any]) -> RunRequest:
-    """Return what is asked, without what is not."""
-    from processing.pipeline import options
-    from processing.running.requests import RunRequest
-    from processing.stages.contract import Quality
+# What a user sees of a run: a bar with the time left on a terminal, a line per stage elsewhere, and the summary.
 
-    values = {flag: asked[_parameter_name(flag)] for flag in options()}
-    return RunRequest(
-        until=asked["until"],
-        force=asked["force"],
-        dry_run=asked["dry_run"],
-        recheck=asked["recheck"],
-        quality=Quality(asked.get("quality") or "standard"),
-        max_error=asked.get("max_error"),
-        time_budget_s=asked.get("time_budget"),
-        options={flag: value for flag, value in values.items() if value is not None},
-    )
+
+class PlainView(SilentView):
+    """A line when a stage starts: for logs."""
+
+    def show(self, event: RunEvent) -> None:
+        """Write a line for what takes time."""
+        if event.kind == "started":
+            click.echo(printable(f"{event.stage}: {event.text}{_left(event.left_s)}"))
+
+
+class TerminalView(SilentView):
+    """One bar, for the stage that runs."""
+
+    def __init__(self) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        words = TextColumn("{task.fields[words]}", markup=False)
+        self.bars = self._stages = Progress(
+            TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), words, transient=True
+        )
+        self._task: TaskID | None = None
+
+    def show(self, event: RunEvent) -> None:
+        """Update the bar."""
+        words = printable(event.text + _left(event.left_s))
+        if event.kind == "started":
+            self._task = self._stages.add_task(event.stage, total=None, words=words)
+        elif self._task is not None and event.kind == "progress":
+            self._stages.update(self._task, total=1.0, completed=event.fraction, words=words)
+        elif self._task is not None:
+            self._stages.remove_task(self._task)
+            self._task = None
+
+
+def stage_view() -> SilentView:
+    """Return the view of a run that fits standard output."""
+    return TerminalView() if sys.stdout.isatty() else PlainView()
+
+
+def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> Iterator[str]:
+    """Yield what was done, what was not and why, warnings, seconds and memory."""
+    for stage in report.stages:
+        yield from map(printable, _stage_lines(stage, explain=explain))
+    for flag, key, value in (
+        ("--max-error", "max_error", request.max_error),
+        ("--time-budget", "time_budget", request.time_budget_s),
+    ):
+        if value is not None:
+            honoured = [s.stage for s in report.stages if key in s.summary.get("honoured", {})]
+            yield f"{flag} {value:g}: honoured by {', '.join(honoured) or 'no stage'}; the others cannot trade it"
+    done = [stage for stage in report.stages if stage.cost]
+    cost = report.cost
+    if not done:
+        yield "nothing was run: --dry-run" if request.dry_run else f"nothing was done; {cost.seconds:.1f} s"
+    else:
+        spent = f"{cost.seconds:.1f} s ({cost.cpu_seconds:.1f} CPU s), peak memory {cost.peak_bytes / 1e9:.2f} GB"
+        yield f"{len(done)} of {len(report.stages)} stages done in {spent}"
+
+
+def _stage_lines(stage: StageReport, *, explain: bool) -> Iterator[str]:
+    from processing.running.decision import change_line
+
+    seconds = f"{stage.cost.seconds:8.1f} s" if stage.cost else " " * 10
+    yield f"{stage.stage:<10} {stage.action.value:<13}{seconds}  {stage.reason}"
+    if explain:
+        for change in stage.changes:
+            yield f"{'':10}   {change_line(change)}"
+    for why, names in _by_reason(stage.summary.get("left_out", {})).items():
+        yield f"{'':10} left out: {', '.join(names)}: {why}"
+    for name, what in stage.summary.get("honoured", {}).items():
+        yield f"{'':10} {name.replace('_', ' ')}: {what}"
+    for warning in stage.summary.get("warnings", ()):
+        yield f"{'':10} warning: {warning['message']} ({warning['code']})"
+
+
+def _by_reason(left_out: Mapping[str, str]) -> dict[str, list[str]]:
+    """Return what was left out, by reason; alternatives that nobody requested are no news."""
+    from processing.stages.parameters import NO_SUCH
+
+    names_of: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        if why != NO_SUCH:
+            names_of.setdefault(why, []).append(name)
+    return names_of
+
+
+def _left(seconds: float | None) -> str:
+    """Return the time left in words; nothing where it is not known."""
+    if seconds is None:
+        return ""
+    if seconds < 90:
+        return f", about {max(1, round(seconds))} s left"
+    return f", about {round(seconds / 60)} min left"

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import printable
+
 if TYPE_CHECKING:
     from processing.exchange.export import Exported
 
@@ -40,7 +42,7 @@ def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) ->
         click.echo(json.dumps({"ok": True, "file": file.name, **facts, "places": places}))
         return 0
     for line in (*_lines(facts), *(line for place in places for line in _place_lines(place))):
-        click.echo("".join(c if c.isprintable() else "?" for c in line))
+        click.echo(printable(line))
     return 0
 
 
@@ -125,7 +127,7 @@ def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_js
         click.echo(json.dumps({"ok": True, "files": files, "left_out": done.left_out, "evalglare": glare}))
         return 0
     for line in _export_lines(done, glare):
-        click.echo("".join(c if c.isprintable() else "?" for c in line))
+        click.echo(printable(line))
     return 0
 
 

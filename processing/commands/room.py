@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import printable
+
 if TYPE_CHECKING:
     from processing.ground.room_model import RoomModel
 
@@ -105,7 +107,7 @@ def _tell(path: Path, *, as_json: bool) -> int:
         click.echo(json.dumps({"ok": not problems, "file": str(path), "problems": problems, **_facts(found)}))
         return 1 if problems else 0
     for problem in problems:
-        click.echo("".join(c if c.isprintable() else "?" for c in problem))
+        click.echo(printable(problem))
     if problems:
         click.echo(f"{len(problems)} to correct in {path}, then: daylit room SESSION --check {path}")
         return 1

@@ -49,6 +49,18 @@ class RelativeImage:
     """(H, W): 0 where nothing moved, else 1 + index of the frame whose moment is shown there; None: not looked for."""
     attributes: Mapping[str, object] = field(default_factory=dict)
 
+    @property
+    def unit(self) -> str:
+        """`RELATIVE_UNITS`: the scale is still to be found."""
+        return RELATIVE_UNITS
+
+    def luminance(self) -> Floats:
+        """Return the luminance of each pixel, (H, W) >= 0, in relative units."""
+        return luminance_cd_m2(self.rgb)
+
+    def _repr_html_(self) -> str:
+        return _shown(self)
+
 
 @dataclass(frozen=True)
 class LuminanceImage:
@@ -72,3 +84,25 @@ class LuminanceImage:
     def unit(self) -> str:
         """What luminances of this picture are in, for people: ``cd/m2`` or `RELATIVE_UNITS`."""
         return ABSOLUTE_UNITS if self.absolute else RELATIVE_UNITS
+
+    def luminance_cd_m2(self) -> Floats:
+        """Return the luminance of each pixel, (H, W) >= 0, in ``unit``: cd/m2 where the picture is ``absolute``."""
+        return luminance_cd_m2(self.rgb)
+
+    def _repr_html_(self) -> str:
+        return _shown(self)
+
+
+def _shown(image: RelativeImage | LuminanceImage) -> str:
+    """Return a picture as a notebook shows it: a small preview, size, unit and range."""
+    import base64
+
+    from processing.pictures.preview import jpeg_bytes, preview_rgb8
+
+    height, width = image.validity.shape
+    step = max(1, width // 800)
+    preview = base64.b64encode(jpeg_bytes(preview_rgb8(image.rgb[::step, ::step]))).decode("ascii")
+    valid = luminance_cd_m2(image.rgb[image.validity == Validity.VALID])
+    span = f"{valid.min():.4g} to {valid.max():.4g} {image.unit}" if valid.size else "no valid pixel"
+    text = f"{width} x {height}, {type(image.geometry).__name__.lower()}; luminance {span}"
+    return f'<figure><img src="data:image/jpeg;base64,{preview}"><figcaption>{text}</figcaption></figure>'

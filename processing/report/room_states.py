@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.exchange.jpeg_files import TEXT
+from processing.layout.arrangement import Arrangements
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.report.data import Section
 from processing.report.states import FIELD_DEG, State, comparison, viewer
@@ -18,9 +19,8 @@ from processing.report.tone import Look
 from processing.report.widgets import Model, Models
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
-from processing.stages.parameters import ReportParameters
+from processing.stages.parameters import MOST_STAGED, ReportParameters
 
-MOST_STAGED = 7
 HALF_FIELD = math.radians(FIELD_DEG / 2)
 LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 8_000_000
 """Bytes of the first model within the page; and of all, if there are to be more."""
@@ -48,19 +48,20 @@ def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
     asked = context.parameters
     plain = isinstance(asked, ReportParameters) and asked.no_staged_label
     staged = [state.image for state in states if state.staged]
-    places = furniture_places(context.optional_artifact("arrange", "arrangement") or {}) if staged else []
+    arranged: Arrangements | None = context.optional_artifact("arrange", "arrangement")
+    places = furniture_places(arranged) if staged and arranged else []
     yaw = towards(states[0].image, states[-1].image)
     first, second = towards_furniture(places) if places else (yaw, yaw + math.pi)
     return Look.of(states[0].image, yaw_rad=first, other_yaw_rad=second, label="" if plain else TEXT)
 
 
-def furniture_places(arrangements: Mapping[str, Any]) -> list[tuple[float, float, float]]:
+def furniture_places(arranged: Arrangements) -> list[tuple[float, float, float]]:
     """Return the pieces of all alternatives: x, y in metres from the camera, and size of the footprint in metres."""
     return [
-        (float(item["t_m"][0]), float(item["t_m"][1]), math.sqrt(float(item["size_m"][0]) * float(item["size_m"][1])))
-        for one in arrangements.get("arrangements", [])
-        for item in one["items"]
-        if item["category"] != "rug"
+        (item.t_m[0], item.t_m[1], math.sqrt(item.size_m[0] * item.size_m[1]))
+        for arrangement in arranged.arrangements
+        for item in arrangement.items
+        if item.category != "rug"
     ]
 
 

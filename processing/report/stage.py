@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
@@ -12,11 +11,10 @@ from processing.report.calibration_sections import camera_section, indoor_sectio
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
 from processing.report.light_figures_section import light_figures_section
 from processing.report.page import write_page
-from processing.report.room_states import MOST_STAGED
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import staging_sections
 from processing.stages.contract import StageContext, StageOutput
-from processing.stages.parameters import NO_SUCH
+from processing.stages.parameters import MOST_STAGED, NO_SUCH
 from processing.stages.upright import upright_panorama
 from station.session.session import SessionManifest, Side
 
@@ -158,8 +156,8 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
 
 def told_room(context: StageContext) -> RoomModel | None:
     """Return the room, None where there is none."""
-    room = context.optional_artifact("room", "room")
-    return None if room is None else RoomModel.model_validate_json(json.dumps(room))
+    room: RoomModel | None = context.optional_artifact("room", "room")
+    return room
 
 
 def _room(context: StageContext) -> list[Section]:

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.report.data import Quantity, Section, Table
 from processing.report.relight_section import relight_section
 from processing.report.room_states import (
-    MOST_STAGED,
     lead_section,
     look_of,
     model_section,
@@ -20,6 +20,7 @@ from processing.report.states import State, small_view
 from processing.report.tone import Look
 from processing.report.widgets import Card, Cards
 from processing.stages.contract import StageContext
+from processing.stages.parameters import MOST_STAGED
 
 # Sections of the report on what stands where, and what the room's surfaces reflect.
 
@@ -32,7 +33,7 @@ METHODS = {
 
 
 def alternatives_section(
-    arrangement: Mapping[str, Any] | None,
+    arranged: Arrangements | None,
     staged: Mapping[str, Any] | None,
     states: Sequence[State],
     plans: Mapping[int, bytes],
@@ -40,11 +41,11 @@ def alternatives_section(
 ) -> Section | None:
     """Return the alternatives side by side: staged views, plans, figures; None where nothing was arranged.
 
-    ``arrangement`` and ``staged`` are the stages' JSON; ``plans``: SVG by number from 1.
+    ``staged`` is the JSON of the stage render; ``plans``: SVG by number from 1.
     """
-    every = (arrangement or {}).get("arrangements", [])
-    if not every:
+    if arranged is None or not arranged.arrangements:
         return None
+    every = arranged.arrangements
     told: dict[int, Mapping[str, Any]] = dict(enumerate((staged or {}).get("alternatives", []), 1))
     pictures = {state.name: state for state in states if state.staged}
     views = [
@@ -59,13 +60,13 @@ def alternatives_section(
         if f"Staged {number}" in pictures
     ]
     drawn = [
-        Card(f"Plan {number}", plans[number], f"floor plan of alternative {number}", str(one.get("differs_by", "")),
-             (Quantity("Score", round(float(one["score"]), 2), "of 1"),))
+        Card(f"Plan {number}", plans[number], f"floor plan of alternative {number}", one.differs_by,
+             (Quantity("Score", round(one.score, 2), "of 1"),))
         for number, one in enumerate(every, 1)
         if number in plans
     ]  # fmt: skip
     method = (staged or {}).get("method", "")
-    text = f"Rules: {every[0].get('rule_set', '')}."
+    text = f"Rules: {every[0].rule_set}."
     if method:
         text += f" Method {method}: {METHODS.get(method, 'see the documentation')}."
     widgets = tuple(Cards(tuple(cards)) for cards in (views, drawn) if cards)
@@ -112,26 +113,25 @@ def _figures(told: Mapping[str, Any]) -> tuple[Quantity, ...]:
     return tuple(found)
 
 
-def _tables(every: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
+def _tables(every: Sequence[Arrangement]) -> tuple[Table, ...]:
     """Return the pieces of the alternatives, those of the same pieces in one table; and what found no place."""
     groups: dict[tuple[tuple[str, str, str], ...], list[int]] = {}
     for number, one in enumerate(every, 1):
-        groups.setdefault(tuple(_item_row(item) for item in one.get("items", [])), []).append(number)
+        groups.setdefault(tuple(_item_row(item) for item in one.items), []).append(number)
     found = []
     for rows, numbers in groups.items():
         which = f"alternative{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}"
         head = ("piece", "model", "width × depth × height")
         found.append(Table(f"{len(rows)} pieces of {which}", head, rows, folded=True))
-    refused = every[0].get("not_placed", [])
-    if refused:
-        not_placed = tuple((str(item["id"]), str(item["rule"]), str(item["reason"])) for item in refused)
+    if refused := every[0].not_placed:
+        not_placed = tuple((item.id, item.rule, item.reason) for item in refused)
         found.append(Table("Not placed", ("piece", "rule", "why"), not_placed))
     return tuple(found)
 
 
-def _item_row(item: Mapping[str, Any]) -> tuple[str, str, str]:
-    size = " × ".join(f"{float(v):.2f}" for v in item["size_m"])
-    return str(item["id"]), str(item.get("model") or item["category"]), f"{size} m"
+def _item_row(item: PlacedItem) -> tuple[str, str, str]:
+    size = " × ".join(f"{length:.2f}" for length in item.size_m)
+    return item.id, item.model or item.category, f"{size} m"
 
 
 def _surface_row(one: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -155,9 +155,9 @@ def staging_sections(context: StageContext) -> tuple[Section | None, list[Sectio
         look = look_of(context, states)
         lead = lead_section(states, look)
         found += [viewer_section(states, look), model_section(context)]
-        arrangement = context.optional_artifact("arrange", "arrangement")
+        arranged = context.optional_artifact("arrange", "arrangement")
         staged = context.optional_artifact("render", "staged")
-        found.append(alternatives_section(arrangement, staged, states, _plans(context), look))
+        found.append(alternatives_section(arranged, staged, states, _plans(context), look))
         found.append(relight_section(context.session_path, look))
     materials = context.optional_artifact("materials", "materials")
     if materials is not None:

@@ -1,7 +1,7 @@
 """What stages hand on: in memory within a run, from disk between runs, and no longer than somebody needs it.
 
 Either way a stage sees the same: pictures are float32 in an EXR without loss, masks are bits in a PNG, JSON is handed
-on as it reads back.
+on as it reads back, as the model that the artifact's row names.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel, ValidationError
 
 from processing.errors import ProcessingError
 from processing.pipeline import Artifact, Stage, resolve
@@ -46,9 +48,9 @@ def save(artifact: Artifact, value: object, folder: Path) -> object:
         resolve(_WRITE_MASK)(path, value)
         return value
     if artifact.kind == "json":
-        data = (json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode("utf-8")
-        path.write_bytes(data)
-        return strict_json.loads(data)
+        plain = value.model_dump(mode="json") if isinstance(value, BaseModel) else value
+        path.write_bytes((json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode("utf-8"))
+        return load(artifact, path)
     if not path.is_file():
         raise ProcessingError(f"the stage has not written {path.name}", where=folder.name)
     return path
@@ -61,8 +63,21 @@ def load(artifact: Artifact, path: Path) -> object:
     if artifact.kind == "mask":
         return resolve(_READ_MASK)(path)
     if artifact.kind == "json":
-        return read_json(path)
+        value = read_json(path)
+        return _typed(artifact, value, path) if artifact.model else value
     return path
+
+
+def _typed(artifact: Artifact, value: object, path: Path) -> BaseModel:
+    """Return a JSON value as the model that its artifact names; `ProcessingError` says where it does not fit."""
+    model: type[BaseModel] = resolve(artifact.model)
+    try:
+        return model.model_validate_json(json.dumps(value))
+    except ValidationError as exc:
+        first = exc.errors(include_url=False, include_input=False, include_context=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        text = f"not a valid {artifact.name}: {place + ': ' if place else ''}{first['msg']}"
+        raise ProcessingError(text, where=str(path), advice="correct the file") from exc
 
 
 def read_json(path: Path) -> Any:

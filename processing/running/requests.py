@@ -9,8 +9,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from processing.errors import ParameterError
-from processing.pipeline import Option, Stage, Trade, options, resolve, selected, stage_named
-from processing.stages.contract import Quality, StageParameters
+from processing.pipeline import Stage, Trade, options, selected, stage_named
+from processing.stages.contract import Quality
+from processing.stages.parameters import Option, OptionKind, StageParameters
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,9 @@ def _check_range(flag: str, value: float | None, low: float, high: float) -> Non
 
 def parameters(stage: Stage, request: RunRequest) -> StageParameters:
     """Return the parameters of a stage; `ParameterError` names the option and what is wrong with its value."""
-    flags = {option.name: flag for flag, option in _asked(stage, request, "parameter")}
-    model: type[StageParameters] = resolve(stage.parameters)
+    flags = {option.name: flag for flag, option in stage.options.items() if flag in request.options}
     try:
-        return model.model_validate({name: request.options[flag] for name, flag in flags.items()})
+        return stage.model.model_validate({name: request.options[flag] for name, flag in flags.items()})
     except ValidationError as exc:
         first = exc.errors(include_url=False, include_context=False)[0]
         name = str(first["loc"][0]) if first["loc"] else ""
@@ -92,14 +92,14 @@ def parameters(stage: Stage, request: RunRequest) -> StageParameters:
 
 def given_files(stage: Stage, request: RunRequest) -> dict[str, Path]:
     """Return the files and folders given to a stage by option name; `ParameterError` where one is none."""
-    files = {option.name: _file(flag, request.options[flag]) for flag, option in _asked(stage, request, "file")}
-    folders = {option.name: _folder(flag, request.options[flag]) for flag, option in _asked(stage, request, "folder")}
+    files = {option.name: _file(option.flag, value) for option, value in _given(stage, request, "file")}
+    folders = {option.name: _folder(option.flag, value) for option, value in _given(stage, request, "folder")}
     return files | folders
 
 
 def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
     """Return the files that take the place of artifacts of a stage."""
-    answers = {option.name: _file(flag, request.options[flag]) for flag, option in _asked(stage, request, "answer")}
+    answers = {option.artifact: _file(option.flag, value) for option, value in _given(stage, request, "answer")}
     missing = [a.name for a in stage.makes if not a.optional and a.name not in answers]
     if answers and missing:
         raise ParameterError(f"{stage.name}: give {', '.join(missing)} too", where=stage.name)
@@ -116,8 +116,10 @@ def trade_values(stage: Stage, request: RunRequest) -> dict[Trade, object]:
     return {trade: every[trade] for trade in stage.trades}
 
 
-def _asked(stage: Stage, request: RunRequest, kind: str) -> list[tuple[str, Option]]:
-    return [(o.flag, o) for o in stage.options if o.kind == kind and o.flag in request.options]
+def _given(stage: Stage, request: RunRequest, kind: OptionKind) -> list[tuple[Option, object]]:
+    """Return the options of a kind that the request sets, with their values."""
+    values = request.options
+    return [(o, values[flag]) for flag, o in stage.options.items() if o.kind == kind and flag in values]
 
 
 def _file(flag: str, value: object) -> Path:

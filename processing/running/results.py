@@ -5,6 +5,7 @@ The same inputs give the same bytes, so results can be compared; seconds and mem
 
 from __future__ import annotations
 
+import html
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -176,6 +177,13 @@ class RunReport:
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON-able values."""
         return {"session": self.session, "stages": [s.to_dict() for s in self.stages], **asdict(self.cost)}
+
+    def _repr_html_(self) -> str:
+        """Return the table of stages for a notebook."""
+        cells = ((s.stage, s.action.value, f"{s.cost.seconds:.1f}" if s.cost else "", s.reason) for s in self.stages)
+        rows = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in cells)
+        head = "<tr><th>stage</th><th>action</th><th>seconds</th><th>reason</th></tr>"
+        return f"<table><caption>{html.escape(self.session)}</caption>{head}{rows}</table>"
 
 
 class RunEventKind(StrEnum):

@@ -116,7 +116,6 @@ def make_context(
         parameters=parameters(stage, request),
         fetch=fetch,
         summary=summary,
-        files=given_files(stage, request),
         quality=request.quality if "quality" in trades else Quality.STANDARD,
         max_error=request.max_error if "max_error" in trades else None,
         time_budget_s=request.time_budget_s if "time_budget" in trades else None,

@@ -95,8 +95,6 @@ def _answer(artifact: Artifact, path: Path, context: StageContext, warnings: lis
         shutil.copyfile(path, context.folder / file_name(artifact))
     else:
         value = load(artifact, path)
-    if artifact.check:
-        resolve(artifact.check)(value)
     if artifact.fits:
         warnings += resolve(artifact.fits)(value, context) or ()
     return value

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
-import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
-from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
+from processing.layout.assumed import Choice, fitting_choice, named_choice, with_door
 from processing.layout.drawn.drawing import write_drawings
-from processing.layout.items import KINDS, Item, parse_items, set_items, set_list
+from processing.layout.given import broken_rules
+from processing.layout.items import KINDS, Item, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import FloorPlan, from_room_model
 from processing.layout.rules import built_in_rules
@@ -21,107 +19,31 @@ from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, ArrangeParameters
 from processing.stages.upright import known_room
 
-# Which furniture a room gets when nobody says: by its name, else by what fits its floor.
 
+def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ...]:
+    """Return a warning for each alternative that the user gives and that breaks hard rules in this room.
 
-NAMES: dict[str, tuple[str, ...]] = {
-    "bedroom": ("bed", "bedroom", "bedrm", "master", "guest", "nursery", "kids"),
-    "living": ("living", "livingroom", "lounge", "sitting", "family", "parlor", "parlour", "den"),
-    "dining": ("dining", "diningroom", "dinner", "breakfast"),
-    "office": ("office", "study", "work", "workroom"),
-}
-"""Words in a session's name that tell what its room is for."""
-LIVING_FROM_M2 = 16.0
-"""Of floor from which a room that holds both is more often lived in than slept in."""
-DOOR_M = 0.9
-FROM_CORNER_M = 0.15
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A set of furniture, and why."""
-
-    name: str
-    why: str
-
-
-def named_choice(session_name: str) -> Choice | None:
-    """Return the set that a session's name tells, None where it tells none."""
-    words = [w for w in re.split(r"[^a-z]+", session_name.lower()) if w]
-    for name, known in NAMES.items():
-        told = next((w for w in words if w in known), None)
-        if told:
-            return Choice(name, f"the session's name says '{told}'")
-    return None
-
-
-def fitting_choice(plan: FloorPlan, rules: str, seed: int) -> Choice:
-    """Return the set of which the room holds most; of those alike the one that rooms of its size are usually for."""
-    order = ("living", "bedroom", "dining", "office")
-    if plan.area_m2 < LIVING_FROM_M2:
-        order = ("bedroom", "office", "dining", "living")
-    found: list[tuple[float, int, str, str]] = []
-    for place, name in enumerate(order):
-        items = set_items(name)
-        try:
-            made = arrange(plan, items, rules, n=1, seed=seed).arrangements
-        except RoomTooSmallError:
-            continue
-        held = len(made[0].items) if made else 0
-        found.append((-held / len(items), place, name, f"{held} of {len(items)} pieces fit"))
-        if held == len(items):
-            break
-    if not found:
-        return Choice(order[0], f"the session's name tells no use, and no set fits {plan.area_m2:.1f} m2")
-    _, _, name, held_text = min(found)
-    return Choice(name, f"the session's name tells no use; {plan.area_m2:.1f} m2 of floor, {held_text}")
-
-
-def with_door(room: RoomModel) -> tuple[RoomModel, str]:
-    """Return the room with a doorway where it has none, and what was assumed: people have to get in.
-
-    It is put beside a corner of the longest wall without windows, or of the longest wall.
+    The user may want it so; what stands in a wall is still shown as it is. Without a room nothing can be checked.
+    Raises `LayoutError` for an arrangement of another room.
     """
-    if any(o.kind is not OpeningKind.WINDOW for o in room.openings):
-        return room, ""
-    windows = {o.wall for o in room.openings}
-    walls = range(len(room.floor))
-    wall = max(walls, key=lambda k: (k not in windows, room.wall_length_m(k), -k))
-    length_m = room.wall_length_m(wall)
-    end_m = min(length_m, FROM_CORNER_M + DOOR_M)
-    taken = [o for o in room.openings if o.wall == wall]
-    if any(o.start_m < end_m for o in taken):
-        return room, ""
-    door = Opening(
-        kind=OpeningKind.PASSAGE,
-        wall=wall,
-        start_m=max(0.0, end_m - DOOR_M),
-        end_m=end_m,
-        sill_m=0.0,
-        head_m=min(2.0, room.ceiling_height_m),
-        confidence=0.0,
-    )
-    text = f"no door was told in this room: one is assumed at the start of wall {wall} (daylit room --edit corrects it)"
-    return room.model_copy(update={"openings": (*room.openings, door)}), text
+    if context.optional_artifact("room", "room") is None:
+        return ()
+    room, _ = with_door(known_room(context))
+    plan = from_room_model(room, name="room", keep_camera_free=True)
+    broken = {one.rank: broken_rules(one, plan) for one in given.arrangements}
+    texts = (f"alternative {rank} breaks rules in this room: {rules}" for rank, rules in broken.items() if rules)
+    return tuple(StageWarning(code="arrangement", message=text[:500]) for text in texts)
 
 
 def nothing_to_arrange(context: StageContext) -> str | None:
     """Return why there is nothing to do: no furniture asked, no room, no door."""
     asked = context.parameters
     assert isinstance(asked, ArrangeParameters)
-    if not asked.asked:
+    if not asked.wanted:
         return "no furniture asked"
     if context.optional_artifact("room", "room") is None:
-        return "the stage room told no room; give one (--room)"
+        return "the stage room found no room; give one (--room)"
     return None
-
-
-def check_arrangement(value: object) -> None:
-    """Raise `LayoutError` unless a value read from JSON is `Arrangements`."""
-    try:
-        Arrangements.model_validate_json(json.dumps(value))
-    except ValueError as error:
-        raise LayoutError(f"no arrangements: {str(error).splitlines()[0]}", where="--arrangement") from None
 
 
 def run(context: StageContext) -> StageOutput:
@@ -134,7 +56,7 @@ def run(context: StageContext) -> StageOutput:
     plan = from_room_model(room, name=context.session.name or "room", keep_camera_free=True)
     choice = _choice(asked, context.session.name, plan)
     context.progress(0.3, choice.name)
-    items = _items(asked, choice, context.files.get("furniture"))
+    items = _items(asked, choice)
     try:
         found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed)
     except (NoDoorError, RoomTooSmallError) as error:
@@ -152,14 +74,14 @@ def _choice(asked: ArrangeParameters, session_name: str, plan: FloorPlan) -> Cho
     return named_choice(session_name) or fitting_choice(plan, asked.rules, asked.seed)
 
 
-def _items(asked: ArrangeParameters, choice: Choice, folder: Path | None) -> list[Item]:
+def _items(asked: ArrangeParameters, choice: Choice) -> list[Item]:
     """Return the items; with a folder of furniture, in the sizes of its models (kinds that it lacks are built in)."""
-    kinds = KINDS if folder is None else {**KINDS, **Catalogue.at(folder).kinds(asked.seed)}
+    kinds = KINDS if asked.furniture is None else {**KINDS, **Catalogue.at(asked.furniture).kinds(asked.seed)}
     return parse_items(asked.items if asked.items is not None else set_list(choice.name), kinds)
 
 
 def _nothing(error: LayoutError, choice: Choice) -> StageOutput:
-    """Tell that nothing can be arranged: no failure of the session, its other results stand."""
+    """Report that nothing can be arranged: the session has not failed, its other results stand."""
     reason = f"{error.code}: {str(error).split(' | ')[0]}"[:480]
     names = ("arrangement", "contact-sheet", *(f"plan-{k}" for k in range(1, MOST_STAGED + 1)))
     return StageOutput(
@@ -200,7 +122,7 @@ def _output(found: Arrangements, choice: Choice, drawn: set[str], assumed: str) 
         "not_placed": {one.id: one.reason for one in refused},
     }
     return StageOutput(
-        artifacts={"arrangement": found.model_dump(mode="json")} | dict.fromkeys(sorted(drawn), True),
+        artifacts={"arrangement": found} | dict.fromkeys(sorted(drawn), True),
         metrics=metrics,
         warnings=tuple(StageWarning(code="arrange", message=text[:500]) for text in texts),
         left_out=dict.fromkeys(sorted(every - drawn), NO_SUCH),

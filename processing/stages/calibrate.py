@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
-from processing.calibration.profile import RigProfile, load_profile
+from processing.calibration.profile import load_profile
 from processing.calibration.profile_records import ResponseRecord
 from processing.errors import LensError
 from processing.stages.calibrate_indoor import Calibrated, calibrate_indoor
@@ -26,7 +25,7 @@ def run(context: StageContext) -> StageOutput:
         return calibrate_panorama(context)
     asked = context.parameters
     assert isinstance(asked, CalibrateParameters)
-    profile = _profile(context.files.get("calibration"))
+    profile = None if asked.calibration is None else load_profile(asked.calibration)
     left_out: dict[str, str] = {}
     context.progress(0.0, "indoor scale")
     indoor = calibrate_indoor(context.artifact("merge", "indoor"), context.session, asked, profile)
@@ -54,10 +53,6 @@ def run(context: StageContext) -> StageOutput:
         warnings=tuple(StageWarning(code=name, message=text[:500]) for name, text in warnings),
         left_out=left_out,
     )
-
-
-def _profile(path: Path | None) -> RigProfile | None:
-    return None if path is None else load_profile(path)
 
 
 def _responses(context: StageContext) -> dict[Side, ResponseRecord]:

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, JsonValue
 
 from processing.errors import ProcessingError
+from processing.stages.parameters import StageParameters
 from station.session.session import SafeText, SessionManifest
 
 
@@ -20,12 +21,6 @@ class Quality(StrEnum):
     DRAFT = "draft"
     STANDARD = "standard"
     REFERENCE = "reference"
-
-
-class StageParameters(BaseModel):
-    """Base of every stage's parameters: frozen, no unknown keys, no NaN or infinity. Every field has a default."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class StageWarning(BaseModel):
@@ -62,8 +57,6 @@ class StageContext:
     """``fetch(stage, artifact)``: use `artifact` and `optional_artifact`."""
     summary: Callable[[str], Mapping[str, Any]]
     """``summary(stage)``: metrics, warnings, left_out, honoured, skipped and given of a stage that this one needs."""
-    files: Mapping[str, Path] = field(default_factory=dict)
-    """Files that the user gave, by option name."""
     quality: Quality = Quality.STANDARD
     max_error: float | None = None
     """Relative error asked for, where the stage's row trades it; None: none asked."""

@@ -35,7 +35,7 @@ def run(context: StageContext) -> StageOutput:
     image = upright_panorama(context)
     room = known_room(context)
     context.progress(0.0, "segmentation")
-    evidence = _evidence(context, image)
+    evidence = _evidence(context, image, asked)
     context.progress(0.4, "masks")
     sun = sun_direction(context.session)
     possible, why = _sun_possible(context, sun, asked)
@@ -71,11 +71,11 @@ def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked:
     return True, ""
 
 
-def _evidence(context: StageContext, image: LuminanceImage) -> SceneEvidence:
+def _evidence(context: StageContext, image: LuminanceImage, asked: DetectParameters) -> SceneEvidence:
     """Return what the room stage's network sees, or the user's through views, skipping by the former."""
     kept = context.optional_artifact("room", "evidence")
     embedded = scene_evidence(image, quality=context.quality.value) if kept is None else read_evidence(kept)
-    network, contract = context.files.get("segmenter"), context.files.get("segmenter_contract")
+    network, contract = asked.segmenter, asked.segmenter_contract
     if (network is None) != (contract is None):
         raise ParameterError(
             "--segmenter and --segmenter-contract belong together", advice="give the network and its contract (JSON)"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from processing.figures.figures import camera_figures, level_ratio, meter_figures, outdoor_figures, surface_figures
@@ -16,8 +15,7 @@ def run(context: StageContext) -> StageOutput:
     """Write light_figures.json (docs/light.md)."""
     image = upright_panorama(context)
     facts = context.artifact("calibrate", "calibration")
-    told = context.optional_artifact("room", "room")
-    room = None if told is None else RoomModel.model_validate_json(json.dumps(told))
+    room: RoomModel | None = context.optional_artifact("room", "room")
     left_out = {} if room else {"surfaces": "the room is not known: statistics are of the whole picture alone"}
     context.progress(0.0, "light at the camera")
     height_m = room.camera_height_m if room else context.session.camera_height_m

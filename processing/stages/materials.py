@@ -38,7 +38,7 @@ def nothing_to_stage(context: StageContext) -> str | None:
     """Return why there is nothing to do: no staging asked, or no room."""
     asked = context.parameters
     assert isinstance(asked, MaterialsParameters)
-    if not asked.asked:
+    if not asked.wanted:
         return "staging not asked"
     if context.optional_artifact("room", "room") is None:
         return "the stage room told no room; give one (--room)"

@@ -85,11 +85,13 @@ def run(context: StageContext) -> StageOutput:
 
 
 def _profile(context: StageContext) -> RigProfile | None:
-    if "calibration" not in context.files:
+    parameters = context.parameters
+    assert isinstance(parameters, MergeParameters)
+    if parameters.calibration is None:
         return None
     from processing.calibration.profile import load_profile
 
-    return load_profile(context.files["calibration"])
+    return load_profile(parameters.calibration)
 
 
 def _merge_side(

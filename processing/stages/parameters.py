@@ -1,49 +1,164 @@
-"""Parameters of the stages, apart from their code: they are needed to see whether a stage has to run at all."""
+"""What a user may say to each stage: its parameters, and the command line options that set them.
+
+A parameter is written once, as a field: its name, type, limits and default are what pydantic checks, its description is
+the help of ``daylit process``, and its option is ``--`` and its name without the unit (`margin_deg`: ``--margin``).
+A stage's parameters stand here, apart from its code, because they are needed to see whether the code has to run at
+all; nothing but pydantic is imported.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+import re
+import types
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic.fields import FieldInfo
 
-from processing.stages.contract import StageParameters
+OptionKind = Literal["parameter", "file", "folder", "answer"]
+MOST_STAGED = 7
+"""Alternatives: as many as the paper shows."""
+NO_SUCH = "no such alternative"
+"""Why an artifact of an alternative that was not requested is left out."""
+_UNIT = re.compile(r"_(deg|m)$")
+
+
+class StageParameters(BaseModel):
+    """Base of every stage's parameters: frozen, no unknown keys, no NaN or infinity. Every field has a default."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+@dataclass(frozen=True)
+class Option:
+    """The command line option of one parameter, e.g. ``--k1``.
+
+    ``parameter``: a value. ``file``, ``folder``: a path that the stage reads; its content counts, not its name.
+    ``answer``: a file that takes the place of the artifact ``artifact``; the stage then does not run.
+    """
+
+    flag: str
+    kind: OptionKind
+    name: str
+    """Of the parameter."""
+    help: str
+    type: type = str
+    """float, int, str or bool (a switch) of a value."""
+    choices: tuple[str, ...] = ()
+    artifact: str = ""
+    excludes: tuple[str, ...] = ()
+    """Flags that would do nothing beside this one: a run that asks for both is refused."""
+    beside: tuple[str, ...] = ()
+    """Flags without which this one would do nothing."""
+
+
+@cache
+def options_of(model: type[StageParameters]) -> tuple[Option, ...]:
+    """Return the options of a stage's parameters, in their order."""
+    return tuple(_option(name, field) for name, field in model.model_fields.items())
+
+
+def _option(name: str, field: FieldInfo) -> Option:
+    how: dict[str, Any] = dict(field.json_schema_extra) if isinstance(field.json_schema_extra, dict) else {}
+    flag = how.pop("flag", "--" + _UNIT.sub("", name).replace("_", "-"))
+    kind = how.pop("kind", "parameter")
+    value, choices = _value_type(field.annotation)
+    text = field.description or name
+    if kind == "parameter" and field.default not in (None, False):
+        text = f"{text.rstrip('.')} (default: {field.default})."
+    return Option(flag, kind, name, text, value, choices, **{key: _frozen(each) for key, each in how.items()})
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _value_type(annotation: Any) -> tuple[type, tuple[str, ...]]:
+    """Return a field's plain type and choices: float of ``Positive | None``, str and its words of a Literal."""
+    if get_origin(annotation) is Annotated:
+        return _value_type(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, types.UnionType):
+        return _value_type(next(part for part in get_args(annotation) if part is not type(None)))
+    if get_origin(annotation) is Literal:
+        return str, tuple(map(str, get_args(annotation)))
+    return annotation, ()
+
+
+def path_field(kind: OptionKind, text: str, **how: Any) -> Any:
+    """Return what makes a field a path: the content of the file counts for the result, not its name.
+
+    ``how``: ``artifact``, ``excludes`` and ``beside`` of `Option`.
+    """
+    return Field(description=text, exclude=True, json_schema_extra={"kind": kind, **how})
+
+
+Positive = Annotated[float, Field(gt=0, le=1e12)]
+Profile = Annotated[Path | None, path_field("file", "Rig profile of `daylit rig calibrate`.")]
+Seed = Annotated[int, Field(ge=0, description="Another number gives other arrangements, and another draw of rays")]
+FurnitureFolder = Annotated[
+    Path | None, path_field("folder", "Folder of models (glTF, OBJ, 3D-FUTURE) to furnish with.")
+]
 
 
 class MergeParameters(StageParameters):
     """Of the stage merge."""
 
-    side: Literal["both", "indoor", "outdoor"] = "both"
-    """Which brackets are merged."""
-
-
-# Parameters of the stage calibrate.
-
-
-Positive = Annotated[float, Field(gt=0, le=1e12)]
+    calibration: Profile = None
+    side: Annotated[Literal["both", "indoor", "outdoor"], Field(description="Which brackets are merged")] = "both"
 
 
 class CalibrateParameters(StageParameters):
-    """What a user may say about the scale, the lens and the sky; everything has a default."""
+    """What a user may say about the scale, the lens and the sky."""
 
-    k1: Positive | None = None
-    """Takes the place of meter reading and target (paper, eq. 1)."""
-    k2: Positive | None = None
-    """Takes the place of the rig profile's (eq. 2)."""
-    target: str | None = None
-    """Where the meter looked, "LON,LAT" in degrees in the panorama; None: as recorded, else the board is looked for."""
-    outdoor_lux: Positive | None = None
-    """Horizontal illuminance measured outside: compared, or the scale where there is no k2, or the sun's repair."""
-    repair_sun: Literal["no", "illuminance", "clear-sky"] = "no"
-    outdoor_view: Literal["hemispherical", "equidistant", "equirectangular"] = "equidistant"
-    outdoor_field_deg: Annotated[float, Field(gt=60, le=250)] = 180.0
-    """Whole field of the outdoor lens within its image circle, where no lens calibration says it."""
-    outdoor_top_deg: float | None = None
-    """Compass azimuth of the outdoor picture's top; None: from the sun, else the panorama's heading."""
-    falloff: Literal["auto", "off"] = "auto"
-    """auto: the profile's vignetting, else the published one of that kind of camera."""
-    glare: Literal["auto", "keep"] = "auto"
-    """auto: the veil seen around the outdoor image circle is taken off."""
+    calibration: Profile = None
+    k1: Annotated[
+        Positive | None, Field(description="Scale of the indoor picture (eq. 1), instead of meter and target.")
+    ] = None
+    k2: Annotated[
+        Positive | None, Field(description="Scale between the cameras (eq. 2), instead of the rig profile's.")
+    ] = None
+    target: Annotated[
+        str | None,
+        Field(
+            description="LON,LAT (degrees) in the panorama where the meter looked; without it as recorded, else the "
+            "board is searched for."
+        ),
+    ] = None
+    outdoor_lux: Annotated[
+        Positive | None,
+        Field(description="Horizontal illuminance measured outside (lx): a check; the scale where there is no k2."),
+    ] = None
+    repair_sun: Annotated[
+        Literal["no", "illuminance", "clear-sky"],
+        Field(description="What a clipped sun is repaired by: the measured illuminance, or a clear-sky model"),
+    ] = "no"
+    outdoor_view: Annotated[
+        Literal["hemispherical", "equidistant", "equirectangular"],
+        Field(description="Projection of the calibrated sky"),
+    ] = "equidistant"
+    outdoor_field_deg: Annotated[
+        float,
+        Field(gt=60, le=250, description="Degrees within the outdoor image circle, if no lens calibration has them"),
+    ] = 180.0
+    outdoor_top_deg: Annotated[
+        float | None,
+        Field(
+            description="Compass azimuth of the outdoor picture's top; without it from the sun, else the panorama's "
+            "heading."
+        ),
+    ] = None
+    falloff: Annotated[
+        Literal["auto", "off"],
+        Field(description="Vignetting correction; auto: the profile's, else the published one of the camera"),
+    ] = "auto"
+    glare: Annotated[
+        Literal["auto", "keep"],
+        Field(description="Veiling glare seen around the outdoor image circle; auto: subtracted"),
+    ] = "auto"
 
     @field_validator("target")
     @classmethod
@@ -65,106 +180,121 @@ class CalibrateParameters(StageParameters):
         return math.radians(longitude), math.radians(latitude)
 
 
-# Parameters of the stage room.
-
-
 class RoomParameters(StageParameters):
-    """What a user may say about the room; everything has a default."""
+    """What a user may say about the room."""
 
-    camera_height_m: Annotated[float, Field(ge=0.1, lt=20)] | None = None
-    """Height of the panorama camera's lens: it sets the scale. None: the session's."""
-    level: Literal["auto", "off"] = "auto"
-    """Whether a tilted panorama is made upright."""
-
-
-# Parameters of the stage detect.
+    room: Annotated[
+        Path | None,
+        path_field(
+            "file",
+            "Room of `daylit room`, instead of one estimated from the panorama.",
+            excludes=["--camera-height", "--layout-model"],
+        ),
+    ] = None
+    layout_model: Annotated[Path | None, path_field("file", "ONNX of HorizonNet, LED2-Net or LGT-Net.")] = None
+    camera_height_m: Annotated[
+        Annotated[float, Field(ge=0.1, lt=20)] | None,
+        Field(description="Height of the panorama camera's lens, metres: sets the scale; without it the session's."),
+    ] = None
+    level: Annotated[
+        Literal["auto", "off"], Field(description="A tilted panorama: auto makes it upright, off leaves it")
+    ] = "auto"
 
 
 class DetectParameters(StageParameters):
     """What a user may say about masks."""
 
-    margin_deg: Annotated[float, Field(ge=0, le=10)] = 0.6
-    """By which the target reaches over what was found."""
-    sunlight: Literal["auto", "off"] = "auto"
-    """off: direct sunlight stays in the picture."""
-
-
-# Parameters of the stage remove.
+    mask: Annotated[
+        Path | None,
+        path_field(
+            "answer",
+            "Picture: white is to be removed; instead of detection.",
+            artifact="target",
+            excludes=["--segmenter", "--segmenter-contract", "--margin", "--sunlight", "--keep-sunlight"],
+        ),
+    ] = None
+    segmenter: Annotated[
+        Path | None,
+        path_field("file", "Segmentation network of your own, ONNX or tflite.", beside=["--segmenter-contract"]),
+    ] = None
+    segmenter_contract: Annotated[
+        Path | None, path_field("file", "JSON that describes its inputs and outputs.", beside=["--segmenter"])
+    ] = None
+    margin_deg: Annotated[
+        float, Field(ge=0, le=10, description="Degrees by which the target extends beyond what was detected")
+    ] = 0.6
+    sunlight: Annotated[
+        Literal["auto", "off"], Field(description="off: direct sunlight is neither detected nor removed")
+    ] = "auto"
 
 
 class RemoveParameters(StageParameters):
     """What a user may say about removal."""
 
-    keep_sunlight: bool = False
-    """Direct sunlight stays where it is: not for relighting."""
-    filler_channels: Literal["rgb", "bgr"] = "rgb"
-    """Channel order of the user's filling network."""
+    keep_sunlight: Annotated[bool, Field(description="Leave direct sunlight where it is (not for relighting).")] = False
+    filler: Annotated[Path | None, path_field("file", "Inpainting network of your own: a LaMa export, ONNX.")] = None
+    filler_channels: Annotated[
+        Literal["rgb", "bgr"],
+        Field(description="Channel order of --filler", json_schema_extra={"beside": ["--filler"]}),
+    ] = "rgb"
 
 
-# Parameters of the stage materials.
+class _Furnished(StageParameters):
+    """Which furniture is wanted, for the stages that need to know."""
+
+    set: Annotated[str, Field(description="Furniture: bedroom, living, dining, office, auto, none")] = "auto"
+    items: Annotated[str | None, Field(description='A list of furniture instead: "bed, 2 nightstand".')] = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the room is to be furnished."""
+        return self.items is not None or self.set != "none"
 
 
-class MaterialsParameters(StageParameters):
+class MaterialsParameters(_Furnished):
     """What a user may say about what the room is made of, and whether it is to be staged at all."""
 
-    set: str = "auto"
-    """Of furniture; "none": no staging."""
-    items: str | None = None
-    """A list of furniture of the user's own."""
-    reveal_m: Annotated[float, Field(ge=0, le=2)] | None = None
-    """Depth of the windows' niches; None: a common one."""
-
-    @property
-    def asked(self) -> bool:
-        """Tell whether the room is to be staged."""
-        return self.items is not None or self.set != "none"
+    reveal_m: Annotated[
+        Annotated[float, Field(ge=0, le=2)] | None,
+        Field(description="Depth of the windows' niches, metres; without it a common one."),
+    ] = None
 
 
-# Parameters of the stage arrange.
-
-
-MOST_STAGED = 7
-"""Alternatives: as many as the paper shows."""
-
-NO_SUCH = "no such alternative"
-"""Why an artifact of an alternative that nobody asked for is left out."""
-
-
-class ArrangeParameters(StageParameters):
+class ArrangeParameters(_Furnished):
     """What is to stand in the room."""
 
-    set: str = "auto"
-    """A built-in set, "auto", or "none"."""
-    items: str | None = None
-    """A list of one's own instead: "bed, 2 nightstand"."""
-    rules: str = "standard"
-    alternatives: Annotated[int, Field(ge=1, le=MOST_STAGED)] = 3
-    seed: Annotated[int, Field(ge=0)] = 0
-
-    @property
-    def asked(self) -> bool:
-        """Tell whether furniture is asked for."""
-        return self.items is not None or self.set != "none"
-
-
-# Parameters of the stage render.
+    arrangement: Annotated[
+        Path | None, path_field("answer", "arrangement.json of `daylit arrange`, instead.", artifact="arrangement")
+    ] = None
+    furniture: FurnitureFolder = None
+    rules: Annotated[str, Field(description="Rule set: comfort, standard, tight, accessible")] = "standard"
+    alternatives: Annotated[
+        int, Field(ge=1, le=MOST_STAGED, description=f"How many arrangements, 1 to {MOST_STAGED}")
+    ] = 3
+    seed: Seed = 0
 
 
 class RenderParameters(StageParameters):
     """How furniture is put into the picture."""
 
-    method: Literal["differential", "global", "ibl"] = "differential"
-    style: str | None = None
-    """Of the built-in furniture; None: another one for each alternative."""
-    seed: Annotated[int, Field(ge=0)] = 0
-    """Of the arrangement and of chance."""
-
-
-# Parameters of the stage report.
+    method: Annotated[
+        Literal["differential", "global", "ibl"],
+        Field(
+            description="differential: the photograph, changed where furniture changes its light; "
+            "global: all rendered; ibl: furniture without shadows"
+        ),
+    ] = "differential"
+    furniture: FurnitureFolder = None
+    style: Annotated[
+        str | None, Field(description="Style of the built-in furniture; without it another for each alternative.")
+    ] = None
+    seed: Seed = 0
 
 
 class ReportParameters(StageParameters):
     """What a user may say about the page."""
 
-    no_staged_label: bool = False
-    """Staged pictures go without their visible label; their metadata keep saying what they are."""
+    no_staged_label: Annotated[
+        bool,
+        Field(description="Staged pictures without the visible label (their metadata still say that they are staged)."),
+    ] = False

@@ -47,8 +47,7 @@ def run(context: StageContext) -> StageOutput:
     sunlight = _optional_mask(context, "sunlight")
     if asked.keep_sunlight and sunlight is not None:
         target, sunlight = _without_sunlight(context, target, sunlight)
-    network = context.files.get("filler")
-    filler = None if network is None else LamaFiller(network, bgr=asked.filler_channels == "bgr")
+    filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
     found = empty_room(
         image,

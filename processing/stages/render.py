@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -44,7 +43,7 @@ def nothing_to_render(context: StageContext) -> str | None:
     found = context.optional_artifact("arrange", "arrangement")
     if found is None:
         return f"no arrangement: {_why(context, 'arrange', 'arrangement')}"
-    return None if found["arrangements"] else "no arrangement was found"
+    return None if found.arrangements else "no arrangement was found"
 
 
 def _why(context: StageContext, stage: str, name: str) -> str:
@@ -69,8 +68,8 @@ class _Work:
 def run(context: StageContext) -> StageOutput:
     """Render each alternative; pictures and models are written one by one."""
     work = _work(context)
-    every = Arrangements.model_validate_json(json.dumps(context.artifact("arrange", "arrangement"))).arrangements
-    every = every[:MOST_STAGED]
+    arranged: Arrangements = context.artifact("arrange", "arrangement")
+    every = arranged.arrangements[:MOST_STAGED]
     told: list[Any] = []
     warnings = _method_warnings(work)
     for number, one in enumerate(every):
@@ -103,7 +102,7 @@ def _work(context: StageContext) -> _Work:
     if asked.method == "global":
         geometry = Equirectangular(base.shape[1], base.shape[0])
         base = render(bare.stage, geometry, eye, effort=effort, seed=asked.seed).rgb
-    folder = context.files.get("furniture")
+    folder = asked.furniture
     return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder))
 
 

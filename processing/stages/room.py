@@ -41,7 +41,7 @@ def run(context: StageContext) -> StageOutput:
     """
     asked = context.parameters
     assert isinstance(asked, RoomParameters)
-    given = read_room(context.files["room"]) if "room" in context.files else None
+    given = None if asked.room is None else read_room(asked.room)
     image: LuminanceImage = context.artifact("calibrate", "indoor")
     gathered = _Gathered()
     try:
@@ -49,7 +49,7 @@ def run(context: StageContext) -> StageOutput:
         context.progress(0.0, "levelling")
         upright, turned = _levelled(image, asked, gathered)
         context.progress(0.3, "what the pixels show")
-        evidence = _evidence(context, upright, turned)
+        evidence = _evidence(context, upright, turned, asked.layout_model)
         write_evidence(context.folder / EVIDENCE_FILE, evidence)
         gathered.artifacts["evidence"] = True
         context.progress(0.6, "the room")
@@ -83,12 +83,11 @@ def _levelled(image: LuminanceImage, asked: RoomParameters, gathered: _Gathered)
     return upright, found
 
 
-def _evidence(context: StageContext, image: LuminanceImage, turned: Upright) -> SceneEvidence:
+def _evidence(context: StageContext, image: LuminanceImage, turned: Upright, model: Path | None) -> SceneEvidence:
     evidence = scene_evidence(image, quality=context.quality.value)
-    path: Path | None = context.files.get("layout_model")
-    if path is None:
+    if model is None:
         return evidence
-    network = load_layout_network(path)
+    network = load_layout_network(model)
     boundary = layout_boundary(image, network, turn_rad=turned.manhattan_rad)
     source = f"{evidence.source}; boundaries: {network.kind} {network.name}"
     return replace(evidence, boundary=boundary, source=source)
@@ -107,7 +106,7 @@ def _tell_room(
     if given is not None:
         gathered.left_out["estimate"] = "the room is given"
         gathered.metrics |= {"source": evidence.source, "confidence": given.confidence, "walls": len(given.floor)}
-        gathered.artifacts["room"] = given.model_dump(mode="json")
+        gathered.artifacts["room"] = given
         return
     if evidence.boundary is None:
         raise NoRoomError("the network tells no boundaries", likely="; ".join(evidence.notes) or "an unusual picture")
@@ -124,7 +123,7 @@ def _tell_room(
     sun = None if sky_without_sun(context) else sun_direction(context.session)
     openings = find_openings_in_sun(image, evidence, found.room, sun, outdoor=outdoor)
     room = found.room.model_copy(update={"openings": openings})
-    gathered.artifacts["room"] = room.model_dump(mode="json")
+    gathered.artifacts["room"] = room
     gathered.metrics |= _metrics(found, evidence) | {"openings": len(openings)}
     gathered.warnings += found.warnings
     gathered.left_out |= {f"part {k}": text for k, text in enumerate(found.skipped)}
@@ -149,6 +148,6 @@ def _refused(error: NoRoomError, given: RoomModel | None, gathered: _Gathered) -
         if name not in gathered.artifacts:
             gathered.left_out.setdefault(name, reason)
     if given is not None:
-        gathered.artifacts["room"] = given.model_dump(mode="json")
+        gathered.artifacts["room"] = given
         gathered.left_out.pop("room", None)
     gathered.warnings.append(f"no room was told from the panorama: {reason}")

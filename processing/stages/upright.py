@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from datetime import datetime
 from typing import Any
@@ -28,7 +27,8 @@ def upright_panorama(context: StageContext) -> LuminanceImage:
 
 def known_room(context: StageContext) -> RoomModel:
     """Return the room; `ProcessingError` where the stage room left it out."""
-    return RoomModel.model_validate_json(json.dumps(context.artifact("room", "room")))
+    room: RoomModel = context.artifact("room", "room")
+    return room
 
 
 def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:

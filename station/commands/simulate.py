@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from station.commands.views import SilentView, printable
 
 if TYPE_CHECKING:
     from station.simulate.run import DatasetEvent, Summary
@@ -70,8 +72,6 @@ def simulate(folder: Path, *, as_json: bool, **options: Any) -> int:
 
 
 def _tell(summary: Summary, *, as_json: bool) -> int:
-    from station.commands.views import printable
-
     exit_code = 4 if summary.failed else 0
     if as_json:
         click.echo(json.dumps(summary.to_dict()))
@@ -83,34 +83,13 @@ def _tell(summary: Summary, *, as_json: bool) -> int:
     return exit_code
 
 
-class _View(Protocol):
-    def show(self, event: DatasetEvent) -> None: ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_error: object) -> None: ...
-
-
-def _view(as_json: bool) -> _View:
+def _view(as_json: bool) -> SilentView:
     if as_json:
-        return _Silent()
+        return SilentView()
     return _Bars() if sys.stdout.isatty() else _Lines()
 
 
-class _Silent:
-    """Shows nothing: the summary says it all."""
-
-    def show(self, event: DatasetEvent) -> None:
-        """Do nothing."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        return None
-
-
-class _Lines(_Silent):
+class _Lines(SilentView):
     """Writes a line for what has become of each session: for logs."""
 
     def show(self, event: DatasetEvent) -> None:
@@ -119,22 +98,15 @@ class _Lines(_Silent):
             click.echo(_line(event))
 
 
-class _Bars(_Silent):
+class _Bars(SilentView):
     """A bar for the session at work, and a line for each that is done."""
 
     def __init__(self) -> None:
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[doing]}"))
-        self._progress = Progress(*columns, TimeElapsedColumn(), transient=True)
+        self.bars = self._progress = Progress(*columns, TimeElapsedColumn(), transient=True)
         self._task = self._progress.add_task("", total=None, doing="")
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._progress.stop()
 
     def show(self, event: DatasetEvent) -> None:
         """Move the bar or print a line."""
@@ -156,6 +128,4 @@ _PASSING = ("begun", "rendering", "capturing")
 
 
 def _line(event: DatasetEvent) -> str:
-    from station.commands.views import printable
-
     return printable(f"{event.kind:>6}  {event.session}" + (f"  ({event.text})" if event.text else ""))

@@ -1,34 +1,43 @@
-"""What a user sees of a capture: bars and lines on a terminal, one JSON object a line elsewhere."""
+"""What a user sees of a command at work: the base of all views, and those of a capture."""
 
 from __future__ import annotations
 
 import json
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import click
 
 from station.capture.events import CaptureEvent, EventKind
 
 if TYPE_CHECKING:
-    from rich.progress import TaskID
+    from rich.progress import Progress, TaskID
 
 
-class View(Protocol):
-    """Shows the events of a capture."""
+class SilentView:
+    """Shows nothing: for one JSON object at the end, and the base of all views.
 
-    def show(self, event: CaptureEvent) -> None:
-        """Show one event."""
-        ...
+    A view is used as a context, which starts its bars, where it has some, and stops them.
+    """
 
-    def __enter__(self) -> Self: ...
+    bars: Progress | None = None
+
+    def __enter__(self) -> Self:
+        if self.bars is not None:
+            self.bars.start()
+        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    ) -> None:
+        if self.bars is not None:
+            self.bars.stop()
+
+    def show(self, event: Any) -> None:
+        """Show one event of what the view is for."""
 
 
-class JsonView:
+class JsonView(SilentView):
     """Writes each event as one JSON object a line (transfer progress is left out)."""
 
     def show(self, event: CaptureEvent) -> None:
@@ -36,16 +45,8 @@ class JsonView:
         if event.kind is not EventKind.PROGRESS:
             click.echo(json.dumps(event.to_dict()))
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
-
-
-class PlainView(JsonView):
+class PlainView(SilentView):
     """Writes a line for each event that people want to read, without bars: for logs."""
 
     def show(self, event: CaptureEvent) -> None:
@@ -54,7 +55,7 @@ class PlainView(JsonView):
             click.echo(printable(_line(event)))
 
 
-class Rendering:
+class Rendering(SilentView):
     """Shows on standard error what is rendered for simulated instruments: a bar on a terminal, else a line each.
 
     What is there already (done at once) is not mentioned. Use as a context; call it with what, steps done, steps in
@@ -67,32 +68,21 @@ class Rendering:
 
         console = Console(stderr=True)
         columns = (TextColumn("rendering {task.description}"), BarColumn(), TimeElapsedColumn())
-        self._bars = Progress(*columns, console=console, transient=True) if console.is_terminal else None
+        self.bars = Progress(*columns, console=console, transient=True) if console.is_terminal else None
         self._tasks: dict[str, TaskID] = {}
         self._told: set[str] = set()
-
-    def __enter__(self) -> Self:
-        if self._bars:
-            self._bars.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bars:
-            self._bars.stop()
 
     def __call__(self, what: str, done: int, total: int) -> None:
         """Show a step."""
         words = _RENDERED.get(what, what)
-        if self._bars is None:
+        if self.bars is None:
             if what not in self._told:
                 click.echo(f"rendering {words} (kept for next time) ...", err=True)
             self._told.add(what)
             return
         if what not in self._tasks:
-            self._tasks[what] = self._bars.add_task(words)
-        self._bars.update(self._tasks[what], completed=done, total=total if total > 1 or done else None)
+            self._tasks[what] = self.bars.add_task(words)
+        self.bars.update(self._tasks[what], completed=done, total=total if total > 1 or done else None)
 
 
 _RENDERED = {"light": "the room's light", "indoor": "the room's pictures", "outdoor": "the sky's pictures"}
@@ -107,7 +97,7 @@ _STYLE = {
 _SILENT = (EventKind.RELEASED, EventKind.EXPOSED)
 
 
-class TerminalView:
+class TerminalView(SilentView):
     """A bar a camera with the bytes of its frames, and a line for everything else."""
 
     def __init__(self, sides: tuple[str, ...], n_stops: int) -> None:
@@ -120,19 +110,10 @@ class TerminalView:
             DownloadColumn(),
             TransferSpeedColumn(),
         )
-        self._progress = Progress(*columns, transient=True)
+        self.bars = self._progress = Progress(*columns, transient=True)
         self._n_stops = n_stops
         self._saved: dict[str, set[object]] = {side: set() for side in sides}
         self._tasks = {s: self._progress.add_task(s, total=None, frames=f"0/{n_stops}") for s in sides}
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._progress.stop()
 
     def show(self, event: CaptureEvent) -> None:
         """Update the bars or print a line."""

@@ -20,7 +20,10 @@ ALLOWED: dict[str, tuple[str, ...]] = {
         *("drivers.ptp.codes", "drivers.canon_5d2.codes", "drivers.theta_z1.codes"),
     ),
     "station": ("station", "drivers"),
-    "processing": ("processing", "drivers.errors", "drivers.clock", "station.session", "station.errors"),
+    "processing": (
+        *("processing", "drivers.errors", "drivers.clock", "station.session", "station.errors"),
+        "station.commands.views",  # how commands show their progress: all of them alike
+    ),
 }
 FLOORS = (
     ("errors",),
@@ -64,11 +67,11 @@ ONLY_IN = {
         *("processing/ground/", "processing/layout/", "processing/room/", "processing/surfaces/"),
     ),
 }
-BINDS_BOTH = ("processing/commands/demo.py",)
-"""Commands that run the station and then processing."""
+BINDS_BOTH = ("processing/commands/demo.py", "processing/api.py")
+"""What runs the station and then processing: a command, and the public functions."""
 FRONT_DOOR_ANEW = "processing/batch/child.py"
 """The program of its own in which a batch runs each session: it is the command line, begun once more."""
-LIGHT_AT_IMPORT = ("station.capture.events", "processing.commands.process")
+LIGHT_AT_IMPORT = ("station.capture.events", "station.commands.views", "processing.commands.process")
 """What command modules may import at once: a plain list of names, and another command module (checked likewise)."""
 MOCKS_FROM_STATION = ("station/capture/rig.py", "station/simulate/")
 

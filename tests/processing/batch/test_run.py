@@ -157,6 +157,21 @@ def test_a_cluster_that_is_none_is_a_named_error(tmp_path: Path, address: str) -
         pass
 
 
+@pytest.mark.parametrize("fault", [AssertionError(), TimeoutError("timed out\nafter 30 s"), KeyError("tcp")])
+def test_however_dask_refuses_an_address_it_is_the_named_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception
+) -> None:
+    """On a busy computer Dask's client may fail an assertion of its own instead of raising what it documents."""
+    import distributed
+
+    def refuse(*_given: object, **_named: object) -> None:
+        raise fault
+
+    monkeypatch.setattr(distributed, "Client", refuse)
+    with pytest.raises(ClusterError, match="no Dask scheduler answers"), connected("tcp://", 1, tmp_path):
+        pass
+
+
 def test_options_are_checked_once_and_not_once_a_session(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     empty_sessions(tmp_path / "sessions", ("a",))
     folder = str(tmp_path / "sessions")

@@ -10,9 +10,9 @@ import pytest
 
 import daylit
 import processing.pipeline
-from processing.commands.process import process
-from processing.commands.process_views import PlainView, TerminalView, plain_or_terminal, printable
+from processing.commands.process import PlainView, TerminalView, process, stage_view
 from processing.running.results import RunEvent, RunEventKind
+from station.commands.views import printable
 from tests.processing.running.toy_stages import TOTAL, TOYS
 from tests.station.session.sessions import complete_session
 
@@ -98,14 +98,12 @@ def test_only_what_a_stage_does_is_offered(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(processing.pipeline.trades, "__defaults__", (only,))
     assert not flags() & {"--scale", "--total", "--max-error", "--time-budget"}
     assert flags() >= {"--rounds", "--quality", "--json", "--until"}
-    assert TOTAL.options[0].flag == "--scale"
+    assert next(iter(TOTAL.options)) == "--scale"
 
 
 def test_views(capsys: pytest.CaptureFixture[str]) -> None:
-    assert isinstance(plain_or_terminal(False), PlainView)
-    view = plain_or_terminal(True)
-    assert isinstance(view, TerminalView)
-    with view:
+    assert isinstance(stage_view(), PlainView), "standard output is no terminal here"
+    with TerminalView() as view:
         view.show(RunEvent(RunEventKind.STARTED, "merge", "merge", left_s=200.0))
         view.show(RunEvent(RunEventKind.PROGRESS, "merge", "[bold]half", 0.5, 30.0))
         view.show(RunEvent(RunEventKind.FINISHED, "merge", "done", 1.0))
@@ -122,6 +120,6 @@ def test_help_lists_options_stage_by_stage(capsys: pytest.CaptureFixture[str]) -
     own = [stage for stage in TOYS if stage.options]
     assert sections[-len(own) :] == [f"{stage.name}: {stage.title}:" for stage in own]
     for stage in own:
-        for option in stage.options:
-            assert told.count(f"  {option.flag} ") == 1
+        for flag in stage.options:
+            assert told.count(f"  {flag} ") == 1
     assert "[SESSION]" not in told.partition("Options:")[2]

@@ -15,8 +15,9 @@ from processing.figures.figures import camera_figures, level_ratio, meter_figure
 from processing.figures.views import eye_view, reduced
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Fisheye, LensMapping
-from processing.stages.contract import StageContext, StageParameters
+from processing.stages.contract import StageContext
 from processing.stages.figures import run
+from processing.stages.parameters import StageParameters
 from tests.processing.figures.test_glare import panorama, room
 from tests.processing.room.evidence import BOX, room_of
 from tests.station.session.sessions import manifest
@@ -124,7 +125,7 @@ def test_the_stage_writes_plain_json_with_and_without_a_room(tmp_path: Path) -> 
     made = {("calibrate", "indoor"): image, ("calibrate", "calibration"): {"indoor": {}}}
     bare = run(context(made, tmp_path))
     assert set(bare.left_out) == {"surfaces", "outdoor"}
-    full = run(context(made | {("room", "room"): room_of(BOX).model_dump(mode="json")}, tmp_path))
+    full = run(context(made | {("room", "room"): room_of(BOX)}, tmp_path))
     figures = full.artifacts["light_figures"]
     assert json.loads(json.dumps(figures, allow_nan=False)) == figures
     assert len(figures["surfaces"]) > 5

@@ -136,4 +136,6 @@ def test_the_region_of_a_free_piece_is_the_rooms_inner_fit() -> None:
     turned = free_region(field, [body], math.pi / 2)
     assert turned.area == pytest.approx((4 - 0.5) * (3 - 1.0))
     column = (np.array([[1.9, 1.4], [2.1, 1.4], [2.1, 1.6], [1.9, 1.6]]), 0.0, 2.0, BODY)
-    assert free_region(make_field(Floor(plan), rules, [column]), [body], 0.0).area == pytest.approx(region.area - 1.2 * 0.7)
+    assert free_region(make_field(Floor(plan), rules, [column]), [body], 0.0).area == pytest.approx(
+        region.area - 1.2 * 0.7
+    )

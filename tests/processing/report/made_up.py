@@ -11,6 +11,7 @@ import numpy as np
 
 from processing.exchange.gltf import scene_glb
 from processing.figures.figures import camera_figures, outdoor_figures, surface_figures
+from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
@@ -47,13 +48,16 @@ def results(*, alternatives: int = 2, absolute: bool = True) -> Results:
     room = box_room()
     staged = {f"staged-{k}": picture((1.5, 0.6 + 0.2 * k, 0.2), 2 + k, absolute=absolute) for k in _up_to(alternatives)}
     scene = scene_of(room, uniform_sky()).furnished((box((1.0, 0.5, 0.4), (1.2, 0.6, 0.8), name="table"),))
-    bed = {"id": "bed", "category": "bed", "size_m": [1.4, 2.0, 0.85], "t_m": [1.5, 0.4, 0.0], "theta_rad": 0.0}
-    layout = {"score": 0.91, "rule_set": "standard", "items": [bed], "not_placed": [], "differs_by": "the bed turned"}
+    bed = PlacedItem(id="bed", category="bed", size_m=(1.4, 2.0, 0.85), t_m=(1.5, 0.4, 0.0), theta_rad=0.0)
+    layouts = tuple(
+        Arrangement(rank=k, items=(bed,), score=0.91, scores={}, rule_set="standard", differs_by="the bed turned")
+        for k in _up_to(alternatives)
+    )
     told = {"items": ["bed"], "style": "oak", "changed_share": 0.2, "error": 0.02, "furniture_share": 0.1}
     return {
         "merge": {"response": {}},
         "calibrate": {"indoor": photograph, "calibration": {"indoor": _scale(absolute=absolute)}},
-        "room": {"room": room.model_dump(mode="json")},
+        "room": {"room": room},
         "figures": {"light_figures": _light(photograph)},
         "detect": {"target": np.zeros((SIZE_PX[1], SIZE_PX[0]), bool)},
         "remove": {"empty": picture((0.5, 0.7, 1.4), 2, absolute=absolute), "filled": _middle()},
@@ -66,7 +70,7 @@ def results(*, alternatives: int = 2, absolute: bool = True) -> Results:
             }
         },
         "arrange": {
-            "arrangement": {"arrangements": [layout for _ in _up_to(alternatives)]},
+            "arrangement": Arrangements(plan={}, rule_set="standard", asked=("bed",), seed=0, arrangements=layouts),
             **{f"plan-{k}": PLAN for k in _up_to(alternatives)},
         },
         "render": {

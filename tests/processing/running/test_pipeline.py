@@ -7,18 +7,20 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 
 from processing.errors import ParameterError, ProcessingError
-from processing.pipeline import STAGES, Artifact, Option, Stage, check_table, options, resolve, selected, stage_named
+from processing.pipeline import STAGES, Artifact, Stage, check_table, options, resolve, selected, stage_named
 from processing.running.decision import decide
 from processing.running.fingerprint import digest
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import Stored
 from processing.running.results import Action, RunEvent, RunEventKind, RunReport, StageResult
 from processing.running.runner import process
-from processing.stages.contract import Quality, StageContext, StageOutput, StageParameters
+from processing.stages.contract import Quality, StageContext, StageOutput
+from processing.stages.parameters import StageParameters, path_field
 from station.session.session import SessionManifest
 from tests.processing.running import toy_stages
 from tests.processing.running.toy_stages import BROKEN_LAST, FRAMES, HALF, TOTAL, TOYS
@@ -169,7 +171,7 @@ def test_an_answer_takes_the_place_of_a_stage(session: Path, tmp_path: Path) -> 
     assert actions(without) == [SKIPPED, RAN, RAN]
     assert "answers total" in {path for path, _, _ in without.stages[1].changes}, "no longer given"
     answer.write_text('{"sum": 100}')
-    with pytest.raises(ProcessingError, match="a total is needed"):
+    with pytest.raises(ProcessingError, match="not a valid total: total: Field required"):
         run(session, options={"--total": answer})
     answer.write_text('{"total": 1e9}')
     with pytest.raises(ProcessingError, match="more than the frames"):
@@ -272,7 +274,12 @@ def test_progress_tells_the_time_left_from_the_second_run_on(session: Path) -> N
 
 def test_a_stage_sees_only_what_its_row_names(session: Path) -> None:
     seen: list[SessionManifest] = []
-    curious = replace(TOTAL, function="tests.processing.running.test_pipeline:peek", makes=(), options=())
+    curious = replace(
+        TOTAL,
+        function="tests.processing.running.test_pipeline:peek",
+        makes=(),
+        parameters="processing.stages.parameters:StageParameters",
+    )
     peek.seen = seen  # type: ignore[attr-defined]
     with pytest.raises(ProcessingError, match="does not name among its needs"):
         run(session, (FRAMES, HALF_OF_NOTHING, curious))
@@ -311,13 +318,25 @@ def test_a_stage_that_breaks_its_row_is_refused(session: Path, row: Stage, words
         run(session, (row,))
 
 
+class Answered(StageParameters):
+    x: Annotated[Path | None, path_field("answer", "X.", artifact="x")] = None
+
+
+class Excluding(StageParameters):
+    x: Annotated[Path | None, path_field("file", "X.", excludes=["--y"])] = None
+
+
+class Leaning(StageParameters):
+    x: Annotated[Path | None, path_field("file", "X.", beside=["--y"])] = None
+
+
 def test_tables_that_cannot_be_are_refused() -> None:
     for stages, words in (
         ((FRAMES, FRAMES), "two stages"),
         ((TOTAL,), "no earlier stage"),
-        ((replace(FRAMES, options=(Option("--x", "answer", "x", "X."),)),), "does not make"),
-        ((replace(FRAMES, options=(Option("--x", "file", "x", "X.", excludes=("--y",)),)),), "which no stage has"),
-        ((replace(FRAMES, options=(Option("--x", "file", "x", "X.", beside=("--y",)),)),), "which no stage has"),
+        ((replace(FRAMES, parameters=f"{__name__}:Answered"),), "does not make"),
+        ((replace(FRAMES, parameters=f"{__name__}:Excluding"),), "which no stage has"),
+        ((replace(FRAMES, parameters=f"{__name__}:Leaning"),), "which no stage has"),
     ):
         with pytest.raises(ValueError, match=words):
             check_table(stages)
@@ -332,10 +351,9 @@ def test_the_table_is_sound() -> None:
         assert set(stage.reads) <= {"folder", "relight", *SessionManifest.model_fields}
     named = options()
     for stage in STAGES:
-        for option in stage.options:
-            assert named[option.flag] == option, "two stages mean different things by one flag"
-            if option.kind == "parameter":
-                assert option.name in resolve(stage.parameters).model_fields
+        for flag, option in stage.options.items():
+            assert named[flag] == option, "two stages mean different things by one flag"
+            assert len(option.help) > 5, f"{flag} does not say what it is"
     assert [s.name for s in selected("merge")] == ["verify", "merge"]
 
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import pytest
 
 from processing.errors import ParameterError, PictureFileError, ProcessingError
-from processing.pipeline import Artifact, Option, Stage
+from processing.pipeline import Artifact, Stage
 from processing.running import stage_inputs
 from processing.running.artifacts import WRITTEN, save
 from processing.running.requests import RunRequest, given_files
+from processing.stages.parameters import StageParameters, path_field
 
-FOLDER = Option("--models", "folder", "models", "A folder.")
-STAGE = Stage("toy", 1, "toy", "none:none", options=(FOLDER,))
+
+class WithFolder(StageParameters):
+    models: Annotated[Path | None, path_field("folder", "A folder.")] = None
+
+
+STAGE = Stage("toy", 1, "toy", "none:none", parameters=f"{__name__}:WithFolder")
 
 
 @pytest.fixture

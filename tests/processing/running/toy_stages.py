@@ -4,22 +4,40 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from processing.errors import ProcessingError
-from processing.pipeline import Artifact, Option, Stage
-from processing.stages.contract import StageContext, StageOutput, StageParameters, StageWarning
+from processing.pipeline import Artifact, Stage
+from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.parameters import StageParameters, path_field
 
 calls: list[str] = []
 """Names of the stages whose function ran, in order; tests empty it."""
 
 
 class DigestParameters(StageParameters):
-    rounds: int = 3
-    grain: int = 1
+    rounds: Annotated[int, Field(description="Rounds")] = 3
+    grain: Annotated[int, Field(description="Grain")] = 1
 
 
 class SumParameters(StageParameters):
-    scale: float = 1.0
+    scale: Annotated[float, Field(description="Scale")] = 1.0
+    factor: Annotated[Path | None, path_field("file", "A number in a file.")] = None
+    total: Annotated[
+        Path | None,
+        path_field("answer", "The total itself.", artifact="total", excludes=["--scale", "--factor"]),
+    ] = None
+
+
+class Total(BaseModel):
+    """What the stage total makes."""
+
+    model_config = ConfigDict(frozen=True)
+
+    total: float
 
 
 def frames(context: StageContext) -> StageOutput:
@@ -48,29 +66,24 @@ def total(context: StageContext) -> StageOutput:
     parameters = context.parameters
     assert isinstance(parameters, SumParameters)
     values = context.artifact("frames", "values")
-    factor = float(context.files["factor"].read_text()) if "factor" in context.files else 1.0
+    factor = 1.0 if parameters.factor is None else float(parameters.factor.read_text())
     return StageOutput(
-        artifacts={"total": {"total": parameters.scale * factor * sum(values.values())}},
+        artifacts={"total": Total(total=parameters.scale * factor * sum(values.values()))},
         left_out={"extra": "nobody asked"},
     )
 
 
 def nothing_to_halve(context: StageContext) -> str | None:
-    return "the total is zero" if context.artifact("total", "total")["total"] == 0 else None
+    return "the total is zero" if context.artifact("total", "total").total == 0 else None
 
 
 def half(context: StageContext) -> StageOutput:
     calls.append("half")
-    return StageOutput(artifacts={"half": context.artifact("total", "total")["total"] / 2})
+    return StageOutput(artifacts={"half": context.artifact("total", "total").total / 2})
 
 
-def check_total(value: object) -> None:
-    if not (isinstance(value, dict) and isinstance(value.get("total"), int | float)):
-        raise ProcessingError("a total is needed", where="total")
-
-
-def fit_total(value: dict[str, float], context: StageContext) -> None:
-    if value["total"] > 256 * len(context.artifact("frames", "values")):
+def fit_total(value: Total, context: StageContext) -> None:
+    if value.total > 256 * len(context.artifact("frames", "values")):
         raise ProcessingError("more than the frames can give", where="total")
 
 
@@ -87,10 +100,6 @@ FRAMES = Stage(
     makes=(Artifact("values", "json"), Artifact("notes", "file", file_name="notes.txt")),
     parameters="tests.processing.running.toy_stages:DigestParameters",
     trades=("quality",),
-    options=(
-        Option("--rounds", "parameter", "rounds", "Rounds.", type="int"),
-        Option("--grain", "parameter", "grain", "Grain.", type="int"),
-    ),
 )
 TOTAL = Stage(
     name="total",
@@ -102,17 +111,12 @@ TOTAL = Stage(
         Artifact(
             "total",
             "json",
-            check="tests.processing.running.toy_stages:check_total",
+            model="tests.processing.running.toy_stages:Total",
             fits="tests.processing.running.toy_stages:fit_total",
         ),
         Artifact("extra", "json", optional=True),
     ),
     parameters="tests.processing.running.toy_stages:SumParameters",
-    options=(
-        Option("--scale", "parameter", "scale", "Scale."),
-        Option("--factor", "file", "factor", "A number in a file."),
-        Option("--total", "answer", "total", "The total itself.", excludes=("--scale", "--factor")),
-    ),
 )
 HALF = Stage(
     name="half",

@@ -10,10 +10,11 @@ import pytest
 
 from processing.errors import LayoutError
 from processing.layout.arrange import arrange
+from processing.layout.arrangement import Arrangements
 from processing.layout.items import parse_items
 from processing.layout.plan import from_room_model
-from processing.stages.arrange_judged import judged
-from processing.stages.contract import StageParameters
+from processing.stages.arrange import judged
+from processing.stages.parameters import StageParameters
 from tests.processing.stages.test_staging import ROOM, context
 
 
@@ -33,8 +34,8 @@ def moved(value: dict[str, Any], **places: tuple[float, float]) -> dict[str, Any
 
 
 def in_room(folder: Path, value: object, room: object = ROOM) -> tuple[Any, ...]:
-    artifacts = {} if room is None else {("room", "room"): ROOM.model_dump(mode="json")}
-    return judged(value, context(folder, StageParameters(), artifacts))
+    artifacts = {} if room is None else {("room", "room"): ROOM}
+    return judged(Arrangements.model_validate_json(json.dumps(value)), context(folder, StageParameters(), artifacts))
 
 
 def test_what_fits_is_taken_without_a_word(tmp_path: Path, fitting) -> None:

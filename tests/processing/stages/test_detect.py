@@ -44,7 +44,7 @@ def context(painted: Painted, folder: Path, **changes: Any) -> StageContext:
     artifacts: dict[tuple[str, str], object] = {
         ("calibrate", "indoor"): picture(painted),
         ("calibrate", "calibration"): FOUND_SUN,
-        ("room", "room"): painted.room.model_dump(mode="json"),
+        ("room", "room"): painted.room,
         ("room", "evidence"): folder / "evidence.npz",
         **changes.pop("artifacts", {}),
     }
@@ -99,7 +99,7 @@ def test_a_mask_of_another_size_is_refused_when_it_is_read(painted: Painted, tmp
 
 def test_a_network_without_its_contract_is_refused(painted: Painted, tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="belong together"):
-        run(context(painted, tmp_path, files={"segmenter": tmp_path / "network.onnx"}))
+        run(context(painted, tmp_path, parameters=DetectParameters(segmenter=tmp_path / "network.onnx")))
 
 
 def test_the_sun_s_place_is_the_panorama_s() -> None:

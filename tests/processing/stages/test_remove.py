@@ -44,10 +44,9 @@ def picture() -> LuminanceImage:
 def context(
     folder: Path,
     parameters: RemoveParameters | None = None,
-    files: dict[str, Path] | None = None,
     **artifacts: Any,
 ) -> StageContext:
-    given = {"indoor": picture(), "room": ROOM.model_dump(mode="json")} | artifacts
+    given = {"indoor": picture(), "room": ROOM} | artifacts
 
     def fetch(_stage: str, name: str) -> Any:
         return given.get(name)
@@ -60,7 +59,6 @@ def context(
         fetch=fetch,
         summary=lambda _stage: {"metrics": {"margin_deg": MARGIN_DEG}},
         quality=Quality.DRAFT,
-        files=files or {},
     )
 
 
@@ -111,7 +109,7 @@ def white_network(folder: Path) -> Path:
 def test_a_network_of_the_user_fills_what_ours_cannot(tmp_path: Path) -> None:
     """`--filler` reaches it: of a floor that nobody sees, the network's white, four times the median, is taken."""
     floor = plane_map(ROOM, picture().geometry) == FLOOR  # type: ignore[arg-type]
-    empty = run(context(tmp_path, files={"filler": white_network(tmp_path)}, target=floor)).artifacts["empty"]
+    empty = run(context(tmp_path, RemoveParameters(filler=white_network(tmp_path)), target=floor)).artifacts["empty"]
     ours = run(context(tmp_path, target=floor)).artifacts["empty"]
     assert isinstance(empty, LuminanceImage)
     assert isinstance(ours, LuminanceImage)
@@ -121,7 +119,7 @@ def test_a_network_of_the_user_fills_what_ours_cannot(tmp_path: Path) -> None:
 
 def test_the_option_filler_is_that_of_this_stage() -> None:
     stage = next(one for one in STAGES if one.name == "remove")
-    told = {option.flag: (option.kind, option.name) for option in stage.options}
+    told = {flag: (option.kind, option.name) for flag, option in stage.options.items()}
     assert told["--filler"] == ("file", "filler")
     assert told["--filler-channels"] == ("parameter", "filler_channels")
 

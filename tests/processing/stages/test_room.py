@@ -26,7 +26,7 @@ def calibrated(image) -> LuminanceImage:
     return LuminanceImage(image.rgb, image.uncertainty, image.validity, image.geometry, 0.02)
 
 
-def context(image, folder: Path, files=None, quality: Quality = Quality.DRAFT, **asked) -> StageContext:
+def context(image, folder: Path, quality: Quality = Quality.DRAFT, **asked) -> StageContext:
     made = {("calibrate", "indoor"): image}
     return StageContext(
         session=manifest(),
@@ -35,7 +35,6 @@ def context(image, folder: Path, files=None, quality: Quality = Quality.DRAFT, *
         parameters=RoomParameters(**asked),
         fetch=lambda stage, name: made.get((stage, name)),
         summary=lambda _: {},
-        files=files or {},
         quality=quality,
     )
 
@@ -49,10 +48,10 @@ def by_hand(monkeypatch: pytest.MonkeyPatch):
 @pytest.mark.usefixtures("by_hand")
 def test_room_and_evidence_are_made_and_an_upright_picture_is_left_as_it_is(tmp_path: Path) -> None:
     output = run(context(calibrated(painted(room_of(BOX), 256)), tmp_path))
-    check_room(output.artifacts["room"])
-    assert output.artifacts["room"]["source"] == "estimated"
-    assert output.artifacts["room"]["camera_height_m"] == 1.6
-    assert len(output.artifacts["room"]["floor"]) == 4
+    check_room(output.artifacts["room"].model_dump(mode="json"))
+    assert output.artifacts["room"].source == "estimated"
+    assert output.artifacts["room"].camera_height_m == 1.6
+    assert len(output.artifacts["room"].floor) == 4
     assert read_evidence(tmp_path / "evidence.npz").boundary is not None
     assert "stands as it is" in output.left_out["panorama"]
     assert output.metrics["walls"] == 4
@@ -62,8 +61,8 @@ def test_room_and_evidence_are_made_and_an_upright_picture_is_left_as_it_is(tmp_
 @pytest.mark.usefixtures("by_hand")
 def test_the_camera_height_given_sets_the_scale(tmp_path: Path) -> None:
     output = run(context(calibrated(painted(room_of(BOX), 256)), tmp_path, camera_height_m=3.2, level="off"))
-    assert output.artifacts["room"]["camera_height_m"] == 3.2
-    assert output.artifacts["room"]["ceiling_height_m"] == pytest.approx(5.1, rel=0.02)
+    assert output.artifacts["room"].camera_height_m == 3.2
+    assert output.artifacts["room"].ceiling_height_m == pytest.approx(5.1, rel=0.02)
     assert "off" in output.left_out["panorama"]
 
 
@@ -93,21 +92,21 @@ def test_a_given_room_stands_and_is_checked(tmp_path: Path) -> None:
     path = tmp_path / "mine.json"
     write_room(path, room_of(BOX))
     image = calibrated(painted(room_of(BOX), 256))
-    output = run(context(image, tmp_path, {"room": path}))
-    assert output.artifacts["room"]["source"] == "given"
+    output = run(context(image, tmp_path, room=path))
+    assert output.artifacts["room"].source == "given"
     assert output.left_out["estimate"] == "the room is given"
     assert output.artifacts["evidence"]
     path.write_text(path.read_text().replace('"given"', '"starter"'))
     with pytest.raises(RoomError, match="starter"):
-        run(context(image, tmp_path, {"room": path}))
+        run(context(image, tmp_path, room=path))
 
 
 @pytest.mark.usefixtures("by_hand")
 def test_a_layout_network_takes_the_boundaries_place(tmp_path: Path) -> None:
     image = calibrated(painted(room_of(BOX), 256))
-    output = run(context(image, tmp_path, {"layout_model": NETWORKS / "led2net.onnx"}, level="off"))
+    output = run(context(image, tmp_path, layout_model=NETWORKS / "led2net.onnx", level="off"))
     assert "LED2-Net" in output.metrics["source"]
-    corners = np.abs(np.array(output.artifacts["room"]["floor"]))
+    corners = np.abs(np.array(output.artifacts["room"].floor))
     np.testing.assert_allclose(corners, np.tile((2.4, 1.6), (4, 1)), atol=0.1)
 
 
@@ -120,7 +119,7 @@ def test_a_picture_without_a_room_leaves_it_out_and_says_why(tmp_path: Path) -> 
     assert "ROO-002" in output.warnings[0].message
     path = tmp_path / "mine.json"
     write_room(path, room_of(BOX))
-    assert run(context(black, tmp_path, {"room": path})).artifacts["room"]["source"] == "given"
+    assert run(context(black, tmp_path, room=path)).artifacts["room"].source == "given"
 
 
 def test_the_network_that_is_shipped_serves(tmp_path: Path) -> None:

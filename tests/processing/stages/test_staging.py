@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,19 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from processing.errors import ItemError, LayoutError
+from processing.errors import ItemError, ProcessingError
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.layout.assumed import fitting_choice, named_choice, with_door
 from processing.light.picture.render import render
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import Effort
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
+from processing.pipeline import stage_named
+from processing.running.artifacts import load, save
 from processing.sphere import Equirectangular
 from processing.stages import arrange, materials
 from processing.stages import render as rendering
-from processing.stages.arrange import fitting_choice, named_choice, with_door
-from processing.stages.contract import Quality, StageContext, StageParameters
-from processing.stages.parameters import ArrangeParameters, MaterialsParameters, RenderParameters
+from processing.stages.contract import Quality, StageContext
+from processing.stages.parameters import ArrangeParameters, MaterialsParameters, RenderParameters, StageParameters
 from tests.processing.light.rooms import EYE, box_room, scene_of, uniform_sky
 
 ROWS = 48
@@ -78,7 +79,7 @@ def known(tmp_path_factory: pytest.TempPathFactory, photograph: LuminanceImage) 
     """What the stages before render have made."""
     found: dict[tuple[str, str], Any] = {
         ("calibrate", "indoor"): photograph,
-        ("room", "room"): ROOM.model_dump(mode="json"),
+        ("room", "room"): ROOM,
     }
     folder = tmp_path_factory.mktemp("materials")
     made = materials.run(context(folder, MaterialsParameters(), found))
@@ -188,21 +189,24 @@ def test_a_room_without_a_door_gets_one_and_says_so(tmp_path: Path) -> None:
     assert door.kind is OpeningKind.PASSAGE
     assert door.wall in (1, 2, 3)
     assert with_door(ROOM) == (ROOM, "")
-    found = {("room", "room"): box_room().model_dump(mode="json")}
+    found = {("room", "room"): box_room()}
     made = arrange.run(context(tmp_path, ArrangeParameters(items="bed", alternatives=1), found))
     assert made.warnings[0].message == text
 
 
 def test_a_room_too_small_is_no_failure_of_the_session(tmp_path: Path) -> None:
     tiny = RoomModel.model_validate(box_room(1.2, 1.2, window=None).model_dump())
-    found = {("room", "room"): tiny.model_dump(mode="json")}
+    found = {("room", "room"): tiny}
     made = arrange.run(context(tmp_path, ArrangeParameters(items="king bed"), found))
     assert "LAY-002" in made.left_out["arrangement"]
     with pytest.raises(ItemError):
         arrange.run(context(tmp_path, ArrangeParameters(items="throne"), found))
 
 
-def test_what_is_no_arrangement_is_refused(known: dict[tuple[str, str], Any]) -> None:
-    arrange.check_arrangement(json.loads(json.dumps(known["arrange", "arrangement"])))
-    with pytest.raises(LayoutError, match="no arrangements"):
-        arrange.check_arrangement({"items": []})
+def test_what_is_no_arrangement_is_refused(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
+    artifact = next(a for a in stage_named("arrange").makes if a.name == "arrangement")
+    assert save(artifact, known["arrange", "arrangement"], tmp_path) == known["arrange", "arrangement"]
+    wrong = tmp_path / "mine.json"
+    wrong.write_text('{"items": []}')
+    with pytest.raises(ProcessingError, match="not a valid arrangement: plan"):
+        load(artifact, wrong)
