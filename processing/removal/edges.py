@@ -194,7 +194,7 @@ def colour_distance(rgb8: Bytes, known: Flags) -> Floats:
 def surface_outliers(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Floats:
     """Return (H, W) in 0..`MOST_OUTLYING`: ln(1 + squared distance) from the colours of the plane behind each pixel.
 
-    ``probabilities`` (8, H, W) tell where a plane is seen; a plane that is hardly seen gives 0.
+    ``probabilities`` (8, H, W) say where a plane is seen; a plane that is hardly seen gives 0.
     """
     own = {FLOOR: SceneClass.FLOOR, CEILING: SceneClass.CEILING}
     found = np.zeros(maps.plane.shape, np.float32)

@@ -240,7 +240,7 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles 
 def local_light(rest: Floats, known: Flags, sigma_px: float) -> Floats:
     """Return (H, W, C): what slow part a fit left, at the scale of ``sigma_px``, and its membrane through holes.
 
-    For surfaces without a lattice, whose pattern nobody can tell from light: glow and soft shadows meet at the rim.
+    For surfaces without a lattice, whose pattern nothing separates from light: glow and soft shadows meet at the rim.
     """
     mean, share = known_mean(rest, known, sigma_px)
     return spread(mean, known & (share > LEAST_SHARE))

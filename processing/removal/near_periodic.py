@@ -1,8 +1,8 @@
 """Completion of a rectified texture by its own repeats: floors of tiles, parquet, planks (the paper's near-periodic
 patterns, without minutes of optimisation).
 
-The known part tells its lattice (`near_periodic_lattice`); light is taken out (`illumination`), the hole is filled with
-copies one or more lattice steps away (`near_periodic_fill`), and light is put back. Where the pattern repeats in one
+The lattice is found in the known part (`near_periodic_lattice`); light is taken out (`illumination`), the hole is
+filled with copies one or more lattice steps away (`near_periodic_fill`), and light is put back. Where the pattern repeats in one
 direction only, copies come from along that direction; where it does not repeat, `complete` says so and gives copies
 that fit their surroundings.
 """
@@ -58,9 +58,9 @@ MANNERS = {
 }
 """Box (of a cell), liveliness, detail (px), whether guesses take part. Of what does not repeat, a mean is a blur."""
 LOCAL = 0.02
-"""Of the texture's size: the scale below which a pattern without lattice is told from light."""
+"""Of the texture's size: the scale below which a pattern without lattice is separated from light."""
 LOOSE_CELL = 0.045
-"""Of the texture's size: the neighbourhood that tells whether a copy fits where there is no lattice."""
+"""Of the texture's size: the neighbourhood in which it is judged whether a copy fits where there is no lattice."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ def complete(
 ) -> Completion:
     """Fill ``hole`` of a texture (H, W, 3), linear light >= 0, from the ``known`` pixels; both masks (H, W).
 
-    ``density`` (H, W): picture pixels a texel; what was seen finely is then preferred where it was to be seen so.
+    ``density`` (H, W): picture pixels a texel; where the picture is fine, fine copies are preferred.
 
-    ``found`` is what `analyse` gave, if asked before.
+    ``found`` is the result of `analyse`, if it is known already.
     Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
     """
     known = known & ~hole
@@ -163,7 +163,7 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
 
 
 def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float]:
-    """Return the shifts to try, in the texture's pixels, and how large a neighbourhood tells whether one fits."""
+    """Return the shifts to try, in the texture's pixels, and in how large a neighbourhood they are judged."""
     if found.lattice is not None:
         cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))
         return lattice_offsets(found.lattice, known.shape[:2]), cell

@@ -155,7 +155,7 @@ def _surface(
 SKIRTING_PX_PER_M = 80.0
 HIGHEST_M = 0.25
 TOP_M = 0.05
-"""Below that height: what of the wall is just above the skirting, against which it is told."""
+"""Below that height: what of the wall is just above the skirting, against which it is measured."""
 ABOVE_M = (0.3, 0.6)
 """Where the wall itself must be seen too."""
 LEAST_COLUMNS = 12

@@ -253,7 +253,7 @@ class ShadowFound:
     mask: Flags
     planes_fitted: int
     planes_without_fit: int
-    """Planes too full to tell the light without furniture: only contact bands there."""
+    """Planes too full to estimate the light without furniture: only contact bands there."""
 
 
 def find_shadows(
@@ -286,7 +286,7 @@ def find_shadows(
 
 
 def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
-    """Return shadow on a plane's texture, and whether the light without furniture could be told."""
+    """Return shadow on a plane's texture, and whether the light without furniture could be estimated."""
     # Texels that furniture hides in part belong to the band: the picture's finer pixels beside it fall into them.
     band = _by(thing, CONTACT_M)
     contact = known & band

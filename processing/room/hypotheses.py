@@ -269,7 +269,7 @@ def _divided(
 
 
 def _key(outline: Outline) -> tuple[object, ...]:
-    """Return what tells outlines apart before fitting: walls of the same kinds that look the same way."""
+    """Return what distinguishes outlines before fitting: walls of the same kinds that look the same way."""
     return tuple(
         (w.kind, w.seen, round(w.normal_rad, 1), round(math.log(abs(w.distance) + 0.1), 1)) for w in outline.walls
     )

@@ -146,7 +146,7 @@ PROBE_RAD = math.radians(2.0)
 """How far from a boundary the classes are asked what is there."""
 LEAST_CLEAR = 0.5
 COLUMN_WEIGHT = 0.25
-"""Of a column in choosing shifts: neighbours tell the same."""
+"""Of a column in choosing shifts: neighbours carry the same evidence."""
 
 
 @dataclass(frozen=True)

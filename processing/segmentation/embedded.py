@@ -223,7 +223,7 @@ def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> Bound
 
 def _nothing(name: str) -> SceneEvidence:
     even = np.full((len(SceneClass), HEIGHT_PX, WIDTH_PX), 1 / len(SceneClass), dtype=np.float32)
-    return SceneEvidence(even, name, None, notes=("the picture is black or of one tone: nothing can be told",))
+    return SceneEvidence(even, name, None, notes=("the picture is black or of one tone: nothing can be recognised",))
 
 
 def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats]:

@@ -26,7 +26,7 @@ def coloured_as_behind(rgb: Floats, plane: Int16s, places: Flags, hidden: Flags)
     ``rgb`` (H, W, 3) is linear light, ``plane`` (H, W) numbers the room's planes; a plane's colour is that of what
     nothing has ``hidden``.
     """
-    told = np.zeros_like(places)
+    sunlike = np.zeros_like(places)
     logs = np.log(np.maximum(rgb, 1e-6))
     red, blue = logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]
     for index in np.unique(plane[places]):
@@ -36,8 +36,8 @@ def coloured_as_behind(rgb: Floats, plane: Int16s, places: Flags, hidden: Flags)
             continue
         redder, bluer = red[here] - np.median(red[known]), blue[here] - np.median(blue[known])
         warm = (redder > RED_IN_SUN[0]) & (redder < RED_IN_SUN[1])
-        told[here] = warm & (bluer > BLUE_IN_SUN[0]) & (bluer < BLUE_IN_SUN[1])
-    return told
+        sunlike[here] = warm & (bluer > BLUE_IN_SUN[0]) & (bluer < BLUE_IN_SUN[1])
+    return sunlike
 
 
 OUTSIDE = -10.0
