@@ -2,8 +2,8 @@
 patterns, without minutes of optimisation).
 
 The lattice is found in the known part (`near_periodic_lattice`); light is taken out (`illumination`), the hole is
-filled with copies one or more lattice steps away (`near_periodic_fill`), and light is put back. Where the pattern repeats in one
-direction only, copies come from along that direction; where it does not repeat, `complete` says so and gives copies
+filled with copies one or more lattice steps away (`near_periodic_fill`), and light is put back. Where the pattern
+repeats in one direction only, copies come from along that direction; where it does not repeat, `complete` says so and gives copies
 that fit their surroundings.
 """
 

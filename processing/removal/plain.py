@@ -19,8 +19,8 @@ from processing.removal.illumination import ToneScale, blurred, fit_illumination
 #
 # Beside what stands before a wall, the wall gets less light than further away. Continued through the hole, that draws
 # the shadow of what is no longer there. So a wall's light is estimated from further away, and in the hole it
-# rises from what it is at the rim, which stays as it is, to what it is around. What furniture takes from the whole room nobody can put
-# back without changing what is seen.
+# rises from what it is at the rim, which stays as it is, to what it is around. What furniture takes
+# from the whole room cannot be put back without changing what is seen.
 
 
 NEAR_M = 0.5
