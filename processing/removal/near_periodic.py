@@ -3,8 +3,8 @@ patterns, without minutes of optimisation).
 
 The lattice is found in the known part (`near_periodic_lattice`); light is taken out (`illumination`), the hole is
 filled with copies one or more lattice steps away (`near_periodic_fill`), and light is put back. Where the pattern
-repeats in one direction only, copies come from along that direction; where it does not repeat, `complete` says so and gives copies
-that fit their surroundings.
+repeats in one direction only, copies come from along that direction; where it does not repeat, `complete` says so and
+gives copies that fit their surroundings.
 """
 
 from __future__ import annotations
@@ -190,7 +190,7 @@ class _Job:
     density: Floats | None
 
     def filled(self, offsets: Doubles, manner: Manner) -> tuple[Floats, Floats, Flags]:
-        """Return tone, confidence and what is left; what no copy reaches is filled from what was filled before."""
+        """Return tone (H, W, 3), confidence and what is left (H, W); ``offsets`` (N, 2) as (dx, dy)."""
         job, confidence = self, self.known.astype(np.float32)
         for turn in range(PASSES):
             done, tone, sure = job.one_pass(offsets, manner)
@@ -203,7 +203,7 @@ class _Job:
         return job.tone, confidence, job.hole
 
     def one_pass(self, offsets: Doubles, manner: Manner) -> tuple[Flags, Floats, Floats]:
-        """Return where the hole was filled, its tone and its confidence."""
+        """Return where the hole was filled (H, W), its tone (H, W, 3) and its confidence (H, W)."""
         window = _window(self.hole, round(max(1.7 * manner.box_px, 2 * RIM_PX)) + 2)
         area = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
         scale = min(1.0, float(np.sqrt(SOLVE_PX / area)))
@@ -219,7 +219,7 @@ class _Job:
         return done, filled, sure
 
     def solved(self, offsets: Doubles, window: tuple[slice, slice], scale: float, manner: Manner) -> Weights:
-        """Return the copies' weights, solved on a picture ``scale`` times as large."""
+        """Return the weights of copies from ``offsets`` (N, 2), solved on a picture ``scale`` times as large."""
         small, share = _smaller(self.tone, self.known, scale)
         seen = share > 0.99
         lack = _smaller(self.hole[..., None].astype(np.float32), np.ones_like(self.hole), scale)[0][..., 0] > 0

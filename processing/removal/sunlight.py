@@ -120,7 +120,7 @@ def find_sunlight(
 
 
 def relative_log2(luminance: Floats, plane: Int16s, usable: Flags) -> Floats:
-    """Return log2 of the luminance over the median of its plane's usable pixels; -20 at least."""
+    """Return (H, W): log2 of the luminance over the median of its plane's ``usable`` pixels; -20 at least."""
     found = np.full(luminance.shape, -20.0, np.float32)
     for index in np.unique(plane[usable]):
         here = usable & (plane == index)
@@ -181,7 +181,7 @@ def _within_slack(direction: tuple[float, float], given: tuple[float, float] | N
 
 
 def explained(scene: Scene, room: RoomModel, sun: Doubles) -> float:
-    """Return how well beams along a direction fit: brightness inside them less that of bright places outside."""
+    """Return how well beams along ``sun`` (unit, of shape (3,)) fit: brightness inside less bright places outside."""
     depth, _ = window_depth(room, scene.points_m, sun)
     inside = depth > 0
     if not inside.any():

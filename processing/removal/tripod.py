@@ -30,7 +30,7 @@ SIZE_PX = 320
 
 
 def radius_map() -> Floats:
-    """Return the angle (rad) from the nadir of each pixel of a nadir picture (`SIZE_PX`, `SIZE_PX`)."""
+    """Return each pixel's angle (rad) from the nadir, of a nadir picture's shape (`SIZE_PX`, `SIZE_PX`)."""
     at = (np.arange(SIZE_PX) + 0.5 - SIZE_PX / 2) * (2 * REACH_RAD / SIZE_PX)
     return np.asarray(np.hypot(at[None, :], at[:, None]), dtype=np.float32)
 

@@ -115,7 +115,7 @@ def _quarter(angle: float) -> float:
 
 
 def make_upright(image: Image, rotation: Doubles) -> Image:
-    """Return a picture turned by a rotation (`Upright.rotation`); the very same object where it is the identity.
+    """Return a picture turned by a rotation of shape (3, 3); the same object where that is the identity.
 
     Light is sampled cubic, held within the 16 pixels around (linear beside what lies outside the picture, of the rest
     alone); validity, uncertainty and

@@ -68,7 +68,7 @@ def find_openings_in_sun(
 def sun_patches(
     image: RelativeImage | LuminanceImage, room: RoomModel, sun: tuple[float, float]
 ) -> tuple[Flags, SurfaceMaps]:
-    """Return where openings of the room show sun on a wall (rows, 2 rows), and the room's maps at that size."""
+    """Return where openings of the room show sun on a wall of shape (ROWS, 2 ROWS), and the room's maps."""
     rows = min(ROWS, image.geometry.height_px)
     geometry = Equirectangular(2 * rows, rows)
     maps = surface_maps(room, geometry)

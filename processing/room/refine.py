@@ -51,7 +51,7 @@ class Strip:
     """(N, OFFSETS): log luminance above less below."""
 
     def at(self, offsets: Doubles) -> Doubles:
-        """Return the strength at (..., N) offsets; 0 beyond the strip."""
+        """Return the strength at offsets (rad) of shape (..., N), one a column; 0 beyond the strip."""
         step = self.offset_rad[1] - self.offset_rad[0]
         place = (offsets - self.offset_rad[0]) / step
         inside = (place >= 0) & (place <= len(self.offset_rad) - 1)

@@ -283,7 +283,7 @@ def _canonical(rows: Doubles) -> Doubles:
 
 
 def rotation_about(vector: Doubles) -> Doubles:
-    """Return the matrix (3, 3) of a turn about an axis by its length (rad), right-handed."""
+    """Return the matrix, of shape (3, 3), of a right-handed turn about an axis (3,) by its length (rad)."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-15:
         return np.eye(3)
@@ -293,7 +293,7 @@ def rotation_about(vector: Doubles) -> Doubles:
 
 
 def rotation_vector(matrix: Doubles) -> Doubles:
-    """Return the axis times angle (rad) of a rotation below pi."""
+    """Return the axis times angle (rad), of shape (3,), of a rotation (3, 3) below pi."""
     twice = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
     sine = float(np.linalg.norm(twice)) / 2
     angle = math.atan2(sine, (float(np.trace(matrix)) - 1) / 2)
