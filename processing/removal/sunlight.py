@@ -251,7 +251,6 @@ class ShadowFound:
     """Shadows at working size."""
 
     mask: Flags
-    planes_fitted: int
     planes_without_fit: int
     """Planes too full to estimate the light without furniture: only contact bands there."""
 
@@ -265,7 +264,7 @@ def find_shadows(
     (openings, pictures, direct sun, tripod).
     """
     found = np.zeros(furniture.shape, bool)
-    fitted = without = 0
+    without = 0
     log2 = np.log2(np.maximum(luminance, 1e-6)).astype(np.float32)
     hidden = furniture | other
     for plane in planes_of(room):
@@ -277,12 +276,12 @@ def find_shadows(
         if not object_here.any() or not texture.known.any():
             continue
         shadow, whole = _on_plane(texture.values, texture.known, object_here)
-        fitted, without = fitted + whole, without + (not whole)
+        without += not whole
         if plane.index != FLOOR:
             shadow &= _by(object_here, REACH_M / 2)
         values, where = wrap(shadow.astype(np.float32), plane, PX_PER_M, room, geometry, ~hidden)
         found[where] |= values > 0.5
-    return ShadowFound(found & ~hidden, fitted, without)
+    return ShadowFound(found & ~hidden, without)
 
 
 def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
