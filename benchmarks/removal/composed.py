@@ -61,10 +61,10 @@ def composed_real(
         ahead = [min(mine[i][3] - row[0] for row in theirs[i].values() if not isinstance(row, str)) for i in unseen]
         metrics["real_unseen_gain_db"] = round(float(np.mean(ahead)), 2)
     for name, row, rivals_row in zip(names, mine, theirs, strict=True):
-        told = ", ".join(
+        others_said = ", ".join(
             f"{k} {v[0]:.1f} dB/{v[2]:.2f}/{v[3]:.2f}" for k, v in rivals_row.items() if not isinstance(v, str)
         )
-        notes.append(f"{name}: {row[3]:.1f} dB, gradient {row[5]:.2f}, texture {row[6]:.2f}; {told}")
+        notes.append(f"{name}: {row[3]:.1f} dB, gradient {row[5]:.2f}, texture {row[6]:.2f}; {others_said}")
     return metrics, found
 
 
@@ -81,8 +81,8 @@ class Case:
         self.scale = MIDDLE / float(np.median(luminance_cd_m2(one.empty)))
         self.shown = encoded(one.empty * self.scale)
 
-    def told(self) -> Masks:
-        """Return what the pipeline would tell; what is not to be copied from is told from the picture."""
+    def masks(self) -> Masks:
+        """Return the masks that the pipeline would find in the picture."""
         if self._told is None:
             image = image_of(self.one.furnished)
             self._told = find_masks(image, scene_evidence(image), self.one.room)
@@ -90,13 +90,13 @@ class Case:
 
     def hole(self) -> Any:
         """Return the target with the tripod, which real pictures have."""
-        return self.one.target | grown(self.told().tripod, MARGIN_RAD)
+        return self.one.target | grown(self.masks().tripod, MARGIN_RAD)
 
     def ours(self) -> list[float]:
         """Return our row."""
         one, hole = self.one, self.hole()
         start = time.process_time()
-        found = empty_room(image_of(one.furnished), hole, one.room, sunlight=self.told().sunlight).image.rgb
+        found = empty_room(image_of(one.furnished), hole, one.room, sunlight=self.masks().sunlight).image.rgb
         spent = time.process_time() - start
         true = luminance_cd_m2(one.empty)
         off = (np.abs(luminance_cd_m2(found) - true) / np.maximum(true, 1e-6))[one.target]
@@ -109,6 +109,6 @@ class Case:
         before = np.ascontiguousarray(encoded(self.one.furnished * self.scale))
         try:
             filled, seconds = timed(rival, before, self.hole())
-        except Exception as exc:  # noqa: BLE001 (a rival that fails is told, ours goes on)
+        except Exception as exc:  # noqa: BLE001 (a rival that fails is reported, ours goes on)
             return type(exc).__name__
         return list(scored(filled, self.shown, self.one.target, seconds))

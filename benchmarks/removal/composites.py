@@ -1,6 +1,6 @@
 """Real empty rooms into which rendered furniture with its shadows is put: the untouched picture is the exact truth.
 
-ZInD rooms with their drawn layouts, and an HDR panorama of an empty flat (CC0) with the room that we tell from it.
+ZInD rooms with their drawn layouts, and an HDR panorama of an empty flat (CC0) with the room that we estimate from it.
 Furniture is arranged and rendered by the program (`processing.light.picture.composite.differential`), which plays no
 part in what is measured: filling sees the composed picture and the mask alone. Composites are kept in the cache.
 """
@@ -69,7 +69,7 @@ def near_shadow(things: Flags, ratio: Floats) -> Flags:
 
 
 def _rooms() -> Iterator[tuple[str, Path, RoomModel | None]]:
-    """Yield name, file and layout; None: to be told."""
+    """Yield name, file and layout; None: to be estimated."""
     hdr = DATA / "panoramas" / "hdr" / f"{HDR_ROOM}.hdr"
     if hdr.exists():
         yield HDR_ROOM, hdr, None
@@ -85,7 +85,7 @@ def _rooms() -> Iterator[tuple[str, Path, RoomModel | None]]:
 def _composite(name: str, path: Path, room: RoomModel | None) -> Composite | None:
     empty = _light(path)
     try:
-        known = _told(empty) if room is None else room
+        known = _estimated(empty) if room is None else room
     except ValueError:
         return None
     kept = _place(path)
@@ -120,10 +120,10 @@ def _light(path: Path) -> Floats:
     return np.asarray(small * np.float32(WHITE_CD_M2), np.float32)
 
 
-def _told(light: Floats) -> RoomModel:
-    from benchmarks.room.room_run import told
+def _estimated(light: Floats) -> RoomModel:
+    from benchmarks.room.room_run import estimated
 
-    found = told(picture_of(light))
+    found = estimated(picture_of(light))
     if found.estimate is None:
         raise ValueError(found.refusal)
     return found.estimate.room.model_copy(update={"openings": found.openings})

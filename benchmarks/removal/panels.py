@@ -66,7 +66,7 @@ def lebombo() -> dict[str, Bytes]:
     """Return the real flat with rendered furniture."""
     case = Case(next(iter(composites(1))))
     before, hole = np.ascontiguousarray(encoded(case.one.furnished * case.scale)), case.hole()
-    ours = empty_room(image_of(case.one.furnished), hole, case.one.room, sunlight=case.told().sunlight).image.rgb
+    ours = empty_room(image_of(case.one.furnished), hole, case.one.room, sunlight=case.masks().sunlight).image.rgb
     return _four(before, hole, encoded(ours * case.scale), case.shown)
 
 

@@ -98,7 +98,7 @@ def theirs_on(case: Case, name: str, rival: Rival, rows: Rows) -> Scores | None:
         torn[hole] = 0
         try:
             filled, seconds = timed(rival, torn, hole | ~valid)
-        except Exception as exc:  # noqa: BLE001 (a rival that fails is told, ours goes on)
+        except Exception as exc:  # noqa: BLE001 (a rival that fails is reported, ours goes on)
             return type(exc).__name__
         return scored(filled, picture, hole, seconds)
 

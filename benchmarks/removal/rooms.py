@@ -124,7 +124,7 @@ def _theirs(number: int, use: Use, size: int, rival: Rival) -> Any:
     for picture in (np.ascontiguousarray(encoded(truth.luminance_rgb * scale)), np.ascontiguousarray(shown)):
         try:
             filled, seconds = timed(rival, picture, target)
-        except Exception as exc:  # noqa: BLE001 (a rival that fails is told, ours goes on)
+        except Exception as exc:  # noqa: BLE001 (a rival that fails is reported, ours goes on)
             return type(exc).__name__
         made += scored(filled, shown, target, seconds)
     return made

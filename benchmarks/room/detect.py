@@ -260,15 +260,15 @@ def _real_metrics(real: dict[str, dict[str, Any]], notes: list[str]) -> dict[str
 def _rivals(
     found: list[dict[str, Any]], real: dict[str, dict[str, Any]], notes: list[str]
 ) -> dict[str, dict[str, float]]:
-    told = {}
+    figures = {}
     for rival, key in (("voc_through_views", "voc"), ("colour_outliers", "colours"), ("network_alone", "raw")):
         simulated = [one[key] for one in found if one[key]]
         drawn = [one[key] for one in real.values() if one[key]]
         if not simulated:
             notes.append(f"{rival} was not measured: network or runtime are not there")
             continue
-        told[rival] = _scores("sim", simulated) | (_scores("real", drawn) if drawn else {})
-    return told
+        figures[rival] = _scores("sim", simulated) | (_scores("real", drawn) if drawn else {})
+    return figures
 
 
 def _scores(where: str, scores: list[Score]) -> dict[str, float]:

@@ -10,7 +10,7 @@ import json
 import numpy as np
 
 from benchmarks.room.detect_truth import DATA, photograph, picture_of, score, share
-from benchmarks.room.room_run import told
+from benchmarks.room.room_run import estimated
 from benchmarks.room.room_scores import score_room
 from processing.ground.arrays import Flags
 from processing.ground.room_model import OpeningKind, RoomModel
@@ -59,7 +59,7 @@ def paper_figures() -> dict[str, float]:
 
 def _found(name: str) -> tuple[RoomModel, Masks, float]:
     image = picture_of(resized(np.asarray(photograph(PAPER / name / "panorama.jpg").rgb), SHAPE))
-    found = told(image)
+    found = estimated(image)
     if found.estimate is None or found.evidence is None:
         raise RuntimeError(f"{name}: {found.refusal}")
     room = found.estimate.room.model_copy(update={"openings": found.openings})

@@ -1,4 +1,4 @@
-"""Rooms told from one panorama: 3D IoU, corners, windows, confidence, run time.
+"""Rooms estimated from one panorama: 3D IoU, corners, windows, confidence, run time.
 
 Simulated rooms of test seeds, furnished (as they stand) and emptied, 1024 x 512; ZInD pictures of the scored half
 against ``layout_raw`` (keys ``_zind_``) and ``layout_visible``; ``seconds`` is the CPU time of one full-size panorama
@@ -26,7 +26,7 @@ from benchmarks.room.room_openings import opening_metrics
 from benchmarks.room.room_openings import score_room as score_openings
 from benchmarks.room.room_plots import reliability_plot
 from benchmarks.room.room_real import RealRoom, labelled_rooms, real_rooms
-from benchmarks.room.room_run import Told, rivals_of, told
+from benchmarks.room.room_run import Estimated, estimated, rivals_of
 from benchmarks.room.room_scores import RoomScore, score_room
 from benchmarks.truth_rooms import kept_list, room_model_of, truth_of
 from processing.ground.room_model import RoomModel
@@ -73,7 +73,7 @@ class _Gathered:
         return {name: [row["rivals"][name] for row in self.rows if name in row["rivals"]] for name in sorted(names)}
 
 
-def _row(found: Told, true: RoomModel) -> dict[str, Any]:
+def _row(found: Estimated, true: RoomModel) -> dict[str, Any]:
     """Return the figures of one picture."""
     score = score_room(found.estimate.room, true) if found.estimate else NONE
     row = {
@@ -119,7 +119,7 @@ def _simulated(number: int, use: Any) -> dict[str, Any]:
     room, truth = truth_of(number, use)
     true = room_model_of(room)
     pictures = {"furnished": truth.luminance_rgb, "empty": truth.empty_rgb}
-    return {name: _row(told(picture_of(rgb), sun=sun_of(room)), true) for name, rgb in pictures.items()}
+    return {name: _row(estimated(picture_of(rgb), sun=sun_of(room)), true) for name, rgb in pictures.items()}
 
 
 def _simulated_metrics(empty: _Gathered, furnished: _Gathered) -> dict[str, float]:
@@ -203,15 +203,17 @@ def _real(kept: Rows, *, quick: bool) -> tuple[dict[str, Any], list[str]]:
 
 
 def _real_row(room: RealRoom) -> dict[str, Any]:
-    found = told(room.picture, with_openings=False)
+    found = estimated(room.picture, with_openings=False)
     row = _row(found, room.raw)
     seen = _score(found, room.visible)
-    told_of = "" if seen is None else f", visible {seen:.3f}"
-    note = f"{room.name}: 3D IoU raw {row['iou3d']:.3f}{told_of}, confidence {found.confidence:.2f} {found.refusal}"
+    visible_said = "" if seen is None else f", visible {seen:.3f}"
+    note = (
+        f"{room.name}: 3D IoU raw {row['iou3d']:.3f}{visible_said}, confidence {found.confidence:.2f} {found.refusal}"
+    )
     return row | {"visible": row["iou3d"] if seen is None else seen, "note": note.strip()}
 
 
-def _score(found: Told, true: RoomModel | None) -> float | None:
+def _score(found: Estimated, true: RoomModel | None) -> float | None:
     if true is None:
         return None
     return score_room(found.estimate.room, true).iou3d if found.estimate else 0.0
@@ -222,7 +224,7 @@ def _full_size(room: tuple[int, Any]) -> dict[str, Any]:
     plan, truth = truth_of(*room)
     image = picture_of(cv2.resize(truth.luminance_rgb, FULL_SIZE, interpolation=cv2.INTER_LINEAR))
     with MemoryWatch() as memory:
-        found = told(image, sun=sun_of(plan))
+        found = estimated(image, sun=sun_of(plan))
     parts = ", ".join(f"{name} {value:.2f}" for name, value in found.cpu_s.items())
     return {"metrics": {"seconds": sum(found.cpu_s.values()), "peak_mb": memory.own_peak_mb}, "parts": parts}
 
@@ -242,7 +244,7 @@ def _bad_cases() -> dict[str, Any]:
         "cropped, padded": cropped,
         "cropped": rng.uniform(0, 1, (200, 512, 3)).astype(np.float32),
     }
-    found = {name: told(picture_of(rgb), with_openings=False) for name, rgb in cases.items()}
+    found = {name: estimated(picture_of(rgb), with_openings=False) for name, rgb in cases.items()}
     doubted = sum(t.confidence < 0.5 for t in found.values())
     return {
         "metrics": {"bad_cases": float(len(found)), "bad_cases_doubted": float(doubted)},
@@ -279,5 +281,5 @@ def _timed(number: int, use: Any, quality: str, width: int) -> list[float]:
     """Return CPU seconds and 1 - 3D IoU of a furnished room at a quality and a size."""
     room, truth = truth_of(number, use)
     rgb = cv2.resize(truth.luminance_rgb, (width, width // 2), interpolation=cv2.INTER_AREA)
-    found = told(picture_of(rgb), quality=quality, with_openings=False)
+    found = estimated(picture_of(rgb), quality=quality, with_openings=False)
     return [sum(found.cpu_s.values()), 1 - (_score(found, room_model_of(room)) or 0.0)]

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.room.detect_truth import picture_of
 from benchmarks.room.room_level import random_turn, tilted
-from benchmarks.room.room_run import told
+from benchmarks.room.room_run import estimated
 from benchmarks.room.room_scores import score_room
 from benchmarks.seeds import seeds
 from mocks.rooms.room import make_room
@@ -110,7 +110,7 @@ def doubt_rows(seed: int, number: int) -> list[dict[str, Any]]:
     rows = []
     for one in doubtful(seed, number):
         image = picture_of(one.rgb)
-        found = told(image, with_openings=False)
+        found = estimated(image, with_openings=False)
         iou = score_room(found.estimate.room, _true(one, image)).iou3d if found.estimate else 0.0
         rows.append({"kind": one.kind, "confidence": found.confidence, "iou3d": iou, "refusal": found.refusal})
     return rows

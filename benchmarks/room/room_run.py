@@ -26,8 +26,8 @@ FIXED_BOX = 1.1
 
 
 @dataclass(frozen=True)
-class Told:
-    """What was told of a panorama; ``estimate`` None: refused, with the reason."""
+class Estimated:
+    """What was estimated of a panorama; ``estimate`` None: refused, with the reason."""
 
     estimate: RoomEstimate | None
     openings: tuple[Opening, ...]
@@ -42,13 +42,13 @@ class Told:
         return self.estimate.room.confidence if self.estimate else 0.0
 
 
-def told(
+def estimated(
     image: RelativeImage,
     *,
     quality: str = "standard",
     with_openings: bool = True,
     sun: tuple[float, float] | None = None,
-) -> Told:
+) -> Estimated:
     """Return the room of a panorama, level or not; ``sun``: its azimuth and elevation (rad), if a session knows."""
     cpu_s: dict[str, float] = {}
     evidence, manhattan = None, 0.0
@@ -69,8 +69,8 @@ def told(
             with _timed(cpu_s, "openings"):
                 openings = find_openings_in_sun(upright, evidence, estimate.room, sun)
     except DaylitError as error:
-        return Told(None, (), f"{error.code}: {error}", cpu_s, manhattan, evidence)
-    return Told(estimate, openings, "", cpu_s, manhattan, evidence)
+        return Estimated(None, (), f"{error.code}: {error}", cpu_s, manhattan, evidence)
+    return Estimated(estimate, openings, "", cpu_s, manhattan, evidence)
 
 
 @contextmanager
@@ -82,7 +82,7 @@ def _timed(cpu_s: dict[str, float], part: str) -> Iterator[None]:
         cpu_s[part] = time.process_time() - start
 
 
-def rivals_of(found: Told) -> dict[str, RoomModel]:
+def rivals_of(found: Estimated) -> dict[str, RoomModel]:
     """Return rooms that need less: a fixed box, the network's bare polygon, and the best box of its boundaries."""
     box = _box(found.manhattan_rad, FIXED_BOX)
     rivals = {"fixed_box": _room(box, 0.7)}

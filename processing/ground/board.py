@@ -99,7 +99,7 @@ def board_around(level: Floats, known: Flags, seed: tuple[int, int]) -> Flags | 
         _, labels = cv2.connectedComponents(even.astype(np.uint8), connectivity=4)
         region = labels == labels[near]
         size_sr = float(region.sum(axis=1) @ row_sr)
-        if LEAST_SR <= size_sr <= MOST_SR and _filled(*np.nonzero(region), level.shape[0]) >= LEAST_FILLED:
+        if LEAST_SR <= size_sr <= MOST_SR and _filled(region) >= LEAST_FILLED:
             largest = region
     if largest is None:
         return None
@@ -133,10 +133,11 @@ def _on_tangent_plane(longitude: Doubles, latitude: Doubles, centre_rad: float) 
     return u, v, ahead
 
 
-def _filled(rows: Indices, columns: Indices, height: int) -> float:
-    """Return the share of the smallest rectangle around pixels that they fill, on the tangent plane."""
-    pixel = math.pi / height
-    latitude = row_latitudes(height)[rows]
+def _filled(region: Flags) -> float:
+    """Return the share of the smallest rectangle around a region that it fills, on the tangent plane."""
+    rows, columns = np.nonzero(region)
+    pixel = math.pi / len(region)
+    latitude = row_latitudes(len(region))[rows]
     u, v, ahead = _on_tangent_plane((columns - columns.mean()) * pixel, latitude, float(latitude.mean()))
     if ahead.min() <= 0.2:
         return 0.0
@@ -156,7 +157,7 @@ def _reduced(rgb: Floats, luminance: Floats, usable: Flags) -> _Scene:
     small, light, good = (wrapped(one, extra)[:, extra:] for one in (small, light, good))
     logs, level = np.log2(small), np.log2(light)
     chroma = np.hypot(logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1])
-    return _Scene(cv2.medianBlur(level, 3), chroma, good, size[0], float(np.median(level)))
+    return _Scene(np.asarray(cv2.medianBlur(level, 3), np.float32), chroma, good, size[0], float(np.median(level)))
 
 
 def _boards(scene: _Scene, step_stops: float) -> Iterator[Board]:
@@ -164,7 +165,7 @@ def _boards(scene: _Scene, step_stops: float) -> Iterator[Board]:
     even = cv2.erode(_even(scene.level, scene.usable, step_stops).astype(np.uint8), np.ones((2, 2), np.uint8))
     _, labels, facts, _ = cv2.connectedComponentsWithStats(even, connectivity=4)
     for number in np.flatnonzero(facts[:, cv2.CC_STAT_AREA] >= LEAST_PX):
-        board = _judged(scene, labels, int(number)) if number else None
+        board = _judged(scene, np.asarray(labels, np.int32), int(number)) if number else None
         if board is not None:
             yield board
 

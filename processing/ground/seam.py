@@ -38,7 +38,7 @@ def row_solid_angles(shape: tuple[int, int]) -> Doubles:
 
 
 def share_of_sphere(mask: Flags) -> float:
-    """Return which part of the sphere a mask covers, 0..1."""
+    """Return which part of the sphere a mask (H, W) of a whole panorama covers, 0..1."""
     return float(
         np.count_nonzero(mask, axis=1) @ row_solid_angles((mask.shape[0], mask.shape[1]))[:, 0] / (4 * math.pi)
     )

@@ -122,23 +122,26 @@ def _tiles(shape: tuple[int, int]) -> Iterator[tuple[slice, slice]]:
 
 
 def guided(values: Floats, guide: Floats, radius_px: int, eps: float = GUIDE_EPS) -> Floats:
-    """Return ``values`` (H, W) smoothed along a colour guide (H, W, 3): linear in its colours within each window."""
+    """Return ``values`` (H, W) smoothed along a colour guide (H, W, 3): linear in its colours within each window.
 
-    def mean(picture: npt.NDArray[np.floating]) -> Floats:
+    He, Sun, Tang 2013, eq. 14 to 16; ``guide`` in 0..1.
+    """
+
+    def _mean(picture: npt.NDArray[np.floating]) -> Floats:
         side = 2 * radius_px + 1
         return np.asarray(
             cv2.boxFilter(np.asarray(picture, np.float32), -1, (side, side), borderType=cv2.BORDER_REFLECT), np.float32
         )
 
-    colour, value = mean(guide), mean(values)
-    covariance = [mean(guide[..., i] * values) - colour[..., i] * value for i in range(3)]
+    colour, value = _mean(guide), _mean(values)
+    covariance = [_mean(guide[..., i] * values) - colour[..., i] * value for i in range(3)]
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-    spread = [mean(guide[..., i] * guide[..., j]) - colour[..., i] * colour[..., j] for i, j in pairs]
+    spread = [_mean(guide[..., i] * guide[..., j]) - colour[..., i] * colour[..., j] for i, j in pairs]
     for k in (0, 3, 5):
         spread[k] = spread[k] + np.float32(eps)
     slope = np.stack(_solved(spread, covariance), axis=-1)
     offset = value - (slope * colour).sum(axis=2)
-    return np.asarray((mean(slope) * guide).sum(axis=2) + mean(offset), dtype=np.float32)
+    return np.asarray((_mean(slope) * guide).sum(axis=2) + _mean(offset), dtype=np.float32)
 
 
 def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
@@ -194,7 +197,7 @@ def colour_distance(rgb8: Bytes, known: Flags) -> Floats:
 def surface_outliers(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Floats:
     """Return (H, W) in 0..`MOST_OUTLYING`: ln(1 + squared distance) from the colours of the plane behind each pixel.
 
-    ``probabilities`` (8, H, W) tell where a plane is seen; a plane that is hardly seen gives 0.
+    ``probabilities`` (8, H, W) say where a plane is seen; a plane that is hardly seen gives 0.
     """
     own = {FLOOR: SceneClass.FLOOR, CEILING: SceneClass.CEILING}
     found = np.zeros(maps.plane.shape, np.float32)

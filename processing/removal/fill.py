@@ -321,7 +321,7 @@ def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirect
         columns = np.flatnonzero((row >= 1) & (row < len(out) - 1))
         row = row[columns]
         lower = (row + 1 - edge[columns])[:, None]
-        # The pixel's middle tells which side it was drawn for.
+        # The pixel's middle decides which side it was drawn for.
         above, below = before[row - 1, columns], before[row + 1, columns]
         mixed = np.where(lower > 0.5, lower * before[row, columns] + (1 - lower) * above, 0)
         mixed = np.where(lower > 0.5, mixed, (1 - lower) * before[row, columns] + lower * below)

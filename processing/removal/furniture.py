@@ -95,7 +95,7 @@ def furniture_prior(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Fl
 
 
 def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:
-    """Return the components of a mask that are attached to the floor, and count and solid angle (sr) of the others.
+    """Return the components of a mask (H, W) attached to the ``floor`` (H, W), and count and sr of the others.
 
     A component is attached where enough of it, or of its lower contour, lies before the floor's region (widened by
     `FLOOR_SLACK_RAD`). Clutter on furniture stays, as it hangs together with what it stands on.
@@ -117,7 +117,7 @@ def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:
 
 
 def islands_in(mask: Flags, never: Flags) -> Flags:
-    """Return the components outside a mask that it encloses and that are small, but for those mostly in ``never``."""
+    """Return the small components that a mask (H, W) encloses, but for those mostly in ``never`` (H, W)."""
     count, labels = components(~mask)
     weight = np.broadcast_to(row_solid_angles((mask.shape[0], mask.shape[1])), mask.shape)
     size = np.bincount(labels.ravel(), weight.ravel(), count + 1)

@@ -24,7 +24,7 @@ NARROW_PX = 4.0
 
 
 def blurred(picture: Floats, sigma_px: float) -> Floats:
-    """Return (H, W[, C]) blurred by a Gaussian; wide ones to within some percent of the picture's range."""
+    """Return a picture of shape (H, W[, C]) blurred by a Gaussian; wide ones to within some percent of its range."""
     if sigma_px <= NARROW_PX:
         return np.asarray(cv2.GaussianBlur(picture, (0, 0), sigma_px).reshape(picture.shape), np.float32)
     factor = NARROW_PX / 1.6 / sigma_px
@@ -68,11 +68,11 @@ class ToneScale:
         return cls(max(TOE * float(np.median(seen)), 1e-6))
 
     def tone(self, rgb: Floats) -> Floats:
-        """Return log(rgb + toe)."""
+        """Return log(rgb + toe), for ``rgb`` (..., 3) of any shape."""
         return np.asarray(np.log(np.maximum(rgb, 0) + np.float32(self.toe)), np.float32)
 
     def light(self, tone: Floats) -> Floats:
-        """Return the light of tones; never negative."""
+        """Return the light of tones of any shape; never negative."""
         return np.asarray(np.maximum(np.exp(np.minimum(tone, 80.0)) - np.float32(self.toe), 0), np.float32)
 
 
@@ -86,7 +86,7 @@ _CROSS = np.array([[0, 1, 0], [1, 0, 1], [0, 1, 0]], np.float32) / 4
 
 
 def spread(values: Floats, given: Flags) -> Floats:
-    """Return (H, W[, C]): ``values`` where given, elsewhere the membrane through them; zeros where none is given."""
+    """Return ``values``, of shape (H, W[, C]), where ``given`` (H, W), elsewhere their membrane; 0 without any."""
     if not given.any():
         return np.zeros_like(values)
     picture = np.where(given if values.ndim == 2 else given[..., None], values, 0).astype(np.float32)
@@ -167,7 +167,7 @@ class _Grid:
         return design
 
     def bending(self) -> Doubles:
-        """Return the rows of all second differences of the nodes."""
+        """Return (K, NODES): the rows of all second differences of the nodes, and of slopes and twists."""
         index = np.arange(self.rows * self.columns).reshape(self.rows, self.columns)
         rows = []
         for triple in (
@@ -241,7 +241,7 @@ def fit_illumination(tone: Floats, known: Flags, hole: Flags, steps_px: Doubles 
 def local_light(rest: Floats, known: Flags, sigma_px: float) -> Floats:
     """Return (H, W, C): what slow part a fit left, at the scale of ``sigma_px``, and its membrane through holes.
 
-    For surfaces without a lattice, whose pattern nobody can tell from light: glow and soft shadows meet at the rim.
+    For surfaces without a lattice, whose pattern nothing separates from light: glow and soft shadows meet at the rim.
     """
     mean, share = known_mean(rest, known, sigma_px)
     return spread(mean, known & (share > LEAST_SHARE))

@@ -73,7 +73,7 @@ def find_masks(
     sun_direction
         Azimuth (from +y towards +x) and elevation in rad; None: looked for.
     sun_possible
-        False: no direct sun is looked for (an overcast sky, as the outdoor picture tells).
+        False: no direct sun is looked for (an overcast sky, as the outdoor picture shows).
     meter_target
         Where the meter looked: longitude and latitude in rad in this picture; the board there goes with its stand.
     margin_rad
@@ -101,7 +101,7 @@ def find_masks(
 
 @dataclass(frozen=True)
 class _Known:
-    """What the session tells of this picture."""
+    """What the session says of this picture."""
 
     sun: tuple[float, float] | None
     sun_possible: bool

@@ -1,10 +1,10 @@
 """Completion of a rectified texture by its own repeats: floors of tiles, parquet, planks (the paper's near-periodic
 patterns, without minutes of optimisation).
 
-The known part tells its lattice (`near_periodic_lattice`); light is taken out (`illumination`), the hole is filled with
-copies one or more lattice steps away (`near_periodic_fill`), and light is put back. Where the pattern repeats in one
-direction only, copies come from along that direction; where it does not repeat, `complete` says so and gives copies
-that fit their surroundings.
+The lattice is found in the known part (`near_periodic_lattice`); light is taken out (`illumination`), the hole is
+filled with copies one or more lattice steps away (`near_periodic_fill`), and light is put back. Where the pattern
+repeats in one direction only, copies come from along that direction; where it does not repeat, `complete` says so and
+gives copies that fit their surroundings.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ MANNERS = {
 }
 """Box (of a cell), liveliness, detail (px), whether guesses take part. Of what does not repeat, a mean is a blur."""
 LOCAL = 0.02
-"""Of the texture's size: the scale below which a pattern without lattice is told from light."""
+"""Of the texture's size: the scale below which a pattern without lattice is separated from light."""
 LOOSE_CELL = 0.045
-"""Of the texture's size: the neighbourhood that tells whether a copy fits where there is no lattice."""
+"""Of the texture's size: the neighbourhood in which it is judged whether a copy fits where there is no lattice."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,9 @@ def complete(
 ) -> Completion:
     """Fill ``hole`` of a texture (H, W, 3), linear light >= 0, from the ``known`` pixels; both masks (H, W).
 
-    ``density`` (H, W): picture pixels a texel; what was seen finely is then preferred where it was to be seen so.
+    ``density`` (H, W): picture pixels a texel; where the picture is fine, fine copies are preferred.
 
-    ``found`` is what `analyse` gave, if asked before.
+    ``found`` is the result of `analyse`, if it is known already.
     Pixels in neither mask are left as they are. Nothing known: the hole stays 0 with confidence 0.
     """
     known = known & ~hole
@@ -163,7 +163,7 @@ def _smaller(tone: Floats, known: Flags, factor: float) -> tuple[Floats, Floats]
 
 
 def _offsets(found: Analysis, known: Flags, hole: Flags) -> tuple[Doubles, float]:
-    """Return the shifts to try, in the texture's pixels, and how large a neighbourhood tells whether one fits."""
+    """Return the shifts to try, in the texture's pixels, and in how large a neighbourhood they are judged."""
     if found.lattice is not None:
         cell = float(np.sqrt(abs(np.linalg.det(found.lattice.basis_px))))
         return lattice_offsets(found.lattice, known.shape[:2]), cell
@@ -190,7 +190,7 @@ class _Job:
     density: Floats | None
 
     def filled(self, offsets: Doubles, manner: Manner) -> tuple[Floats, Floats, Flags]:
-        """Return tone, confidence and what is left; what no copy reaches is filled from what was filled before."""
+        """Return tone (H, W, 3), confidence and what is left (H, W); ``offsets`` (N, 2) as (dx, dy)."""
         job, confidence = self, self.known.astype(np.float32)
         for turn in range(PASSES):
             done, tone, sure = job.one_pass(offsets, manner)
@@ -203,7 +203,7 @@ class _Job:
         return job.tone, confidence, job.hole
 
     def one_pass(self, offsets: Doubles, manner: Manner) -> tuple[Flags, Floats, Floats]:
-        """Return where the hole was filled, its tone and its confidence."""
+        """Return where the hole was filled (H, W), its tone (H, W, 3) and its confidence (H, W)."""
         window = _window(self.hole, round(max(1.7 * manner.box_px, 2 * RIM_PX)) + 2)
         area = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
         scale = min(1.0, float(np.sqrt(SOLVE_PX / area)))
@@ -219,7 +219,7 @@ class _Job:
         return done, filled, sure
 
     def solved(self, offsets: Doubles, window: tuple[slice, slice], scale: float, manner: Manner) -> Weights:
-        """Return the copies' weights, solved on a picture ``scale`` times as large."""
+        """Return the weights of copies from ``offsets`` (N, 2), solved on a picture ``scale`` times as large."""
         small, share = _smaller(self.tone, self.known, scale)
         seen = share > 0.99
         lack = _smaller(self.hole[..., None].astype(np.float32), np.ones_like(self.hole), scale)[0][..., 0] > 0

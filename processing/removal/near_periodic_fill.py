@@ -37,7 +37,7 @@ class Manner:
     """How copies are compared and blended."""
 
     box_px: float
-    """Neighbourhood that tells whether a copy fits, in the full picture's pixels."""
+    """Neighbourhood in which it is judged whether a copy fits, in the full picture's pixels."""
     lively: float
     """0: the mean of the copies; 1: all detail below ``detail_px`` is the best copy's alone."""
     detail_px: float
@@ -155,7 +155,7 @@ def _usual_costs(tone: Floats, known: Flags, offsets: Doubles) -> Floats:
     """Return (N,): each shift's mean squared difference over all pixels that are known here and there.
 
     Rows of panes or tiles may differ more than the panes of one row: copies from along the row are then the better
-    ones in the middle of a hole too, where nothing known is near enough to tell.
+    ones in the middle of a hole too, where nothing known is near enough to compare.
     """
     step = max(1, round(math.sqrt(known.size / USUAL_PX)))
     small, seen = np.ascontiguousarray(tone[::step, ::step]), np.ascontiguousarray(known[::step, ::step])

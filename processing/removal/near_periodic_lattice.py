@@ -30,7 +30,7 @@ class SelfCorrelation:
     """(cy, cx)."""
 
     def at(self, shifts: npt.ArrayLike) -> Doubles:
-        """Return the NCC, bilinear, at shifts (..., 2) as (dx, dy); NaN outside."""
+        """Return the NCC, bilinear, at shifts of shape (..., 2), as (dx, dy) in pixels; NaN outside."""
         s = np.asarray(shifts, np.float64)
         x, y = s[..., 0] + self.centre[1], s[..., 1] + self.centre[0]
         height, width = self.ncc.shape
@@ -117,7 +117,7 @@ class Lattice:
 
     @property
     def basis_px(self) -> Doubles:
-        """Return both shifts (2, 2), one a row."""
+        """Return both shifts, of shape (2, 2), one a row."""
         return np.stack([self.a_px, self.b_px])
 
     def nodes(self, reach: int) -> Doubles:
@@ -217,7 +217,7 @@ def _refined(correlation: SelfCorrelation, a: Doubles, b: Doubles) -> tuple[Doub
 
 
 def peak_near(correlation: SelfCorrelation, shift: Doubles, radius: int = 3) -> tuple[Doubles, float] | None:
-    """Return the sub-pixel maximum of the NCC within some pixels of a shift and its value; None where unknown."""
+    """Return sub-pixel place and value of the greatest NCC near a shift, both of shape (2,); None where unknown."""
     x, y = (round(float(v)) for v in (shift[0] + correlation.centre[1], shift[1] + correlation.centre[0]))
     height, width = correlation.ncc.shape
     if not (radius < x < width - radius - 1 and radius < y < height - radius - 1):
@@ -270,7 +270,7 @@ class Line:
 
 
 def lattice_offsets(lattice: Lattice, shape: tuple[int, int]) -> Doubles:
-    """Return the nodes that reach known pixels, nearest first: what is near has like light and like wear."""
+    """Return the nodes (N, 2) within a texture's size, nearest first: what is near has like light and like wear."""
     height, width = shape
     shortest = max(np.linalg.norm(lattice.basis_px, axis=1).min(), 1.0)
     reach = min(40, int(np.ceil(1.1 * np.hypot(height, width) / shortest)))
@@ -285,7 +285,7 @@ def lattice_offsets(lattice: Lattice, shape: tuple[int, int]) -> Doubles:
 
 
 def find_line(field: Floats, known: Flags) -> Line | None:
-    """Return the direction in which nearly all grain runs, of a field as `oriented` gives it, or None."""
+    """Return the direction of nearly all grain, or None; ``field`` (H, W, 2), ``known`` (H, W): see `oriented`."""
     if not known.any():
         return None
     # Edges lie across the gradient, hence the sign.
@@ -298,7 +298,7 @@ def find_line(field: Floats, known: Flags) -> Line | None:
 
 
 def line_offsets(line: Line, correlation: SelfCorrelation) -> Doubles:
-    """Return shifts along the line, both ways, and those of highest NCC whatever their direction."""
+    """Return shifts (N, 2) along the line, both ways, and those of highest NCC whatever their direction."""
     rng = np.random.default_rng(3)
     reach = 0.95 * max(correlation.centre)
     along = np.linspace(0.08, 1, MOST // 3) * reach
@@ -309,7 +309,7 @@ def line_offsets(line: Line, correlation: SelfCorrelation) -> Doubles:
 
 
 def loose_offsets(correlation: SelfCorrelation, count: int = MOST) -> Doubles:
-    """Return the shifts with the highest NCC that are not next to each other, near and far ones alike."""
+    """Return the shifts (N, 2) of highest NCC that are not next to each other, near and far ones alike."""
     ncc = np.nan_to_num(correlation.ncc, nan=-1.0).astype(np.float32)
     cy, cx = correlation.centre
     y, x = np.mgrid[: ncc.shape[0], : ncc.shape[1]]

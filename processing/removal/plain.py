@@ -18,15 +18,15 @@ from processing.removal.illumination import ToneScale, blurred, fit_illumination
 # What furniture takes from the light of the wall beside it: it does not go on where the furniture is removed.
 #
 # Beside what stands before a wall, the wall gets less light than further away. Continued through the hole, that draws
-# the shadow of what is no longer there. So a wall's light is told from further away, and in the hole it rises from what
-# it is at the rim, which stays as it is, to what it is around. What furniture takes from the whole room nobody can put
-# back without changing what is seen.
+# the shadow of what is no longer there. So a wall's light is estimated from further away, and in the hole it
+# rises from what it is at the rim, which stays as it is, to what it is around. What furniture takes
+# from the whole room cannot be put back without changing what is seen.
 
 
 NEAR_M = 0.5
 """From the hole, as far as what is removed is taken to darken the wall."""
 AROUND_M = (1.0, 4.0)
-"""Neighbourhoods that tell the light further away; the wide one where the near one sees nothing."""
+"""Neighbourhoods in which the light further away is measured; the wide one where the near one sees nothing."""
 WIDE_SHARE = 0.02
 """Of the wide neighbourhood's weight against the near one's."""
 RISE_M = 0.2
@@ -61,7 +61,7 @@ def rising_light(light: Floats, clean: Flags, seen: Flags, hole: Flags, px_per_m
     rise = np.clip(total / share - level, 0, MOST_RISE)
     inward = cv2.distanceTransform((hole | ~seen).astype(np.uint8), cv2.DIST_L2, 5)
     rise *= 1 - np.exp(-((inward / np.float32(RISE_M * px_per_m)) ** 2))
-    # Where nothing is far enough to tell, nothing rises.
+    # Where nothing is far enough to measure, nothing rises.
     return np.where(hole & (share > 1e-5), rise, 0).astype(np.float32)
 
 

@@ -47,7 +47,7 @@ def opening_regions(plane: Plane, room: RoomModel, shape: tuple[int, int], px_pe
 
 
 def too_bright(luminance: Floats, known: Flags, factor: float = 6.0) -> Flags:
-    """Return known pixels far brighter than their surface around: lamps, glints; nothing is to be copied from them."""
+    """Return the known pixels (H, W) ``factor`` times as bright as their surroundings (H, W): lamps, glints."""
     if not known.any():
         return np.zeros_like(known)
     level = np.log(np.maximum(luminance, 1e-9))
@@ -79,7 +79,7 @@ def fill_plane(
     elsewhere: Floats,
     skirting: Skirting | None = None,
 ) -> FilledPlane:
-    """Fill a texture's hole; ``unfit`` texels are known but nothing is copied from them (sunlight, mixed pixels).
+    """Fill a texture's ``hole`` (H, W); ``unfit`` texels (H, W) are known but not copied (sunlight, mixed pixels).
 
     ``elsewhere`` (3,) is the colour of like planes, taken where too little of this one is known; ``skirting`` that of
     the room, for walls that hide their own.
@@ -155,7 +155,7 @@ def _surface(
 SKIRTING_PX_PER_M = 80.0
 HIGHEST_M = 0.25
 TOP_M = 0.05
-"""Below that height: what of the wall is just above the skirting, against which it is told."""
+"""Below that height: what of the wall is just above the skirting, against which it is measured."""
 ABOVE_M = (0.3, 0.6)
 """Where the wall itself must be seen too."""
 LEAST_COLUMNS = 12

@@ -3,7 +3,7 @@
 A mask is never quite right: beside it stand the rest of a rug, a chair's foot, a board that nobody took for furniture.
 Copied into the hole they are shards. Such a thing is seen in one place; boards, tiles, grain and wear are seen in many.
 So each texel's look (colour, tone and roughness, the slow light taken out) is sought away from it. How unlike is too
-unlike, the texture tells itself: a varied floor allows much. A thing ends at an edge; light and shadow, which run out,
+unlike depends on the texture: a varied floor allows much. A thing ends at an edge; light and shadow, which run out,
 stay: the light's fit needs them.
 """
 
@@ -21,7 +21,7 @@ MOST_CELLS = 110
 AWAY_M = 0.6
 """From a cell, where its look is sought: what is smaller and alone is a thing."""
 LEAST_CELLS = 600
-"""Known cells, under which nobody can tell what is usual."""
+"""Known cells, under which it is unknown what is usual."""
 GREY_WEIGHT, ROUGH_WEIGHT = 0.25, 0.1
 """Against colour: shadows are darker, and yet the plane."""
 USUAL_SHARE = 0.04
@@ -29,7 +29,7 @@ USUAL_SHARE = 0.04
 TOLERANCE, LEAST_TOLERANCE = 2.6, 0.18
 """Times the median cell's distance; rests may be a third of all that is seen."""
 LEVELS = (4.0, 2.0, 1.0)
-"""Times the tolerance: a white board beside a grey box is told before both."""
+"""Times the tolerance: a white board beside a grey box is found before both."""
 EDGE = 0.7
 """Of the tolerance: as far as a thing reaches from what is surely odd."""
 SMOOTH_CELLS = 1.2
@@ -49,7 +49,7 @@ MOST_OUT = 0.35
 def plane_sources(values: Floats, sources: Flags, px_per_m: float) -> Flags:
     """Return those of ``sources`` (H, W) that look as the plane does; ``values`` (H, W, 3) are linear light.
 
-    All of them where too little is seen to tell.
+    All of them where too little is seen to judge.
     """
     factor = min(1.0, 1 / (CELL_M * px_per_m), MOST_CELLS / max(sources.shape))
     size = tuple(max(2, round(n * factor)) for n in sources.shape[1::-1])

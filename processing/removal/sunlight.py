@@ -120,7 +120,7 @@ def find_sunlight(
 
 
 def relative_log2(luminance: Floats, plane: Int16s, usable: Flags) -> Floats:
-    """Return log2 of the luminance over the median of its plane's usable pixels; -20 at least."""
+    """Return (H, W): log2 of the luminance over the median of its plane's ``usable`` pixels; -20 at least."""
     found = np.full(luminance.shape, -20.0, np.float32)
     for index in np.unique(plane[usable]):
         here = usable & (plane == index)
@@ -181,7 +181,7 @@ def _within_slack(direction: tuple[float, float], given: tuple[float, float] | N
 
 
 def explained(scene: Scene, room: RoomModel, sun: Doubles) -> float:
-    """Return how well beams along a direction fit: brightness inside them less that of bright places outside."""
+    """Return how well beams along ``sun`` (unit, of shape (3,)) fit: brightness inside less bright places outside."""
     depth, _ = window_depth(room, scene.points_m, sun)
     inside = depth > 0
     if not inside.any():
@@ -251,9 +251,8 @@ class ShadowFound:
     """Shadows at working size."""
 
     mask: Flags
-    planes_fitted: int
     planes_without_fit: int
-    """Planes too full to tell the light without furniture: only contact bands there."""
+    """Planes too full to estimate the light without furniture: only contact bands there."""
 
 
 def find_shadows(
@@ -265,7 +264,7 @@ def find_shadows(
     (openings, pictures, direct sun, tripod).
     """
     found = np.zeros(furniture.shape, bool)
-    fitted = without = 0
+    without = 0
     log2 = np.log2(np.maximum(luminance, 1e-6)).astype(np.float32)
     hidden = furniture | other
     for plane in planes_of(room):
@@ -277,16 +276,16 @@ def find_shadows(
         if not object_here.any() or not texture.known.any():
             continue
         shadow, whole = _on_plane(texture.values, texture.known, object_here)
-        fitted, without = fitted + whole, without + (not whole)
+        without += not whole
         if plane.index != FLOOR:
             shadow &= _by(object_here, REACH_M / 2)
         values, where = wrap(shadow.astype(np.float32), plane, PX_PER_M, room, geometry, ~hidden)
         found[where] |= values > 0.5
-    return ShadowFound(found & ~hidden, fitted, without)
+    return ShadowFound(found & ~hidden, without)
 
 
 def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
-    """Return shadow on a plane's texture, and whether the light without furniture could be told."""
+    """Return shadow on a plane's texture, and whether the light without furniture could be estimated."""
     # Texels that furniture hides in part belong to the band: the picture's finer pixels beside it fall into them.
     band = _by(thing, CONTACT_M)
     contact = known & band

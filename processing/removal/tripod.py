@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -29,7 +30,7 @@ SIZE_PX = 320
 
 
 def radius_map() -> Floats:
-    """Return the angle (rad) from the nadir of each pixel of a nadir picture (`SIZE_PX`, `SIZE_PX`)."""
+    """Return each pixel's angle (rad) from the nadir, of a nadir picture's shape (`SIZE_PX`, `SIZE_PX`)."""
     at = (np.arange(SIZE_PX) + 0.5 - SIZE_PX / 2) * (2 * REACH_RAD / SIZE_PX)
     return np.asarray(np.hypot(at[None, :], at[:, None]), dtype=np.float32)
 
@@ -41,7 +42,7 @@ def nadir_picture(picture: npt.NDArray[np.generic], *, nearest: bool = False) ->
     longitude = np.arctan2(at[None, :], -at[:, None])
     latitude = radius_map() - math.pi / 2
     pad = 2
-    wide = wrapped(picture, pad)
+    wide: npt.NDArray[Any] = wrapped(picture, pad)
     x = ((longitude / (2 * math.pi) + 0.5) * width - 0.5 + pad).astype(np.float32)
     y = ((0.5 - latitude / math.pi) * height - 0.5).astype(np.float32)
     how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
@@ -219,7 +220,7 @@ def meter_board(luminance: Floats, target: tuple[float, float]) -> tuple[Flags, 
     known = np.isfinite(luminance) & (luminance > 0)
     level = np.log2(np.where(known, luminance, np.float32(1e-6))).astype(np.float32)
     level = np.roll(level, shift, axis=1)
-    board = board_around(cv2.medianBlur(level, 3), np.roll(known, shift, axis=1), (row, middle))
+    board = board_around(np.asarray(cv2.medianBlur(level, 3), np.float32), np.roll(known, shift, axis=1), (row, middle))
     if board is None:
         return nothing, False
     stand = _stand(level, board)

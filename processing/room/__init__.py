@@ -1,1 +1,1 @@
-"""The room as planes: its model, and how it is told from a panorama."""
+"""The room as planes: its model, and how it is estimated from a panorama."""

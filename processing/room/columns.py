@@ -95,7 +95,7 @@ def check_boundary(evidence: BoundaryEvidence) -> None:
 def height_ratio(
     floor_rad: Doubles, floor_sigma: Doubles, ceiling_rad: Doubles, ceiling_sigma: Doubles
 ) -> tuple[float, float]:
-    """Return the median ratio tan(ceiling) / tan(floor), each column weighted by what it knows, and its spread."""
+    """Return the median of tan(ceiling) / tan(floor), weighted by uncertainties, and its spread; all (N,) in rad."""
     logs = np.log(np.tan(ceiling_rad) / np.tan(floor_rad))
     sigma = np.hypot(2 * floor_sigma / np.sin(2 * floor_rad), 2 * ceiling_sigma / np.sin(2 * ceiling_rad))
     weights = 1 / (sigma**2 + 0.05**2)
@@ -105,7 +105,7 @@ def height_ratio(
 
 
 def weighted_median(values: Doubles, weights: Doubles) -> float:
-    """Return the value with half of the weight below it."""
+    """Return the value with half of the weight below it; both (N,)."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, total[-1] / 2)])

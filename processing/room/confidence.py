@@ -94,7 +94,7 @@ RIVAL_WITHIN = 60.0
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """What confidence is told from; none needs the truth."""
+    """What confidence is computed from; none needs the truth."""
 
     misfit: float
     """Root mean square of capped residuals of both boundaries, in standard deviations."""
@@ -206,22 +206,22 @@ def _credible(found: Diagnostics) -> float:
 
 def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
     """Return in words what makes a room doubtful; nothing for a sure one."""
-    told = []
+    doubted = []
     if found.blank > 0.05:
-        told.append(f"{100 * found.blank:.0f} % of the sphere show nothing: cropped?")
+        doubted.append(f"{100 * found.blank:.0f} % of the sphere show nothing: cropped?")
     if found.overhead < 0.5:
-        told.append("little ceiling is seen overhead: outdoors, or an open roof?")
+        doubted.append("little ceiling is seen overhead: outdoors, or an open roof?")
     if found.nearest < 0.25:
-        told.append("a wall is very near the camera: does it stand in a doorway?")
+        doubted.append("a wall is very near the camera: does it stand in a doorway?")
     if found.unexplained > 0.25:
-        told.append(f"no wall explains {100 * found.unexplained:.0f} % of the directions: open doors or mirrors?")
+        doubted.append(f"no wall explains {100 * found.unexplained:.0f} % of the directions: open doors or mirrors?")
     if found.ratio_spread > 0.15:
-        told.append("floor and ceiling disagree about distances: not level, or several ceiling heights?")
+        doubted.append("floor and ceiling disagree about distances: not level, or several ceiling heights?")
     if found.rival > 0.15:
-        told.append("another room fits nearly as well")
+        doubted.append("another room fits nearly as well")
     if sure < 0.5:
-        told.append(f"the room is doubtful (confidence {sure:.2f}): check it, daylit room SESSION --edit")
-    return tuple(told)
+        doubted.append(f"the room is doubtful (confidence {sure:.2f}): check it, daylit room SESSION --edit")
+    return tuple(doubted)
 
 
 def wall_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[float, ...]:

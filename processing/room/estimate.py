@@ -110,7 +110,7 @@ def estimate_room(
     camera_height_m
         Sets the scale.
     manhattan_rad
-        Azimuth of the walls (`processing.room.level.find_upright`); None: told from the boundaries.
+        Azimuth of the walls (`processing.room.level.find_upright`); None: estimated from the boundaries.
     quality
         ``draft``: no refinement on the picture. ``standard``, ``reference``.
 
@@ -170,7 +170,7 @@ def ranked_hypotheses(columns: Columns, evidence: SceneEvidence, turned_rad: flo
 
 
 def walls_azimuth(columns: Columns) -> float:
-    """Return the direction, modulo a quarter turn, in which most of the walls look, told from boundaries alone."""
+    """Return the direction, modulo a quarter turn, in which most of the walls look, estimated from boundaries alone."""
     inverse = (columns.floor + columns.ceiling / columns.ratio) / 2
     reach = 1 / np.maximum(inverse, 0.05)
     points = np.stack([reach * np.sin(columns.azimuth_rad), reach * np.cos(columns.azimuth_rad)], axis=-1)

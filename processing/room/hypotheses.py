@@ -53,7 +53,10 @@ class Fit:
 
 
 def residuals(polygon: Doubles, ratio: float, columns: Columns) -> Doubles:
-    """Return (2, N): predicted less found inverse distances, by floor and ceiling, in standard deviations."""
+    """Return (2, N): predicted less found inverse distances, by floor and ceiling, in standard deviations.
+
+    ``polygon`` (K, 2) in camera heights, around the camera.
+    """
     distance, _ = wall_ranges(polygon, columns.azimuth_rad)
     inverse = 1 / np.maximum(distance, 1e-3)
     return np.stack(
@@ -62,7 +65,7 @@ def residuals(polygon: Doubles, ratio: float, columns: Columns) -> Doubles:
 
 
 def cost_of(polygon: Doubles, ratio: float, columns: Columns) -> tuple[float, float]:
-    """Return the capped cost and the share of unexplained columns."""
+    """Return the capped cost of a polygon (K, 2), and the share of unexplained columns."""
     found = np.minimum(np.abs(residuals(polygon, ratio, columns)), CAP)
     return float((found**2).sum()), float((found >= CAP).any(axis=0).mean())
 
@@ -173,7 +176,7 @@ class ClassTable:
             self._sums[name] = np.concatenate([np.zeros((1, columns)), np.cumsum(loss, axis=0)])
 
     def loss(self, polygon: Doubles, ratio: float) -> float:
-        """Return the mean of -log(share of classes that may be there) over the sphere: 0 is perfect."""
+        """Return the mean of -log(share of classes that may be there) over the sphere; polygon (K, 2): 0 is perfect."""
         distance, _ = wall_ranges(polygon, self.azimuth_rad)
         up, down = np.arctan2(ratio, distance), np.arctan2(-1.0, distance)
         ceiling = self._at("ceiling", up)
@@ -269,7 +272,7 @@ def _divided(
 
 
 def _key(outline: Outline) -> tuple[object, ...]:
-    """Return what tells outlines apart before fitting: walls of the same kinds that look the same way."""
+    """Return what distinguishes outlines before fitting: walls of the same kinds that look the same way."""
     return tuple(
         (w.kind, w.seen, round(w.normal_rad, 1), round(math.log(abs(w.distance) + 0.1), 1)) for w in outline.walls
     )

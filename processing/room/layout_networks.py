@@ -1,7 +1,7 @@
 """Layout networks of others, as ONNX files that users bring: HorizonNet, LED2-Net and LGT-Net exports.
 
 All take one picture [1, 3, 512, 1024], RGB from 0 to 1, upright, and do best with the walls straight ahead. They differ
-in what they give; the kind is told from the outputs' shapes and checked when the file is loaded:
+in what they give; the kind is recognised by the outputs' shapes and checked when the file is loaded:
 
 ========== ============================================ ==================================================
 kind       outputs                                      meaning
@@ -59,7 +59,7 @@ class LayoutNetwork:
 
 
 def load_layout_network(path: Path) -> LayoutNetwork:
-    """Load an ONNX file and tell its kind by its inputs and outputs.
+    """Load an ONNX file and recognise its kind by its inputs and outputs.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Levelling: how far a panorama is tilted, which way the walls run, and the upright panorama.
 
 The vertical is the axis near the zenith to which most edges run, the walls' direction that of the horizontal axes
-(`processing.room.vanishing`). Nothing is turned where the edges do not tell an upright room, or where the tilt found is
-no larger than its own uncertainty.
+(`processing.room.vanishing`). Nothing is turned where the edges are not those of an upright room, or where the tilt
+found is no larger than its own uncertainty.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LEAST_TILT_RAD = math.radians(0.2)
 """A smaller tilt is left: to turn the picture costs more sharpness than it gains."""
 LEAST_SUPPORT = 0.5
 MODEL_SIGMA_RAD = math.radians(0.05)
-"""What walls and door frames are out of plumb together; edges cannot tell it."""
+"""What walls and door frames are out of plumb together; edges cannot show it."""
 ROWS_AT_ONCE = 1 << 19
 """Pixels of a band."""
 
@@ -39,11 +39,11 @@ class Upright:
     rotation: Doubles
     """(3, 3): directions of the picture to those of the upright one; identity where it is left as it is."""
     tilt_rad: float
-    """Found, whether it is undone or not; 0 where nothing tells."""
+    """Found, whether it is undone or not; 0 where no edges show it."""
     manhattan_rad: float
     """Longitude, modulo a quarter turn, at which walls are seen straight on, in (-pi/4, pi/4], once upright."""
     sigma_rad: float
-    """Standard uncertainty of the vertical's direction; inf where nothing tells."""
+    """Standard uncertainty of the vertical's direction; inf where no edges show it."""
     support: float
     """0..1: how surely the edges are those of an upright room."""
     manhattan_sigma_rad: float
@@ -61,7 +61,7 @@ class Upright:
 def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) -> Upright:
     """Return how an equirectangular picture must be turned to be upright (up to 40 degrees), and its walls' direction.
 
-    ``turn`` False: the picture is taken as upright; its tilt and its walls' direction are told all the same.
+    ``turn`` False: the picture is taken as upright; its tilt and its walls' direction are reported all the same.
 
     Raises `ParameterError` for a picture that is not equirectangular.
     """
@@ -88,13 +88,13 @@ def find_upright(image: RelativeImage | LuminanceImage, *, turn: bool = True) ->
 
 
 def _decided(vertical: Doubles, tilt: float, sigma: float, support: float) -> tuple[Doubles, str]:
-    told = f"tilt {math.degrees(tilt):.2f} ± {math.degrees(sigma):.2f} degrees"
+    tilted = f"tilt {math.degrees(tilt):.2f} ± {math.degrees(sigma):.2f} degrees"
     if support < LEAST_SUPPORT:
         return np.eye(3), f"left as it is: the edges are no room's (support {support:.2f})"
     if tilt < max(LEAST_TILT_RAD, sigma):
-        return np.eye(3), f"left as it is: {told}"
+        return np.eye(3), f"left as it is: {tilted}"
     axis = np.cross(vertical, [0.0, 0.0, 1.0])
-    return rotation_about(axis / np.linalg.norm(axis) * tilt), f"turned: {told}"
+    return rotation_about(axis / np.linalg.norm(axis) * tilt), f"turned: {tilted}"
 
 
 def _support(axes: Axes) -> tuple[float, float]:
@@ -115,7 +115,7 @@ def _quarter(angle: float) -> float:
 
 
 def make_upright(image: Image, rotation: Doubles) -> Image:
-    """Return a picture turned by a rotation (`Upright.rotation`); the very same object where it is the identity.
+    """Return a picture turned by a rotation of shape (3, 3); the same object where that is the identity.
 
     Light is sampled cubic, held within the 16 pixels around (linear beside what lies outside the picture, of the rest
     alone); validity, uncertainty and

@@ -144,7 +144,7 @@ def box_scores(wall: WallSums, recess_m: float, weights: Any, frames_m: Any, box
 Box = tuple[float, float, float, float]
 
 HIDING = (SceneClass.FURNITURE, SceneClass.TRIPOD, SceneClass.FIXTURE)
-"""What may hide an opening: there, classes tell nothing."""
+"""What may hide an opening: there, classes say nothing."""
 COMMON_EDGE = 0.3
 """Edge strength anywhere on a wall."""
 FRAMES_M = (0.03, 0.045, 0.06, 0.075, 0.1)

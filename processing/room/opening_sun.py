@@ -1,7 +1,7 @@
-"""Patches of sun on walls look like windows: bright, upright, four-cornered. Where the sun stands tells them apart.
+"""Patches of sun on walls look like windows: bright, upright, four-cornered. The sun's position distinguishes them.
 
 A patch lies where the sun falls through *another* opening, has its wall's own colour and no detail; a true window
-shows the outdoors. What is told so becomes evidence of a wall, and the openings are looked for once more.
+shows the outdoors. What is recognised so becomes evidence of a wall, and the openings are looked for once more.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ ROWS = 512
 AZIMUTHS, ELEVATIONS = 5, 3
 """Directions tried within which the given one may be off."""
 EDGE_M = 0.15
-"""By which windows, and so their beams, may be told wrong."""
+"""By which windows, and so their beams, may be estimated wrong."""
 DETAIL_STOPS = 0.25
 """Standard deviation within `DETAIL_RAD`: what shows more is no evenly lit wall."""
 DETAIL_RAD = math.radians(1.5)
@@ -68,7 +68,7 @@ def find_openings_in_sun(
 def sun_patches(
     image: RelativeImage | LuminanceImage, room: RoomModel, sun: tuple[float, float]
 ) -> tuple[Flags, SurfaceMaps]:
-    """Return where openings of the room show sun on a wall (rows, 2 rows), and the room's maps at that size."""
+    """Return where openings of the room show sun on a wall of shape (ROWS, 2 ROWS), and the room's maps."""
     rows = min(ROWS, image.geometry.height_px)
     geometry = Equirectangular(2 * rows, rows)
     maps = surface_maps(room, geometry)

@@ -185,7 +185,7 @@ def find_openings(
 
 
 def luminance_outside(image: RelativeImage | LuminanceImage, outdoor: LuminanceImage | None) -> float | None:
-    """Return the log2 of the median outdoor luminance over the panorama's median, None where it cannot be told."""
+    """Return the log2 of the median outdoor luminance over the panorama's median, None where it is unknown."""
     if outdoor is None or not isinstance(image, LuminanceImage):
         return None
     sky, room = (luminance_cd_m2(one.rgb)[one.validity != Validity.OUTSIDE] for one in (outdoor, image))

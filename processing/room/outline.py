@@ -117,7 +117,7 @@ def _fit_one(values: Any, weight: Any, basis: Any, kind: int, n: int, first: int
 def divide(costs: Costs, corner: Doubles, price: float, kinds: dict[int, float]) -> tuple[float, list[Stretch]]:
     """Return the cheapest division of the turn and its cost; ([], inf) where there is none.
 
-    ``price`` is paid for each wall, less where a corner is likely (``corner``, 0..1); ``kinds`` adds a price by kind.
+    ``price`` is paid for each wall, less where a corner is likely (``corner`` (N,), 0..1); ``kinds`` adds some by kind.
     """
     best_kind, best = _cheapest_kinds(costs.cost, kinds)
     n = len(corner)
@@ -219,7 +219,7 @@ def corners_of(outline: Outline) -> Doubles:
 
 
 def polygon_of(outline: Outline) -> Doubles | None:
-    """Return the corners counter-clockwise, in camera heights; None where the walls make no room around the camera."""
+    """Return the corners (K, 2) counter-clockwise, in camera heights; None where walls make no room."""
     if len(outline.walls) < 3:
         return None
     corners = corners_of(outline)
@@ -241,7 +241,7 @@ def _encloses(floor: Doubles) -> bool:
 
 
 def outline_of(stretches: list[Stretch], azimuth_rad: Doubles, turned_rad: float, ratio: float) -> Outline | None:
-    """Return the walls that stretches of columns show, with what must stand between them unseen; None if too few."""
+    """Return the walls that stretches of columns (N,) show, and what stands unseen between; None if too few."""
     n = len(azimuth_rad)
     merged = _merged([(_wall(s), (s.first / n - 0.5) * 2 * math.pi - turned_rad) for s in stretches])
     if len(merged) < 2:
@@ -305,7 +305,7 @@ def _between(wall: Wall, following: Wall, border_rad: float) -> list[Wall]:
 
 
 def with_values(outline: Outline, values: Doubles) -> Outline:
-    """Return the outline with its parameters replaced: see `values_of`."""
+    """Return the outline with its parameters (M,) replaced: see `values_of`."""
     turned, log_ratio = float(values[0]), float(values[1])
     free = iter(values[2 + len(outline.walls) :])
     walls = [
@@ -320,6 +320,6 @@ def with_values(outline: Outline, values: Doubles) -> Outline:
 
 
 def values_of(outline: Outline) -> Doubles:
-    """Return the parameters: walls' azimuth, log of the heights' ratio, distances, then the normals of FREE walls."""
+    """Return the parameters (M,): walls' azimuth, log of the heights' ratio, distances, normals of FREE walls."""
     free = [w.normal_rad for w in outline.walls if w.kind == FREE]
     return np.array([outline.turned_rad, math.log(outline.ratio), *(w.distance for w in outline.walls), *free])

@@ -51,7 +51,7 @@ class Strip:
     """(N, OFFSETS): log luminance above less below."""
 
     def at(self, offsets: Doubles) -> Doubles:
-        """Return the strength at (..., N) offsets; 0 beyond the strip."""
+        """Return the strength at offsets (rad) of shape (..., N), one a column; 0 beyond the strip."""
         step = self.offset_rad[1] - self.offset_rad[0]
         place = (offsets - self.offset_rad[0]) / step
         inside = (place >= 0) & (place <= len(self.offset_rad) - 1)
@@ -146,7 +146,7 @@ PROBE_RAD = math.radians(2.0)
 """How far from a boundary the classes are asked what is there."""
 LEAST_CLEAR = 0.5
 COLUMN_WEIGHT = 0.25
-"""Of a column in choosing shifts: neighbours tell the same."""
+"""Of a column in choosing shifts: neighbours carry the same evidence."""
 
 
 @dataclass(frozen=True)

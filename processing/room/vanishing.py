@@ -2,7 +2,7 @@
 
 An edge parallel to an axis lies on a great circle that goes through the axis: its normal is square to it. The axes are
 searched for (a vertical near the zenith from pairs of arcs, then an azimuth), judged by all arcs together, and refined
-by weighted least squares on the rotation. What is left out sector by sector tells how far the answer may be off.
+by weighted least squares on the rotation. What is left out sector by sector shows how far the answer may be off.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def _nearest(ends: Doubles, axes: Doubles) -> Indices:
 
 
 MOST_TILT_RAD = math.radians(40)
-"""Of the camera: beyond 45 degrees no one can tell the vertical from the walls' horizontals."""
+"""Of the camera: beyond 45 degrees nothing distinguishes the vertical from the walls' horizontals."""
 SEARCH_RAD, FINE_RAD = math.radians(1.2), math.radians(0.5)
 """How far edges of a real room may be off their axis: while searching, and at the end."""
 LONGEST_RAD = math.radians(40)
@@ -154,11 +154,11 @@ class Axes:
     excess: Doubles
     """(3,): what share of the length of all arcs lies along each axis, beyond what would by chance."""
     length_rad: float
-    """Of all arcs, those too short to tell an axis discounted."""
+    """Of all arcs, those too short to show an axis discounted."""
 
 
 def find_axes(arcs: Arcs, *, most_tilt_rad: float = MOST_TILT_RAD) -> Axes | None:
-    """Return the three axes, or None where fewer than `FEWEST` arcs are there to tell."""
+    """Return the three axes, or None where fewer than `FEWEST` arcs are there."""
     if len(arcs.length_rad) < FEWEST:
         return None
     worth = np.minimum(arcs.length_rad, LONGEST_RAD)
@@ -235,7 +235,7 @@ def _refined(arcs: Arcs, worth: Doubles, rows: Doubles, of_room_rad: float, step
         weight = worth / spread**2 * np.exp(-0.5 * (residual / spread) ** 2)
         slope = np.cross(rows[axis], arcs.normals)
         normal = (slope * weight[:, None]).T @ slope
-        # What no arc tells stays as it is.
+        # What no arc constrains stays as it is.
         normal += np.eye(3) * 1e-6 * max(np.trace(normal), 1e-30)
         turn = -np.linalg.solve(normal, slope.T @ (weight * residual))
         rows = rows @ rotation_about(turn).T
@@ -283,7 +283,7 @@ def _canonical(rows: Doubles) -> Doubles:
 
 
 def rotation_about(vector: Doubles) -> Doubles:
-    """Return the matrix (3, 3) of a turn about an axis by its length (rad), right-handed."""
+    """Return the matrix, of shape (3, 3), of a right-handed turn about an axis (3,) by its length (rad)."""
     angle = float(np.linalg.norm(vector))
     if angle < 1e-15:
         return np.eye(3)
@@ -293,7 +293,7 @@ def rotation_about(vector: Doubles) -> Doubles:
 
 
 def rotation_vector(matrix: Doubles) -> Doubles:
-    """Return the axis times angle (rad) of a rotation below pi."""
+    """Return the axis times angle (rad), of shape (3,), of a rotation (3, 3) below pi."""
     twice = np.array([matrix[2, 1] - matrix[1, 2], matrix[0, 2] - matrix[2, 0], matrix[1, 0] - matrix[0, 1]])
     sine = float(np.linalg.norm(twice)) / 2
     angle = math.atan2(sine, (float(np.trace(matrix)) - 1) / 2)

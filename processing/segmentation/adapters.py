@@ -220,7 +220,7 @@ def read_contract(path: Path) -> NetworkContract:
         first = exc.errors(include_url=False, include_context=False, include_input=False)[0]
         key = ".".join(str(part)[:60] for part in first["loc"]) or "contract"
         raise SegmenterError(f"{key}: {first['msg']}", where=str(path), advice="correct this key") from exc
-    contract.matrix  # noqa: B018 (names without a meaning are told now, not in the middle of a run)
+    contract.matrix  # noqa: B018 (names without a meaning are reported now, not in the middle of a run)
     return contract
 
 

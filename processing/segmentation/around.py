@@ -1,6 +1,6 @@
 """A network for ordinary pictures, used on the whole sphere: views out, classes back (Ji et al. 2023, eq. 3, fig. 3).
 
-First a few wide views tell where floor and furniture are; only there, finer views follow. What comes back is class
+First a few wide views show where floor and furniture are; only there, finer views follow. What comes back is class
 probabilities, each view weighted by the distance to its border and by the solid angle of its pixels (stretched corners
 count less). Class numbers are never interpolated: they have become probabilities before.
 """
@@ -26,7 +26,7 @@ from processing.sphere.views import Panorama, cut_view, stitch_views, view_at, v
 COARSE_FOV_RAD = math.radians(110)
 COARSE_WORTH = 0.02
 """Of a wide view beside a fine one of the same place."""
-TOLD = 0.3
+EVIDENT = 0.3
 """Probability from which floor or furniture is evidence."""
 LEAST_SHARE = 0.02
 """Of a view's pixels that must show such evidence."""
@@ -79,23 +79,23 @@ def segment_around(
         for count, pitch_rad in plan.rings
         for view in view_ring(count, size_px=size_px, fov_rad=plan.fov_rad, pitch_rad=pitch_rad)
     ]
-    told: list[tuple[Perspective, Floats, float]] = []
+    segmented: list[tuple[Perspective, Floats, float]] = []
     coarse = first.probabilities if first else None
     # To a network of one size wide views cost as much as fine ones, as many as they could save.
     if plan.skip and first is None and not segmenter.fixed_size:
         wide_views = _wide_views(max(size_px // 2, 64))
-        told = [(view, *_asked(panorama, segmenter, view, COARSE_WORTH)) for view in wide_views]
-        coarse = _stitched(told, target, None)
+        segmented = [(view, *_asked(panorama, segmenter, view, COARSE_WORTH)) for view in wide_views]
+        coarse = _stitched(segmented, target, None)
     chosen = [v for v in views if coarse is None or _worth_a_look(coarse, v)] if plan.skip else views
-    told += [(view, *_asked(panorama, segmenter, view, 1.0)) for view in chosen]
-    wide = len(told) - len(chosen)
+    segmented += [(view, *_asked(panorama, segmenter, view, 1.0)) for view in chosen]
+    wide = len(segmented) - len(chosen)
     skipped = len(views) - len(chosen)
     note = f"{skipped} of {len(views)} views show neither floor nor furniture and were left to {wide} wide views"
     return SceneEvidence(
-        probabilities=np.ascontiguousarray(_stitched(told, target, first)),
+        probabilities=np.ascontiguousarray(_stitched(segmented, target, first)),
         source=segmenter.name,
         boundary=first.boundary if first else None,
-        views_used=len(told),
+        views_used=len(segmented),
         views_skipped=skipped,
         notes=(note,) if skipped else (),
     )
@@ -127,17 +127,17 @@ def _asked(panorama: Panorama, segmenter: Segmenter, view: Perspective, worth: f
 
 
 def _worth_a_look(coarse: Floats, view: Perspective) -> bool:
-    """Return whether a view may show floor or furniture, as far as coarse probabilities (8, H, W) tell."""
+    """Return whether a view may show floor or furniture, as far as coarse probabilities (8, H, W) show."""
     small = view_at(fov_rad=view.fov_x_rad, theta_rad=view.yaw_rad, phi_rad=view.pitch_rad, height_px=32, width_px=32)
     seen = cut_view(np.ascontiguousarray(coarse.transpose(1, 2, 0)), small)
-    shown = np.maximum(seen[..., SceneClass.FLOOR], seen[..., SceneClass.FURNITURE]) >= TOLD
+    shown = np.maximum(seen[..., SceneClass.FLOOR], seen[..., SceneClass.FURNITURE]) >= EVIDENT
     # A network that knows no floor leaves it open; below the horizon one must look.
     open_below = (seen.max(axis=2) < KNOWN) & (view.pitch_rad < 0)
     return bool((shown | open_below).mean() >= LEAST_SHARE)
 
 
 def _stitched(
-    told: Sequence[tuple[Perspective, Floats, float]], target: Equirectangular, first: SceneEvidence | None
+    segmented: Sequence[tuple[Perspective, Floats, float]], target: Equirectangular, first: SceneEvidence | None
 ) -> Floats:
     """Return (8, H, W); where no view sees, what was known first, else uniform."""
     shape = (target.height_px, target.width_px)
@@ -145,10 +145,10 @@ def _stitched(
     if first is not None:
         known = np.ascontiguousarray(first.probabilities.transpose(1, 2, 0))
         rest, _ = resample(known, Equirectangular(known.shape[1], known.shape[0]), target, method="bilinear")
-    if told:
-        views = [_of_output(view, found) for view, found, _ in told]
-        weights = [worth * _solid_angle_share(view) for view, (_, _, worth) in zip(views, told, strict=True)]
-        mixed, coverage = stitch_views([found for _, found, _ in told], views, target, weights=weights)
+    if segmented:
+        views = [_of_output(view, found) for view, found, _ in segmented]
+        weights = [worth * _solid_angle_share(view) for view, (_, _, worth) in zip(views, segmented, strict=True)]
+        mixed, coverage = stitch_views([found for _, found, _ in segmented], views, target, weights=weights)
         rest = np.where(coverage[..., None] > 0, mixed, rest)
     rest /= np.maximum(rest.sum(axis=2, keepdims=True), 1e-6)
     return np.asarray(rest.transpose(2, 0, 1), dtype=np.float32)

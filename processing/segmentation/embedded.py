@@ -86,7 +86,7 @@ def _scaled(band: npt.NDArray[np.floating], gain: float, first_row: int) -> Floa
 
 
 def exposure(picture: npt.NDArray[np.floating]) -> float:
-    """Return the factor that brings the median luminance (of what is not black, by solid angle) to ``MIDDLE``, or 0."""
+    """Return the factor that brings the median luminance of a picture (H, W, 3), where not black, to `MIDDLE`."""
     step = max(1, picture.shape[1] // _SAMPLES_PX)
     few = np.asarray(picture[step // 2 :: step, step // 2 :: step], dtype=np.float64)
     luminance = few @ np.array(LUMINANCE_WEIGHTS)
@@ -102,7 +102,7 @@ def exposure(picture: npt.NDArray[np.floating]) -> float:
 
 
 def curve(scaled: Floats) -> Floats:
-    """Return what is shown for scaled values >= 0: rising, below 1, without a white point."""
+    """Return what is shown for scaled values >= 0 of any shape: rising, below 1, without a white point."""
     return np.sqrt(scaled / (scaled + np.float32(_KNEE)))
 
 
@@ -223,7 +223,7 @@ def _boundary(network: _Network, found: Floats, turns: tuple[int, ...]) -> Bound
 
 def _nothing(name: str) -> SceneEvidence:
     even = np.full((len(SceneClass), HEIGHT_PX, WIDTH_PX), 1 / len(SceneClass), dtype=np.float32)
-    return SceneEvidence(even, name, None, notes=("the picture is black or of one tone: nothing can be told",))
+    return SceneEvidence(even, name, None, notes=("the picture is black or of one tone: nothing can be recognised",))
 
 
 def _run(network: _Network, pictures: Floats) -> tuple[Floats, Floats]:

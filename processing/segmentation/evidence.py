@@ -17,7 +17,7 @@ from processing.errors import SegmenterError
 from processing.ground.arrays import Doubles, Floats
 from processing.pictures.writing import write_bytes
 
-# The classes that daylit tells apart.
+# The classes that daylit distinguishes.
 
 
 class SceneClass(IntEnum):

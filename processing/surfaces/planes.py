@@ -41,12 +41,12 @@ class Plane:
     """(N, 2): the plane's polygon in (u, v)."""
 
     def world(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
-        """Return world positions (..., 3) of places on the plane."""
+        """Return world positions (m), of shape (..., 3), of places (u, v) on the plane."""
         u, v = np.asarray(u_m, np.float64)[..., None], np.asarray(v_m, np.float64)[..., None]
         return np.asarray(self.origin_m + u * self.u_axis + v * self.v_axis)
 
     def coordinates(self, points_m: npt.ArrayLike) -> Doubles:
-        """Return (..., 2) the (u, v) of world positions, dropped onto the plane."""
+        """Return the (u, v), of shape (..., 2), of world positions (..., 3), m, dropped onto the plane."""
         offset = np.asarray(points_m, np.float64) - self.origin_m
         return np.stack([offset @ self.u_axis, offset @ self.v_axis], axis=-1)
 

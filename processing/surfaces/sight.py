@@ -46,7 +46,7 @@ def wall_ranges(floor: npt.ArrayLike, azimuth_rad: npt.ArrayLike) -> tuple[Doubl
 
 
 def in_sight(floor: npt.ArrayLike, points_m: npt.ArrayLike) -> Flags:
-    """Return which places (..., 2) of the plan the camera at (0, 0) sees: no wall stands before them.
+    """Return which places, of shape (..., 2), of the plan the camera at (0, 0) sees: no wall stands before them.
 
     A place on a wall is seen if the wall shows its inner side; a place outside the room is not seen.
     """

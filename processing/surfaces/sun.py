@@ -26,7 +26,7 @@ def coloured_as_behind(rgb: Floats, plane: Int16s, places: Flags, hidden: Flags)
     ``rgb`` (H, W, 3) is linear light, ``plane`` (H, W) numbers the room's planes; a plane's colour is that of what
     nothing has ``hidden``.
     """
-    told = np.zeros_like(places)
+    sunlike = np.zeros_like(places)
     logs = np.log(np.maximum(rgb, 1e-6))
     red, blue = logs[..., 0] - logs[..., 1], logs[..., 2] - logs[..., 1]
     for index in np.unique(plane[places]):
@@ -36,8 +36,8 @@ def coloured_as_behind(rgb: Floats, plane: Int16s, places: Flags, hidden: Flags)
             continue
         redder, bluer = red[here] - np.median(red[known]), blue[here] - np.median(blue[known])
         warm = (redder > RED_IN_SUN[0]) & (redder < RED_IN_SUN[1])
-        told[here] = warm & (bluer > BLUE_IN_SUN[0]) & (bluer < BLUE_IN_SUN[1])
-    return told
+        sunlike[here] = warm & (bluer > BLUE_IN_SUN[0]) & (bluer < BLUE_IN_SUN[1])
+    return sunlike
 
 
 OUTSIDE = -10.0
@@ -47,7 +47,7 @@ AZIMUTH_SLACK_RAD, ELEVATION_SLACK_RAD = math.radians(6), math.radians(2)
 
 
 def sun_vector(azimuth_rad: float, elevation_rad: float) -> Doubles:
-    """Return the unit vector to the sun; azimuth from +y (ahead) towards +x (right)."""
+    """Return the unit vector to the sun, of shape (3,); azimuth from +y (ahead) towards +x (right)."""
     level = math.cos(elevation_rad)
     return np.array([level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.sin(elevation_rad)])
 
@@ -63,7 +63,7 @@ def window_depth(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -
     Parameters
     ----------
     points_m
-        (..., 3), on the room's surfaces.
+        Of shape (..., 3), on the room's surfaces.
     sun
         (3,), unit, towards the sun.
 
@@ -100,7 +100,7 @@ def window_depth(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -
 
 
 def wall_between(room: RoomModel, points_m: npt.ArrayLike, sun: npt.ArrayLike) -> Flags:
-    """Return where another wall of the room hides the sun's window: the way there leaves the room more than once."""
+    """Return which points, of shape (..., 3), another wall hides from the sun: the way leaves the room twice."""
     points = np.asarray(points_m, dtype=np.float64)
     direction = np.asarray(sun, dtype=np.float64)[:2]
     corners = np.asarray(room.floor, dtype=np.float64)

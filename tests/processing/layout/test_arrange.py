@@ -133,7 +133,9 @@ def test_bound_pieces_stand_by_their_hosts_or_are_refused_with_the_reason() -> N
     plan = make_plan([[0, 0], [3.4, 0], [3.4, 3.0], [0, 3.0]], doors=[Door(0, 0.1, 0.9)], windows=[Window(2, 1, 2.4)])
     for rules in ("standard", "tight"):
         reach_m = built_in_rules().named(rules).together
-        for one in arrange(plan, items, rules, n=3).arrangements:
+        arrangements = arrange(plan, items, rules, n=3).arrangements
+        assert any({"bed", "nightstand-1"} <= {i.id for i in one.items} for one in arrangements)
+        for one in arrangements:
             by_id = {i.id: i for i in one.items}
             stood = [by_id[name] for name in ("nightstand-1", "nightstand-2") if name in by_id and "bed" in by_id]
             for stand in stood:
@@ -180,6 +182,7 @@ def test_refusals_are_typed() -> None:
 def test_pins_stay_and_a_tv_follows_its_stand() -> None:
     items = parse_items("tv stand, tv, sofa")
     result = arrange(ROOM, items, "tight", n=2, pins={"tv-stand": (1.9, 0.2, 0.0)})
+    assert len(result.arrangements) == 2
     for one in result.arrangements:
         by_id = {i.id: i for i in one.items}
         assert by_id["tv-stand"].t_m[:2] == (1.9, 0.2)

@@ -86,6 +86,12 @@ def test_interval_ends_are_tight_to_a_millimetre(
             assert not legal(s, 0.0)
 
 
+def test_without_obstacles_an_edge_is_free_as_far_as_the_room_is_deep() -> None:
+    plan = make_plan(L_ROOM)
+    ends = [free(plan, [], edge, (0.6, 0.4)) for edge in (0, 1, 2, 4, 5)]
+    assert ends == [[pytest.approx((0.0, end))] for end in (4.4, 1.9, 1.4, 2.0, 3.4)]
+
+
 @settings(**LIMITS)
 @given(st.lists(quads, max_size=3), quads, st.integers(0, 5), sizes)
 def test_an_added_obstacle_never_enlarges_a_free_set(

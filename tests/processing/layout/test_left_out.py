@@ -65,6 +65,7 @@ def test_pieces_that_stand_are_kept_and_nothing_overlaps() -> None:
 def test_arrangements_with_something_left_out_name_all_and_break_nothing() -> None:
     room = make_plan([[0, 0], [3.2, 0], [3.2, 2.6], [0, 2.6]], doors=[Door(0, 0.2, 1.0)])
     result = arrange(room, parse_items("bed, 2 nightstand, wardrobe, chest, desk, desk chair, bookshelf"), "tight", n=2)
+    assert len(result.arrangements) == 2
     for one in result.arrangements:
         assert one.not_placed
         assert {i.id for i in one.items} | {i.id for i in one.not_placed} == set(result.asked)

@@ -71,6 +71,7 @@ def test_staged_pictures_say_what_they_are_and_the_photograph_does_not(tmp_path:
     assert isinstance(slider, Comparison)
     assert isinstance(around, Viewer)
     pictures = {shot.name: shot.data for shot in slider.scenes[2].shots} | {s.name + "!": s.jpeg for s in around.states}
+    assert {name.startswith("Staged") for name in pictures} == {True, False}
     assert all((STAGED_XMP in data) == name.startswith("Staged") for name, data in pictures.items())
     assert [bool(shot.tag) for shot in slider.scenes[0].shots] == [False, False, labelled, labelled]
     assert bool(around.label) == labelled

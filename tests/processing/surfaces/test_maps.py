@@ -88,6 +88,7 @@ def test_random_stars_agree_with_crossings(seed: int) -> None:
     assert (found <= 4.0001).all()
     room = Polygon(floor)
     spots = rng.uniform(-4, 4, (20, 2))
+    assert in_sight(floor, 0.01 * spots).all(), "what is near the camera is seen"
     for spot, seen in zip(spots, in_sight(floor, spots), strict=True):
         line = LineString([(0, 0), spot])
         assert bool(seen) == bool(room.buffer(1e-9).covers(line))

@@ -151,11 +151,15 @@ def test_only_the_pixels_asked_for_are_given() -> None:
 def test_close_to_a_wall_and_tiny_pictures() -> None:
     floor = ((-0.06, -2.0), (3.0, -2.0), (3.0, 2.0), (-0.06, 2.0))
     room, geometry = model(floor), Equirectangular(4, 2)
+    covered, known = np.zeros((2, 4), int), 0
     for plane in planes_of(room):
         texture = unwrap(np.ones((2, 4), np.float32), geometry, room, plane, 3.0)
         np.testing.assert_allclose(texture.values[texture.known], 1.0, rtol=1e-6)
-        values, _ = wrap(texture.values, plane, 3.0, room, geometry, np.ones((2, 4), bool))
+        values, seen = wrap(texture.values, plane, 3.0, room, geometry, np.ones((2, 4), bool))
         assert np.isfinite(values).all()
+        covered, known = covered + seen, known + int(texture.known.sum())
+    assert (covered == 1).all()
+    assert known > 100
 
 
 def test_what_cannot_be_is_refused() -> None:
