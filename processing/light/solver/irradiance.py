@@ -42,7 +42,8 @@ class Effort:
     clean: bool = True
     """Whether noise is taken out."""
     cleaning: str = "high"
-    """How well (`denoise.denoised`): fast takes a fifth of the time, and the rays that it saves gain more."""
+    """How well: high or fast (`denoise.denoised`; fast takes a fifth of the time, and the rays that it saves gain
+    more); surfaces: of relit pictures, plain means along surfaces (`upsample.Neighbours`)."""
     max_error: float | None = None
     """Relative standard error to stop at; None: one round."""
     budget_s: float | None = None

@@ -142,7 +142,7 @@ def bounced(
     goals = _Goals(stage.patches.places(patch, (*key, 1)), stage.patches.normal[patch], light, chance)
     shift = random((*key, 0), len(normals), 1)[:, 0]
     counts = (shots, links.patch.shape[1])
-    at_once = max(1, RAYS_AT_ONCE // shots)
+    at_once = max(1, RAYS_AT_ONCE // (4 * shots))
     for start in range(0, len(normals), at_once):
         part = slice(start, start + at_once)
         most = len(normals[part]) * shots
