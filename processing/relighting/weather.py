@@ -17,7 +17,7 @@ import numpy as np
 from processing.calibration.outdoor.clear_sky import Beam, Place, SunPlace, clear_beam, sun_place
 from processing.errors import DaylightError
 from processing.ground.arrays import Doubles
-from processing.light.picture.relight_land import with_captured_land
+from processing.light.picture.relight_photo import with_captured_land
 from processing.light.scene.scene import Outdoors, Sun, Vector
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, directions, solid_angles

@@ -13,7 +13,7 @@ from processing.layout.items import KINDS
 from processing.layout.plan import FloorPlan, from_room_model
 from processing.layout.rules import RuleSet, built_in_rules
 from processing.layout.verify import Judge, Piece
-from processing.light.scene.triangles import inside
+from processing.light.scene.patches import inside
 from processing.stages.arrange import with_door
 from processing.stages.contract import StageContext, StageWarning
 from processing.stages.upright import known_room

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from processing.errors import ViewpointError
 from processing.ground.arrays import Doubles, Floats
 from processing.light.picture.render import render
+from processing.light.scene.patches import inside
 from processing.light.scene.scene import Part, Scene, Surface, Vector
-from processing.light.scene.triangles import inside
 from processing.light.solver.irradiance import EFFORTS, Effort
 from processing.light.solver.sight import GLASS, Sight, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage

@@ -18,12 +18,17 @@ import numpy as np
 from processing.errors import AlbedoError
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.room_model import RoomModel
-from processing.light.scene.gloss import MOST_SHARE, gloss_factor, mirrored
-from processing.light.scene.lamps import Lamp, find_lamps
-from processing.light.scene.room_light import MeasuredLight, irradiance_by_picture, measured_light
+from processing.light.scene.room_light import (
+    MOST_SHARE,
+    MeasuredLight,
+    gloss_factor,
+    irradiance_by_picture,
+    measured_light,
+    mirrored,
+)
 from processing.light.scene.scene import Outdoors, Scene, Vector, plain
 from processing.light.scene.shell import REVEAL_M, shell_of
-from processing.light.scene.windows import measured_windows, windows_from_inside
+from processing.light.scene.sources import Lamp, find_lamps, measured_windows, windows_from_inside
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import Sight, albedo_of, sight_of

@@ -18,7 +18,7 @@ from processing.ground.arrays import Doubles, Floats
 from processing.ground.room_model import RoomModel
 from processing.light.scene.scene import Outdoors, Scene
 from processing.light.scene.shell import shell_of
-from processing.light.scene.windows import ABOVE_HORIZON
+from processing.light.scene.sources import ABOVE_HORIZON
 from processing.light.solver.sight import GLASS, Sight, looked_up, sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity

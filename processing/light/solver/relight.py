@@ -14,9 +14,8 @@ import numpy as np
 from processing.errors import RelightError
 from processing.ground.arrays import Flags, Floats
 from processing.light.scene.scene import Outdoors, Pane
-from processing.light.solver import denoise
 from processing.light.solver.basis import LightBasis, scene_digest
-from processing.light.solver.irradiance import cleaned, relative_error
+from processing.light.solver.irradiance import cleaned, denoiser_available, relative_error
 from processing.light.solver.sight import albedo_of, emission_of, seen_outdoors, sight_of
 from processing.light.solver.sky import add_sky, sky_values
 from processing.light.solver.stage import Stage
@@ -115,7 +114,7 @@ class RelightView:
         self._colours = np.array([*(p.transmittance for p in stage.scene.panes), (1.0, 1.0, 1.0)], np.float32)
         pixel = basis.pixel
         self._neighbours = None
-        if basis.effort.clean and (basis.effort.cleaning == "surfaces" or not denoise.available()):
+        if basis.effort.clean and (basis.effort.cleaning == "surfaces" or not denoiser_available()):
             # density = cos cos' / (pi r2): its mean's root is about one over the harmonic mean distance.
             distance_m = np.zeros(len(self.small.label), np.float32)
             distance_m[pixel] = 1 / np.sqrt(np.maximum(np.median(basis.pixel_links.density, axis=1) * np.pi * 4, 1e-4))
