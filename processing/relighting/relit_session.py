@@ -167,7 +167,7 @@ _INK, _PAPER = (30, 30, 34), (250, 250, 248)
 
 
 def common_exposure(pictures: Sequence[Floats]) -> float:
-    """Return one exposure for all pictures of a day, so that dusk looks darker than noon: the brighter half's mean."""
+    """Return one exposure for pictures (H, W, 3) of a day, their brighter half's mean: dusk looks darker than noon."""
     if not pictures:
         raise ParameterError("no pictures")
     every = sorted(auto_exposure(p) for p in pictures)
@@ -194,7 +194,7 @@ def contact_sheet(pictures: Sequence[Bytes], captions: Sequence[str], *, columns
 
 
 def write_sheet(path: Path, pictures: Sequence[Bytes], captions: Sequence[str]) -> None:
-    """Write a contact sheet as PNG."""
+    """Write a contact sheet of pictures (H, W, 3) as PNG."""
     from PIL import Image
 
     out = io.BytesIO()
@@ -203,7 +203,7 @@ def write_sheet(path: Path, pictures: Sequence[Bytes], captions: Sequence[str]) 
 
 
 def write_animation(path: Path, pictures: Sequence[Bytes]) -> None:
-    """Write an animated WebP that repeats."""
+    """Write pictures (H, W, 3) as an animated WebP that repeats."""
     from PIL import Image
 
     frames = [Image.fromarray(np.ascontiguousarray(p)) for p in pictures]

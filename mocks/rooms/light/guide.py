@@ -22,7 +22,7 @@ class Guide:
     """Arrays (6, side, side, ...): what the ray through each pixel's middle meets, and how mixed the pixel is.
 
     ``part`` is -1 where the ray leaves the room. ``plane_m`` is the distance of the surface's plane from the camera,
-    along the normal: it tells parallel surfaces apart. ``purity`` is the share of the pixel that lies on the surface of
+    along the normal: it keeps parallel surfaces apart. ``purity`` is the share of the pixel that lies on the surface of
     its middle; ``albedo`` the mean over the pixel, what looks outside counting as black.
     """
 
@@ -36,7 +36,7 @@ class Guide:
 
     @classmethod
     def of(cls, geometry: Geometry, eye: Floats, cube: Cube) -> Guide:
-        """Cast rays through the middle and through nine places of every pixel."""
+        """Cast rays from ``eye``, shape (3,), through the middle and through nine places of every pixel."""
         middle = _Met.by(geometry, eye, cube.directions().reshape(-1, 3))
         shape = (6, cube.side_px, cube.side_px)
         rays = cube.directions(_FINE).reshape(6, cube.side_px, _FINE, cube.side_px, _FINE, 3)
@@ -60,7 +60,7 @@ class Guide:
 
     @property
     def pure(self) -> Flags:
-        """Return the pixels that lie on one surface only."""
+        """Return the pixels, shape (6, side, side), that lie on one surface only."""
         return self.purity > PURE
 
 
@@ -88,7 +88,7 @@ class _Met:
 
 
 def facing_normals(geometry: Geometry, hits: Hits, directions: Floats) -> Floats:
-    """Return shading normals turned towards where the rays come from."""
+    """Return shading normals (N, 3) turned towards where the rays (N, 3) come from."""
     normal = geometry.shading_normals(hits)
     away = np.einsum("ij,ij->i", normal, directions) > 0
     normal[away] *= -1

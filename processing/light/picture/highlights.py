@@ -35,7 +35,7 @@ MATTE_FROM = 0.8
 LEAST_WIDTH = 0.02
 """Of the microfacets' slopes; a perfect mirror is one of 0."""
 FLOOR_WIDTH = 0.06
-"""Of a varnished or tiled floor's, where its gloss was told but not its roughness."""
+"""Of a varnished or tiled floor's, where its gloss was measured but not its roughness."""
 SAME_PLACE = 0.03
 """Relative difference of distances within which the camera sees the place itself."""
 
@@ -47,15 +47,15 @@ class Surroundings:
     stage: Stage
     light: LightMap
     photograph: Floats
-    """(h, 2 h, 3): of the room that is mirrored, without furniture; of the size of ``seen``."""
+    """(H, 2 H, 3): of the room that is mirrored, without furniture; of the size of ``seen``."""
     seen: Sight
     """What its pixels see in the bare room."""
     gain: Doubles
-    """(patches, 3): by which furniture changes the light of the room's patches."""
+    """(P, 3): by which furniture changes the light of the room's patches."""
     eye_m: Vector
 
     def radiance(self, origins: Floats, rays: Floats) -> tuple[Floats, np.ndarray]:
-        """Return what rays (n, 3) bring (n, 3) cd/m2, and which of them end on furniture."""
+        """Return what rays (N, 3) bring (N, 3) cd/m2, and which of them end on furniture."""
         stage, p = self.stage, self.stage.patches
         hits = stage.tracer.cast(origins, rays)
         patch, _ = stage.met(origins, rays, hits)
@@ -78,7 +78,7 @@ class Surroundings:
         return out, (patch >= 0) & (p.owner[hit] < 0)
 
     def _shown(self, places: Floats, owner: np.ndarray) -> tuple[Floats, np.ndarray]:
-        """Return what the photograph shows of places (n, 3) on surfaces (n,), and where it shows them indeed."""
+        """Return what the photograph shows of places (N, 3) on surfaces (N,), and where it shows them indeed."""
         way = places - np.asarray(self.eye_m, np.float32)
         far = np.maximum(np.linalg.norm(way, axis=1), 1e-6)
         way = (way / far[:, None]).astype(np.float32)
@@ -96,7 +96,7 @@ def is_glossy(material: Material) -> bool:
 
 
 def matte_share(stage: Stage, sight: Sight) -> Floats:
-    """Return which share (n, 1) of furniture's matte light leaves it beside what it mirrors; 1 for the rest."""
+    """Return which share (N, 1) of furniture's matte light leaves it beside what it mirrors; 1 for the rest."""
     out = np.ones((len(sight.label), 1), np.float32)
     facing = np.clip(-np.einsum("ij,ij->i", sight.rays, sight.normal), 0, 1)
     for number, part in enumerate(stage.scene.parts):
@@ -110,7 +110,7 @@ def matte_share(stage: Stage, sight: Sight) -> Floats:
 
 
 def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, samples: int, key: Key) -> Floats:
-    """Return what furniture's pixels mirror (n, 3) cd/m2; ``sun`` (n, 3): the sun's direct irradiance there."""
+    """Return what furniture's pixels mirror (N, 3) cd/m2; ``sun`` (N, 3): the sun's direct irradiance there."""
     out = np.zeros((len(sight.label), 3), np.float32)
     outdoors = around.stage.scene.outdoors.sun
     for number, part in enumerate(around.stage.scene.parts):
@@ -137,7 +137,7 @@ def _head_on(material: Material) -> Doubles:
 def mirrored_light(
     around: Surroundings, sight: Sight, pixels: np.ndarray, width: float, head_on: Doubles, samples: int, key: Key
 ) -> tuple[Floats, np.ndarray]:
-    """Return what pixels (k,) mirror (k, 3), and the share (k,) of it that comes from furniture (by count of rays)."""
+    """Return what pixels (K,) mirror (K, 3), and the share (K,) of it that comes from furniture (by count of rays)."""
     shift = random(key, len(sight.label), 2)[pixels]
     out = np.empty((len(pixels), 3), np.float32)
     share = np.empty(len(pixels))
@@ -161,7 +161,7 @@ def mirrored_light(
 def _sun_glint(
     sight: Sight, pixels: np.ndarray, sun: Floats, towards: Doubles, width: float, head_on: Doubles
 ) -> Floats:
-    """Return the sun's highlight (k, 3): its irradiance times the facets' reflectance towards the eye."""
+    """Return the sun's highlight (K, 3): its irradiance times the facets' reflectance towards the eye."""
     view, normal = -sight.rays[pixels].astype(np.float64), sight.normal[pixels].astype(np.float64)
     half = view + towards
     half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
@@ -193,7 +193,7 @@ def _facet(x, y, z, u, w):  # type: ignore[no-untyped-def]
 
 @compiled
 def facet_rays(rays, normals, shifts, samples, width, out, weight):  # type: ignore[no-untyped-def]
-    """Fill mirrored directions (n, samples, 3) of eye rays (n, 3), and their weights (n, samples, 2).
+    """Fill mirrored directions (N, samples, 3) of eye rays (N, 3), and their weights (N, samples, 2).
 
     A ray's light counts (weight 0) x reflectance head on + (weight 1) x (1 - that). Facets are drawn by what of them
     the eye sees: Heitz (2018), "Sampling the GGX distribution of visible normals". Rays into the surface weigh 0.
@@ -244,9 +244,9 @@ class Mirrors:
     sight: Sight
     around: Surroundings
     furniture: Floats
-    """(h, w, 3) cd/m2."""
+    """(H, W, 3) cd/m2."""
     floor_before: Floats
-    """(h, w, 3): what the floor mirrors without furniture, 0 where it is matte."""
+    """(H, W, 3): what the floor mirrors without furniture, 0 where it is matte."""
     floor_after: Floats
 
     floors: tuple[int, ...]
@@ -254,7 +254,7 @@ class Mirrors:
 
     @cached_property
     def all_three(self) -> Floats:
-        """(h, w, 9): the floor's before and after and furniture's, brought to a large picture in one go."""
+        """(H, W, 9): the floor's before and after and furniture's, brought to a large picture in one go."""
         return np.concatenate([self.floor_before, self.floor_after, self.furniture], axis=2)
 
 
@@ -309,12 +309,12 @@ def mirrors_of(
 
 
 def few_highlights(mirrors: Mirrors, sight: Sight, chosen: np.ndarray, sun: Floats, seed: int) -> Floats:
-    """Return what pixels (k,) of a large picture mirror of which no small pixel tells, by a few rays of their own."""
+    """Return what pixels (K,) of a large picture mirror that no small pixel shows, by a few rays of their own."""
     return furniture_highlights(mirrors.around, sight.some(chosen), sun[chosen], FEW_RAYS, (seed, 92))
 
 
 def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:
-    """Return by how much furniture changes the light of the room's patches (patches, 3); 1 for its own."""
+    """Return by how much furniture changes the light of the room's patches (P, 3); 1 for its own."""
     out = np.ones((full.patches.count, 3))
     before, after = lights[0].total, lights[1].total
     shared = len(before)

@@ -81,7 +81,7 @@ def relit_photograph(
 def photograph_under(
     photograph: Floats, view: RelightView, before: Relit, outdoors: Outdoors
 ) -> tuple[RelitPhotograph, Relit]:
-    """Return the photograph under another light outdoors, and the scene under it.
+    """Return a photograph (H, 2 H, 3), cd/m2, under another light outdoors, and the scene under it.
 
     ``before``: the scene under the light that the photograph was taken in, which the view's scene holds.
     """
@@ -134,7 +134,7 @@ def _covered(view: RelightView, chosen: Int64s) -> np.ndarray:
 
 
 def veil_gains(scene: Scene, before: Outdoors, after: Outdoors) -> Floats:
-    """Return by what the light on each pane's outer face changes (panes,): curtains and blinds follow it."""
+    """Return by what the light on each pane's outer face changes (P,): curtains and blinds follow it."""
     middle = np.mean([s.at(s.width_m / 2, s.height_m / 2) for s in scene.surfaces], axis=0)
     gains = [_upon(p, middle, after) / max(_upon(p, middle, before), 1e-9) for p in scene.panes]
     return np.clip(np.asarray(gains, np.float32), 0, 1e6)
@@ -157,7 +157,6 @@ MEMORY = 0.7
 COMES_BACK = 4
 """Rows of 0.7 degrees that look like the sky above: what was above them is no land; through a tree fewer show."""
 WHITE = 0.9
-_WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 
 
 def level_lx(outdoors: Outdoors) -> float:
@@ -166,7 +165,7 @@ def level_lx(outdoors: Outdoors) -> float:
 
 
 def on_plane(normal: Doubles, outdoors: Outdoors) -> float:
-    """Return the illuminance (lx) outdoors on a plane that faces along a unit normal."""
+    """Return the illuminance, lx, outdoors on a plane that faces along a unit ``normal``, shape (3,)."""
     rows = outdoors.rgb.shape[0]
     geometry = Equirectangular(2 * rows, rows)
     share = np.maximum(directions(geometry)[0] @ normal, 0) * solid_angles(geometry)
@@ -178,7 +177,7 @@ def on_plane(normal: Doubles, outdoors: Outdoors) -> float:
 
 
 def land_of(outdoors: Outdoors) -> Flags:
-    """Return what of a picture of the outdoors (h, 2 h, 3) is not sky: (h, 2 h).
+    """Return what of a picture of the outdoors (H, 2 H, 3) is not sky: (H, 2 H).
 
     The lower half, and from the last step of brightness or colour below 30 degrees down to the horizon: under a cloud
     the sky comes back. What is brighter than any matte thing there can be is sky too. A cloud that reaches down to the
@@ -217,7 +216,7 @@ def _brightest(outdoors: Outdoors) -> Doubles:
 
 
 def bare_sky(rgb: Floats, land: Flags) -> Floats:
-    """Return a panorama with the sky above land carried down behind it, and across the horizon."""
+    """Return a panorama (H, 2 H, 3) with the sky carried down behind ``land`` (H, 2 H) and across the horizon."""
     rows, columns = land.shape
     out = rgb.copy()
     top = np.where(land.any(axis=0), land.argmax(axis=0), rows)

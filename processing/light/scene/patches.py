@@ -32,9 +32,9 @@ class Elements:
     side_a: Floats
     side_b: Floats
     triangular: np.ndarray
-    """(e,) bool."""
+    """(E,) bool."""
     upto_m2: Doubles
-    """(e,): running sum of areas."""
+    """(E,): running sum of areas."""
 
 
 @dataclass(frozen=True)
@@ -42,27 +42,27 @@ class Patches:
     """The patches (n) and the triangles (m) that stand for them where rays fall."""
 
     triangles: Floats
-    """(m, 3, 3)."""
+    """(M, 3, 3)."""
     normals: Floats
-    """(m, 3): of triangles, unit."""
+    """(M, 3): of triangles, unit."""
     owner: Int32s
-    """(m,): the surface's number, or `FURNITURE`, or `PANE`."""
+    """(M,): the surface's number, or `FURNITURE`, or `PANE`."""
     item: Int32s
-    """(m,): of furniture the patch, of panes the pane's number."""
+    """(M,): of furniture the patch, of panes the pane's number."""
     part: Int32s
-    """(m,): of furniture the part's number, else -1."""
+    """(M,): of furniture the part's number, else -1."""
     face: Int32s
-    """(m,): of furniture the face's number within its part before it was cut, else -1."""
+    """(M,): of furniture the face's number within its part before it was cut, else -1."""
     frames: Doubles
     """(surfaces, 3, 3): origin, u / texel width, v / texel height."""
     grids: Int32s
     """(surfaces, 3): columns, rows, first patch."""
     normal: Floats
-    """(n, 3): of patches."""
+    """(N, 3): of patches."""
     area_m2: Doubles
-    """(n,): 0 for a texel outside its surface's outline."""
+    """(N,): 0 for a texel outside its surface's outline."""
     first: Doubles
-    """(n + 1,): where a patch's elements begin in ``elements.upto_m2``, in m2."""
+    """(N + 1,): where a patch's elements begin in ``elements.upto_m2``, in m2."""
     elements: Elements
 
     @property
@@ -76,7 +76,7 @@ class Patches:
         return Ownership(self.owner, self.item, self.normals, self.frames, self.grids)
 
     def places(self, patch: np.ndarray, key: Key) -> Floats:
-        """Return a random place on each of some patches (k,), uniform over its area: (k, 3)."""
+        """Return a random place on each of some patches (K,), uniform over its area: (K, 3)."""
         low, high = self.first[patch], self.first[patch + 1]
         chance = random(key, len(patch), 3)
         goal = low + (high - low) * chance[:, 0]
@@ -260,7 +260,7 @@ EPSILON = 1e-12
 
 
 def surface_triangles(surface: Surface) -> Doubles:
-    """Return (m, 3, 3) corners of a surface's triangles, turned so that they face where its normal does."""
+    """Return (M, 3, 3) corners of a surface's triangles, turned so that they face where its normal does."""
     flat = _with_holes(surface) if surface.holes_m else ears(surface.outline_m)
     corners = surface.at(flat[..., 0], flat[..., 1])
     flips = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ surface.normal < 0
@@ -269,7 +269,7 @@ def surface_triangles(surface: Surface) -> Doubles:
 
 
 def pane_triangles(pane: Pane) -> Doubles:
-    """Return (2, 3, 3)."""
+    """Return the corners of a pane's two triangles, shape (2, 3, 3), m."""
     a, b = pane.corner_m, pane.corner_m + pane.across_m
     c, d = b + pane.up_m, a + pane.up_m
     return np.array([[a, b, c], [a, c, d]])
@@ -290,7 +290,7 @@ def _with_holes(surface: Surface) -> Doubles:
 
 
 def ears(outline: Doubles) -> Doubles:
-    """Return the triangles (n - 2, 3, 2) of a simple polygon (n, 2), by cutting off ears."""
+    """Return the triangles (n - 2, 3, 2) of a simple polygon (N, 2), by cutting off ears."""
     points = outline if _twice_area(outline) > 0 else outline[::-1]
     left = list(range(len(points)))
     found = []
@@ -329,7 +329,7 @@ def _twice_area(outline: Doubles) -> float:
 
 
 def inside(outline: Doubles, points: Doubles) -> np.ndarray:
-    """Return which points (n, 2) lie in a polygon (even-odd rule)."""
+    """Return which points (N, 2) lie in a polygon (even-odd rule)."""
     x, y = points[:, 0], points[:, 1]
     odd = np.zeros(len(points), bool)
     for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):

@@ -3,7 +3,7 @@
 Every patch's radiance is read off the panorama, so that the light that falls on a place is what the place sees of the
 room, plus what comes through the windows from outdoors.
 
-Gloss of the floor, coarsely: how much of the room it mirrors, told from how its brightness grows at flat angles.
+Gloss of the floor, coarsely: how much of the room it mirrors, from how its brightness grows at flat angles.
 
 A varnished or tiled floor adds to its matte light what Fresnel's law (Schlick 1994, 4 % head on) mirrors of the room.
 Both are known but for one factor: radiance is matte albedo x irradiance / pi + gloss x Fresnel x mirrored radiance. The
@@ -38,11 +38,11 @@ LEAST_SHARE = 0.5
 
 @dataclass(frozen=True)
 class MeasuredLight:
-    """Radiance of patches (n, 3) as the panorama shows them."""
+    """Radiance of patches (N, 3) as the panorama shows them."""
 
     radiance: Doubles
     seen: np.ndarray
-    """(n,) share of the patch that the camera sees."""
+    """(N,) share of the patch that the camera sees."""
 
 
 def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, key: Key) -> MeasuredLight:
@@ -79,9 +79,9 @@ def _surface_of(stage: Stage) -> np.ndarray:
 
 
 def _own_pixels(panorama: Floats, sight: Sight, rays: Floats, surface: np.ndarray) -> tuple[Doubles, Doubles]:
-    """Return a panorama's values (n, 3) along rays from the four pixels around, and what share of them could be used.
+    """Return a panorama's values (N, 3) along rays from the four pixels around, and what share of them could be used.
 
-    Of use are pixels that see the ray's own surface (n,).
+    Of use are pixels that see the ray's own surface (N,).
     """
     rows, columns = sight.shape
     label = sight.label.reshape(sight.shape)
@@ -165,13 +165,13 @@ LEAST_GLOSS = 0.5
 """A smaller slope is that of a matte floor under an irradiance in error: of 13 simulated rooms (validation seeds) the
 four matte floors have -1.2 to 0.3, the nine glossy ones 0.7 and more."""
 TAIL, LEAST_PIXELS, LEAST_SPAN = 0.05, 200, 0.004
-"""Share of pixels at either end that counts no further; too few, or too alike in what they mirror, tell nothing."""
+"""Share of pixels at either end that counts no further; too few, or too alike in what they mirror, measure nothing."""
 MOST_SHARE = 0.3
-"""Of a pixel's light that may be mirrored; more, and its albedo is not told (a window's highlight)."""
+"""Of a pixel's light that may be mirrored; more, and its albedo is not measured (a window's highlight)."""
 
 
 def mirrored(stage: Stage, light: MeasuredLight, sight: Sight, pixels: np.ndarray) -> tuple[Doubles, np.ndarray]:
-    """Return Fresnel's share of the radiance (k, 3) that pixels (k,) mirror, and which of them mirror a window."""
+    """Return Fresnel's share of the radiance (K, 3) that pixels (K,) mirror, and which of them mirror a window."""
     rays, normal = sight.rays[pixels], sight.normal[pixels]
     cosine = -np.einsum("ij,ij->i", rays, normal)
     back = (rays + 2 * cosine[:, None] * normal).astype(np.float32)
@@ -191,10 +191,10 @@ def mirrored(stage: Stage, light: MeasuredLight, sight: Sight, pixels: np.ndarra
 
 
 def gloss_factor(apparent: Doubles, mirror: Doubles, usable: np.ndarray) -> float:
-    """Return how glossy a floor is, 0 to 1: the slope of apparent albedo (k, 3) over the mirrored part (k, 3).
+    """Return how glossy a floor is, 0 to 1: the slope of apparent albedo (K, 3) over the mirrored part (K, 3).
 
     By least squares over all usable pixels, both held within their usual values, so that neither a rug nor a highlight
-    decides. 0 where it cannot be told: too few pixels, or all seen alike. A slope above 1 is taken as full varnish:
+    decides. 0 where it cannot be measured: too few pixels, or all seen alike. A slope above 1 is taken as full varnish:
     then the irradiance is in error too.
     """
     weights = np.asarray(LUMINANCE_WEIGHTS)

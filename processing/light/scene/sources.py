@@ -1,12 +1,12 @@
 """The room's sources of light as its pictures show them: windows, what covers them, and lamps.
 
-What the pictures tell of a room's windows: how much light the glass lets through, and what covers it.
+What the pictures show of a room's windows: how much light the glass lets through, and what covers it.
 
 The indoor panorama sees through each window what the outdoor picture sees directly: where their ratio is that of clear
 glass, the window is clear; where less arrives, bars, curtains, a blind or trees stand in the way, and what the camera
 sees there is light that the window gives by itself.
 
-Light that surfaces give by themselves: electric lamps that are on, told from the calibrated panorama.
+Light that surfaces give by themselves: electric lamps that are on, measured in the calibrated panorama.
 
 No surface reflects more than all that falls on it. Where a pixel shows clearly more than that (apparent albedo above
 `LAMP_TIMES`), and neither the sun nor a window explains it, it gives light: the excess over what its surface reflects
@@ -29,13 +29,13 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 
 USUAL: Vector = (0.75, 0.77, 0.75)
-"""Transmittance of double glazing, where it cannot be told."""
+"""Transmittance of double glazing, where it cannot be measured."""
 LEAST_GLASS, MOST_GLASS = 0.4, 0.95
 """Between which a transmittance is believed: coated triple glazing has 0.5 and more, single glass 0.9."""
 CLEAR_QUANTILE = 0.8
 """Of ratios indoors to outdoors: the share of a window that bars and curtains leave clear is often small."""
 LEAST_PIXELS = 24
-"""Of sky seen through windows, for their transmittance to be told."""
+"""Of sky seen through windows, for their transmittance to be measured."""
 ABOVE_HORIZON = 0.02
 """Sine of the elevation above which the outdoor picture is compared."""
 CELL_M = 0.04
@@ -49,25 +49,25 @@ MOST_GROUND = 8.0
 def measured_windows(
     stage: Stage, sight: Sight, panorama: Floats, valid: np.ndarray, eye_m: Vector
 ) -> tuple[tuple[Pane, ...], Outdoors, bool]:
-    """Return panes with transmittance, clear share and veil, the outdoors with the ground as seen, and what was told.
+    """Return panes with transmittance, clear share and veil, the outdoors with the ground as seen, and a flag.
 
     ``panorama`` (H, 2 H, 3) and what its pixels see; ``valid`` (H, 2 H): pixels that are not clipped. The last is
-    whether the glass's transmittance could be told; if not, it is that of double glazing.
+    whether the glass's transmittance could be measured; if not, it is that of double glazing.
     """
     rgb, good, outdoors = panorama.reshape(-1, 3), valid.ravel(), stage.scene.outdoors
     glass = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] > ABOVE_HORIZON) & good)
     outside = looked_up(outdoors.rgb, sight.rays[glass]).astype(np.float64)
-    share, told = _clear_glass(rgb[glass].astype(np.float64), outside)
+    share, measured = _clear_glass(rgb[glass].astype(np.float64), outside)
     gain = _seen_ground(stage, sight, rgb, good, share)
     level = float(gain @ np.asarray(LUMINANCE_WEIGHTS)) if gain is not None else 1.0
     panes = tuple(
         _covered(stage, replace(pane, transmittance=share), level, panorama, eye_m) for pane in stage.scene.panes
     )
-    return panes, outdoors if gain is None else _with_ground(outdoors, gain), told
+    return panes, outdoors if gain is None else _with_ground(outdoors, gain), measured
 
 
 def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[Pane, ...]:
-    """Return panes that give the light that the camera sees on them, as bright from everywhere: no picture of the sky.
+    """Return panes that give the light that a panorama (H, 2 H, 3) shows on them, as bright from everywhere: no sky.
 
     A place on the floor sees the sky where the camera sees the horizon: without an outdoor picture this is not known.
     """
@@ -83,7 +83,7 @@ def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[
 
 
 def _cells(stage: Stage, pane: Pane, eye_m: Vector) -> tuple[Floats, np.ndarray, tuple[int, int]]:
-    """Return the directions (n, 3) from a point to a pane's cells, which of them it sees, and rows and columns."""
+    """Return the directions (N, 3) from a point to a pane's cells, which of them it sees, and rows and columns."""
     rows = max(1, round(float(np.linalg.norm(pane.up_m)) / CELL_M))
     columns = max(1, round(float(np.linalg.norm(pane.across_m)) / CELL_M))
     v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
@@ -96,7 +96,7 @@ def _cells(stage: Stage, pane: Pane, eye_m: Vector) -> tuple[Floats, np.ndarray,
 
 
 def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Vector, bool]:
-    """Return the transmittance of the clear parts of all windows (they are glazed alike), and whether it was told."""
+    """Return the transmittance of the clear parts of all windows (glazed alike), and whether it was measured."""
     weights = np.asarray(LUMINANCE_WEIGHTS)
     usable = outside @ weights > 0
     if usable.sum() < LEAST_PIXELS:
@@ -174,16 +174,16 @@ class Lamp:
 def find_lamps(
     rgb: Doubles, irradiance: Doubles, usual: Doubles, sight: Sight, usable: np.ndarray
 ) -> tuple[Floats, list[Lamp]]:
-    """Return what pixels give off by themselves (n, 3) cd/m2, and the lamps.
+    """Return what pixels give off by themselves (N, 3) cd/m2, and the lamps.
 
     Parameters
     ----------
     rgb, irradiance
-        (n, 3): radiance and irradiance of the pixels of a panorama.
+        (N, 3): radiance and irradiance of the pixels of a panorama.
     usual
-        (n, 3): the usual albedo of each pixel's surface.
+        (N, 3): the usual albedo of each pixel's surface.
     usable
-        (n,): pixels that the sun does not reach, seen and not filled in.
+        (N,): pixels that the sun does not reach, seen and not filled in.
     """
     weights = np.asarray(LUMINANCE_WEIGHTS)
     apparent = math.pi * (rgb @ weights) / np.maximum(irradiance @ weights, 1e-9)

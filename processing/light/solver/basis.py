@@ -178,9 +178,9 @@ def read_basis(path: Path) -> LightBasis:
         texel_m, *counts = (float(v) for v in found["effort"])
         rows, pixels, patches, sun, clean = (int(v) for v in counts)
         effort = Effort(texel_m, patches, rows, pixels, sun, bool(clean), str(found["cleaning"]))
-        stored_rays = [kind(*(found[f"{name}_{part}"] for part in kind._fields)) for name, kind in STORED.items()]
+        rays: list[Any] = [kind(*(found[f"{name}_{part}"] for part in kind._fields)) for name, kind in STORED.items()]
         x, y, z = (float(v) for v in found["eye_m"])
-        return LightBasis(effort, (x, y, z), found["pixel"], *stored_rays, found["fixed"], str(found["scene"]))
+        return LightBasis(effort, (x, y, z), found["pixel"], *rays, found["fixed"], str(found["scene"]))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise RelightError(
             f"not a basis of this program: {error}", where=path.name, advice="delete the file"

@@ -146,7 +146,7 @@ class RelightView:
         return Relit(rgb.reshape(shape), light.reshape(shape), sun.reshape(shape), error)
 
     def _irradiance(self, stage: Stage, sunny: Stage, seed: int) -> tuple[Floats, float]:
-        """Return the small picture's irradiance (h, 2 h, 3) without the sun's own disc, and its relative error."""
+        """Return the small picture's irradiance (H, 2 H, 3) without the sun's own disc, and its relative error."""
         basis = self.basis
         values = sky_values(stage.scene.outdoors, stage.scene.panes)
         light = self._light_map(stage, sunny, values, seed)

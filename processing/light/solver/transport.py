@@ -61,7 +61,7 @@ def links_of(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
 
 
 def patch_points(stage: Stage, samples: int, key: Key) -> Floats:
-    """Return places spread over every patch: (patches, samples, 3), m."""
+    """Return places spread over every patch, shape (patches, samples, 3), m."""
     which = np.repeat(np.arange(stage.patches.count), samples)
     return stage.patches.places(which, key).reshape(-1, samples, 3)
 
@@ -246,7 +246,7 @@ class LightMap:
 
     @property
     def total(self) -> Doubles:
-        """Return sun and rest."""
+        """Return sun and rest: (P, 3), lx."""
         return self.sun + self.rest
 
 

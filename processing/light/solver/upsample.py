@@ -26,7 +26,7 @@ NEARNESS = 0.2
 
 
 class _Seen(NamedTuple):
-    """What pixels see, for compiled loops: of the small picture (h, w, ...), of the large one (N, ...)."""
+    """What pixels see, for compiled loops: of the small picture (H, W, ...), of the large one (N, ...)."""
 
     label: Int32s
     normal: Floats
@@ -72,7 +72,7 @@ class Steps:
         return cls(index, weight)
 
     def apply(self, values: Floats) -> Floats:
-        """Return ``values`` (h, w, K) of the small picture for all large pixels: (N, K)."""
+        """Return ``values`` (H, W, K) of the small picture for all large pixels: (N, K)."""
         out = np.zeros((len(self.index), values.shape[2]), np.float32)
         _apply(np.ascontiguousarray(values.reshape(-1, values.shape[2])), self.index, self.weight, out)
         return out
@@ -96,7 +96,7 @@ def upsampled(
 ) -> tuple[Floats, Flags]:
     """Return values (N, K) for the large picture's pixels, and which (N,) have no small pixel of their own surface.
 
-    ``values`` is (h, w, K) for the small picture; both must have the same geometry but for their size. ``large`` may be
+    ``values`` is (H, W, K) for the small picture; both must have the same geometry but for their size. ``large`` may be
     a band of whole rows: from ``first_row`` on, of ``rows`` in all. Pixels that are not ``among`` (N,) stay 0.
     """
     wanted = large.solid if among is None else large.solid & among
@@ -206,7 +206,7 @@ class Neighbours:
         return cls(weight)
 
     def smooth(self, values: Floats) -> Floats:
-        """Return the means (h, w, 3) of ``values`` (h, w, 3) over neighbours, 0 where nothing solid is seen."""
+        """Return the means (H, W, 3) of ``values`` (H, W, 3) over neighbours, 0 where nothing solid is seen."""
         out = np.zeros_like(values)
         around = np.concatenate([values[:, -RADIUS_PX:], values, values[:, :RADIUS_PX]], axis=1)
         _smooth(around, self.weight, out)
@@ -216,7 +216,7 @@ class Neighbours:
 @compiled
 def _weigh(seen, near_m, weight):  # type: ignore[no-untyped-def]
     """Fill `Neighbours.weight`: none for another surface, another direction or off the plane; else less with distance
-    against ``near_m`` (h, w), over which irradiance changes there.
+    against ``near_m`` (H, W), over which irradiance changes there.
     """
     rows, columns = seen.label.shape
     side = 2 * RADIUS_PX + 1
