@@ -178,9 +178,11 @@ def read_basis(path: Path) -> LightBasis:
         texel_m, *counts = (float(v) for v in found["effort"])
         rows, pixels, patches, sun, clean = (int(v) for v in counts)
         effort = Effort(texel_m, patches, rows, pixels, sun, bool(clean), str(found["cleaning"]))
-        rays: list[Any] = [kind(*(found[f"{name}_{part}"] for part in kind._fields)) for name, kind in STORED.items()]
+        rays = {name: kind(*(found[f"{name}_{part}"] for part in kind._fields)) for name, kind in STORED.items()}
         x, y, z = (float(v) for v in found["eye_m"])
-        return LightBasis(effort, (x, y, z), found["pixel"], *rays, found["fixed"], str(found["scene"]))
+        return LightBasis(
+            effort, (x, y, z), found["pixel"], **rays, fixed=found["fixed"], scene_digest=str(found["scene"])
+        )
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise RelightError(
             f"not a basis of this program: {error}", where=path.name, advice="delete the file"

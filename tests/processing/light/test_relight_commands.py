@@ -123,7 +123,7 @@ def test_another_sky(session, tmp_path) -> None:
 
 def test_from_another_place(session, monkeypatch) -> None:
     # The denoiser loads torch where that is installed, which takes longer than this test.
-    monkeypatch.setattr("processing.light.solver.irradiance.available", lambda: False)
+    monkeypatch.setattr("processing.light.solver.irradiance.denoiser_available", lambda: False)
     found = run(view_from, session, "--eye", "-1,0.5,1.2", "--look", "20,-5", "--width", 96)
     assert found["seen_share"] > 0.95
     picture = read_exr(session / "views" / "empty-from--1_0.5_1.2.exr")
@@ -202,7 +202,7 @@ def own_furniture(session, tmp_path_factory) -> Path:
 
 
 def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("processing.light.solver.irradiance.available", lambda: False)
+    monkeypatch.setattr("processing.light.solver.irradiance.denoiser_available", lambda: False)
     small = ("--staged", 1, "--output", tmp_path)
     at = ("--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
     with pytest.raises(RelightError, match="give --furniture FOLDER"):
