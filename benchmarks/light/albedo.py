@@ -83,7 +83,7 @@ def albedo_row(number: int, use: Use) -> dict[str, Any]:
         "median": float(np.median(sample)),
         "p95": float(np.quantile(sample, 0.95)),
         "quantiles": [round(float(v), 5) for v in sample],
-        "told": float(found.told[where].mean()),
+        "told": float(found.measured[where].mean()),
         "cpu_s": cpu_s,
         "notes": "; ".join(found.notes),
     }

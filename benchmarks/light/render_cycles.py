@@ -2,7 +2,7 @@
 
     PYTHON _render_cycles.py room.npz out.npz SAMPLES HEIGHT
 
-``room.npz``: triangles (n, 3, 3), part (n,), colour and emission (parts, 3), panes (p, 3, 3: corner, across, up), sky
+``room.npz``: triangles (N, 3, 3), part (N,), colour and emission (parts, 3), panes (p, 3, 3: corner, across, up), sky
 (h, 2 h, 3, centre towards +y), sun (7: direction, illuminance; empty without one), eye (3). ``out.npz``: picture
 (H, 2 H, 3), and cpu_s, the CPU seconds of the render call without Blender's start.
 """

@@ -22,7 +22,7 @@ WINDOW = "#@mkillum d=64 s=64 l+ b=0"
 
 
 def radiance_pixels(scene: Scene, eye_m: tuple[float, ...], rays: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return what Radiance shows (n, 3) along rays (n, 3), and the CPU seconds of mkillum and rtrace."""
+    """Return what Radiance shows (N, 3) along rays (N, 3), and the CPU seconds of mkillum and rtrace."""
     pr: Any = importlib.import_module("pyradiance")
     # mkillum leaves its distributions in the folder it is called in.
     with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):

@@ -11,9 +11,9 @@ import numpy as np
 from processing.ground.mitsuba_variants import load_mitsuba, usable_variant
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.outdoor import sky_outdoors
+from processing.light.scene.patches import surface_triangles
 from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain
 from processing.light.scene.shell import shell_of
-from processing.light.scene.triangles import surface_triangles
 from processing.sphere import Perspective
 
 EYE = (0.0, 0.0, 1.6)
@@ -74,7 +74,7 @@ def _box(centre: tuple[float, ...], size: tuple[float, ...], colour: tuple[float
 
 
 def triangles_of(scene: Scene) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
-    """Return triangles (m, 3, 3) and the plain colour of each surface and part."""
+    """Return triangles (M, 3, 3) and the plain colour of each surface and part."""
     found = [
         (surface_triangles(s), tuple(float(v) for v in s.albedo.reshape(-1, 3).mean(axis=0))) for s in scene.surfaces
     ]
@@ -119,7 +119,7 @@ class PlainPath:
         return mesh
 
     def picture(self, view: Perspective, spp: int, seed: int) -> np.ndarray:
-        """Return the view's picture (h, w, 3)."""
+        """Return the view's picture (H, W, 3)."""
         mi = self.mi
         ahead = [math.sin(view.yaw_rad), math.cos(view.yaw_rad), 0.0]
         target = [EYE[k] + ahead[k] for k in range(3)]
@@ -170,7 +170,7 @@ def _with_sun(outdoors: Outdoors) -> np.ndarray:
 
 
 def radiance_grid(scene: Scene, points: np.ndarray, level: float, ambient: tuple[str, ...]) -> np.ndarray:
-    """Return Radiance's illuminance (lx) at points (n, 3) facing up, the sky and ground a uniform ``level`` cd/m2."""
+    """Return Radiance's illuminance (lx) at points (N, 3) facing up, the sky and ground a uniform ``level`` cd/m2."""
     import tempfile
     from pathlib import Path
 

@@ -84,7 +84,7 @@ def truth_of_room(
 
 
 def _inner(sight: Sight, sun: np.ndarray, dark: np.ndarray) -> np.ndarray:
-    """Return pixels (n,) whose neighbours see the same thing, in the same sun, that gives no light of its own."""
+    """Return pixels (N,) whose neighbours see the same thing, in the same sun, that gives no light of its own."""
     kernel = np.ones((3, 3), np.uint8)
     label = sight.label.reshape(sight.shape).astype(np.float32)
     same = (cv2.dilate(label, kernel) == cv2.erode(label, kernel)) & dark.reshape(sight.shape)

@@ -107,7 +107,7 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     from datetime import timedelta
     from math import radians
 
-    from processing.light.picture.relight_land import with_captured_land
+    from processing.light.picture.relight_photo import with_captured_land
     from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
     from processing.relighting.session_room import heading_of, other_sky, place_of
     from processing.relighting.weather import daylight_at
@@ -192,7 +192,7 @@ def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) ->
 
 
 def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
-    from processing.relighting.sheet import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
+    from processing.relighting.relit_session import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
 
     relits = [ready.under(outdoors, said) for _, _, outdoors, said in moments["lights"]]
     exposure = common_exposure([r.picture.rgb for r in relits])

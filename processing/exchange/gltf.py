@@ -21,8 +21,8 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.ground.colour import srgb_of_linear
+from processing.light.scene.patches import pane_triangles, surface_triangles
 from processing.light.scene.scene import Pane, Part, Scene, Surface
-from processing.light.scene.triangles import pane_triangles, surface_triangles
 from processing.light.solver.sight import LEAST_AGREEMENT
 from processing.pictures.writing import write_bytes
 

@@ -102,8 +102,8 @@ def _picture_path(stages: Path, staged: int | None) -> Path:
 
 
 def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) -> Scene:
-    told = stages / "render" / "staged.json"
-    every = _json(told).get("alternatives", []) if told.is_file() else []
+    listing = stages / "render" / "staged.json"
+    every = _json(listing).get("alternatives", []) if listing.is_file() else []
     if not 1 <= staged <= len(every):
         raise RelightError(
             f"there is no staged alternative {staged}",

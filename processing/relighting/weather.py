@@ -1,6 +1,6 @@
 """The sun and the sky at another time, in the weather of the captured picture or in a weather of one's own.
 
-The captured picture of the sky tells how much of a clear sky's beam arrives and how bright the rest of the sky is
+The captured picture of the sky shows how much of a clear sky's beam arrives and how bright the rest of the sky is
 beside a clear one. The same shares of the clear sky at another time give its sun and its diffuse light, and the
 all-weather model (`rendering.perez`) spreads that over the sky; the colour is the captured sky's.
 """
@@ -17,14 +17,14 @@ import numpy as np
 from processing.calibration.outdoor.clear_sky import Beam, Place, SunPlace, clear_beam, sun_place
 from processing.errors import DaylightError
 from processing.ground.arrays import Doubles
-from processing.light.picture.relight_land import with_captured_land
+from processing.light.picture.relight_photo import with_captured_land
 from processing.light.scene.scene import Outdoors, Sun, Vector
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, directions, solid_angles
 
 # The all-weather model of the sky's luminance (Perez, Seals, Michalsky 1993, Solar Energy 50, 235; erratum 51, 423).
 #
-# Five coefficients, by how clear and how bright the sky is, tell the luminance of every direction relative to the
+# Five coefficients, by how clear and how bright the sky is, give the luminance of every direction relative to the
 # others; the absolute level comes from the diffuse illuminance.
 
 
@@ -62,11 +62,11 @@ def clearness(diffuse_w_m2: float, normal_w_m2: float, zenith_rad: float) -> flo
 
 
 def coefficients(epsilon: float, brightness: float, zenith_rad: float) -> Doubles:
-    """Return a, b, c, d, e; ``brightness`` is Perez's Delta, ``zenith_rad`` the sun's distance from the zenith."""
+    """Return Perez's a to e, shape (5,), for his Delta ``brightness`` and the sun's distance from the zenith."""
     number = sum(epsilon >= edge for edge in EDGES)
     delta = brightness
     if EDGES[0] < epsilon < EDGES[4]:
-        # As in Radiance's gendaylit: below, the model was not fitted and tells no sky.
+        # As in Radiance's gendaylit: below, the model was not fitted and describes no sky.
         delta = max(delta, 0.2)
     t = _TABLE[number]
     found = t[:, 0] + t[:, 1] * zenith_rad + delta * (t[:, 2] + t[:, 3] * zenith_rad)
@@ -78,7 +78,7 @@ def coefficients(epsilon: float, brightness: float, zenith_rad: float) -> Double
 
 
 def relative_luminance(rays: Doubles, sun: Vector, five: Doubles) -> Doubles:
-    """Return the relative luminance (...,) of unit directions (..., 3) above the horizon, never below 0."""
+    """Return the relative luminance, shape (...,), of unit directions (..., 3) above the horizon, never below 0."""
     a, b, c, d, e = (float(v) for v in five)
     away = np.arccos(np.clip(rays @ np.asarray(sun), -1.0, 1.0))
     gradation = 1 + a * np.exp(b / np.maximum(rays[..., 2], LOWEST))
@@ -134,7 +134,7 @@ class Daylight:
 
 
 def level_illuminance(outdoors: Outdoors) -> tuple[Doubles, Doubles]:
-    """Return the illuminance (3,) on level ground by the sky alone, and by the sun alone."""
+    """Return the illuminance, shape (3,), lx, on level ground by the sky alone, and by the sun alone."""
     rays, area = _grid(outdoors.rgb.shape[0])
     sky = np.tensordot(np.maximum(rays[..., 2], 0) * area, outdoors.rgb.astype(np.float64), axes=2)
     sun = outdoors.sun

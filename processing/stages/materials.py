@@ -70,7 +70,7 @@ def run(context: StageContext) -> StageOutput:
     return StageOutput(
         artifacts={"materials": _facts(found, source, absolute=image.absolute), "scene": True},
         metrics={
-            "told_share": round(float(found.told.mean()), 4),
+            "told_share": round(float(found.measured.mean()), 4),
             "floor_gloss": round(found.gloss, 3),
             "outdoors": source,
             "lamps": len(found.lamps),
@@ -206,7 +206,7 @@ def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:
         ],
         "floor_gloss": round(found.gloss, 3),
         "units": "cd/m2" if absolute else "relative units",
-        "uncertainty": round(float(np.median(found.uncertainty[found.told])), 4) if found.told.any() else 1.0,
+        "uncertainty": round(float(np.median(found.uncertainty[found.measured])), 4) if found.measured.any() else 1.0,
         "notes": list(found.notes),
     }
 

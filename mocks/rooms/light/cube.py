@@ -46,7 +46,7 @@ class Cube:
         return self.side_px / self.face_px
 
     def directions(self, fine: int = 1) -> Floats:
-        """Return unit directions of the pixel centres (6, side, side, 3), or of ``fine`` places a side in each."""
+        """Return unit directions, shape (6, side, side, 3), of pixel centres, or of ``fine`` places a side in each."""
         side = self.side_px * fine
         step = (np.arange(side) + 0.5) / side * 2 - 1
         right, up = step * self.half_width, -step * self.half_width
@@ -58,7 +58,7 @@ class Cube:
         return out
 
     def place(self, directions: Floats) -> tuple[npt.NDArray[np.int32], Floats, Floats]:
-        """Return face, column and row of directions (n, 3); a pixel's centre is at whole numbers.
+        """Return face, column and row of directions (N, 3); a pixel's centre is at whole numbers.
 
         Always well inside the face's picture, by the width of its border.
         """
@@ -75,7 +75,7 @@ class Cube:
         return face.astype(np.int32), aside * scale + middle, middle - above * scale
 
     def place_in(self, face: int, directions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return column, row and weight of directions (n, 3) on one face, its border included.
+        """Return column, row and weight of directions (N, 3) on one face, its border included.
 
         The weights of all faces that see a direction fade into one another across their shared borders; 0 where the
         face does not see it.

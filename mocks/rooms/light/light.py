@@ -126,7 +126,7 @@ def _whole(picture: Floats) -> tuple[Floats, Flags]:
 
 
 def denoised(picture: Floats, guide: Guide) -> Floats:
-    """Return a picture (6, side, side, 3) without its noise."""
+    """Return a picture, shape (6, side, side, 3), without its noise."""
     import pyoidn
 
     out = np.empty_like(picture)

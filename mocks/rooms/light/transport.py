@@ -98,7 +98,7 @@ def _shape(parts: Sequence[Part], *, shiny: bool) -> Any:
 
 
 def render_cube(scene: Any, eye: Vector, sampling: Sampling, faces: Sequence[int] = range(6)) -> Floats:
-    """Return radiance on the six faces (6, side, side, 3) around ``eye``; zero on faces that are not asked for."""
+    """Return radiance around ``eye``, shape (6, side, side, 3), cd/m2; zero on faces that are not asked for."""
     mi = mitsuba()
     side = sampling.cube.side_px
     out = np.zeros((6, side, side, 3), np.float32)

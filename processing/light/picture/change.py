@@ -1,21 +1,28 @@
-"""What furniture changes in a photograph, band by band of whole rows, so that a large picture needs little memory."""
+"""What furniture changes in a photograph, band by band of whole rows, so that a large picture needs little memory.
+
+Furniture's edges in a large picture: smooth, as a lens shows them, not stairs.
+
+A pixel whose middle sees one thing and whose neighbours see another is looked at by several rays. Each takes the
+colour that the nearest pixel shows of the same thing; room that appears beside an edge is the photograph's own pixel,
+with the change of light of its neighbours.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Floats
-from processing.light.picture.edges import smooth_edges
-from processing.light.picture.highlights import matte_share
-from processing.light.picture.mirrors import Mirrors, few_highlights
+from processing.ground.arrays import Floats, Int32s
+from processing.light.picture.highlights import Mirrors, few_highlights, matte_share
 from processing.light.picture.render import ROWS_AT_ONCE_PX
 from processing.light.scene.scene import Vector
 from processing.light.solver.irradiance import Effort, Irradiance, gathered
+from processing.light.solver.kernels import FIRST, SECOND, compiled
 from processing.light.solver.sight import FIRST_PART, Sight, albedo_of, emission_of, sight_along
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
@@ -52,13 +59,13 @@ class Change:
 
     @cached_property
     def both(self) -> Floats:
-        """(h, w, 6): irradiance before and after, brought to a large picture in one go."""
+        """(H, W, 6): irradiance before and after, brought to a large picture in one go."""
         return np.concatenate([self.before.picture, self.after.picture], axis=2)
 
 
 @dataclass(frozen=True)
 class _Lit:
-    """Irradiance (n, 3) of a band's pixels without and with furniture, the sun's own apart."""
+    """Irradiance (N, 3) of a band's pixels without and with furniture, the sun's own apart."""
 
     old: Floats
     new: Floats
@@ -104,7 +111,7 @@ def in_bands(
 def _band(
     change: Change, photo: Floats, large: Sight, rows: slice, high: int, sunless: np.ndarray | None
 ) -> tuple[Floats, Floats, np.ndarray]:
-    """Return a band's pixels (n, 3) without smooth edges, their change of luminance (n,), and which are kept (n,)."""
+    """Return a band's pixels (N, 3) without smooth edges, their change of luminance (N,), and which are kept (N,)."""
     lit = _light(change, large, rows, high)
     albedo, emission = albedo_of(change.full, large), emission_of(change.full, large)
     furniture = large.label >= FIRST_PART
@@ -128,7 +135,7 @@ def _all_three(flags: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def _light(change: Change, large: Sight, rows: slice, high: int) -> _Lit:
-    """Return the light of a band's pixels; what no small pixel tells of is gathered by rays of its own."""
+    """Return the light of a band's pixels; what no small pixel shows is gathered by rays of its own."""
     found, missed = upsampled(change.both, change.small, large, wraps=True, first_row=rows.start, rows=high)
     old, new = np.ascontiguousarray(found[:, :3]), np.ascontiguousarray(found[:, 3:])
     alone = np.flatnonzero(missed & large.solid)
@@ -150,7 +157,7 @@ def _light(change: Change, large: Sight, rows: slice, high: int) -> _Lit:
 def _gain(
     lit: _Lit, photo: Floats, albedo: Floats, emission: Floats, large: Sight, sunless: np.ndarray | None
 ) -> Floats:
-    """Return by how much furniture changes what the room's pixels show (n, 3)."""
+    """Return by how much furniture changes what the room's pixels show (N, 3)."""
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
     part = albedo / np.float32(np.pi)
     modelled = (part * (lit.old + lit.old_sun) + emission) @ weights
@@ -170,7 +177,7 @@ def _gain(
 
 @dataclass(frozen=True)
 class _Mirrored:
-    """What a band's pixels (n, 3) mirror: the floor before and after, and furniture; 0 where nothing is mirrored."""
+    """What a band's pixels (N, 3) mirror: the floor before and after, and furniture; 0 where nothing is mirrored."""
 
     old: Floats
     new: Floats
@@ -178,7 +185,7 @@ class _Mirrored:
 
 
 def _mirrored(change: Change, large: Sight, rows: slice, high: int, sun: Floats) -> _Mirrored | None:
-    """Return mirrored light; None where nothing mirrors. What no small pixel tells of has rays of its own."""
+    """Return mirrored light; None where nothing mirrors. What no small pixel shows has rays of its own."""
     mirrors = change.mirrors
     if mirrors is None:
         return None
@@ -196,7 +203,7 @@ def _mirrored(change: Change, large: Sight, rows: slice, high: int, sun: Floats)
 
 
 def _floor_mirror(mirrored: _Mirrored, room: npt.NDArray[np.bool_], photo: Floats, gain: Floats) -> Floats:
-    """Return what is to be added (n, 3) to a glossy floor: what it mirrors now, less what it mirrored before.
+    """Return what is to be added (N, 3) to a glossy floor: what it mirrors now, less what it mirrored before.
 
     Mirrored light is not shaded where it falls, so what was mirrored before is not changed by ``gain``.
     """
@@ -206,3 +213,129 @@ def _floor_mirror(mirrored: _Mirrored, room: npt.NDArray[np.bool_], photo: Float
     believed = np.minimum(MOST_MIRRORED * (photo @ weights) / np.maximum(old @ weights, 1e-9), 1)[:, None]
     found = np.maximum(believed * (new - old * gain), -MOST_MIRRORED * photo * gain)
     return np.where(room[:, None], found, 0).astype(np.float32)
+
+
+RAYS = 8
+"""In each pixel of an edge."""
+STEP_M, TURNED = 0.01, 0.9
+"""Height of a step, and cosine between normals, from which two pixels of one part are an edge."""
+
+
+def edge_pixels(sight: Sight) -> np.ndarray:
+    """Return which pixels (H, W) of a band lie at an edge of furniture; columns wrap, rows do not."""
+    label = sight.label.reshape(sight.shape)
+    normal, point = (each.reshape(*sight.shape, 3) for each in (sight.normal, sight.point))
+    edge = np.zeros(sight.shape, bool)
+    for axis in (0, 1):
+        other = np.roll(label, 1, axis)
+        furniture = (label >= FIRST_PART) | (other >= FIRST_PART)
+        bent = np.einsum("ijk,ijk->ij", normal, np.roll(normal, 1, axis)) < TURNED
+        step = np.abs(np.einsum("ijk,ijk->ij", point - np.roll(point, 1, axis), normal)) > STEP_M
+        apart = furniture & ((label != other) | bent | step)
+        if axis == 0:
+            apart[0] = False
+        edge |= apart | np.roll(apart, -1, axis)
+    return edge
+
+
+def smooth_edges(
+    stage: Stage, sight: Sight, first_row: int, rows: int, eye_m: Vector, photograph: Floats, shown: Floats
+) -> Floats:
+    """Return a band's picture (H, W, 3) with smooth edges of furniture.
+
+    Parameters
+    ----------
+    sight
+        What the band's pixels see; its first row is row ``first_row`` of a panorama of ``rows``.
+    photograph, shown
+        (H, W, 3): the band without furniture, and with it, stairs and all.
+    """
+    row, column = np.nonzero(edge_pixels(sight))
+    out = shown.copy()
+    if not len(row):
+        return out
+    at_once = 1 << 17
+    for start in range(0, len(row), at_once):
+        part = slice(start, start + at_once)
+        r, c = row[part].astype(np.int64), column[part].astype(np.int64)
+        seen = sight_along(stage, _rays(r + first_row, c, rows), eye_m, (len(r), RAYS))
+        _mix(np.stack([r, c]), _Seen.of(seen), _Seen.of(sight), photograph, shown, out)
+    return out
+
+
+class _Seen(NamedTuple):
+    """What pixels, or the rays through them, see, for compiled loops: arrays (A, B, ...)."""
+
+    label: Int32s
+    normal: Floats
+    far: Floats
+    """(A, B), m."""
+
+    @classmethod
+    def of(cls, sight: Sight) -> _Seen:
+        shape = sight.shape
+        return cls(sight.label.reshape(shape), sight.normal.reshape(*shape, 3), sight.distance_m.reshape(shape))
+
+
+def _rays(row: np.ndarray, column: np.ndarray, rows: int) -> Floats:
+    """Return the directions (n x `RAYS`, 3) of places spread over pixels of a panorama."""
+    k = np.arange(RAYS) + 0.5
+    down, across = (k * FIRST) % 1.0, (k * SECOND) % 1.0
+    latitude = (0.5 - (row[:, None] + down) / rows) * np.pi
+    longitude = ((column[:, None] + across) / (2 * rows) - 0.5) * 2 * np.pi
+    level = np.cos(latitude)
+    found = np.stack([np.sin(longitude) * level, np.cos(longitude) * level, np.sin(latitude)], axis=-1)
+    return np.ascontiguousarray(found.reshape(-1, 3), dtype=np.float32)
+
+
+@compiled
+def _likest(rays, i, s, y, x, pixels):  # type: ignore[no-untyped-def]
+    """Return row and column of the pixel around (y, x) that shows most nearly what ray (i, s) meets; -1 where none."""
+    label, normal, far = rays.label[i, s], rays.normal[i, s], rays.far[i, s]
+    labels, normals, fars = pixels
+    rows, columns = labels.shape
+    best, at_y, at_x = -1e30, -1, -1
+    for r in range(max(y - 1, 0), min(y + 2, rows)):
+        for dc in range(-1, 2):
+            c = (x + dc) % columns
+            if labels[r, c] != label:
+                continue
+            score = -0.01 * (abs(r - y) + abs(dc))
+            for k in range(3):
+                score += 4.0 * normal[k] * normals[r, c, k]  # which way it faces counts more than how far it is
+            if far < 1e6 and fars[r, c] < 1e6:
+                score -= min(10.0 * abs(far - fars[r, c]) / far, 2.0)
+            if score > best:
+                best, at_y, at_x = score, r, c
+    return at_y, at_x
+
+
+@compiled
+def _mix(places, rays, pixels, photograph, shown, out):  # type: ignore[no-untyped-def]
+    """Fill pixels of ``out`` (H, W, 3) at ``places`` (2, N: row, column) with the mean of what their rays' likest show.
+
+    ``rays`` and ``pixels`` are `_Seen`; ``photograph`` and ``shown`` (H, W, 3), cd/m2, without and with furniture.
+    """
+    samples = rays.label.shape[1]
+    for i in range(places.shape[1]):
+        y, x = places[0, i], places[1, i]
+        red = green = blue = 0.0
+        for s in range(samples):
+            r, c = _likest(rays, i, s, y, x, pixels)
+            if r < 0:
+                r, c = y, x
+            # The room itself: the photograph's own pixel, with the change of light beside it.
+            gains = pixels.label[r, c] < FIRST_PART
+            for k in range(3):
+                value = shown[r, c, k]
+                if gains:
+                    value = photograph[y, x, k]
+                    if photograph[r, c, k] > 0:
+                        value *= min(shown[r, c, k] / photograph[r, c, k], MOST_GAIN)
+                if k == 0:
+                    red += value
+                elif k == 1:
+                    green += value
+                else:
+                    blue += value
+        out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / samples, green / samples, blue / samples

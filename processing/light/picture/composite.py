@@ -16,11 +16,10 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Floats
 from processing.light.picture.change import Change, bands, in_bands
-from processing.light.picture.mirrors import mirrors_of
+from processing.light.picture.highlights import mirrors_of
 from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Part, Scene, Vector
-from processing.light.solver.denoise import denoised
-from processing.light.solver.irradiance import EFFORTS, Effort, Lights, irradiance_of
+from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised, irradiance_of
 from processing.light.solver.kernels import cosine_rays, random
 from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
@@ -122,7 +121,7 @@ def ibl(
     clean: bool = True,
     seed: int = 0,
 ) -> Staged:
-    """Return the photograph with furniture lit by the photograph alone; ``room`` only hides what is behind walls."""
+    """Return a photograph (H, 2 H, 3), cd/m2, with furniture lit by it alone; ``room`` hides what is behind walls."""
     geometry = _panorama(photograph)
     if not parts:
         return _untouched(photograph)
@@ -150,7 +149,7 @@ def ibl(
 
 
 def _from_afar(stage: Stage, panorama: Floats, points: Floats, normals: Floats, samples: int, seed: int) -> Floats:
-    """Return the irradiance (n, 3) of places lit by a panorama at infinity; what furniture hides gives no light."""
+    """Return the irradiance (N, 3) of places lit by a panorama at infinity; what furniture hides gives no light."""
     out = np.zeros((len(points), 3), np.float32)
     shifts = random((seed, 70), len(points), 2)
     at_once = max(1, RAYS_AT_ONCE // samples)

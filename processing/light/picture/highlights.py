@@ -5,20 +5,28 @@ Furniture's materials are those of glTF: a base that is matte, and above it a mi
 drawn by what of the facets the eye sees (Heitz 2018). What they meet is the photograph where they meet the room that
 the camera sees, the light map elsewhere, the sky behind panes; the sun is a light of its own, joined by its
 reflectance, as its disc would never be met by chance.
+
+What is mirrored in a staged picture, at a small size: on furniture, and in a glossy floor with and without it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
+import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
+from processing.light.picture.render import small_geometry
 from processing.light.scene.scene import Material, Vector
+from processing.light.solver.irradiance import denoised
 from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, compiled, random
-from processing.light.solver.sight import FIRST_PART, Sight, looked_up
+from processing.light.solver.sight import FIRST_PART, Sight, looked_up, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
+from processing.light.solver.sun import sun_of
 from processing.light.solver.transport import LightMap
+from processing.sphere import Equirectangular
 
 HEAD_ON = 0.04
 """Reflectance of all that is no metal, seen head on (n = 1.5)."""
@@ -27,7 +35,7 @@ MATTE_FROM = 0.8
 LEAST_WIDTH = 0.02
 """Of the microfacets' slopes; a perfect mirror is one of 0."""
 FLOOR_WIDTH = 0.06
-"""Of a varnished or tiled floor's, where its gloss was told but not its roughness."""
+"""Of a varnished or tiled floor's, where its gloss was measured but not its roughness."""
 SAME_PLACE = 0.03
 """Relative difference of distances within which the camera sees the place itself."""
 
@@ -39,15 +47,15 @@ class Surroundings:
     stage: Stage
     light: LightMap
     photograph: Floats
-    """(h, 2 h, 3): of the room that is mirrored, without furniture; of the size of ``seen``."""
+    """(H, 2 H, 3): of the room that is mirrored, without furniture; of the size of ``seen``."""
     seen: Sight
     """What its pixels see in the bare room."""
     gain: Doubles
-    """(patches, 3): by which furniture changes the light of the room's patches."""
+    """(P, 3): by which furniture changes the light of the room's patches."""
     eye_m: Vector
 
     def radiance(self, origins: Floats, rays: Floats) -> tuple[Floats, np.ndarray]:
-        """Return what rays (n, 3) bring (n, 3) cd/m2, and which of them end on furniture."""
+        """Return what rays (N, 3) bring (N, 3) cd/m2, and which of them end on furniture."""
         stage, p = self.stage, self.stage.patches
         hits = stage.tracer.cast(origins, rays)
         patch, _ = stage.met(origins, rays, hits)
@@ -70,7 +78,7 @@ class Surroundings:
         return out, (patch >= 0) & (p.owner[hit] < 0)
 
     def _shown(self, places: Floats, owner: np.ndarray) -> tuple[Floats, np.ndarray]:
-        """Return what the photograph shows of places (n, 3) on surfaces (n,), and where it shows them indeed."""
+        """Return what the photograph shows of places (N, 3) on surfaces (N,), and where it shows them indeed."""
         way = places - np.asarray(self.eye_m, np.float32)
         far = np.maximum(np.linalg.norm(way, axis=1), 1e-6)
         way = (way / far[:, None]).astype(np.float32)
@@ -88,7 +96,7 @@ def is_glossy(material: Material) -> bool:
 
 
 def matte_share(stage: Stage, sight: Sight) -> Floats:
-    """Return which share (n, 1) of furniture's matte light leaves it beside what it mirrors; 1 for the rest."""
+    """Return which share (N, 1) of furniture's matte light leaves it beside what it mirrors; 1 for the rest."""
     out = np.ones((len(sight.label), 1), np.float32)
     facing = np.clip(-np.einsum("ij,ij->i", sight.rays, sight.normal), 0, 1)
     for number, part in enumerate(stage.scene.parts):
@@ -102,7 +110,7 @@ def matte_share(stage: Stage, sight: Sight) -> Floats:
 
 
 def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, samples: int, key: Key) -> Floats:
-    """Return what furniture's pixels mirror (n, 3) cd/m2; ``sun`` (n, 3): the sun's direct irradiance there."""
+    """Return what furniture's pixels mirror (N, 3) cd/m2; ``sun`` (N, 3): the sun's direct irradiance there."""
     out = np.zeros((len(sight.label), 3), np.float32)
     outdoors = around.stage.scene.outdoors.sun
     for number, part in enumerate(around.stage.scene.parts):
@@ -129,7 +137,7 @@ def _head_on(material: Material) -> Doubles:
 def mirrored_light(
     around: Surroundings, sight: Sight, pixels: np.ndarray, width: float, head_on: Doubles, samples: int, key: Key
 ) -> tuple[Floats, np.ndarray]:
-    """Return what pixels (k,) mirror (k, 3), and the share (k,) of it that comes from furniture (by count of rays)."""
+    """Return what pixels (K,) mirror (K, 3), and the share (K,) of it that comes from furniture (by count of rays)."""
     shift = random(key, len(sight.label), 2)[pixels]
     out = np.empty((len(pixels), 3), np.float32)
     share = np.empty(len(pixels))
@@ -153,7 +161,7 @@ def mirrored_light(
 def _sun_glint(
     sight: Sight, pixels: np.ndarray, sun: Floats, towards: Doubles, width: float, head_on: Doubles
 ) -> Floats:
-    """Return the sun's highlight (k, 3): its irradiance times the facets' reflectance towards the eye."""
+    """Return the sun's highlight (K, 3): its irradiance times the facets' reflectance towards the eye."""
     view, normal = -sight.rays[pixels].astype(np.float64), sight.normal[pixels].astype(np.float64)
     half = view + towards
     half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-12)
@@ -185,7 +193,7 @@ def _facet(x, y, z, u, w):  # type: ignore[no-untyped-def]
 
 @compiled
 def facet_rays(rays, normals, shifts, samples, width, out, weight):  # type: ignore[no-untyped-def]
-    """Fill mirrored directions (n, samples, 3) of eye rays (n, 3), and their weights (n, samples, 2).
+    """Fill mirrored directions (N, samples, 3) of eye rays (N, 3), and their weights (N, samples, 2).
 
     A ray's light counts (weight 0) x reflectance head on + (weight 1) x (1 - that). Facets are drawn by what of them
     the eye sees: Heitz (2018), "Sampling the GGX distribution of visible normals". Rays into the surface weigh 0.
@@ -219,3 +227,120 @@ def facet_rays(rays, normals, shifts, samples, width, out, weight):  # type: ign
             seen = 2.0 / (1.0 + (1.0 + spread) ** 0.5) if lz > 1e-4 else 0.0
             weight[i, s, 0] = seen
             weight[i, s, 1] = seen * max(1.0 - along, 0.0) ** 5  # Schlick: F = F0 + (1 - F0) (1 - cos)^5
+
+
+MOST_ROWS = 512
+FLOOR_BLUR_PX = 1.5
+"""About the width of a varnished floor's mirror images at `MOST_ROWS` rows; it takes the noise of few rays away too."""
+MOST_GAIN = 4.0
+FURNITURE_RAYS, FLOOR_RAYS, FEW_RAYS = 48, 24, 12
+"""From each small pixel; of what no small pixel sees, from each large one."""
+
+
+@dataclass(frozen=True)
+class Mirrors:
+    """Mirrored light of a small picture's pixels."""
+
+    sight: Sight
+    around: Surroundings
+    furniture: Floats
+    """(H, W, 3) cd/m2."""
+    floor_before: Floats
+    """(H, W, 3): what the floor mirrors without furniture, 0 where it is matte."""
+    floor_after: Floats
+
+    floors: tuple[int, ...]
+    """Numbers of the surfaces that mirror."""
+
+    @cached_property
+    def all_three(self) -> Floats:
+        """(H, W, 9): the floor's before and after and furniture's, brought to a large picture in one go."""
+        return np.concatenate([self.floor_before, self.floor_after, self.furniture], axis=2)
+
+
+def mirrors_of(
+    bare: Stage,
+    full: Stage,
+    lights: tuple[LightMap, LightMap],
+    photograph: Floats,
+    eye_m: Vector,
+    *,
+    seed: int,
+    clean: bool,
+) -> Mirrors | None:
+    """Return what furniture and floor mirror; None where nothing does.
+
+    Parameters
+    ----------
+    bare, full
+        The room without and with furniture; of its light maps (``lights``) likewise.
+    photograph
+        (H, 2 H, 3): of the room without furniture.
+    """
+    floors = [k for k, surface in enumerate(bare.scene.surfaces) if surface.gloss > 0]
+    if not floors and not any(is_glossy(part.material) for part in full.scene.parts):
+        return None
+    geometry = small_geometry(Equirectangular(photograph.shape[1], photograph.shape[0]), MOST_ROWS)
+    assert isinstance(geometry, Equirectangular)
+    size = (geometry.width_px, geometry.height_px)
+    shown = photograph
+    if shown.shape[:2] != size[::-1]:
+        shown = np.asarray(cv2.resize(photograph, size, interpolation=cv2.INTER_AREA), np.float32)
+    sight, empty = sight_of(full, geometry, eye_m), sight_of(bare, geometry, eye_m)
+    one = np.ones((bare.patches.count, 3))
+    before = Surroundings(bare, lights[0], shown, empty, one, eye_m)
+    after = Surroundings(full, lights[1], shown, empty, _gain(full, lights), eye_m)
+    found = furniture_highlights(
+        after, sight, sun_of(full, sight, 16, seed, sight.label >= FIRST_PART), FURNITURE_RAYS, (seed, 90)
+    )
+    old, new = np.zeros_like(found), np.zeros_like(found)
+    for floor in floors:
+        mine = np.flatnonzero(sight.label == floor)
+        gloss = np.float32(bare.scene.surfaces[floor].gloss)
+        for out, around in ((old, before), (new, after)):
+            light, _ = mirrored_light(around, sight, mine, FLOOR_WIDTH, np.full(3, HEAD_ON), FLOOR_RAYS, (seed, 91))
+            out[mine] = gloss * light
+    there = np.isin(sight.label, floors).reshape(sight.shape)
+    old, new = (_blurred(light.reshape(*sight.shape, 3), there) for light in (old, new))
+    picture = found.reshape(*sight.shape, 3)
+    if clean:
+        picture = _cleaned(picture, sight)
+    return Mirrors(sight, after, picture, old, new, tuple(floors))
+
+
+def few_highlights(mirrors: Mirrors, sight: Sight, chosen: np.ndarray, sun: Floats, seed: int) -> Floats:
+    """Return what pixels (K,) of a large picture mirror that no small pixel shows, by a few rays of their own."""
+    return furniture_highlights(mirrors.around, sight.some(chosen), sun[chosen], FEW_RAYS, (seed, 92))
+
+
+def _gain(full: Stage, lights: tuple[LightMap, LightMap]) -> Doubles:
+    """Return by how much furniture changes the light of the room's patches (P, 3); 1 for its own."""
+    out = np.ones((full.patches.count, 3))
+    before, after = lights[0].total, lights[1].total
+    shared = len(before)
+    known = before > 0
+    ratio = np.where(known, after[:shared] / np.where(known, before, 1), 1)
+    out[:shared] = np.clip(ratio, 0, MOST_GAIN)
+    return out
+
+
+def _blurred(picture: Floats, there: np.ndarray) -> Floats:
+    """Return a floor's mirrored light blurred as its roughness blurs it: alike in both pictures, so that what furniture
+    leaves alone stays alike.
+    """
+    side = 4 * round(FLOOR_BLUR_PX)
+    padding = ((0, 0), (side, side))
+    weight = cv2.GaussianBlur(np.pad(there.astype(np.float32), padding, mode="wrap"), (0, 0), FLOOR_BLUR_PX)
+    light = np.pad(picture * there[..., None], (*padding, (0, 0)), mode="wrap")
+    mean = cv2.GaussianBlur(light, (0, 0), FLOOR_BLUR_PX) / np.maximum(weight, 1e-6)[..., None]
+    return np.where(there[..., None], mean[:, side : side + picture.shape[1]], 0).astype(np.float32)
+
+
+def _cleaned(picture: Floats, sight: Sight) -> Floats:
+    there = (sight.label >= FIRST_PART).reshape(sight.shape)
+    if not (picture > 0).any():
+        return picture
+    distance = np.where(there, np.where(np.isfinite(sight.distance_m), sight.distance_m, 0).reshape(sight.shape), 0)
+    near = np.where(there, 1 / (1 + distance), 0).astype(np.float32)
+    normal = sight.normal.reshape(*sight.shape, 3) * there[..., None]
+    return denoised(picture, normal.astype(np.float32), near, wraps=True, quality="fast") * there[..., None]

@@ -98,13 +98,13 @@ def shaded(
 
 
 def directly(stage: Stage, points: Floats, normals: Floats, effort: Effort, seed: int) -> Doubles:
-    """Return the irradiance of places that no small pixel tells of, by rays of their own."""
+    """Return the irradiance (N, 3), lx, of points (N, 3) that no small pixel shows, by rays of their own."""
     light = light_map(stage, effort.patch_samples, seed)
     return gathered(stage, light, points, normals, 4 * effort.pixel_samples, seed)
 
 
 def _radiance(stage: Stage, sight: Sight, light: Floats, effort: Effort, seed: int) -> Floats:
-    """Return the radiance (n, 3) of pixels with this irradiance, sun added."""
+    """Return the radiance (N, 3) of pixels with this irradiance, sun added."""
     whole = light + sun_of(stage, sight, effort.sun_samples, seed)
     seen = albedo_of(stage, sight) * whole * np.float32(1 / np.pi) + emission_of(stage, sight)
     return np.asarray(seen + seen_outdoors(stage, sight), dtype=np.float32)

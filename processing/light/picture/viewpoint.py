@@ -27,7 +27,7 @@ from processing.sphere import Equirectangular, Perspective
 SAME_PLACE_M, SAME_PLACE = 0.01, 0.004
 """How far before a place a ray from the camera may end and still see it: metres, and of its length."""
 GRAZING = 0.05
-"""Cosine under which the camera saw a place too flatly to tell its light."""
+"""Cosine under which the camera saw a place too flatly to show its light."""
 MOST_GAIN = 2.5
 _SIGMAS_PX = (4.0, 16.0, 64.0, 256.0)
 _WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
@@ -79,7 +79,7 @@ def seen_from(
 def _as_photographed(
     stage: Stage, photograph: Floats, camera_m: Vector, sight: Sight
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return the photograph's light (n, 3) of what pixels see, and of which of them it tells."""
+    """Return the photograph's light (N, 3) of what pixels see, and which of them it shows."""
     rows = photograph.shape[0]
     camera = np.asarray(camera_m, np.float32)
     way = sight.point - camera
@@ -104,7 +104,7 @@ def _as_photographed(
 def own_pixels(
     photograph: Floats, labels: npt.NDArray[np.int32], rays: Floats, label: npt.NDArray[np.int32]
 ) -> tuple[Floats, Floats]:
-    """Return a panorama's values (n, 3) along rays from those of the four pixels around that show the ray's label."""
+    """Return a panorama's values (N, 3) along rays from those of the four pixels around that show the ray's label."""
     rows, columns = labels.shape
     x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) * columns - 0.5
     y = (0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi) * rows - 0.5
@@ -121,19 +121,19 @@ def own_pixels(
 
 
 def _gains(shown: Floats, rendered: Floats, known: npt.NDArray[np.bool_], sight: Sight) -> Floats:
-    """Return by what (n, 1) rendered pixels are brought to the level of what is seen around them on their surface."""
+    """Return by what (N, 1) rendered pixels are brought to the level of what is seen around them on their surface."""
     level = np.log(np.maximum(shown @ _WEIGHTS, 1e-6) / np.maximum(rendered @ _WEIGHTS, 1e-6))
     level = np.clip(level, -np.log(MOST_GAIN), np.log(MOST_GAIN)).astype(np.float32)
     out = np.zeros(len(known), np.float32)
     usual = float(np.median(level[known])) if known.any() else 0.0
     for label in np.unique(sight.label[sight.solid & ~known]):
         mine = sight.label == label
-        told = (mine & known).reshape(sight.shape).astype(np.float32)
-        found = np.full(sight.shape, float(np.median(level[mine & known])) if told.any() else usual, np.float32)
+        own = (mine & known).reshape(sight.shape).astype(np.float32)
+        found = np.full(sight.shape, float(np.median(level[mine & known])) if own.any() else usual, np.float32)
         todo = np.ones(sight.shape, bool)
-        for sigma in _SIGMAS_PX if told.any() else ():
-            share = cv2.GaussianBlur(told, (0, 0), sigma)
-            mean = cv2.GaussianBlur(told * level.reshape(sight.shape), (0, 0), sigma)
+        for sigma in _SIGMAS_PX if own.any() else ():
+            share = cv2.GaussianBlur(own, (0, 0), sigma)
+            mean = cv2.GaussianBlur(own * level.reshape(sight.shape), (0, 0), sigma)
             ready = todo & (share > 0.02)
             found[ready] = mean[ready] / share[ready]
             todo &= ~ready

@@ -2,7 +2,7 @@
 
 Irradiance comes from the panorama itself (`room_light`), so no albedo is needed to find albedo. Where the sun falls is
 known from geometry up to errors of the model and to what it leaves out, bars of a window for instance: near the
-sun's patch every pixel is taken as sunlit or not by what fits its surface better. Pixels of which nothing can be told
+sun's patch every pixel is taken as sunlit or not by what fits its surface better. Pixels that cannot be measured
 (clipped, nearly dark, in half shadow, hidden) take what their surface shows around them.
 """
 
@@ -18,12 +18,17 @@ import numpy as np
 from processing.errors import AlbedoError
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.room_model import RoomModel
-from processing.light.scene.gloss import MOST_SHARE, gloss_factor, mirrored
-from processing.light.scene.lamps import Lamp, find_lamps
-from processing.light.scene.room_light import MeasuredLight, irradiance_by_picture, measured_light
+from processing.light.scene.room_light import (
+    MOST_SHARE,
+    MeasuredLight,
+    gloss_factor,
+    irradiance_by_picture,
+    measured_light,
+    mirrored,
+)
 from processing.light.scene.scene import Outdoors, Scene, Vector, plain
 from processing.light.scene.shell import REVEAL_M, shell_of
-from processing.light.scene.windows import measured_windows, windows_from_inside
+from processing.light.scene.sources import Lamp, find_lamps, measured_windows, windows_from_inside
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import Sight, albedo_of, sight_of
@@ -39,7 +44,7 @@ from processing.surfaces.textures import unwrap
 LEAST_ALBEDO, MOST_ALBEDO = 0.02, 0.95
 """Of real surfaces: soot 0.02 to 0.04, fresh white paint 0.9."""
 DARK_SHARE = 0.01
-"""Of the median irradiance, below which albedo is not told."""
+"""Of the median irradiance, below which albedo is not measured."""
 HALF_SHADOW = 0.35
 """Of log albedo from its surface's: a pixel near the sun's patch that fits neither sun nor shade is left out."""
 SUN_MARGIN_M = 0.25
@@ -58,8 +63,8 @@ class RoomAlbedo:
     """(H, W, 3): albedo of the panorama's pixels, 0 through windows; hidden ones filled."""
     uncertainty: Floats
     """(H, W): relative standard uncertainty; 1 where the value is filled in."""
-    told: np.ndarray
-    """(H, W): whether the pixel itself told its albedo."""
+    measured: np.ndarray
+    """(H, W): whether the albedo was measured at the pixel itself."""
     irradiance: Floats
     """(H, W, 3) lx, sun included."""
     scene: Scene
@@ -93,7 +98,7 @@ def albedo_of_room(
     outdoors
         The light outside at the same moment; None: nobody knows, the windows light as they look from inside.
     filled
-        (H, W): pixels that removal filled in; they light the room but tell no albedo of their own.
+        (H, W): pixels that removal filled in; they light the room but show no albedo of their own.
     rows
         Height of the albedo picture; the panorama is brought to it, keeping energy.
 
@@ -117,22 +122,22 @@ def albedo_of_room(
         gathered = _gathered(stage, flat.reshape(rgb.shape).astype(np.float32), (sight, small), eye, effort, seed)
     sky, sun, error = gathered.sky, sun_of(stage, sight, effort.sun_samples, seed), gathered.error
     full = _open_sun(stage, sight)
-    value, whole, told = _values(
+    value, whole, measured = _values(
         flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
     )
     usable = ~near_sun(stage, sight) & ~_filled_in(filled, rows)
-    emission, lamps = find_lamps(flat, whole, _usual(value, sight, told), sight, usable)
-    told &= ~emission.any(axis=1)
+    emission, lamps = find_lamps(flat, whole, _usual(value, sight, measured), sight, usable)
+    measured &= ~emission.any(axis=1)
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
-    doubt = np.where(told, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
-    scene, picture = _textured(_glossy(stage.scene, gloss), room, sight, value, told, emission)
-    notes += (f"{100 * told[sight.solid].mean():.0f} % of pixels tell their own albedo",)
-    notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss told, taken as matte",)
+    doubt = np.where(measured, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
+    scene, picture = _textured(_glossy(stage.scene, gloss), room, sight, value, measured, emission)
+    notes += (f"{100 * measured[sight.solid].mean():.0f} % of pixels show their own albedo",)
+    notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss measured, taken as matte",)
     shape = sight.shape
     return RoomAlbedo(
         picture.reshape(*shape, 3),
         doubt.reshape(shape),
-        told.reshape(shape),
+        measured.reshape(shape),
         whole.reshape(*shape, 3).astype(np.float32),
         scene,
         transmittance,
@@ -143,7 +148,7 @@ def albedo_of_room(
 
 
 def _filled_in(filled: np.ndarray | None, rows: int) -> np.ndarray:
-    """Return which pixels (n,) of the albedo picture show something that removal made up."""
+    """Return which pixels (N,) of the albedo picture show something that removal made up."""
     if filled is None:
         return np.zeros(2 * rows * rows, bool)
     small = cv2.resize(filled.astype(np.float32), (2 * rows, rows), interpolation=cv2.INTER_AREA)
@@ -170,7 +175,7 @@ def _brought_to(panorama: LuminanceImage, rows: int, filled: np.ndarray | None) 
 def _stage(
     room: RoomModel, outdoors: Outdoors | None, rgb: Floats, valid: np.ndarray, reveal_m: float, effort: Effort
 ) -> tuple[Stage, dict[int, Vector], tuple[str, ...]]:
-    """Return the room under its light with windows that let through what the pictures tell."""
+    """Return the room under its light with windows that let through what the pictures show."""
     surfaces, panes = shell_of(room, reveal_m=reveal_m)
     eye = (0.0, 0.0, room.camera_height_m)
     stage = Stage.of(Scene(surfaces, panes, outdoors or Outdoors(DARK)), effort.texel_m)
@@ -180,14 +185,15 @@ def _stage(
         return lit, {}, (note,) if panes else ()
     geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
     sight = sight_of(stage, geometry, eye)
-    clear, measured, told = measured_windows(stage, sight, rgb, valid, eye)
-    notes = () if told or not panes else ("the windows' transmittance cannot be told: that of double glazing is taken",)
+    clear, measured, known = measured_windows(stage, sight, rgb, valid, eye)
+    note = "the windows' transmittance cannot be measured: that of double glazing is taken"
+    notes = () if known or not panes else (note,)
     every = {pane.opening: pane.transmittance for pane in clear}
     return replace(stage, scene=Scene(surfaces, clear, measured)), every, notes
 
 
 def _open_sun(stage: Stage, sight: Sight) -> Doubles:
-    """Return the sun's irradiance (n, 3) where nothing were in its way but glass; 0 far from where it can fall."""
+    """Return the sun's irradiance (N, 3) where nothing were in its way but glass; 0 far from where it can fall."""
     sun, panes = stage.scene.outdoors.sun, stage.scene.panes
     out = np.zeros((len(sight.label), 3))
     if sun is None or not panes:
@@ -200,7 +206,7 @@ def _open_sun(stage: Stage, sight: Sight) -> Doubles:
 
 
 def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
-    """Return which pixels (n,) see a place within `SUN_MARGIN_M` of the sun's patch."""
+    """Return which pixels (N,) see a place within `SUN_MARGIN_M` of the sun's patch."""
     sun, panes = stage.scene.outdoors.sun, stage.scene.panes
     near = np.zeros(len(sight.label), bool)
     if sun is None:
@@ -218,19 +224,19 @@ def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doub
 
 @dataclass(frozen=True)
 class _Gathered:
-    """The light in the room as a picture of it tells."""
+    """The light in the room as a picture of it shows."""
 
     light: MeasuredLight
     sky: Floats
-    """(n, 3): irradiance of its pixels without the sun's own."""
+    """(N, 3): irradiance of its pixels without the sun's own."""
     error: Floats
-    """(h, w): relative, at the small size."""
+    """(H, W): relative, at the small size."""
 
 
 def _gathered(
     stage: Stage, rgb: Floats, sights: tuple[Sight, Sight], eye: Vector, effort: Effort, seed: int
 ) -> _Gathered:
-    """Return the light that a picture (H, W, 3) tells of; ``sights`` are what it sees, and what a small one sees."""
+    """Return the light that a picture (H, W, 3) shows; ``sights`` are what it sees, and what a small one sees."""
     sight, small = sights
     light = measured_light(stage, rgb, sight, eye, (seed, 60))
     base, error = irradiance_by_picture(stage, light, small, effort, seed)
@@ -241,7 +247,7 @@ def _gathered(
 def _without_gloss(
     stage: Stage, gathered: _Gathered, sight: Sight, picture: Floats, valid: np.ndarray, effort: Effort, seed: int
 ) -> tuple[Doubles, np.ndarray, float]:
-    """Return radiance (n, 3) without what the floor mirrors, pixels (n,) that mirror too much, and how glossy it is."""
+    """Return radiance (N, 3) without what the floor mirrors, pixels (N,) that mirror too much, and how glossy it is."""
     rgb = picture.reshape(-1, 3).astype(np.float64)
     highlight = np.zeros(len(rgb), bool)
     irradiance = gathered.sky + sun_of(stage, sight, effort.sun_samples, seed)
@@ -260,25 +266,25 @@ def _without_gloss(
 def _values(
     rgb: Doubles, sky: Doubles, sun: Doubles, full: Doubles, sight: Sight, valid: np.ndarray
 ) -> tuple[Doubles, Doubles, np.ndarray]:
-    """Return albedo (n, 3), irradiance with the sun (n, 3), and which pixels tell; see the module's docstring."""
+    """Return albedo (N, 3), irradiance with the sun (N, 3), and which pixels are measured (see the module)."""
     weights = np.asarray(LUMINANCE_WEIGHTS)
     level = sky @ weights
     bright_enough = level > DARK_SHARE * np.median(level[sight.solid]) if sight.solid.any() else sight.solid
-    told = sight.solid & valid & bright_enough & (rgb @ weights > 0)
+    measured = sight.solid & valid & bright_enough & (rgb @ weights > 0)
     doubtful = (full @ weights) > 0
     shade = math.pi * rgb / np.maximum(sky, 1e-9)
     whole = sky + sun
-    usual = _usual(shade, sight, told & ~doubtful)
+    usual = _usual(shade, sight, measured & ~doubtful)
     lit = math.pi * rgb / np.maximum(sky + full, 1e-9)
     with np.errstate(divide="ignore"):
         as_shade = np.abs(np.log(np.maximum(shade @ weights, 1e-9) / (usual @ weights)))
         as_lit = np.abs(np.log(np.maximum(lit @ weights, 1e-9) / (usual @ weights)))
     sunny = doubtful & (as_lit < as_shade)
-    fits = np.minimum(as_lit, as_shade) < HALF_SHADOW * (1 + _spread(shade, usual, sight, told & ~doubtful))
+    fits = np.minimum(as_lit, as_shade) < HALF_SHADOW * (1 + _spread(shade, usual, sight, measured & ~doubtful))
     value = np.where(sunny[:, None], lit, shade)
     whole = np.where(sunny[:, None], sky + full, np.where(doubtful[:, None], sky, whole))
-    told &= ~doubtful | fits
-    return np.clip(value, LEAST_ALBEDO, MOST_ALBEDO), whole, told
+    measured &= ~doubtful | fits
+    return np.clip(value, LEAST_ALBEDO, MOST_ALBEDO), whole, measured
 
 
 def _usual(value: Doubles, sight: Sight, among: np.ndarray) -> Doubles:
@@ -306,17 +312,17 @@ def _spread(value: Doubles, usual: Doubles, sight: Sight, among: np.ndarray) -> 
 
 
 def _textured(
-    scene: Scene, room: RoomModel, sight: Sight, value: Doubles, told: np.ndarray, emission: Floats
+    scene: Scene, room: RoomModel, sight: Sight, value: Doubles, measured: np.ndarray, emission: Floats
 ) -> tuple[Scene, Floats]:
     """Return the scene with albedo and lamps as textures, and the albedo picture with untold pixels taken from them."""
     geometry = Equirectangular(sight.shape[1], sight.shape[0])
-    usual = _usual(value, sight, told)
+    usual = _usual(value, sight, measured)
     shaped = value.reshape(*sight.shape, 3).astype(np.float32)
     planes = planes_of(room)
     surfaces = []
     for number, surface in enumerate(scene.surfaces):
-        mine = (sight.label == number) & told
-        colour = _median(value, mine, usual[told].mean(axis=0) if told.any() else np.full(3, 0.5))
+        mine = (sight.label == number) & measured
+        colour = _median(value, mine, usual[measured].mean(axis=0) if measured.any() else np.full(3, 0.5))
         texture = plain(tuple(colour))
         if surface.plane >= 0 and mine.any():
             hidden = ~mine.reshape(sight.shape)
@@ -332,7 +338,7 @@ def _textured(
     textured = replace(scene, surfaces=tuple(surfaces))
     picture = value.astype(np.float32)
     again = albedo_of(Stage.of(textured, 1.0), sight)
-    return textured, np.where(told[:, None], picture, again)
+    return textured, np.where(measured[:, None], picture, again)
 
 
 def _glossy(scene: Scene, gloss: float) -> Scene:

@@ -1,6 +1,6 @@
-"""Which way the outdoor picture faces, told from what the windows show of it, where nobody recorded a heading.
+"""Which way the outdoor picture faces, found from what the windows show of it, where nobody recorded a heading.
 
-Where they show too little, direct sunlight in the room tells it: the sun must stand where that comes from.
+Where they show too little, direct sunlight in the room shows it: the sun must stand where that comes from.
 
 Through the glass the panorama sees a part of what the outdoor picture sees. Turned the right way, dark trees and bright
 sky fall together; turned otherwise they do not. It is believed only where one way fits clearly better than all others.
@@ -18,7 +18,7 @@ from processing.ground.arrays import Doubles, Floats
 from processing.ground.room_model import RoomModel
 from processing.light.scene.scene import Outdoors, Scene
 from processing.light.scene.shell import shell_of
-from processing.light.scene.windows import ABOVE_HORIZON
+from processing.light.scene.sources import ABOVE_HORIZON
 from processing.light.solver.sight import GLASS, Sight, looked_up, sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
@@ -39,9 +39,9 @@ SAME_SUN_RAD = math.radians(7.0)
 def outdoors_facing(
     outdoors: Outdoors, panorama: LuminanceImage, room: RoomModel
 ) -> tuple[Outdoors, tuple[float, float] | None]:
-    """Return the light outdoors as it stands before the room's windows, and by how much it was turned (`told_turn`).
+    """Return the light outdoors as it is before the room's windows, and by how much it was turned (`estimated_turn`).
 
-    As it is, and None, where that cannot be told.
+    As it is, and None, where that cannot be found.
     """
     size = (2 * ROWS, ROWS)
     small = np.asarray(cv2.resize(panorama.rgb, size, interpolation=cv2.INTER_AREA), np.float32)
@@ -50,15 +50,15 @@ def outdoors_facing(
     surfaces, panes = shell_of(room)
     stage = Stage.of(Scene(surfaces, panes, outdoors), COARSE_M)
     sight = sight_of(stage, Equirectangular(*size), (0.0, 0.0, room.camera_height_m))
-    told = told_turn(outdoors, sight, small, valid)
-    return (outdoors, None) if told is None else (turned(outdoors, told[0]), told)
+    turn = estimated_turn(outdoors, sight, small, valid)
+    return (outdoors, None) if turn is None else (turned(outdoors, turn[0]), turn)
 
 
 def facing_sunlight(outdoors: Outdoors, seen: tuple[float, float] | None) -> tuple[Outdoors, float | None]:
     """Return the light outdoors turned so that its sun stands where the room says, and the turn (rad).
 
-    ``seen``: azimuth (from +y towards +x) and elevation (rad) of the sun as sunlight in the room tells it; None: it
-    tells nothing. Where that cannot be this sun, the light is returned without sun, and None: a sun before the wrong
+    ``seen``: azimuth (from +y towards +x) and elevation (rad) of the sun as sunlight in the room shows it; None: it
+    shows nothing. Where that cannot be this sun, the light is returned without sun, and None: a sun before the wrong
     window is worse than none. Light without sun is returned as it is.
     """
     sun = outdoors.sun
@@ -71,10 +71,10 @@ def facing_sunlight(outdoors: Outdoors, seen: tuple[float, float] | None) -> tup
     return turned(outdoors, turn), turn
 
 
-def told_turn(outdoors: Outdoors, sight: Sight, panorama: Floats, valid: np.ndarray) -> tuple[float, float] | None:
+def estimated_turn(outdoors: Outdoors, sight: Sight, panorama: Floats, valid: np.ndarray) -> tuple[float, float] | None:
     """Return by how much the outdoor picture is to be turned (rad, as the compass turns) and how well it then fits.
 
-    None where it cannot be told. ``panorama`` (H, 2 H, 3) and what its pixels see; ``valid`` (H, 2 H).
+    None where it cannot be found. ``panorama`` (H, 2 H, 3) and what its pixels see; ``valid`` (H, 2 H).
     """
     mine = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] > ABOVE_HORIZON) & valid.ravel())
     if len(mine) < LEAST_PIXELS:
@@ -105,19 +105,19 @@ def turned(outdoors: Outdoors, turn_rad: float) -> Outdoors:
 
 
 def _turned(rays: Doubles, turn_rad: float) -> Doubles:
-    """Return directions (n, 3) turned clockwise seen from above."""
+    """Return directions (N, 3) turned clockwise seen from above."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     return np.column_stack([c * rays[:, 0] + s * rays[:, 1], c * rays[:, 1] - s * rays[:, 0], rays[:, 2]])
 
 
 def _features(rgb: Floats) -> Doubles:
-    """Return log luminance and how blue it is (n, 2)."""
+    """Return log luminance and how blue it is (N, 2)."""
     light = np.maximum(rgb.astype(np.float64), 1e-6)
     return np.column_stack([np.log(light @ np.asarray(LUMINANCE_WEIGHTS)), np.log(light[:, 2] / light[:, 0])])
 
 
 def _likeness(one: Doubles, other: Doubles) -> float:
-    """Return the mean correlation of two sets of features (n, 2)."""
+    """Return the mean correlation of two sets of features (N, 2)."""
     a, b = one - one.mean(axis=0), other - other.mean(axis=0)
     spread = np.sqrt((a**2).mean(axis=0) * (b**2).mean(axis=0))
     return float(np.where(spread > 1e-6, (a * b).mean(axis=0) / np.maximum(spread, 1e-6), 0).mean())

@@ -66,7 +66,7 @@ def sky_outdoors(
     ground_albedo: float = GROUND_ALBEDO,
     sun: Sun | None = None,
 ) -> Outdoors:
-    """Return the light of a sky given as a function: unit directions (..., 3) above the horizon to cd/m2 (..., 3)."""
+    """Return the light of a sky: a function of unit directions above the horizon to cd/m2, both of shape (..., 3)."""
     rays, _ = directions(Equirectangular(2 * rows, rows))
     above = np.broadcast_to(rays[..., 2:] > 0, rays.shape)
     sky = np.where(above, radiance(rays * np.where(above, 1, [1, 1, -1])), 0.0).astype(np.float32)
@@ -74,7 +74,7 @@ def sky_outdoors(
 
 
 def with_ground(panorama: Floats, known: np.ndarray, sun: Sun | None, albedo: float) -> Floats:
-    """Return a panorama whose unknown pixels below the horizon are matte ground under its own sky and sun."""
+    """Return a panorama (H, 2 H, 3) with matte ground below the horizon where it is not ``known`` (H, 2 H)."""
     if not 0 <= albedo <= 1:
         raise SceneError(f"a ground albedo of {albedo}", advice="give 0 to 1")
     geometry = Equirectangular(panorama.shape[1], panorama.shape[0])

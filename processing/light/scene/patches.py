@@ -1,21 +1,23 @@
 """A scene cut into patches, the texels of its light map: squares on the surfaces, clusters of triangles on furniture.
 
 Each patch has one irradiance and one albedo for what it passes on to others; pictures look closer (`sight`).
+
+Surfaces and panes as triangles.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError, SceneError
 from processing.ground.arrays import Doubles, Floats, Int32s
-from processing.ground.polygons import inside
-from processing.light.scene.scene import Part, Scene, Surface
-from processing.light.scene.triangles import pane_triangles, surface_triangles
+from processing.ground.polygons import inside, triangles
+from processing.light.scene.scene import Pane, Part, Scene, Surface
 from processing.light.solver.kernels import FURNITURE, PANE, Key, Ownership, random
 
 SUBCELLS = 8
@@ -31,9 +33,9 @@ class Elements:
     side_a: Floats
     side_b: Floats
     triangular: np.ndarray
-    """(e,) bool."""
+    """(E,) bool."""
     upto_m2: Doubles
-    """(e,): running sum of areas."""
+    """(E,): running sum of areas."""
 
 
 @dataclass(frozen=True)
@@ -41,27 +43,27 @@ class Patches:
     """The patches (n) and the triangles (m) that stand for them where rays fall."""
 
     triangles: Floats
-    """(m, 3, 3)."""
+    """(M, 3, 3)."""
     normals: Floats
-    """(m, 3): of triangles, unit."""
+    """(M, 3): of triangles, unit."""
     owner: Int32s
-    """(m,): the surface's number, or `FURNITURE`, or `PANE`."""
+    """(M,): the surface's number, or `FURNITURE`, or `PANE`."""
     item: Int32s
-    """(m,): of furniture the patch, of panes the pane's number."""
+    """(M,): of furniture the patch, of panes the pane's number."""
     part: Int32s
-    """(m,): of furniture the part's number, else -1."""
+    """(M,): of furniture the part's number, else -1."""
     face: Int32s
-    """(m,): of furniture the face's number within its part before it was cut, else -1."""
+    """(M,): of furniture the face's number within its part before it was cut, else -1."""
     frames: Doubles
     """(surfaces, 3, 3): origin, u / texel width, v / texel height."""
     grids: Int32s
     """(surfaces, 3): columns, rows, first patch."""
     normal: Floats
-    """(n, 3): of patches."""
+    """(N, 3): of patches."""
     area_m2: Doubles
-    """(n,): 0 for a texel outside its surface's outline."""
+    """(N,): 0 for a texel outside its surface's outline."""
     first: Doubles
-    """(n + 1,): where a patch's elements begin in ``elements.upto_m2``, in m2."""
+    """(N + 1,): where a patch's elements begin in ``elements.upto_m2``, in m2."""
     elements: Elements
 
     @property
@@ -75,7 +77,7 @@ class Patches:
         return Ownership(self.owner, self.item, self.normals, self.frames, self.grids)
 
     def places(self, patch: np.ndarray, key: Key) -> Floats:
-        """Return a random place on each of some patches (k,), uniform over its area: (k, 3)."""
+        """Return a random place on each of some patches (K,), uniform over its area: (K, 3)."""
         low, high = self.first[patch], self.first[patch + 1]
         chance = random(key, len(patch), 3)
         goal = low + (high - low) * chance[:, 0]
@@ -253,3 +255,36 @@ def _cut(corners: Doubles, longest_m: float) -> tuple[Doubles, Int32s]:
         todo = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
         source = np.concatenate([source, source])
     return np.concatenate(done), np.concatenate(done_from)
+
+
+EPSILON = 1e-12
+
+
+def surface_triangles(surface: Surface) -> Doubles:
+    """Return (M, 3, 3) corners of a surface's triangles, turned so that they face where its normal does."""
+    flat = _with_holes(surface) if surface.holes_m else triangles(surface.outline_m)
+    corners = surface.at(flat[..., 0], flat[..., 1])
+    flips = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ surface.normal < 0
+    corners[flips] = corners[flips][:, ::-1]
+    return corners
+
+
+def pane_triangles(pane: Pane) -> Doubles:
+    """Return the corners of a pane's two triangles, shape (2, 3, 3), m."""
+    a, b = pane.corner_m, pane.corner_m + pane.across_m
+    c, d = b + pane.up_m, a + pane.up_m
+    return np.array([[a, b, c], [a, c, d]])
+
+
+def _with_holes(surface: Surface) -> Doubles:
+    """Cut a rectangle along all edges of its holes: cells share whole edges, so that no ray slips through."""
+    us = np.unique([0.0, surface.width_m, *(h[0] for h in surface.holes_m), *(h[2] for h in surface.holes_m)])
+    vs = np.unique([0.0, surface.height_m, *(h[1] for h in surface.holes_m), *(h[3] for h in surface.holes_m)])
+    found = []
+    for u0, u1 in pairwise(us):
+        for v0, v1 in pairwise(vs):
+            u, v = (u0 + u1) / 2, (v0 + v1) / 2
+            if not any(h[0] < u < h[2] and h[1] < v < h[3] for h in surface.holes_m):
+                found += [[(u0, v0), (u1, v0), (u1, v1)], [(u0, v0), (u1, v1), (u0, v1)]]
+    # A wall that is all window has nothing left.
+    return np.array(found, dtype=np.float64).reshape(-1, 3, 2)

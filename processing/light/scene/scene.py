@@ -17,12 +17,12 @@ import numpy.typing as npt
 from processing.errors import MaterialError, SceneError
 from processing.ground.arrays import Doubles, Floats, Int32s
 
-# How much light clear glass lets through at an angle, told from what it lets through head on.
+# How much light clear glass lets through at an angle, from what it lets through head on.
 #
 # Fresnel's equations for unpolarised light on both faces of each sheet, all reflections between faces counted, and
 # Bouguer's law within (Duffie and Beckman, Solar Engineering of Thermal Processes, 4th edition, chapter 5): N sheets
 # pass (1 - r) / (1 + (2 N - 1) r) of each polarisation, times what is not absorbed on the way, which the given
-# transmittance head on tells.
+# transmittance head on implies.
 
 
 Vector: TypeAlias = tuple[float, float, float]
@@ -34,7 +34,7 @@ TABLE = 257
 
 
 def transmittance_at(cosine: Doubles, head_on: Vector, sheets: int) -> Doubles:
-    """Return the transmittance (n, 3) of panes of clear glass at cosines (n,) of incidence, 0 to 1.
+    """Return the transmittance (N, 3) of panes of clear glass at cosines (N,) of incidence, 0 to 1.
 
     ``head_on`` is that at a cosine of 1, of all ``sheets`` together; more than bare reflection leaves is taken as glass
     that absorbs nothing.
@@ -50,7 +50,7 @@ def transmittance_at(cosine: Doubles, head_on: Vector, sheets: int) -> Doubles:
 
 
 def _unabsorbed(cos_out: Doubles, cos_in: Doubles, sheets: int) -> Doubles:
-    """Return what reflection alone leaves (n,), the mean of both polarisations."""
+    """Return what reflection alone leaves (N,), the mean of both polarisations."""
     across = ((cos_out - INDEX * cos_in) / (cos_out + INDEX * cos_in)) ** 2
     along = ((INDEX * cos_out - cos_in) / (INDEX * cos_out + cos_in)) ** 2
     passed = [(1 - r) / (1 + (2 * sheets - 1) * r) for r in (across, along)]
@@ -58,7 +58,7 @@ def _unabsorbed(cos_out: Doubles, cos_in: Doubles, sheets: int) -> Doubles:
 
 
 def transmittance_table(head_on: Vector, sheets: int) -> Doubles:
-    """Return transmittance (`TABLE`, 3) at cosines evenly from 0 to 1; one row for no sheets: alike at all angles."""
+    """Return transmittance, shape (`TABLE`, 3), at cosines evenly from 0 to 1; one row for no sheets."""
     if sheets == 0:
         return np.asarray(head_on, np.float64).reshape(1, 3)
     return transmittance_at(np.linspace(0, 1, TABLE), head_on, sheets)
@@ -69,7 +69,7 @@ BLACK: Vector = (0.0, 0.0, 0.0)
 
 
 def plain(colour: Vector | float) -> Floats:
-    """Return one colour as a texture of one texel (1, 1, 3)."""
+    """Return one colour as a texture of one texel, shape (1, 1, 3)."""
     return np.broadcast_to(np.asarray(colour, dtype=np.float32), (3,)).reshape(1, 1, 3).copy()
 
 
@@ -80,7 +80,7 @@ class Material:
     name: str
     colour: Vector
     texture: Floats | None = None
-    """(h, w, 3) linear, multiplied with ``colour``; uv (0, 0) is its lower left corner, and it repeats."""
+    """(H, W, 3) linear, multiplied with ``colour``; uv (0, 0) is its lower left corner, and it repeats."""
     roughness: float = 1.0
     metallic: float = 0.0
     emission_cd_m2: Vector = BLACK
@@ -104,14 +104,14 @@ class Part:
 
     name: str
     vertices_m: Doubles
-    """(n, 3), in the world."""
+    """(N, 3), in the world."""
     faces: Int32s
-    """(m, 3), counter-clockwise seen from outside."""
+    """(M, 3), counter-clockwise seen from outside."""
     material: Material
     uv: Floats | None = None
-    """(n, 2)."""
+    """(N, 2)."""
     normals: Floats | None = None
-    """(n, 3) unit, in the world: round shapes look round; None: every face is flat."""
+    """(N, 3) unit, in the world: round shapes look round; None: every face is flat."""
 
     def __post_init__(self) -> None:
         shapes = self.vertices_m.ndim == 2 and self.vertices_m.shape[1] == 3 and self.faces.shape[1:] == (3,)
@@ -144,13 +144,13 @@ class Surface:
     width_m: float
     height_m: float
     outline_m: Doubles
-    """(n, 2) in (u, v): a polygon within width x height."""
+    """(N, 2) in (u, v): a polygon within width x height."""
     holes_m: tuple[tuple[float, float, float, float], ...] = ()
     """Rectangles (u0, v0, u1, v1) that are cut out; only in rectangular surfaces."""
     albedo: Floats = field(default_factory=lambda: plain(0.5))
-    """(h, w, 3), stretched over width x height; row 0 at v = 0."""
+    """(H, W, 3), stretched over width x height; row 0 at v = 0."""
     emission_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
-    """(h, w, 3), likewise: lamps."""
+    """(H, W, 3), likewise: lamps."""
     plane: int = -1
     """The room's plane (`surfaces.plane`) that this belongs to, -1 for reveals."""
     gloss: float = 0.0
@@ -163,7 +163,7 @@ class Surface:
             raise MaterialError(f"a gloss of {self.gloss}", where=f"surface {self.name}", advice="give 0 to 1")
 
     def at(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
-        """Return world positions (..., 3)."""
+        """Return world positions, shape (..., 3), m."""
         u, v = np.asarray(u_m, np.float64)[..., None], np.asarray(v_m, np.float64)[..., None]
         return np.asarray(self.origin_m + u * self.u_axis + v * self.v_axis)
 
@@ -181,14 +181,14 @@ class Pane:
     opening: int = -1
     """Index into the room's openings."""
     clear: Floats = field(default_factory=lambda: np.ones((1, 1), np.float32))
-    """(h, w): how much of the glass is clear of bars, curtains and blinds; row 0 at the top, column 0 at the corner."""
+    """(H, W): how much of the glass is clear of bars, curtains and blinds; row 0 at the top, column 0 at the corner."""
     veil_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
-    """(h, w, 3), of the size of ``clear``: radiance of what covers it, towards the room."""
+    """(H, W, 3), of the size of ``clear``: radiance of what covers it, towards the room."""
     sheets: int = 0
     """Of clear glass: ``transmittance`` is then that head on, and falls with the angle (`glass`); 0: alike at all."""
 
     def through(self, rays: npt.NDArray[np.floating]) -> Floats:
-        """Return the transmittance (n, 3) of the clear glass along rays (n, 3), unit."""
+        """Return the transmittance (N, 3) of the clear glass along rays (N, 3), unit."""
         if not self.sheets:
             return np.broadcast_to(np.asarray(self.transmittance, np.float32), (len(rays), 3))
         cosine = np.abs(rays @ self.normal)
@@ -196,7 +196,7 @@ class Pane:
 
     @property
     def normal(self) -> Doubles:
-        """Return the unit vector across the pane."""
+        """Return the unit vector across the pane, shape (3,)."""
         found = np.cross(self.across_m, self.up_m)
         return np.asarray(found / np.linalg.norm(found))
 
@@ -218,7 +218,7 @@ class Pane:
         _check_emission(f"pane of opening {self.opening}", self.veil_cd_m2)
 
     def cells(self, points: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Return row and column of ``clear`` at places (n, 3) on the pane."""
+        """Return row and column of ``clear`` at places (N, 3) on the pane."""
         rows, columns = self.clear.shape
         offset = points - self.corner_m
         u = offset @ self.across_m / (self.across_m @ self.across_m)
@@ -252,7 +252,7 @@ class Outdoors:
     """All light from outside: an equirectangular picture without the sun's disc, and the sun."""
 
     rgb: Floats
-    """(h, 2h, 3) cd/m2; laid out as any panorama."""
+    """(H, 2h, 3) cd/m2; laid out as any panorama."""
     sun: Sun | None = None
 
     def __post_init__(self) -> None:

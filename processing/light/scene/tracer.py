@@ -43,16 +43,16 @@ class Tracer(Protocol):
     """A set of triangles that can be asked what rays meet first."""
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Return the first hits of rays (n, 3); directions are unit vectors."""
+        """Return the first hits of rays (N, 3); directions are unit vectors."""
         ...
 
     def free(self, origins: Floats, ways: Floats) -> Flags:
-        """Return where nothing stands in the way (n,) from origins to origins + `NEARLY` ways."""
+        """Return where nothing stands in the way (N,) from origins to origins + `NEARLY` ways."""
         ...
 
 
 def tracer_of(triangles: Floats) -> Tracer:
-    """Return a tracer of triangles (m, 3, 3)."""
+    """Return a tracer of triangles (M, 3, 3)."""
     asked = os.environ.get(ASKED) or None
     if asked not in (None, EMBREE, *VARIANTS):
         names = ", ".join([EMBREE, *VARIANTS])
@@ -75,7 +75,7 @@ class EmbreeTracer:
         TriangleMesh(self._scene, np.ascontiguousarray(triangles, dtype=np.float32))
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Return the first hits of rays (n, 3)."""
+        """Return the first hits of rays (N, 3)."""
         if not len(directions):
             none = np.empty(0, np.float32)
             return Hits(np.empty(0, np.int32), none, none, none)
@@ -89,7 +89,7 @@ class EmbreeTracer:
         return Hits(found["primID"], distance, found["u"], found["v"])
 
     def free(self, origins: Floats, ways: Floats) -> Flags:
-        """Return where nothing stands in the way (n,)."""
+        """Return where nothing stands in the way (N,)."""
         if not len(ways):
             return np.empty(0, bool)
         found = self._scene.run(

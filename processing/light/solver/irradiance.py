@@ -1,9 +1,13 @@
-"""Irradiance of what a picture sees: gathered at a small size until the error asked for is met, cleaned of noise."""
+"""Irradiance of what a picture sees: gathered at a small size until the error asked for is met, cleaned of noise.
+
+Noise taken out of irradiance pictures by Open Image Denoise, with normals as guides; never out of a photograph.
+"""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import TypeAlias
 
 import cv2
@@ -11,7 +15,6 @@ import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats
-from processing.light.solver.denoise import denoised
 from processing.light.solver.sight import Sight
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
@@ -42,7 +45,8 @@ class Effort:
     clean: bool = True
     """Whether noise is taken out."""
     cleaning: str = "high"
-    """How well (`denoise.denoised`): fast takes a fifth of the time, and the rays that it saves gain more."""
+    """How well: high or fast (`denoise.denoised`; fast takes a fifth of the time, and the rays that it saves gain
+    more); surfaces: of relit pictures, plain means along surfaces (`upsample.Neighbours`)."""
     max_error: float | None = None
     """Relative standard error to stop at; None: one round."""
     budget_s: float | None = None
@@ -177,3 +181,55 @@ def relative_error(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -
         share = cv2.boxFilter(solid.astype(np.float64), -1, size, borderType=cv2.BORDER_REPLICATE)
         relative = cv2.boxFilter(relative, -1, size, borderType=cv2.BORDER_REPLICATE) / np.maximum(share, 1e-3)
     return float(np.sqrt(np.mean(relative[solid] ** 2)))
+
+
+WRAP = 0.125
+"""Share of a panorama's width that is repeated beyond its seam."""
+
+
+def denoiser_available() -> bool:
+    """Return whether the denoiser is installed."""
+    return find_spec("pyoidn") is not None
+
+
+def denoised(irradiance: Floats, normal: Floats, nearness: Floats, *, wraps: bool, quality: str = "high") -> Floats:
+    """Return irradiance (H, W, 3) without its noise and with its mean kept; as it is where the denoiser is missing.
+
+    Parameters
+    ----------
+    normal
+        (H, W, 3), zero where nothing is rendered.
+    nearness
+        (H, W), 0..1: 0 where nothing is rendered, larger for nearer surfaces; parts corners of equal normals.
+    wraps
+        The picture is a panorama whose left and right edges meet.
+    quality
+        high, balanced (0.4 of its time) or fast (0.2).
+    """
+    if not denoiser_available() or min(irradiance.shape[:2]) < 16:
+        return irradiance
+    import pyoidn
+
+    side = round(WRAP * irradiance.shape[1]) if wraps else 0
+    padding = ((0, 0), (side, side), (0, 0))
+
+    def padded(picture: Floats) -> Floats:
+        return np.ascontiguousarray(np.pad(picture, padding, mode="wrap") if side else picture, dtype=np.float32)
+
+    guide = np.repeat(nearness[..., None], 3, axis=2).astype(np.float32)
+    # The denoiser expects values about 1.
+    scale = np.float32(max(float(irradiance.mean()), 1e-20))
+    clean = pyoidn.denoise(
+        padded(irradiance / scale),
+        albedo=padded(guide),
+        normal=padded(normal),
+        hdr=True,
+        clean_aux=True,
+        quality=quality,
+    )
+    clean = np.maximum(np.asarray(clean)[:, side : side + irradiance.shape[1]], 0) * scale
+    there = nearness > 0
+    kept = clean[there].mean(axis=0, dtype=np.float64)
+    whole = irradiance[there].mean(axis=0, dtype=np.float64)
+    gain = np.where(kept > 0, whole / np.maximum(kept, 1e-30), 1.0)
+    return np.asarray(clean * gain, dtype=np.float32)

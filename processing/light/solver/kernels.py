@@ -190,7 +190,7 @@ def pane_rays(points, normals, shifts, rectangle, origins, directions, weight): 
 
 @compiled
 def towards_panes(points, direction, corners, across, up, out):  # type: ignore[no-untyped-def]
-    """Fill whether the ray from each point (n, 3) in one direction meets a pane's rectangle, with a little margin."""
+    """Fill whether the ray from each point (N, 3) in one direction meets a pane's rectangle, with a little margin."""
     for j in range(corners.shape[0]):
         ax, ay, az = across[j, 0], across[j, 1], across[j, 2]
         bx, by, bz = up[j, 0], up[j, 1], up[j, 2]

@@ -15,13 +15,13 @@ from processing.errors import RelightError
 from processing.ground.arrays import Flags, Floats
 from processing.light.scene.scene import Outdoors, Pane
 from processing.light.solver.basis import LightBasis, scene_digest
-from processing.light.solver.irradiance import cleaned, relative_error
+from processing.light.solver.irradiance import cleaned, denoiser_available, relative_error
 from processing.light.solver.sight import albedo_of, emission_of, seen_outdoors, sight_of
 from processing.light.solver.sky import add_sky, sky_values
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of, sunlight
 from processing.light.solver.transport import LightMap, bounced, patch_points, settled
-from processing.light.solver.upsample import Steps
+from processing.light.solver.upsample import Neighbours, Steps
 from processing.sphere import Equirectangular
 
 MOST = 0.7
@@ -113,6 +113,12 @@ class RelightView:
             self._steps = Steps.of(self.small, self.full, self.full.solid, 0, rows, wraps=True, any_solid=True)
         self._colours = np.array([*(p.transmittance for p in stage.scene.panes), (1.0, 1.0, 1.0)], np.float32)
         pixel = basis.pixel
+        self._neighbours = None
+        if basis.effort.clean and (basis.effort.cleaning == "surfaces" or not denoiser_available()):
+            # density = cos cos' / (pi r2): its mean's root is about one over the harmonic mean distance.
+            distance_m = np.zeros(len(self.small.label), np.float32)
+            distance_m[pixel] = 1 / np.sqrt(np.maximum(np.median(basis.pixel_links.density, axis=1) * np.pi * 4, 1e-4))
+            self._neighbours = Neighbours.of(self.small, distance_m)
         self._points, self._normals = self.small.point[pixel][:, None], self.small.normal[pixel]
 
     def relit(self, outdoors: Outdoors, *, veils: Floats | None = None, seed: int = 0) -> Relit:
@@ -140,7 +146,7 @@ class RelightView:
         return Relit(rgb.reshape(shape), light.reshape(shape), sun.reshape(shape), error)
 
     def _irradiance(self, stage: Stage, sunny: Stage, seed: int) -> tuple[Floats, float]:
-        """Return the small picture's irradiance (h, 2 h, 3) without the sun's own disc, and its relative error."""
+        """Return the small picture's irradiance (H, 2 H, 3) without the sun's own disc, and its relative error."""
         basis = self.basis
         values = sky_values(stage.scene.outdoors, stage.scene.panes)
         light = self._light_map(stage, sunny, values, seed)
@@ -155,7 +161,9 @@ class RelightView:
         pictures[:, basis.pixel] = out, out + half, out - half
         mean, one, other = pictures.reshape(3, *self.small.shape, 3)
         error = relative_error(one, other, self.small, blurred=basis.effort.clean)
-        if basis.effort.clean:
+        if self._neighbours is not None:
+            mean = self._neighbours.smooth(mean)
+        elif basis.effort.clean:
             mean = cleaned(mean, self.small, wraps=True, quality=basis.effort.cleaning)
         return mean, error
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Int32s
-from processing.light.scene.patches import FURNITURE, PANE
 from processing.light.scene.scene import Vector
+from processing.light.solver.kernels import FURNITURE, PANE
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
 from processing.sphere import Geometry, directions
 
@@ -25,24 +25,24 @@ class Sight:
 
     shape: tuple[int, int]
     rays: Floats
-    """(n, 3), unit."""
+    """(N, 3), unit."""
     label: Int32s
     pane: Int32s
-    """(n,): number of the pane, -1 elsewhere."""
+    """(N,): number of the pane, -1 elsewhere."""
     distance_m: Floats
     point: Floats
-    """(n, 3); the eye where nothing is met."""
+    """(N, 3); the eye where nothing is met."""
     normal: Floats
-    """(n, 3), towards the eye; 0 where nothing or glass is seen."""
+    """(N, 3), towards the eye; 0 where nothing or glass is seen."""
     triangle: Int32s
 
     @property
     def solid(self) -> np.ndarray:
-        """(n,) whether a surface or furniture is seen."""
+        """(N,) whether a surface or furniture is seen."""
         return self.label >= 0
 
     def some(self, pixels: np.ndarray) -> Sight:
-        """Return what some pixels (k,) see, as one row."""
+        """Return what some pixels (K,) see, as one row."""
         return Sight(
             (1, len(pixels)),
             self.rays[pixels],
@@ -64,7 +64,7 @@ def sight_of(stage: Stage, geometry: Geometry, eye_m: Vector) -> Sight:
 
 
 def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int]) -> Sight:
-    """Return what rays (n, 3) from a point see."""
+    """Return what rays (N, 3) from a point see."""
     eye = np.asarray(eye_m, np.float32)
     triangle, distance = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
     for start in range(0, len(rays), RAYS_AT_ONCE):
@@ -101,12 +101,12 @@ def _round(stage: Stage, label: Int32s, triangle: Int32s, point: Floats, normal:
 
 
 def albedo_of(stage: Stage, sight: Sight) -> Floats:
-    """Return the albedo (n, 3) that pixels see, 0 for glass and nothing; textures are sampled bilinearly."""
+    """Return the albedo (N, 3) that pixels see, 0 for glass and nothing; textures are sampled bilinearly."""
     return _colours(stage, sight, "albedo")
 
 
 def emission_of(stage: Stage, sight: Sight) -> Floats:
-    """Return the radiance (n, 3) that seen surfaces give off by themselves."""
+    """Return the radiance (N, 3) that seen surfaces give off by themselves."""
     return _colours(stage, sight, "emission_cd_m2")
 
 
@@ -145,7 +145,7 @@ def _one_colour(stage: Stage, number: int, name: str) -> Floats | None:
 
 
 def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
-    """Return the radiance (n, 3) seen through glass, 0 elsewhere; the sun's disc is not drawn."""
+    """Return the radiance (N, 3) seen through glass, 0 elsewhere; the sun's disc is not drawn."""
     out = np.zeros((len(sight.label), 3), np.float32)
     for number, pane in enumerate(stage.scene.panes):
         mine = np.flatnonzero((sight.label == GLASS) & (sight.pane == number))
@@ -156,7 +156,7 @@ def seen_outdoors(stage: Stage, sight: Sight) -> Floats:
 
 
 def looked_up(panorama: Floats, rays: Floats) -> Floats:
-    """Return a panorama's values (n, 3) along rays (n, 3), bilinear."""
+    """Return a panorama's values (N, 3) along rays (N, 3), bilinear."""
     rows, columns = panorama.shape[:2]
     x = (np.arctan2(rays[:, 0], rays[:, 1]) / (2 * np.pi) + 0.5) % 1.0
     y = 0.5 - np.arcsin(np.clip(rays[:, 2], -1, 1)) / np.pi

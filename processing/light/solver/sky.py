@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Indices, Int64s, UInt16s
-from processing.light.scene.patches import PANE
 from processing.light.scene.scene import Outdoors, Pane, transmittance_table
-from processing.light.solver.kernels import Key, compiled, pane_rays, random
+from processing.light.solver.kernels import PANE, Key, compiled, pane_rays, random
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample
@@ -28,7 +27,7 @@ SKY_CELLS = 2 * SKY_ROWS * SKY_ROWS
 class _Glass(NamedTuple):
     """A pane's glass and what covers it, for compiled loops."""
 
-    tint: Floats
+    tint: Doubles
     """(M, 3): transmittance at cosines evenly from 0 to 1 (M = 1: alike at all)."""
     normal: Doubles
     """(3,), unit."""
@@ -107,7 +106,7 @@ def skylight(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
 
 @compiled
 def _add_outdoors(rays, picture, glass, out):  # type: ignore[no-untyped-def]
-    """Add to irradiance ``out`` (N, 3) what `_PaneRays` bring in from ``picture`` (h, 2 h, 3) cd/m2, bilinearly."""
+    """Add to irradiance ``out`` (N, 3) what `_PaneRays` bring in from ``picture`` (H, 2 H, 3) cd/m2, bilinearly."""
     clear, veil, tint, normal = glass.clear, glass.veil, glass.tint, glass.normal
     last = tint.shape[0] - 1
     rows, columns = picture.shape[0], picture.shape[1]

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats, Int32s
-from processing.light.scene.patches import FURNITURE, Patches, patches_of
+from processing.light.scene.patches import Patches, patches_of
 from processing.light.scene.scene import Outdoors, Pane, Part, Scene
 from processing.light.scene.tracer import Hits, Tracer, tracer_of
-from processing.light.solver.kernels import met_patches
+from processing.light.solver.kernels import FURNITURE, met_patches
 from processing.sphere.resampling import linear_samples
 
 RAYS_AT_ONCE = 1 << 20
@@ -78,7 +78,7 @@ def _patch_means(scene: Scene, patches: Patches, name: str) -> Doubles:
 
 
 def area_means(texture: Floats, rows: int, columns: int) -> Doubles:
-    """Return the means of a texture (h, w, K) over a grid of cells that covers it: (rows, columns, K), exact."""
+    """Return the means of a texture (H, W, K) over a grid of cells that covers it: (rows, columns, K), exact."""
     down, across = _shares(texture.shape[0], rows), _shares(texture.shape[1], columns)
     return np.asarray(np.tensordot(across, np.tensordot(down, texture, (1, 0)), (1, 1)).swapaxes(0, 1))
 
@@ -126,7 +126,7 @@ def part_normals(part: Part, face: Int32s, places: Doubles) -> Floats | None:
 
 
 def surface_values(texture: Floats, u: Doubles, v: Doubles) -> Floats:
-    """Return values (N, 3) of a texture (h, w, 3) at ``u``, ``v`` (N,), shares of its width and height, bilinear."""
+    """Return values (N, 3) of a texture (H, W, 3) at ``u``, ``v`` (N,), shares of its width and height, bilinear."""
     high, wide = texture.shape[:2]
     if high == wide == 1:
         return np.broadcast_to(texture[0, 0], (len(u), 3))

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
-from processing.light.scene.patches import PANE
 from processing.light.scene.scene import Sun
-from processing.light.solver.kernels import FIRST, SECOND, STEP_OFF_M, Key, compiled, random, towards_panes
+from processing.light.solver.kernels import FIRST, PANE, SECOND, STEP_OFF_M, Key, compiled, random, towards_panes
 from processing.light.solver.sight import Sight
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
 
@@ -262,8 +261,8 @@ def _block_px(sight: Sight) -> int:
 def _fill_blocks(step, label, normals, points, chosen, sure, tint, todo):  # type: ignore[no-untyped-def]
     """Fill what lies within blocks of pixels whose four corners agree, and mark all else in ``todo``.
 
-    A block counts only where all its pixels are ``chosen``, show one thing, and lie in one plane; ``sure`` (h, w) are
-    corners of which ``tint`` (h, w, 3) is known. Blocks share their corners' rows and columns.
+    A block counts only where all its pixels are ``chosen``, show one thing, and lie in one plane; ``sure`` (H, W) are
+    corners of which ``tint`` (H, W, 3) is known. Blocks share their corners' rows and columns.
     """
     high, wide = label.shape
     for top in range(0, high, step):

@@ -61,7 +61,7 @@ def links_of(stage: Stage, points: Floats, normals: Floats, samples: int, key: K
 
 
 def patch_points(stage: Stage, samples: int, key: Key) -> Floats:
-    """Return places spread over every patch: (patches, samples, 3), m."""
+    """Return places spread over every patch, shape (patches, samples, 3), m."""
     which = np.repeat(np.arange(stage.patches.count), samples)
     return stage.patches.places(which, key).reshape(-1, samples, 3)
 
@@ -142,7 +142,7 @@ def bounced(
     goals = _Goals(stage.patches.places(patch, (*key, 1)), stage.patches.normal[patch], light, chance)
     shift = random((*key, 0), len(normals), 1)[:, 0]
     counts = (shots, links.patch.shape[1])
-    at_once = max(1, RAYS_AT_ONCE // shots)
+    at_once = max(1, RAYS_AT_ONCE // (4 * shots))
     for start in range(0, len(normals), at_once):
         part = slice(start, start + at_once)
         most = len(normals[part]) * shots
@@ -246,7 +246,7 @@ class LightMap:
 
     @property
     def total(self) -> Doubles:
-        """Return sun and rest."""
+        """Return sun and rest: (P, 3), lx."""
         return self.sun + self.rest
 
 

@@ -1,4 +1,7 @@
-"""Irradiance brought from a small picture to a large one: only between pixels that see the same surface."""
+"""Irradiance shared by pixels that see the same surface: from a small picture to a large one, and among neighbours.
+
+Both are found once and serve every light (`Steps`, `Neighbours`).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from processing.ground.arrays import Flags, Floats, Int32s
+from processing.ground.arrays import Bytes, Flags, Floats, Int32s
 from processing.light.solver.kernels import compiled
 from processing.light.solver.sight import Sight
 
@@ -16,10 +19,14 @@ REACH_PX = 3
 """How far a large pixel looks for small ones of its own surface."""
 MOST = 4
 """Small pixels that a large one is made of."""
+RADIUS_PX = 3
+"""Of the neighbours over which irradiance is smoothed; chosen (benchmark relight)."""
+NEARNESS = 0.2
+"""Of the harmonic mean distance of what a place sees: over this much of it, irradiance hardly changes (Ward 1988)."""
 
 
 class _Seen(NamedTuple):
-    """What pixels see, for compiled loops: of the small picture (h, w, ...), of the large one (N, ...)."""
+    """What pixels see, for compiled loops: of the small picture (H, W, ...), of the large one (N, ...)."""
 
     label: Int32s
     normal: Floats
@@ -65,7 +72,7 @@ class Steps:
         return cls(index, weight)
 
     def apply(self, values: Floats) -> Floats:
-        """Return ``values`` (h, w, K) of the small picture for all large pixels: (N, K)."""
+        """Return ``values`` (H, W, K) of the small picture for all large pixels: (N, K)."""
         out = np.zeros((len(self.index), values.shape[2]), np.float32)
         _apply(np.ascontiguousarray(values.reshape(-1, values.shape[2])), self.index, self.weight, out)
         return out
@@ -89,7 +96,7 @@ def upsampled(
 ) -> tuple[Floats, Flags]:
     """Return values (N, K) for the large picture's pixels, and which (N,) have no small pixel of their own surface.
 
-    ``values`` is (h, w, K) for the small picture; both must have the same geometry but for their size. ``large`` may be
+    ``values`` is (H, W, K) for the small picture; both must have the same geometry but for their size. ``large`` may be
     a band of whole rows: from ``first_row`` on, of ``rows`` in all. Pixels that are not ``among`` (N,) stay 0.
     """
     wanted = large.solid if among is None else large.solid & among
@@ -180,3 +187,76 @@ def _find(small, large, shape, wraps, wanted, index, weight):  # type: ignore[no
                 break
         if total > 0:
             weight[i] /= total
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """How much of each neighbour goes into a pixel's mean: a denoiser far cheaper than a learned one, and less good."""
+
+    weight: Bytes
+    """(h, w, (2 `RADIUS_PX` + 1)^2): 0 to 255, 255 for itself; 0 where nothing solid is seen."""
+
+    @classmethod
+    def of(cls, sight: Sight, distance_m: Floats) -> Neighbours:
+        """Return the neighbours in a panorama; ``distance_m`` (N,): harmonic mean distance of what a place sees."""
+        weight = np.zeros((*sight.shape, (2 * RADIUS_PX + 1) ** 2), np.uint8)
+        shape = (*sight.shape, 3)
+        seen = _Seen(sight.label.reshape(sight.shape), sight.normal.reshape(shape), sight.point.reshape(shape))
+        _weigh(seen, NEARNESS * distance_m.reshape(sight.shape), weight)
+        return cls(weight)
+
+    def smooth(self, values: Floats) -> Floats:
+        """Return the means (H, W, 3) of ``values`` (H, W, 3) over neighbours, 0 where nothing solid is seen."""
+        out = np.zeros_like(values)
+        around = np.concatenate([values[:, -RADIUS_PX:], values, values[:, :RADIUS_PX]], axis=1)
+        _smooth(around, self.weight, out)
+        return out
+
+
+@compiled
+def _weigh(seen, near_m, weight):  # type: ignore[no-untyped-def]
+    """Fill `Neighbours.weight`: none for another surface, another direction or off the plane; else less with distance
+    against ``near_m`` (H, W), over which irradiance changes there.
+    """
+    rows, columns = seen.label.shape
+    side = 2 * RADIUS_PX + 1
+    for y in range(rows):
+        for x in range(columns):
+            if seen.label[y, x] < 0:
+                continue
+            for dy in range(max(-RADIUS_PX, -y), min(RADIUS_PX, rows - 1 - y) + 1):
+                for dx in range(-RADIUS_PX, RADIUS_PX + 1):
+                    r, c = y + dy, (x + dx) % columns
+                    if seen.label[r, c] != seen.label[y, x]:
+                        continue
+                    turned = lift = far2 = 0.0
+                    for k in range(3):
+                        turned += seen.normal[y, x, k] * seen.normal[r, c, k]
+                        step = seen.point[r, c, k] - seen.point[y, x, k]
+                        lift += step * seen.normal[y, x, k]
+                        far2 += step * step
+                    if turned < 0.9 or abs(lift) > 0.01 + 0.1 * math.sqrt(far2):
+                        continue
+                    share = 255 * math.exp(-0.5 * far2 / max(near_m[y, x] * near_m[y, x], 1e-8))
+                    weight[y, x, (dy + RADIUS_PX) * side + dx + RADIUS_PX] = int(share + 0.5)
+
+
+@compiled
+def _smooth(values, weight, out):  # type: ignore[no-untyped-def]
+    """Fill the weighted means of ``values`` (h, w + 2 `RADIUS_PX`, 3), whose columns go on beyond both sides."""
+    rows, columns = out.shape[0], out.shape[1]
+    side = 2 * RADIUS_PX + 1
+    for y in range(rows):
+        for x in range(columns):
+            if weight[y, x, RADIUS_PX * side + RADIUS_PX] == 0:
+                continue
+            total = a = b = c = np.float32(0)
+            for dy in range(max(-RADIUS_PX, -y), min(RADIUS_PX, rows - 1 - y) + 1):
+                at = (dy + RADIUS_PX) * side
+                for dx in range(side):
+                    w = np.float32(weight[y, x, at + dx])
+                    total += w
+                    a += w * values[y + dy, x + dx, 0]
+                    b += w * values[y + dy, x + dx, 1]
+                    c += w * values[y + dy, x + dx, 2]
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = a / total, b / total, c / total

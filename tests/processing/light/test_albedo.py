@@ -57,7 +57,7 @@ def test_closed_loop_with_sun(sunny: Scene) -> None:
     assert np.median(error) < 0.025
     assert np.quantile(error, 0.95) < 0.08
     assert np.isfinite(found.picture).all()
-    assert found.told.mean() > 0.8
+    assert found.measured.mean() > 0.8
     # And the recovered room under the same light gives the picture back; bounces multiply what albedo is off by.
     again = render(found.scene, GEOMETRY, EYE, effort=look, seed=5).rgb.reshape(-1, 3)[plane]
     ratio = again.sum(axis=1) / rgb.reshape(-1, 3)[plane].sum(axis=1)
@@ -82,7 +82,7 @@ def test_clipped_and_filled_pixels_take_their_surroundings(sunny: Scene) -> None
     )
     stage = Stage.of(sunny, 1.0)
     truth = albedo_of(stage, sight_of(stage, GEOMETRY, EYE)).reshape(ROWS, 2 * ROWS, 3)
-    assert not found.told[filled].any()
+    assert not found.measured[filled].any()
     assert (found.uncertainty[filled] == 1).all()
     assert np.median(np.abs(found.picture - truth)[filled]) < 0.03
     assert np.median(np.abs(found.picture - truth)[30:36, 10:20]) < 0.03

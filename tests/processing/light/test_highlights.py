@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from processing.errors import SceneError
-from processing.light.picture.edges import edge_pixels
+from processing.light.picture.change import edge_pixels
 from processing.light.picture.highlights import _sun_glint, facet_rays, is_glossy
-from processing.light.scene.lamps import find_lamps
 from processing.light.scene.scene import Material, Part, Scene, plain
+from processing.light.scene.sources import find_lamps
 from processing.light.solver.sight import FIRST_PART, sight_of
 from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular

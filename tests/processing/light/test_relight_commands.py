@@ -28,8 +28,8 @@ from processing.light.scene.scene_file import write_scene
 from processing.light.solver.irradiance import Effort
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
+from processing.relighting.relit_session import common_exposure, contact_sheet
 from processing.relighting.session_room import read_session_room
-from processing.relighting.sheet import common_exposure, contact_sheet
 from processing.relighting.weather import daylight_at, usual_weather
 from processing.sphere import Equirectangular
 from processing.stages.arrange import with_door
@@ -123,7 +123,7 @@ def test_another_sky(session, tmp_path) -> None:
 
 def test_from_another_place(session, monkeypatch) -> None:
     # The denoiser loads torch where that is installed, which takes longer than this test.
-    monkeypatch.setattr("processing.light.solver.denoise.available", lambda: False)
+    monkeypatch.setattr("processing.light.solver.irradiance.denoiser_available", lambda: False)
     found = run(view_from, session, "--eye", "-1,0.5,1.2", "--look", "20,-5", "--width", 96)
     assert found["seen_share"] > 0.95
     picture = read_exr(session / "views" / "empty-from--1_0.5_1.2.exr")
@@ -202,7 +202,7 @@ def own_furniture(session, tmp_path_factory) -> Path:
 
 
 def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("processing.light.solver.denoise.available", lambda: False)
+    monkeypatch.setattr("processing.light.solver.irradiance.denoiser_available", lambda: False)
     small = ("--staged", 1, "--output", tmp_path)
     at = ("--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
     with pytest.raises(RelightError, match="give --furniture FOLDER"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing.light.picture.relight_land import bare_sky, land_of, level_lx, with_captured_land
+from processing.light.picture.relight_photo import bare_sky, land_of, level_lx, with_captured_land
 from processing.light.scene.scene import Outdoors, Pane
 from processing.light.solver.relight import clear_of_sun, panes_for_sun
 from tests.processing.light.rooms import uniform_sky

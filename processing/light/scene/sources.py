@@ -1,14 +1,24 @@
-"""What the pictures tell of a room's windows: how much light the glass lets through, and what covers it.
+"""The room's sources of light as its pictures show them: windows, what covers them, and lamps.
+
+What the pictures show of a room's windows: how much light the glass lets through, and what covers it.
 
 The indoor panorama sees through each window what the outdoor picture sees directly: where their ratio is that of clear
 glass, the window is clear; where less arrives, bars, curtains, a blind or trees stand in the way, and what the camera
 sees there is light that the window gives by itself.
+
+Light that surfaces give by themselves: electric lamps that are on, measured in the calibrated panorama.
+
+No surface reflects more than all that falls on it. Where a pixel shows clearly more than that (apparent albedo above
+`LAMP_TIMES`), and neither the sun nor a window explains it, it gives light: the excess over what its surface reflects
+is the lamp's radiance, measured. A window that the room's model lacks is such a place too: its light is as real.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
@@ -16,15 +26,16 @@ from processing.light.scene.scene import Outdoors, Pane, Vector
 from processing.light.solver.sight import GLASS, Sight, looked_up
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS
+from processing.sphere import Equirectangular, solid_angles
 
 USUAL: Vector = (0.75, 0.77, 0.75)
-"""Transmittance of double glazing, where it cannot be told."""
+"""Transmittance of double glazing, where it cannot be measured."""
 LEAST_GLASS, MOST_GLASS = 0.4, 0.95
 """Between which a transmittance is believed: coated triple glazing has 0.5 and more, single glass 0.9."""
 CLEAR_QUANTILE = 0.8
 """Of ratios indoors to outdoors: the share of a window that bars and curtains leave clear is often small."""
 LEAST_PIXELS = 24
-"""Of sky seen through windows, for their transmittance to be told."""
+"""Of sky seen through windows, for their transmittance to be measured."""
 ABOVE_HORIZON = 0.02
 """Sine of the elevation above which the outdoor picture is compared."""
 CELL_M = 0.04
@@ -38,25 +49,25 @@ MOST_GROUND = 8.0
 def measured_windows(
     stage: Stage, sight: Sight, panorama: Floats, valid: np.ndarray, eye_m: Vector
 ) -> tuple[tuple[Pane, ...], Outdoors, bool]:
-    """Return panes with transmittance, clear share and veil, the outdoors with the ground as seen, and what was told.
+    """Return panes with transmittance, clear share and veil, the outdoors with the ground as seen, and a flag.
 
     ``panorama`` (H, 2 H, 3) and what its pixels see; ``valid`` (H, 2 H): pixels that are not clipped. The last is
-    whether the glass's transmittance could be told; if not, it is that of double glazing.
+    whether the glass's transmittance could be measured; if not, it is that of double glazing.
     """
     rgb, good, outdoors = panorama.reshape(-1, 3), valid.ravel(), stage.scene.outdoors
     glass = np.flatnonzero((sight.label == GLASS) & (sight.rays[:, 2] > ABOVE_HORIZON) & good)
     outside = looked_up(outdoors.rgb, sight.rays[glass]).astype(np.float64)
-    share, told = _clear_glass(rgb[glass].astype(np.float64), outside)
+    share, measured = _clear_glass(rgb[glass].astype(np.float64), outside)
     gain = _seen_ground(stage, sight, rgb, good, share)
     level = float(gain @ np.asarray(LUMINANCE_WEIGHTS)) if gain is not None else 1.0
     panes = tuple(
         _covered(stage, replace(pane, transmittance=share), level, panorama, eye_m) for pane in stage.scene.panes
     )
-    return panes, outdoors if gain is None else _with_ground(outdoors, gain), told
+    return panes, outdoors if gain is None else _with_ground(outdoors, gain), measured
 
 
 def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[Pane, ...]:
-    """Return panes that give the light that the camera sees on them, as bright from everywhere: no picture of the sky.
+    """Return panes that give the light that a panorama (H, 2 H, 3) shows on them, as bright from everywhere: no sky.
 
     A place on the floor sees the sky where the camera sees the horizon: without an outdoor picture this is not known.
     """
@@ -72,7 +83,7 @@ def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[
 
 
 def _cells(stage: Stage, pane: Pane, eye_m: Vector) -> tuple[Floats, np.ndarray, tuple[int, int]]:
-    """Return the directions (n, 3) from a point to a pane's cells, which of them it sees, and rows and columns."""
+    """Return the directions (N, 3) from a point to a pane's cells, which of them it sees, and rows and columns."""
     rows = max(1, round(float(np.linalg.norm(pane.up_m)) / CELL_M))
     columns = max(1, round(float(np.linalg.norm(pane.across_m)) / CELL_M))
     v, u = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns, indexing="ij")
@@ -85,7 +96,7 @@ def _cells(stage: Stage, pane: Pane, eye_m: Vector) -> tuple[Floats, np.ndarray,
 
 
 def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Vector, bool]:
-    """Return the transmittance of the clear parts of all windows (they are glazed alike), and whether it was told."""
+    """Return the transmittance of the clear parts of all windows (glazed alike), and whether it was measured."""
     weights = np.asarray(LUMINANCE_WEIGHTS)
     usable = outside @ weights > 0
     if usable.sum() < LEAST_PIXELS:
@@ -139,3 +150,58 @@ def _with_ground(outdoors: Outdoors, gain: Doubles) -> Outdoors:
     """Return the light outdoors with its lower half as bright as it is seen through the windows."""
     below = np.arange(outdoors.rgb.shape[0]) >= outdoors.rgb.shape[0] // 2
     return replace(outdoors, rgb=np.where(below[:, None, None], outdoors.rgb * gain, outdoors.rgb).astype(np.float32))
+
+
+LAMP_TIMES = 1.6
+"""Of all the light that falls on a place: less may be an error of the irradiance, or a highlight."""
+LEAST_SR = 5e-5
+"""Of a lamp as the camera sees it: 0.4 degrees wide. Smaller spots are noise, or do not matter."""
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A shining spot as the camera sees it."""
+
+    solid_angle_sr: float
+    luminance_cd_m2: float
+    """Mean."""
+    label: int
+    """Number of the surface that it is seen on."""
+    towards: tuple[float, float, float]
+    """Its middle's direction from the camera."""
+
+
+def find_lamps(
+    rgb: Doubles, irradiance: Doubles, usual: Doubles, sight: Sight, usable: np.ndarray
+) -> tuple[Floats, list[Lamp]]:
+    """Return what pixels give off by themselves (N, 3) cd/m2, and the lamps.
+
+    Parameters
+    ----------
+    rgb, irradiance
+        (N, 3): radiance and irradiance of the pixels of a panorama.
+    usual
+        (N, 3): the usual albedo of each pixel's surface.
+    usable
+        (N,): pixels that the sun does not reach, seen and not filled in.
+    """
+    weights = np.asarray(LUMINANCE_WEIGHTS)
+    apparent = math.pi * (rgb @ weights) / np.maximum(irradiance @ weights, 1e-9)
+    shining = (sight.solid & usable & (apparent > LAMP_TIMES)).reshape(sight.shape)
+    own = np.maximum(rgb - usual * irradiance / math.pi, 0)
+    emission = np.zeros(rgb.shape, np.float32)
+    area = solid_angles(Equirectangular(sight.shape[1], sight.shape[0])).ravel()
+    lamps = []
+    count, spots = cv2.connectedComponents(shining.astype(np.uint8), connectivity=8)
+    for spot in range(1, count):
+        mine = np.flatnonzero(spots.ravel() == spot)
+        size = float(area[mine].sum())
+        if size < LEAST_SR:
+            continue
+        emission[mine] = own[mine]
+        middle = (sight.rays[mine] * area[mine, None]).sum(axis=0)
+        x, y, z = (float(v) for v in middle / np.linalg.norm(middle))
+        labels, times = np.unique(sight.label[mine], return_counts=True)
+        level = float(np.average(own[mine] @ weights, weights=area[mine]))
+        lamps.append(Lamp(size, level, int(labels[times.argmax()]), (x, y, z)))
+    return emission, sorted(lamps, key=lambda lamp: -lamp.solid_angle_sr * lamp.luminance_cd_m2)
