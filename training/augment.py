@@ -32,7 +32,7 @@ def turned(arrays: Arrays, columns: int, mirror: bool) -> Arrays:
 
 
 def recoloured(rng: np.random.Generator, picture: Floats) -> Floats:
-    """Return a picture of 0..1 with a chance exposure, contrast, colour, light and noise."""
+    """Return a picture (H, W, 3) of 0..1 with a chance exposure, contrast, colour, light and noise."""
     out = np.clip(picture, 0, 1) ** np.float32(np.exp(rng.normal(0, 0.25)))
     if rng.random() < 0.5:
         out = out @ _mixing(rng)
@@ -67,7 +67,7 @@ def _dapple(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
 
 
 def drawn_batch(rng: np.random.Generator, examples: Examples, chosen: npt.NDArray[np.intp]) -> Arrays:
-    """Return examples augmented, stacked, pictures channel first."""
+    """Return the examples ``chosen`` (N,) augmented, stacked, pictures channel first (N, 3, H, W)."""
     found: dict[str, list[npt.NDArray[Any]]] = {}
     for index in chosen:
         one = {"picture": examples.picture[index], **{name: getattr(examples, name)[index] for name in COLUMNS}}

@@ -22,7 +22,7 @@ from training.shards import read_shards
 
 
 def columns_of(evidence: SceneEvidence) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return boundaries and sigmas (4, n)."""
+    """Return boundaries and sigmas, shape (4, N), radians."""
     edges = evidence.boundary
     if edges is None:
         raise ValueError("no boundary in the evidence")
@@ -63,7 +63,7 @@ def on_rooms(model: Path, split: Split, count: int, *, quality: str = "standard"
 
 
 def luminance_image(rgb: npt.NDArray[np.float32]) -> LuminanceImage:
-    """Return a simulated panorama as a calibrated picture."""
+    """Return a simulated panorama (H, W, 3), cd/m2, as a calibrated picture."""
     height, width = rgb.shape[:2]
     sure = np.full((height, width), 0.01, np.float32)
     return LuminanceImage(rgb, sure, np.zeros((height, width), np.uint8), Equirectangular(width, height), 0.02)
@@ -90,7 +90,7 @@ def on_real(model: Path, shared: Path, *, quality: str = "reference", scored_hal
 
 
 def furniture_iou(evidence: SceneEvidence, mask: np.ndarray[Any, np.dtype[np.uint8]]) -> dict[str, float]:
-    """Return IoU, precision and recall by solid angle of the likeliest class, where the mask judges."""
+    """Return IoU, precision and recall by solid angle of the likeliest class, where the mask (H, W) judges."""
     import cv2
 
     rows, columns = mask.shape

@@ -61,7 +61,7 @@ def zind_layouts(folder: Path, key: str = "layout_raw") -> Iterator[Layout]:
 
 
 def furniture_masks(folder: Path) -> Iterator[tuple[str, RelativeImage, npt.NDArray[np.uint8]]]:
-    """Yield pictures with hand-drawn masks (255 furniture, 128 not judged, 64 tripod)."""
+    """Yield pictures with hand-drawn masks (H, W) (255 furniture, 128 not judged, 64 tripod)."""
     for mask_path in sorted(folder.glob("*_mask.png")):
         mask = cv2.imread(str(mask_path), cv2.IMREAD_GRAYSCALE)
         if mask is not None:

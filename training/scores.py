@@ -35,7 +35,7 @@ class Tally:
         self.confusion += np.bincount(cell.ravel(), weight.ravel(), COUNT**2).reshape(COUNT, COUNT)
 
     def add_columns(self, found: Floats, ceiling_rad: Floats, floor_rad: Floats) -> None:
-        """Compare columns (5, n) with the truth."""
+        """Compare columns, shape (5, N), with the truth (N,), radians."""
         up, down = np.degrees(found[0] - ceiling_rad), np.degrees(found[1] - floor_rad)
         self.ceiling_deg.append(up)
         self.floor_deg.append(down)
@@ -92,7 +92,7 @@ class Tally:
 
 
 def floor_iou(found_rad: Floats, truth_rad: Floats) -> float:
-    """Return the IoU of the floors that two boundaries enclose, in camera heights."""
+    """Return the IoU of the floors that two boundaries (N,), radians, enclose."""
     longitude = column_longitudes(len(found_rad))
     rings = []
     for latitude in (found_rad, truth_rad):

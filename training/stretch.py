@@ -19,7 +19,7 @@ Arrays = dict[str, npt.NDArray[Any]]
 
 
 def wall_direction_rad(floor_rad: npt.ArrayLike) -> float:
-    """Return the azimuth (0 to 90 degrees, radians) along which most of a room's walls run or stand at right angles."""
+    """Return the azimuth (0 to pi/2) of most of a room's walls, parallel or at right angles, from its boundary (N,)."""
     down = np.minimum(np.asarray(floor_rad, np.float64), -0.03)
     longitude = column_longitudes(len(down))
     reach = 1 / np.tan(-down)

@@ -14,17 +14,8 @@ from mocks.rooms.furnish.furnish import check_items, furnish
 from mocks.rooms.furniture import item_parts
 from mocks.rooms.model import Finish, Item, Part, Plan, Role, Use
 from mocks.rooms.plan.fixtures import draw_fixtures
-from mocks.rooms.plan.forms import (
-    Outline,
-    draw_camera,
-    draw_doors,
-    draw_outline,
-    draw_turn_rad,
-    draw_windows,
-    rectangle,
-    seen_from,
-)
-from mocks.rooms.plan.space import check_plan
+from mocks.rooms.plan.forms import Outline, draw_camera, draw_outline, draw_turn_rad, rectangle, seen_from
+from mocks.rooms.plan.openings import check_plan, draw_doors, draw_windows
 from mocks.rooms.shell import Pane, shell_parts, window_panes
 from mocks.rooms.sky.daylight import Moment, draw_moment
 from mocks.rooms.sky.sky import Kind, Sky, draw_sky

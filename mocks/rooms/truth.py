@@ -34,7 +34,7 @@ _FINE = 3
 
 @dataclass(frozen=True)
 class TruthPictures:
-    """Equirectangular pictures (rows, 2 rows), longitude 0 (+y) at the centre, growing to the right; row 0 up.
+    """Equirectangular pictures (H, 2 H), longitude 0 (+y) at the centre, growing to the right; row 0 up.
 
     Geometry is that of the pixel's middle; light and albedo are means over the pixel. ``depth_m`` is the distance
     along the ray, inf through a window. ``ade`` is the ADE20K class, windowpane where the outdoors is seen, -1 for
@@ -73,7 +73,7 @@ class PointLight:
 
 
 def equirectangular(rows: int) -> Floats:
-    """Return unit directions of the pixel centres (rows, 2 rows, 3)."""
+    """Return unit directions of the pixel centres (H, 2 H, 3)."""
     longitude = ((np.arange(2 * rows) + 0.5) / (2 * rows) - 0.5) * (2 * math.pi)
     latitude = (0.5 - (np.arange(rows) + 0.5) / rows) * math.pi
     flat = np.cos(latitude)[:, None]
@@ -82,7 +82,7 @@ def equirectangular(rows: int) -> Floats:
 
 
 def truth_pictures(world: RoomWorld, rows: int = 512) -> TruthPictures:
-    """Return all truths of a room as pictures (rows, 2 rows)."""
+    """Return all truths of a room as pictures (H, 2 H)."""
     empty = RoomWorld(world.room.emptied(), world.quality, world.drift)
     rays = equirectangular(rows)
     flat = rays.reshape(-1, 3)
@@ -254,7 +254,7 @@ class Truth:
 
 
 def make_truth(world: RoomWorld, folder: Path, rows: int = 512) -> None:
-    """Work out the truth of a room, pictures (rows, 2 rows), and save it; takes some seconds to minutes."""
+    """Work out the truth of a room, pictures (H, 2 H), and save it; takes some seconds to minutes."""
     save_truth(folder, world.room, truth_pictures(world, rows), point_lights(world.room))
 
 

@@ -30,14 +30,14 @@ _SAME_NORMAL = 0.85
 
 @dataclass(frozen=True)
 class Seen:
-    """What rays meet: part index, normal (n, 3) and distance of the plane, as in `Guide`."""
+    """What rays meet: part index, normal (N, 3) and distance of the plane, as in `Guide`."""
 
     part: npt.NDArray[np.int32]
     normal: Floats
     plane_m: Floats
 
     def only(self, chosen: npt.NDArray[np.intp]) -> Seen:
-        """Return some of them."""
+        """Return those with the numbers ``chosen`` (N,)."""
         return Seen(self.part[chosen], self.normal[chosen], self.plane_m[chosen])
 
 
@@ -69,7 +69,7 @@ class CubeLookup:
         return np.where(same, g.part, -2).astype(np.int32).reshape(-1)
 
     def at(self, directions: Floats, seen: Seen, pictures: list[Floats]) -> list[Floats]:
-        """Return each picture (6, side, side, 3) at directions (n, 3), taken from pixels of the same surface."""
+        """Return each picture, shape (6, S, S, 3), at directions (N, 3), taken from pixels of the same surface."""
         face, column, row = self._guide.cube.place(directions)
         left, top = np.floor(column).astype(np.int32), np.floor(row).astype(np.int32)
         corner = (face * self.side_px + top) * self.side_px + left
@@ -86,7 +86,7 @@ class CubeLookup:
     def _weights(
         self, seen: Seen, corner: npt.NDArray[np.int32], x: Floats, y: Floats
     ) -> tuple[Floats, npt.NDArray[np.int32]]:
-        """Return weights (n, 16) and pixel numbers of the 4 x 4 neighbours: near ones of the same surface."""
+        """Return weights (N, 16) and pixel numbers of the 4 x 4 neighbours: near ones of the same surface."""
         index = np.empty((len(corner), 16), np.int32)
         weights = np.empty((len(corner), 16), np.float32)
         for k in range(16):
@@ -151,7 +151,7 @@ class RoomView:
         self._glow = np.array([part.material.emission_cd_m2 for part in geometry.parts], np.float32)
 
     def surfaces(self, directions: Floats, pixel_rad: float = 0.0) -> Surface:
-        """Return what directions (n, 3) meet, with albedo averaged over ``pixel_rad``."""
+        """Return what directions (N, 3) meet, with albedo averaged over ``pixel_rad``."""
         hits = self.geometry.cast(self._eye, directions)
         ray = np.flatnonzero(hits.face >= 0)
         hits = Hits(hits.face[ray], hits.distance_m[ray], hits.weights[ray])
@@ -162,17 +162,17 @@ class RoomView:
         return Surface(ray, rays, hits, part, normal, point, self._albedo(hits, rays, part, pixel_rad))
 
     def sunlit(self, surface: Surface) -> Floats:
-        """Return how much of the sun's disc each surface point sees, 0..1."""
+        """Return how much of the sun's disc each surface point sees, (N,), 0..1."""
         if self._disc is None:
             return np.zeros(len(surface.ray), np.float32)
         return sun_share(self.geometry, self.room.panes, self._disc, surface.point, surface.normal)
 
     def irradiance(self, surface: Surface, components: tuple[str, ...], share: Floats | None = None) -> Floats:
-        """Return irradiance (lx, RGB) by some components, direct sun included if its ``share`` is given."""
+        """Return irradiance (N, 3), lx as RGB, by some components, direct sun included if its ``share`` is given."""
         return self._lit(surface, components, share)[0]
 
     def radiance(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
-        """Return radiance (n, 3) by some components of the light; the sun's disc itself is left out."""
+        """Return radiance (N, 3) by some components of the light; the sun's disc itself is left out."""
         surface = self.surfaces(directions, pixel_rad)
         share = self.sunlit(surface) if "sun" in components else None
         light, gloss = self._lit(surface, components, share)
@@ -255,7 +255,7 @@ class RoomView:
 
 
 def outdoors(sky: Sky, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
-    """Return the radiance of sky and land (n, 3) by some components of the light."""
+    """Return the radiance of sky and land (N, 3) by some components of the light."""
     if "sky" in components and "sun" in components:
         return sky.radiance(directions, pixel_rad)
     if "sky" in components:

@@ -234,7 +234,7 @@ class SimpleRoom(OneLight):
         return (BrightDisc(sun.direction, sun.radius_rad, (red, green, blue)),)
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return (...,) 1 outdoors; indoors the glass where a ray (..., 3) leaves through a pane, else 0."""
+        """Return 1 outdoors; indoors the glass where a ray leaves through a pane, else 0; shapes as `World`."""
         if site is Site.OUTDOOR:
             return np.ones(directions.shape[:-1], dtype=np.float32)
         flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)

@@ -13,7 +13,7 @@ from training.rooms.house import Portal
 
 
 def outdoors(rng: np.random.Generator, rays: Floats) -> Floats:
-    """Return relative radiance of sky, land and what stands on it (n, 3), about 1 for the sky."""
+    """Return relative radiance of sky, land and what stands on it (N, 3), about 1 for the sky."""
     azimuth = np.arctan2(rays[:, 0], rays[:, 1])
     up = rays[:, 2]
     grey = rng.random() < 0.4
@@ -43,11 +43,11 @@ class Home:
     """(3,) albedo."""
     ceiling: Floats
     floor: Callable[[Floats], Floats]
-    """Albedo (n, 3) at places (n, 2) of the floor, metres."""
+    """Albedo (N, 3) at places (N, 2) of the floor, metres."""
 
 
 def other_room(portal: Portal, eye: Doubles, rays: Floats, home: Home | None = None) -> Floats:
-    """Return relative radiance (n, 3), about 0.3, of the room behind a portal, for rays from ``eye``."""
+    """Return relative radiance (N, 3), about 0.3, of the room behind a portal, for rays from ``eye``."""
     rng = np.random.default_rng([portal.seed, 3])
     ax, ay = portal.frame.along
     ox, oy = portal.frame.origin
@@ -80,7 +80,7 @@ def _surfaces(
     down: npt.NDArray[np.bool_],
     home: Home | None,
 ) -> Doubles:
-    """Return albedos (n, 3) of the other room's walls, ceiling and floor."""
+    """Return albedos (N, 3) of the other room's walls, ceiling and floor."""
     below = (axis == 2) & down
     if home is not None:
         bends = 1 + 0.06 * rng.normal(size=(2, 1))

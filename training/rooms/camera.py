@@ -12,7 +12,7 @@ from processing.segmentation.evidence import SceneClass
 
 
 def add_foot(rng: np.random.Generator, light: Floats, label: Int8s, eye_m: float) -> tuple[Floats, Int8s]:
-    """Put a tripod, a black or blurred disc, or nothing, under the camera."""
+    """Put a tripod, a black or blurred disc, or nothing, under the camera of a picture (H, W, 3) with labels (H, W)."""
     chance = rng.random()
     if chance < 0.3:
         return light, label
@@ -45,7 +45,7 @@ def add_foot(rng: np.random.Generator, light: Floats, label: Int8s, eye_m: float
 
 
 def photographed(rng: np.random.Generator, light: Floats) -> Floats:
-    """Return the network's view (128, 256, 3) of linear light, most often by way of an ordinary JPEG."""
+    """Return the network's view, shape (128, 256, 3), of linear light (H, W, 3), most often by way of a JPEG."""
     cast = np.exp(rng.normal(0, 0.12, 3) * np.array([1.0, 0.4, 1.0]))
     if rng.random() < 0.3:
         # Lamps that the camera took for daylight.
@@ -91,13 +91,13 @@ def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:
 
 
 def decoded(codes: npt.NDArray[np.uint8]) -> Floats:
-    """Return linear light of sRGB codes (IEC 61966-2-1)."""
+    """Return linear light of sRGB codes of any shape (IEC 61966-2-1)."""
     v = codes.astype(np.float32) / 255
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def small_labels(label: Int8s) -> npt.NDArray[np.uint8]:
-    """Return the commonest class in each of the network's pixels."""
+    """Return the commonest class of labels (H, W) in each of the network's pixels, uint8."""
     fine = label.reshape(HEIGHT_PX, label.shape[0] // HEIGHT_PX, WIDTH_PX, label.shape[1] // WIDTH_PX)
     votes = np.stack([(fine == k).sum(axis=(1, 3)) for k in range(len(SceneClass))])
     return np.asarray(votes.argmax(axis=0), dtype=np.uint8)

@@ -60,7 +60,7 @@ def room_soup(room: Room, parts: list[Part]) -> Soup:
 
 
 def class_picture(pictures: TruthPictures) -> npt.NDArray[np.int8]:
-    """Return the class of every pixel of a truth."""
+    """Return the class of every pixel (H, W) of a truth."""
     out = np.where(pictures.furniture, np.int8(SceneClass.FURNITURE), np.int8(SceneClass.FIXTURE))
     for number, name in enumerate(pictures.surface_names):
         if name in _BY_SURFACE:

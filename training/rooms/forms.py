@@ -42,7 +42,7 @@ class _Maker:
         self.sheet(np.stack([x, y, z], axis=-1) + np.array(at), paint)
 
     def sheet(self, grid: npt.NDArray[np.float64], paint: int) -> None:
-        """Add a surface through points (n, m, 3)."""
+        """Add a surface through points (N, M, 3)."""
         self.soup.add(grid.reshape(-1, 3)[grid_faces(*grid.shape[:2])], SceneClass.FURNITURE, paint)
 
     def piece(self, kind: str, size: Vec) -> Piece:

@@ -83,7 +83,7 @@ def _floor(rng: np.random.Generator) -> tuple[Doubles, Doubles]:
 
 
 def triangulated(outline: Doubles) -> Doubles:
-    """Return triangles (n, 3, 2) that fill a polygon."""
+    """Return triangles (N, 3, 2) that fill a polygon."""
     import shapely
 
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(Polygon(outline)))

@@ -34,14 +34,14 @@ class Points:
 
 @dataclass(frozen=True)
 class Gathered:
-    """Light at the coarse points (h, w), before any colours are chosen."""
+    """Light at the coarse points (H, W), before any colours are chosen."""
 
     sky: Floats
     lamps: Floats
     open_share: Floats
     """How far away the surroundings are, 0..1: contact shadows."""
     bounce_face: npt.NDArray[np.int32]
-    """(h, w, n): triangles that light comes from; -1 none."""
+    """(H, W, N): triangles that light comes from; -1 none."""
 
 
 def coarse(points: Points) -> Points:
@@ -142,7 +142,7 @@ def sunlit(geometry: Geometry, points: Points, direction: Floats) -> Floats:
 
 
 def smoothed(points: Points, light: Floats, reach: int = 2) -> Floats:
-    """Return light (h, w, c) averaged with neighbours on the same plane."""
+    """Return light (H, W, C) averaged with neighbours on the same plane."""
     total, weight = np.zeros_like(light), np.full(light.shape[:2], 1e-6, np.float32)
     height = light.shape[0]
     rows = np.arange(height)
@@ -171,7 +171,7 @@ class Spread:
     """(4, H, W), sum 1."""
 
     def of(self, light: Floats) -> Floats:
-        """Return coarse light (h, w, c) at the fine points."""
+        """Return coarse light (H, W, C) at the fine points."""
         out = np.zeros((*self.weights.shape[1:], light.shape[2]), np.float32)
         for number, share in enumerate(self.weights):
             # Rows, then columns: cheaper than a gather of both.

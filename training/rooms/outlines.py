@@ -16,7 +16,7 @@ LEAST_SIDE_M = 0.5
 
 
 def draw_outline(rng: np.random.Generator) -> Doubles:
-    """Return corners (n, 2), counter-clockwise, somewhere about the origin, turned at random."""
+    """Return corners (N, 2), counter-clockwise, somewhere about the origin, turned at random."""
     small = rng.random() < 0.12
     short = rng.uniform(1.1, 2.2) if small else rng.uniform(2.2, 4.8)
     long = short * rng.uniform(1.0, 2.2 if not small else 3.0)
@@ -72,7 +72,7 @@ def _slanted(rng: np.random.Generator, corners: Doubles) -> Doubles:
 
 
 def draw_cameras(rng: np.random.Generator, outline: Doubles, count: int) -> list[tuple[float, float]]:
-    """Return places in the room, some near a wall, most at ease."""
+    """Return places within an outline (N, 2), metres, some near a wall, most at ease."""
     room = Polygon(outline)
     found: list[tuple[float, float]] = []
     for _ in range(count):

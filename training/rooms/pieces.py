@@ -46,7 +46,7 @@ class Piece:
 
 
 def joined(kind: str, size_m: tuple[float, float, float], pieces: Iterable[tuple[Piece, Floats]]) -> Piece:
-    """Return one piece made of several, each moved (3,)."""
+    """Return one piece made of several, each moved by a vector of shape (3,), metres."""
     triangles: list[Floats] = []
     paint_of: list[npt.NDArray[np.int16]] = []
     colours: list[tuple[float, float, float]] = []

@@ -137,7 +137,7 @@ def _home(stage: Stage, coats: Coats, tiles: list[Tile]) -> Home | None:
 
 
 def _relative(coats: Coats, tiles: list[Tile], number: int, uv: Floats, footprint_m: Floats) -> Floats:
-    """Return the factors (n, 3) by which a paint's texture changes its albedo at places (n, 2), metres."""
+    """Return the factors (N, 3) by which a paint's texture changes its albedo at places (N, 2), metres."""
     c, s = np.cos(coats.turn[number]), np.sin(coats.turn[number])
     turned = np.stack([uv[:, 0] * c - uv[:, 1] * s, uv[:, 0] * s + uv[:, 1] * c], axis=1) / coats.scale[number]
     relative = tiles[coats.tile[number]].at(turned.astype(np.float32), footprint_m / coats.scale[number])

@@ -34,7 +34,7 @@ class Frame:
     along: tuple[float, float]
 
     def world(self, points: npt.ArrayLike) -> Doubles:
-        """Return points (..., 3) of this frame in world coordinates."""
+        """Return points, shape (..., 3), of this frame in world coordinates."""
         p = np.asarray(points, dtype=np.float64)
         (ax, ay), (ox, oy) = self.along, self.origin
         x = ox + p[..., 0] * ax - p[..., 1] * ay
@@ -60,14 +60,14 @@ class Soup:
         return len(self.paints) - 1
 
     def add(self, triangles: npt.ArrayLike, label: SceneClass, paint: int) -> None:
-        """Add triangles (n, 3, 3) in world coordinates."""
+        """Add triangles (N, 3, 3) in world coordinates."""
         t = np.asarray(triangles, dtype=np.float32).reshape(-1, 3, 3)
         self.triangles.append(t)
         self.labels.append(np.full(len(t), int(label), np.int8))
         self.paint_of.append(np.full(len(t), paint, np.int16))
 
     def quad(self, frame: Frame, corners: npt.ArrayLike, label: SceneClass, paint: int) -> None:
-        """Add a quadrilateral (4, 3)."""
+        """Add a quadrilateral, shape (4, 3), metres in the frame."""
         self.add(frame.world(corners)[_TWO], label, paint)
 
     def upright(self, frame: Frame, rect: Vec | tuple[float, float, float, float], away: float, *what: Any) -> None:
@@ -84,5 +84,5 @@ class Soup:
         self.add(np.concatenate([corners[list(s)][_TWO] for s in sides]), label, paint)
 
     def joined(self) -> tuple[Floats, npt.NDArray[np.int8], npt.NDArray[np.int16]]:
-        """Return all triangles (n, 3, 3), their labels and paints (n,)."""
+        """Return all triangles (N, 3, 3), their labels and paints (N,)."""
         return np.concatenate(self.triangles), np.concatenate(self.labels), np.concatenate(self.paint_of)

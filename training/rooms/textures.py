@@ -28,7 +28,7 @@ class Tile:
     levels: tuple[Floats, ...]
 
     def at(self, uv_m: Floats, footprint_m: Floats) -> Floats:
-        """Return values (n, 3) at places in metres, at the coarseness of their footprint."""
+        """Return values (N, 3) at places in metres, at the coarseness of their footprint."""
         finest = self.size_m[0] / SIDE
         level = np.clip(np.ceil(np.log2(np.maximum(footprint_m / finest, 1))), 0, len(LEVELS) - 1).astype(int)
         out = np.empty((len(uv_m), 3), np.float32)

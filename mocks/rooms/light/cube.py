@@ -46,7 +46,7 @@ class Cube:
         return self.side_px / self.face_px
 
     def directions(self, fine: int = 1) -> Floats:
-        """Return unit directions of the pixel centres (6, side, side, 3), or of ``fine`` places a side in each."""
+        """Return unit directions of the pixel centres, shape (6, S, S, 3), or of ``fine`` places a side in each."""
         side = self.side_px * fine
         step = (np.arange(side) + 0.5) / side * 2 - 1
         right, up = step * self.half_width, -step * self.half_width
@@ -58,7 +58,7 @@ class Cube:
         return out
 
     def place(self, directions: Floats) -> tuple[npt.NDArray[np.int32], Floats, Floats]:
-        """Return face, column and row of directions (n, 3); a pixel's centre is at whole numbers.
+        """Return face, column and row of directions (N, 3); a pixel's centre is at whole numbers.
 
         Always well inside the face's picture, by the width of its border.
         """
@@ -75,7 +75,7 @@ class Cube:
         return face.astype(np.int32), aside * scale + middle, middle - above * scale
 
     def place_in(self, face: int, directions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return column, row and weight of directions (n, 3) on one face, its border included.
+        """Return column, row and weight of directions (N, 3) on one face, its border included.
 
         The weights of all faces that see a direction fade into one another across their shared borders; 0 where the
         face does not see it.
@@ -104,7 +104,7 @@ class Guide:
     """Arrays (6, side, side, ...): what the ray through each pixel's middle meets, and how mixed the pixel is.
 
     ``part`` is -1 where the ray leaves the room. ``plane_m`` is the distance of the surface's plane from the camera,
-    along the normal: it tells parallel surfaces apart. ``purity`` is the share of the pixel that lies on the surface of
+    along the normal: it parts parallel surfaces. ``purity`` is the share of the pixel that lies on the surface of
     its middle; ``albedo`` the mean over the pixel, what looks outside counting as black.
     """
 
@@ -118,7 +118,7 @@ class Guide:
 
     @classmethod
     def of(cls, geometry: Geometry, eye: Floats, cube: Cube) -> Guide:
-        """Cast rays through the middle and through nine places of every pixel."""
+        """Cast rays from ``eye`` (shape (3,), metres) through the middle and through nine places of every pixel."""
         middle = _Met.by(geometry, eye, cube.directions().reshape(-1, 3))
         shape = (6, cube.side_px, cube.side_px)
         rays = cube.directions(_FINE).reshape(6, cube.side_px, _FINE, cube.side_px, _FINE, 3)
@@ -142,7 +142,7 @@ class Guide:
 
     @property
     def pure(self) -> Flags:
-        """Return the pixels that lie on one surface only."""
+        """Return the pixels, shape (6, S, S), that lie on one surface only."""
         return self.purity > PURE
 
 
@@ -170,7 +170,7 @@ class _Met:
 
 
 def facing_normals(geometry: Geometry, hits: Hits, directions: Floats) -> Floats:
-    """Return shading normals turned towards where the rays come from."""
+    """Return shading normals (N, 3) turned towards where the rays come from."""
     normal = geometry.shading_normals(hits)
     away = np.einsum("ij,ij->i", normal, directions) > 0
     normal[away] *= -1

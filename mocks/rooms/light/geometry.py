@@ -20,7 +20,7 @@ _BLOCK = 1 << 18
 class Hits:
     """Where rays end: ``face`` is the triangle (-1: none, the ray leaves), ``distance_m`` inf where none.
 
-    ``weights`` (n, 3) are the barycentric shares of the triangle's corners.
+    ``weights`` (N, 3) are the barycentric shares of the triangle's corners.
     """
 
     face: Int32s
@@ -62,7 +62,7 @@ class Geometry:
         return scene
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Return what rays (n, 3) meet first; ``origins`` may be one point (3,)."""
+        """Return what rays (N, 3) meet first; ``origins`` may be one point (3,)."""
         count = len(directions)
         origins = np.broadcast_to(np.asarray(origins, dtype=np.float32), (count, 3))
         face, distance = np.empty(count, np.int32), np.empty(count, np.float32)
@@ -78,7 +78,7 @@ class Geometry:
         return Hits(face, distance, weights)
 
     def blocked(self, origins: Floats, directions: Floats) -> Flags:
-        """Return which rays meet anything at all."""
+        """Return which rays (N, 3), from origins (N, 3) in metres, meet anything at all, (N,)."""
         out = np.empty(len(directions), bool)
         for start in range(0, len(directions), _BLOCK):
             part = slice(start, min(start + _BLOCK, len(directions)))
@@ -88,12 +88,12 @@ class Geometry:
         return out
 
     def shading_normals(self, hits: Hits) -> Floats:
-        """Return interpolated unit normals; where a ray left, zero."""
+        """Return interpolated unit normals (N, 3); where a ray left, zero."""
         normal = np.einsum("nkc,nk->nc", self.normals[hits.face], hits.weights)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-20)
         normal[hits.face < 0] = 0
         return np.asarray(normal, dtype=np.float32)
 
     def texture_uv(self, hits: Hits) -> Floats:
-        """Return texture coordinates in metres (n, 2)."""
+        """Return texture coordinates in metres (N, 2)."""
         return np.asarray(np.einsum("nkc,nk->nc", self.uv[hits.face], hits.weights), dtype=np.float32)

@@ -20,7 +20,7 @@ _LIFT_M = 1e-3
 
 
 def sun_share(geometry: Geometry, panes: Sequence[Pane], sun: BrightDisc, points: Floats, normals: Floats) -> Floats:
-    """Return how much of the sun's disc each point (n, 3) on a surface sees, 0..1; 0 where it faces away.
+    """Return how much of the sun's disc each point (N, 3) on a surface sees, 0..1; 0 where it faces away.
 
     Points whose rays to the disc's rim and middle agree are done; only those in a penumbra get 32 rays.
     """
@@ -48,7 +48,7 @@ def enters(panes: Sequence[Pane], sun: BrightDisc | None) -> bool:
 
 
 def outward(pane: Pane) -> npt.NDArray[np.float64]:
-    """Return the unit normal of a pane that looks outside."""
+    """Return the unit normal, shape (3,), of a pane, outwards."""
     normal = np.cross(np.array(pane.u), np.array(pane.v))
     return np.asarray(normal / np.linalg.norm(normal))
 
@@ -77,7 +77,7 @@ def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Flags:
 
 
 def windows_of(panes: Sequence[Pane]) -> Iterator[tuple[Doubles, Doubles, Doubles]]:
-    """Yield corner and sides of the rectangle around each window's panes; u x v looks outside."""
+    """Yield corner and sides u, v (metres, shape (3,)) of the rectangle of each window's panes; u x v looks outside."""
     groups: dict[int, list[Pane]] = {}
     for pane in panes:
         groups.setdefault(pane.window, []).append(pane)
@@ -146,7 +146,7 @@ class SunPatch:
 
 @dataclass(frozen=True)
 class _Cells:
-    """Lit cells: the part that each lies on, the surface's normal (n, 3), and the cell's corners (n, 4, 3)."""
+    """Lit cells: the part that each lies on, the surface's normal (N, 3), and the cell's corners (N, 4, 3)."""
 
     part: Doubles
     normal: Doubles

@@ -14,8 +14,7 @@ from shapely.geometry import Polygon
 
 from mocks.rooms import room as plan_module
 from mocks.rooms.model import Door, Fixture, Plan, Use, Window
-from mocks.rooms.plan.forms import AREA_M2, floor_seen, inner_angle_rad
-from mocks.rooms.plan.space import reveal_floor
+from mocks.rooms.plan.forms import AREA_M2, floor_seen, inner_angle_rad, reveal_floor
 from mocks.rooms.room import check_plan, draw_plan
 
 SEEDS = range(300)
