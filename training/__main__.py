@@ -28,8 +28,8 @@ def main() -> None:
 def generate(out: Path, split: str, first: int, batches: int, minutes: float, furniture: tuple[Path, ...]) -> None:
     """Draw batches of pictures (about 120 each) that are not there yet."""
     from training.recipe import batch
+    from training.rooms.paints import saved_bank
     from training.rooms.pieces import built_in_pieces, folder_pieces
-    from training.rooms.textures import saved_bank
     from training.shards import write_shard
 
     out.mkdir(parents=True, exist_ok=True)

@@ -12,8 +12,7 @@ import numpy as np
 import torch
 
 from training.augment import Arrays, drawn_batch
-from training.losses import loss_of
-from training.network import RoomNetwork
+from training.network import RoomNetwork, loss_of
 from training.shards import Examples, read_shards
 
 BATCH = 12

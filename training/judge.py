@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.seeds import Split
+from processing.ground.arrays import Floats
 from processing.pictures.images import LuminanceImage
 from processing.segmentation.embedded import WIDTH_PX, scene_evidence
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -16,7 +16,7 @@ from processing.sphere import Equirectangular
 from training.labels import boundary_latitudes
 from training.real import SEEN, furniture_masks, zind_layouts
 from training.rooms.camera import small_labels
-from training.rooms.classes_of_rooms import class_picture
+from training.rooms.soup import class_picture
 from training.scores import Tally, floor_iou
 from training.shards import read_shards
 
@@ -62,7 +62,7 @@ def on_rooms(model: Path, split: Split, count: int, *, quality: str = "standard"
     return tally
 
 
-def luminance_image(rgb: npt.NDArray[np.float32]) -> LuminanceImage:
+def luminance_image(rgb: Floats) -> LuminanceImage:
     """Return a simulated panorama (H, W, 3), cd/m2, as a calibrated picture."""
     height, width = rgb.shape[:2]
     sure = np.full((height, width), 0.01, np.float32)

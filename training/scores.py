@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from shapely.geometry import Polygon
 
+from processing.ground.arrays import Bytes, Doubles
 from processing.segmentation.evidence import SceneClass
 from training.labels import column_longitudes
 
@@ -19,14 +20,14 @@ COUNT = len(SceneClass)
 class Tally:
     """Sums over pictures; angles in degrees."""
 
-    confusion: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
+    confusion: Doubles = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
     ceiling_deg: list[Floats] = field(default_factory=list)
     floor_deg: list[Floats] = field(default_factory=list)
     ceiling_sigmas: list[Floats] = field(default_factory=list)
     floor_sigmas: list[Floats] = field(default_factory=list)
     floor_iou: list[float] = field(default_factory=list)
 
-    def add_classes(self, probabilities: Floats, label: npt.NDArray[np.uint8]) -> None:
+    def add_classes(self, probabilities: Floats, label: Bytes) -> None:
         """Count pixels (8, H, W) against (H, W), by solid angle."""
         rows = label.shape[0]
         weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * np.pi)[:, None] * np.ones(label.shape)

@@ -15,7 +15,7 @@ CELLS = 64
 
 
 def fractal(seed: int, x: Floats, y: Floats, footprint: Floats | float = 0.0, octaves: int = 6) -> Floats:
-    """Return noise, about -1..1, in the shape of x and y, with features of size 1 and finer, each octave half as strong.
+    """Return noise, about -1..1, in the shape of x and y; features of size 1 and finer, each octave half as strong.
 
     Octaves finer than ``footprint`` (the size of a pixel in the units of x and y) fade out.
     """

@@ -24,7 +24,7 @@ from mocks.rooms.room import Room
 from mocks.rooms.view import RoomView, Surface
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site, Vector
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats, Int16s
 
 NOTHING = -1
 """Of class, instance and wall pictures: the ray leaves through a window (class), or nothing of that kind is there."""
@@ -49,15 +49,15 @@ class TruthPictures:
     empty_albedo: Floats
     depth_m: Floats
     normal: Floats
-    ade: npt.NDArray[np.int16]
-    instance: npt.NDArray[np.int16]
-    wall: npt.NDArray[np.int16]
-    surface: npt.NDArray[np.int16]
+    ade: Int16s
+    instance: Int16s
+    wall: Int16s
+    surface: Int16s
     """Index into ``surface_names``, -1 through a window."""
     surface_names: tuple[str, ...]
-    furniture: npt.NDArray[np.bool_]
+    furniture: Flags
     """Furniture and clutter: what is to be removed."""
-    tripod: npt.NDArray[np.bool_]
+    tripod: Flags
     sunlit: Floats
     empty_sunlit: Floats
 

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.light.cube import PLANE_TOLERANCE_M, Cube, Guide, facing_normals
 from mocks.rooms.light.geometry import Geometry, Hits
@@ -19,7 +18,7 @@ from mocks.rooms.room import Room
 from mocks.rooms.sky.sky import Sky
 from mocks.rooms.textures.catalogue import pattern
 from mocks.worlds.light import BrightDisc
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Indices, Int32s
 
 # Light from the cube's pixels to any direction: interpolated, but never across the edge of a surface.
 
@@ -32,11 +31,11 @@ _SAME_NORMAL = 0.85
 class Seen:
     """What rays meet: part index, normal (N, 3) and distance of the plane, as in `Guide`."""
 
-    part: npt.NDArray[np.int32]
+    part: Int32s
     normal: Floats
     plane_m: Floats
 
-    def only(self, chosen: npt.NDArray[np.intp]) -> Seen:
+    def only(self, chosen: Indices) -> Seen:
         """Return those with the numbers ``chosen`` (N,)."""
         return Seen(self.part[chosen], self.normal[chosen], self.plane_m[chosen])
 
@@ -53,7 +52,7 @@ class CubeLookup:
         self._purity = guide.purity.reshape(-1)
 
     @cached_property
-    def _uniform(self) -> npt.NDArray[np.int32]:
+    def _uniform(self) -> Int32s:
         """Part of each 2 x 2 block (by its upper left pixel) that lies on one smooth surface, else -2."""
         g = self._guide
         same = g.pure.copy()
@@ -83,9 +82,7 @@ class CubeLookup:
                 result[hard] = np.einsum("nk,nkc->nc", weights, picture.reshape(-1, 3)[index])
         return out
 
-    def _weights(
-        self, seen: Seen, corner: npt.NDArray[np.int32], x: Floats, y: Floats
-    ) -> tuple[Floats, npt.NDArray[np.int32]]:
+    def _weights(self, seen: Seen, corner: Int32s, x: Floats, y: Floats) -> tuple[Floats, Int32s]:
         """Return weights (N, 16) and pixel numbers of the 4 x 4 neighbours: near ones of the same surface."""
         index = np.empty((len(corner), 16), np.int32)
         weights = np.empty((len(corner), 16), np.float32)
@@ -124,10 +121,10 @@ _FRESNEL_0 = 0.04
 class Surface:
     """What rays (n) meet: arrays over the rays that hit something, whose numbers are ``ray``."""
 
-    ray: npt.NDArray[np.intp]
+    ray: Indices
     directions: Floats
     hits: Hits
-    part: npt.NDArray[np.int32]
+    part: Int32s
     normal: Floats
     point: Floats
     albedo: Floats
@@ -222,7 +219,7 @@ class RoomView:
         full = np.array(self.room.sky.sun_normal_illuminance_rgb) * np.array(self.room.glass_transmittance)
         return np.asarray(share[:, None] * full, dtype=np.float32)
 
-    def _highlight(self, surface: Surface, lit: npt.NDArray[np.intp], disc: BrightDisc) -> Floats:
+    def _highlight(self, surface: Surface, lit: Indices, disc: BrightDisc) -> Floats:
         """Return the gloss of glossy surfaces times the cosine, per illuminance: GGX with Schlick's Fresnel term."""
         rough = self._rough[surface.part[lit]]
         normal, view = surface.normal[lit], -surface.directions[lit]
@@ -237,7 +234,7 @@ class RoomView:
         shade = 1 / (nl * np.sqrt(a2 + (1 - a2) * nv**2) + nv * np.sqrt(a2 + (1 - a2) * nl**2) + 1e-9)
         return np.asarray(np.where(rough > 0, spread * fresnel * shade * nl / 2, 0), dtype=np.float32)
 
-    def _albedo(self, hits: Hits, rays: Floats, part: npt.NDArray[np.int32], pixel_rad: float) -> Floats:
+    def _albedo(self, hits: Hits, rays: Floats, part: Int32s, pixel_rad: float) -> Floats:
         """Return each ray's albedo: the part's colour, or its texture at the coarseness that a pixel has there."""
         materials = self._materials
         colours = np.array([m.colour for m in materials], np.float32)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.errors import DaylitError
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
 
 Reals: TypeAlias = npt.NDArray[np.floating]
 Vector: TypeAlias = tuple[float, float, float]
@@ -54,7 +54,7 @@ class BrightDisc:
         """Solid angle of the whole disc."""
         return 2.0 * math.pi * (1.0 - math.cos(self.radius_rad))
 
-    def covers(self, directions: Floats) -> npt.NDArray[np.bool_]:
+    def covers(self, directions: Floats) -> Flags:
         """Return which directions, shape (..., 3), fall on the disc.
 
         The chord is compared, not the cosine: a cosine in float32 is the same for 0.2 and 0.21 degrees.

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Indices
 from training.rooms.house import Portal
 
 
@@ -76,8 +75,8 @@ def _surfaces(
     rng: np.random.Generator,
     portal: Portal,
     point: Doubles,
-    axis: npt.NDArray[np.intp],
-    down: npt.NDArray[np.bool_],
+    axis: Indices,
+    down: Flags,
     home: Home | None,
 ) -> Doubles:
     """Return albedos (N, 3) of the other room's walls, ceiling and floor."""
@@ -96,7 +95,7 @@ def _surfaces(
 
 
 def _fittings(
-    rng: np.random.Generator, out: Doubles, point: Doubles, axis: npt.NDArray[np.intp], low: Doubles, high: Doubles
+    rng: np.random.Generator, out: Doubles, point: Doubles, axis: Indices, low: Doubles, high: Doubles
 ) -> None:
     """Paint doors, windows and cupboards on the walls of the other room, in place."""
     for _ in range(int(rng.integers(0, 5))):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Floats, Int8s
+from processing.ground.arrays import Bytes, Floats, Int8s
 from processing.segmentation.embedded import HEIGHT_PX, WIDTH_PX, network_picture
 from processing.segmentation.evidence import SceneClass
 
@@ -79,7 +78,7 @@ def _developed(rng: np.random.Generator, light: Floats) -> Floats:
     return np.asarray(np.clip(grey + (encoded - grey) * rng.uniform(0.6, 1.9), 0, 1), dtype=np.float32)
 
 
-def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:
+def _jpeg(rng: np.random.Generator, shown: Floats) -> Bytes:
     if rng.random() < 0.3:
         shown = np.asarray(cv2.GaussianBlur(shown, (0, 0), float(rng.uniform(0.4, 1.2))), dtype=np.float32)
     noisy = shown + rng.normal(0, rng.uniform(0, 0.03), shown.shape)
@@ -90,13 +89,13 @@ def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:
     return codes
 
 
-def decoded(codes: npt.NDArray[np.uint8]) -> Floats:
+def decoded(codes: Bytes) -> Floats:
     """Return linear light of sRGB codes of any shape (IEC 61966-2-1)."""
     v = codes.astype(np.float32) / 255
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def small_labels(label: Int8s) -> npt.NDArray[np.uint8]:
+def small_labels(label: Int8s) -> Bytes:
     """Return the commonest class of labels (H, W) in each of the network's pixels, uint8."""
     fine = label.reshape(HEIGHT_PX, label.shape[0] // HEIGHT_PX, WIDTH_PX, label.shape[1] // WIDTH_PX)
     votes = np.stack([(fine == k).sum(axis=(1, 3)) for k in range(len(SceneClass))])

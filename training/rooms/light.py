@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
 
 Panes = list[tuple[Doubles, Doubles, Doubles]]
 
@@ -29,7 +29,7 @@ class Points:
 
     place: Floats
     normal: Floats
-    solid: npt.NDArray[np.bool_]
+    solid: Flags
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Gathered:
     lamps: Floats
     open_share: Floats
     """How far away the surroundings are, 0..1: contact shadows."""
-    bounce_face: npt.NDArray[np.int32]
+    bounce_face: Int32s
     """(H, W, N): triangles that light comes from; -1 none."""
 
 
@@ -111,9 +111,7 @@ def _lamps(geometry: Geometry, start: Floats, normal: Floats, lamps: list[tuple[
     return out
 
 
-def _bounces(
-    rng: np.random.Generator, geometry: Geometry, start: Floats, normal: Floats
-) -> tuple[npt.NDArray[np.int32], Floats]:
+def _bounces(rng: np.random.Generator, geometry: Geometry, start: Floats, normal: Floats) -> tuple[Int32s, Floats]:
     """Return what is met in directions spread by the cosine: triangles and distances (n, rays)."""
     count = len(start)
     turn, radius = rng.random((2, count, _BOUNCE_RAYS), dtype=np.float32)
@@ -163,9 +161,9 @@ def smoothed(points: Points, light: Floats, reach: int = 2) -> Floats:
 class Spread:
     """How light at coarse points gets to fine ones: four neighbours and their weights."""
 
-    rows: npt.NDArray[np.intp]
+    rows: Indices
     """(2, H)"""
-    columns: npt.NDArray[np.intp]
+    columns: Indices
     """(2, W)"""
     weights: Floats
     """(4, H, W), sum 1."""

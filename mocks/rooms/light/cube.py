@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry, Hits
 from mocks.worlds.light import Vector
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Flags, Floats, Int32s
 
 _BORDER_FRAC = 1 / 16
 
@@ -57,7 +56,7 @@ class Cube:
             out[index] = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
         return out
 
-    def place(self, directions: Floats) -> tuple[npt.NDArray[np.int32], Floats, Floats]:
+    def place(self, directions: Floats) -> tuple[Int32s, Floats, Floats]:
         """Return face, column and row of directions (N, 3); a pixel's centre is at whole numbers.
 
         Always well inside the face's picture, by the width of its border.
@@ -109,7 +108,7 @@ class Guide:
     """
 
     cube: Cube
-    part: npt.NDArray[np.int32]
+    part: Int32s
     distance_m: Floats
     normal: Floats
     plane_m: Floats
@@ -148,7 +147,7 @@ class Guide:
 
 @dataclass(frozen=True)
 class _Met:
-    part: npt.NDArray[np.int32]
+    part: Int32s
     distance_m: Floats
     normal: Floats
     plane_m: Floats

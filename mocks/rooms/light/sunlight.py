@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.shell import Pane
@@ -47,7 +46,7 @@ def enters(panes: Sequence[Pane], sun: BrightDisc | None) -> bool:
     return any(float(np.dot(outward(pane), sun.direction)) > 1e-3 for pane in panes)
 
 
-def outward(pane: Pane) -> npt.NDArray[np.float64]:
+def outward(pane: Pane) -> Doubles:
     """Return the unit normal, shape (3,), of a pane, outwards."""
     normal = np.cross(np.array(pane.u), np.array(pane.v))
     return np.asarray(normal / np.linalg.norm(normal))

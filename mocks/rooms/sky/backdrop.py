@@ -147,7 +147,7 @@ class Backdrop:
             start, done = 0, done + width
 
     def polygon(self, points: Sequence[Doubles], normal: Doubles, colour: Vector, mirror: float = 0.0) -> None:
-        """Paint a flat polygon; corners of shape (3,) are metres from the eye; edges are divided, as lines bend here."""
+        """Paint a flat polygon; corners, shape (3,), are metres from the eye; edges are divided, as lines bend."""
         steps = np.linspace(0, 1, 8, endpoint=False)[:, None]
         ends = [*points[1:], points[0]]
         outline = np.concatenate([a + (b - a) * steps for a, b in zip(points, ends, strict=True)])

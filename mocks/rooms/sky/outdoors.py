@@ -10,13 +10,12 @@ from typing import Literal, TypeAlias
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.noise import fractal, rough
 from mocks.rooms.sky import backdrop, street
 from mocks.rooms.sky.street import House, Tree, draw_street
 from mocks.worlds.light import Reals, Vector
-from processing.ground.arrays import Floats, Halves
+from processing.ground.arrays import Bytes, Doubles, Floats, Halves
 
 # The shadows that houses and trees of the street cast on the ground, as a map from above.
 
@@ -27,7 +26,7 @@ SIZE = int(2 * HALF_M / TEXEL_M)
 
 
 @lru_cache(maxsize=2)
-def shadow_map(seed: int, sun_direction: Vector) -> npt.NDArray[np.uint8]:
+def shadow_map(seed: int, sun_direction: Vector) -> Bytes:
     """Return the share of sunlight (H, W), 0..255, that reaches the ground, rows from -y to y, columns from -x to x."""
     shade = np.zeros((SIZE, SIZE), np.uint8)
     leafy = np.zeros((SIZE, SIZE), np.uint8)
@@ -60,13 +59,13 @@ def sunlit(seed: int, sun_direction: Vector, x: Floats, y: Floats) -> Floats:
     return found.reshape(x.shape)
 
 
-def _fill(image: npt.NDArray[np.uint8], points_m: npt.NDArray[np.float64]) -> None:
+def _fill(image: Bytes, points_m: Doubles) -> None:
     hull = cv2.convexHull(points_m.astype(np.float32))
     corners = np.round(((hull + HALF_M) / TEXEL_M - 0.5) * 16).astype(np.int32)
     cv2.fillConvexPoly(image, corners, 255, cv2.LINE_AA, 4)
 
 
-def _house_points(house: House, shift: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _house_points(house: House, shift: Doubles) -> Doubles:
     front = np.array((math.sin(house.turn_rad), math.cos(house.turn_rad)))
     side = np.array((front[1], -front[0]))
     w, d = side * house.width_m / 2, front * house.depth_m / 2
@@ -75,9 +74,7 @@ def _house_points(house: House, shift: npt.NDArray[np.float64]) -> npt.NDArray[n
     return np.concatenate([corners, corners + shift * house.eaves_m, ridge])
 
 
-def _tree(
-    shade: npt.NDArray[np.uint8], leafy: npt.NDArray[np.uint8], tree: Tree, shift: npt.NDArray[np.float64]
-) -> None:
+def _tree(shade: Bytes, leafy: Bytes, tree: Tree, shift: Doubles) -> None:
     foot = np.array((tree.x, tree.y))
     turn = np.linspace(0, 2 * math.pi, 20, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1) * tree.crown_m / 2

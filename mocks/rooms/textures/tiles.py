@@ -6,7 +6,6 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.model import Texture
 from mocks.rooms.textures.base import (
@@ -22,7 +21,7 @@ from mocks.rooms.textures.base import (
     to_nearest,
     toned,
 )
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Int32s
 
 _PIXELS = 1024
 _PIXEL_GRID = (_PIXELS, _PIXELS)
@@ -74,9 +73,7 @@ def hexagons(texture: Texture) -> Tile:
     return Tile(_ceramic(rng, texture, number, None, gaps), (count_u * width, count_v * height))
 
 
-def _ceramic(
-    rng: np.random.Generator, texture: Texture, number: npt.NDArray[np.int32], second: Floats | None, gaps: Floats
-) -> Floats:
+def _ceramic(rng: np.random.Generator, texture: Texture, number: Int32s, second: Floats | None, gaps: Floats) -> Floats:
     """Return tiles by number with their clouding, ``second`` of them in the third colour, and the grout."""
     count = int(number.max()) + 1
     cloud = np.float32(texture.option("clouding", 0.025)) * clouds(rng, _PIXEL_GRID, 4, 5)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mocks.rooms.model import Texture
 from mocks.rooms.textures.base import Tile, centres, generator, line_cover, mixed, noise, to_nearest, toned
 from mocks.worlds.light import Reals
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Int32s
 
 # Boards cut from a log, random planks, and the straight grain of furniture.
 #
@@ -28,7 +28,7 @@ _PLANK_PIXELS, _PLANK_TILE_M = 2048, 4.8
 
 
 def ring_tones(rng: np.random.Generator, rings: int) -> Floats:
-    """Return darkness (N,) across ``rings`` growth rings, 16 samples each; it wraps; each darkens, then ends sharply."""
+    """Return darkness (N,) across ``rings`` growth rings, 16 samples each, that wraps; each darkens, then ends."""
     dark = rng.gamma(2.0, 0.5, rings).astype(np.float32)
     rise = (np.arange(_PER_RING, dtype=np.float32) / _PER_RING) ** 2
     tones = np.pad((dark[:, None] * rise[None, :]).ravel(), 2, mode="wrap")
@@ -159,7 +159,7 @@ _PIXELS = 1024
 class Layout:
     """Which block each pixel lies on (any whole number), and where on it: along and across, in metres."""
 
-    number: npt.NDArray[np.int32]
+    number: Int32s
     along_m: Floats
     across_m: Floats
     length_m: float
@@ -197,7 +197,7 @@ def _bank(
     return np.stack([timber.board(rng, rows, columns) * board_tint(rng, texture) for _ in range(blocks)])
 
 
-def _shuffled(rng: np.random.Generator, number: npt.NDArray[np.int32], blocks: int) -> npt.NDArray[np.int32]:
+def _shuffled(rng: np.random.Generator, number: Int32s, blocks: int) -> Int32s:
     """Return, for the numbers of places, the numbers of the blocks that lie there."""
     return rng.integers(blocks, size=int(number.max()) + 1, dtype=np.int32)[number]
 
