@@ -27,7 +27,7 @@ def pixel_direction(lens, x, y, size=SIZE):
 
 
 def test_every_sentence_has_its_test():
-    text = (Path(__file__).parents[2] / "docs" / "coordinates.md").read_text("utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "coordinates.md").read_text("utf-8")
     sentences = {int(n) for n in re.findall(r"^(\d+)\. ", text, re.MULTILINE)}
     tests = {int(m[1]) for name in globals() if (m := re.match(r"test_(\d+)_", name))}
     assert sentences == tests
