@@ -2,7 +2,8 @@
 
 A room stretched along its walls' directions is seen, from the stretched camera place, along directions that are known
 for every pixel, and its boundaries stay exact (the augmentation that HorizonNet, Sun et al. 2019, introduced). Coats
-change over the light that is there: shapes and shadows stay, so that a network learns forms."""
+change over the light that is there: shapes and shadows stay, so that a network learns forms.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """All that is known of a simulated room, as pictures and lists, and on disk: OpenEXR, PNG and truth.json.
 
-It is what every later answer is compared with."""
+It is what every later answer is compared with.
+"""
 
 from __future__ import annotations
 

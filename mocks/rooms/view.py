@@ -22,7 +22,6 @@ from processing.ground.arrays import Floats, Indices, Int32s
 
 # Light from the cube's pixels to any direction: interpolated, but never across the edge of a surface.
 
-
 _REMAP_WIDTH = 8192
 _SAME_NORMAL = 0.85
 

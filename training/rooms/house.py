@@ -1,7 +1,8 @@
 """One room for training, with its walls' openings, fixtures and furniture, as triangles.
 
 Unlike `mocks.rooms` it need not be buildable: what matters is that every kind of confusion occurs, and that the labels
-are right. Behind passages and open doors lies another room, seen through a portal (`training.rooms.beyond`)."""
+are right. Behind passages and open doors lies another room, seen through a portal (`training.rooms.beyond`).
+"""
 
 from __future__ import annotations
 

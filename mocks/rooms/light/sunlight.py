@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.shell import Pane
+from mocks.rooms.shell.openings import Pane
 from mocks.worlds.light import BrightDisc, Vector
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.mesh import Mesh
@@ -115,12 +115,9 @@ def _disc_rays(sun: BrightDisc, count: int) -> Floats:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float32)
 
 
-# Sunlight's first bounce: the patches that the sun paints in a room, as small lamps for the renderer.
-#
-# A path tracer finds a small bright patch by chance, and so noisily. The patches are known: parallel rays through a
-# grid
-# of cells on each window give, cell by cell, the parallelogram that it lights; together they tile the sunlit surfaces.
-
+# Sunlight's first bounce: the patches that the sun paints in a room, as small lamps for the renderer. A path tracer
+# finds a small bright patch by chance, and so noisily. The patches are known: parallel rays through a grid of cells on
+# each window give, cell by cell, the parallelogram that it lights; together they tile the sunlit surfaces.
 
 CELL_M = 0.03
 _BEAM_LIFT_M = 5e-4

@@ -120,7 +120,6 @@ def plan_rng(plan: Plan, number: int) -> np.random.Generator:
 
 # Floor, ceiling, walls with their holes, skirting and cornice.
 
-
 LAP_M = 0.002
 """How far floor and ceiling reach under the walls, so that no light passes between."""
 ARCHITRAVE_M = 0.065

@@ -20,7 +20,6 @@ from processing.ground.arrays import Doubles, Floats
 
 # Trees and bushes for the skyline: crowns of leafy balls on trunks.
 
-
 BARK = (0.095, 0.075, 0.055)
 LEAVES_M = 0.55
 """Size of a bunch of leaves."""

@@ -19,7 +19,6 @@ from processing.ground.arrays import Bytes, Doubles, Floats, Halves
 
 # The shadows that houses and trees of the street cast on the ground, as a map from above.
 
-
 HALF_M = 96.0
 TEXEL_M = 0.1875
 SIZE = int(2 * HALF_M / TEXEL_M)

@@ -1,4 +1,8 @@
-"""Ceramic tiles, marble, terrazzo and concrete. Colours: tile, grout; of a chequered floor, the other tile third."""
+"""Ceramic tiles, marble, terrazzo, concrete; plaster, paint and wallpaper.
+
+Colours of tiles: tile, grout; of a chequered floor, the other tile third. Of walls: the whole; of wallpaper the ground,
+then the motifs'.
+"""
 
 from __future__ import annotations
 
@@ -139,9 +143,6 @@ def concrete(texture: Texture) -> Tile:
     pores = blurred((rng.random(_PIXEL_GRID, dtype=np.float32) < 0.0006).astype(np.float32), 0.7)
     tone -= np.minimum(pores * np.float32(1.2), 0.4)
     return Tile(toned(np.clip(1 + tone, 0.4, 1.5), texture.colours[0], 0.1), (3.2, 3.2))
-
-
-# Walls: plaster, paint, wallpaper. First colour: the whole; of wallpaper the ground, then the motifs'.
 
 
 _GRID = (_PIXELS, _PIXELS)

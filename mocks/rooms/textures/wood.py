@@ -1,4 +1,8 @@
-"""Wood laid in a regular order: laminate, herringbone and blocks. Colours: wood, gap."""
+"""Wood: boards cut from a log, random planks, furniture's straight grain; laminate, herringbone, blocks.
+
+A board shows where it was cut: the growth rings are cylinders about the pith, so a board that passes near the pith
+shows nested arches along its middle and one far from it shows straight lines. Colours: wood, gap.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +18,6 @@ from mocks.rooms.model import Texture
 from mocks.rooms.textures.base import Tile, centres, generator, line_cover, mixed, noise, to_nearest, toned
 from mocks.worlds.light import Reals
 from processing.ground.arrays import Floats, Int32s
-
-# Boards cut from a log, random planks, and the straight grain of furniture.
-#
-# A board shows where it was cut: the growth rings are cylinders about the pith, so a board that passes near the pith
-# shows nested arches along its middle and one far from it shows straight lines. Colours: wood, gap.
-
 
 WARMTH = 0.3
 """How much redder the dark grain is than the light."""
