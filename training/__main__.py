@@ -28,8 +28,8 @@ def main() -> None:
 def generate(out: Path, split: str, first: int, batches: int, minutes: float, furniture: tuple[Path, ...]) -> None:
     """Draw batches of pictures (about 120 each) that are not there yet."""
     from training.recipe import batch
+    from training.rooms.paints import saved_bank
     from training.rooms.pieces import built_in_pieces, folder_pieces
-    from training.rooms.textures import saved_bank
     from training.shards import write_shard
 
     out.mkdir(parents=True, exist_ok=True)
@@ -86,7 +86,7 @@ def export(checkpoint: Path, validation: Path, rooms: int, out: Path, name: str)
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="The .onnx; a .json is written beside it.")
 @click.option("--name", required=True, help="Name and version that results carry.")
 def join(classes: Path, boundaries: Path, out: Path, name: str) -> None:
-    """Write one network that tells classes as the one does and boundaries as the other."""
+    """Write one network with the classes of the one and the boundaries of the other."""
     from training.join import join as run
 
     run(classes, boundaries, out, name=name)
@@ -122,8 +122,8 @@ def evaluate(
         said["validation"] = tally.rounded()
         said["reliability_deg"] = [(round(a, 2), round(b, 2)) for a, b in tally.reliability()]
     for name, empty in (("furnished", False), ("emptied", True)) if rooms else ():
-        told = on_rooms(chosen, split, rooms, quality=quality, empty=empty)
-        said[f"{split} {name}"] = {"rooms": len(told.floor_iou), **told.rounded()}
+        tally = on_rooms(chosen, split, rooms, quality=quality, empty=empty)
+        said[f"{split} {name}"] = {"rooms": len(tally.floor_iou), **tally.rounded()}
     if shared is not None:
         said["real"] = on_real(chosen, shared, quality=quality, scored_half=scored_half)
     click.echo(json.dumps(said, indent=1))

@@ -12,8 +12,7 @@ import numpy as np
 import torch
 
 from training.augment import Arrays, drawn_batch
-from training.losses import loss_of
-from training.network import RoomNetwork
+from training.network import RoomNetwork, loss_of
 from training.shards import Examples, read_shards
 
 BATCH = 12
@@ -46,7 +45,10 @@ class Learner:
     optimiser: torch.optim.Optimizer
 
     def step(self, drawn: Arrays, rate: float, share: float) -> dict[str, float]:
-        """Learn from one batch; return the parts of its loss. ``share`` is how slowly the average follows."""
+        """Learn from one batch, shapes as `training.shards.Examples`; return the parts of its loss.
+
+        ``share`` is how slowly the average follows.
+        """
         for group in self.optimiser.param_groups:
             group["lr"] = rate
         batch = {name: torch.from_numpy(np.ascontiguousarray(values)) for name, values in drawn.items()}

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.seeds import Split
+from processing.ground.arrays import Floats
 from processing.pictures.images import LuminanceImage
 from processing.segmentation.embedded import WIDTH_PX, scene_evidence
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -16,13 +16,13 @@ from processing.sphere import Equirectangular
 from training.labels import boundary_latitudes
 from training.real import SEEN, furniture_masks, zind_layouts
 from training.rooms.camera import small_labels
-from training.rooms.classes_of_rooms import class_picture
+from training.rooms.soup import class_picture
 from training.scores import Tally, floor_iou
 from training.shards import read_shards
 
 
 def columns_of(evidence: SceneEvidence) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return boundaries and sigmas (4, n)."""
+    """Return boundaries and sigmas, shape (4, N), radians."""
     edges = evidence.boundary
     if edges is None:
         raise ValueError("no boundary in the evidence")
@@ -62,8 +62,8 @@ def on_rooms(model: Path, split: Split, count: int, *, quality: str = "standard"
     return tally
 
 
-def luminance_image(rgb: npt.NDArray[np.float32]) -> LuminanceImage:
-    """Return a simulated panorama as a calibrated picture."""
+def luminance_image(rgb: Floats) -> LuminanceImage:
+    """Return a simulated panorama (H, W, 3), cd/m2, as a calibrated picture."""
     height, width = rgb.shape[:2]
     sure = np.full((height, width), 0.01, np.float32)
     return LuminanceImage(rgb, sure, np.zeros((height, width), np.uint8), Equirectangular(width, height), 0.02)
@@ -90,7 +90,7 @@ def on_real(model: Path, shared: Path, *, quality: str = "reference", scored_hal
 
 
 def furniture_iou(evidence: SceneEvidence, mask: np.ndarray[Any, np.dtype[np.uint8]]) -> dict[str, float]:
-    """Return IoU, precision and recall by solid angle of the likeliest class, where the mask judges."""
+    """Return IoU, precision and recall by solid angle of the likeliest class, where the mask (H, W) judges."""
     import cv2
 
     rows, columns = mask.shape

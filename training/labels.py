@@ -14,12 +14,12 @@ CORNER_SPREAD_RAD = np.radians(2.2)
 
 
 def column_longitudes(count: int) -> Doubles:
-    """Return the longitudes of the columns' middles."""
+    """Return the longitudes (N,), radians, of the columns' middles."""
     return np.asarray(((np.arange(count) + 0.5) / count - 0.5) * (2 * np.pi), dtype=np.float64)
 
 
 def wall_ranges(outline: npt.ArrayLike, eye: tuple[float, float], longitudes: Doubles) -> Doubles:
-    """Return how far the first wall is (n,), horizontally, along each longitude; inf where none is met."""
+    """Return how far the first wall is (N,), horizontally, along each longitude; inf where none is met."""
     a = np.asarray(outline, dtype=np.float64) - np.asarray(eye)
     edge = np.roll(a, -1, axis=0) - a
     ray = np.stack([np.sin(longitudes), np.cos(longitudes)], axis=-1)
@@ -34,13 +34,13 @@ def wall_ranges(outline: npt.ArrayLike, eye: tuple[float, float], longitudes: Do
 def boundary_latitudes(
     outline: npt.ArrayLike, eye: tuple[float, float], eye_m: float, ceiling_m: float, count: int
 ) -> tuple[Floats, Floats]:
-    """Return the latitudes (rad) of ceiling and floor edge of the visible wall, per column."""
+    """Return the latitudes (N,), radians, of ceiling and floor edge of the visible wall, per column."""
     far = wall_ranges(outline, eye, column_longitudes(count))
     return np.arctan2(ceiling_m - eye_m, far).astype(np.float32), np.arctan2(-eye_m, far).astype(np.float32)
 
 
 def corner_likelihood(outline: npt.ArrayLike, eye: tuple[float, float], count: int) -> Floats:
-    """Return 1 in columns that look at a corner in straight sight, falling off beside it."""
+    """Return (N,): 1 in columns that look at a corner in straight sight, falling off beside it."""
     points = np.asarray(outline, dtype=np.float64) - np.asarray(eye)
     azimuth, far = np.arctan2(points[:, 0], points[:, 1]), np.hypot(points[:, 0], points[:, 1])
     seen = wall_ranges(outline, eye, azimuth) > far - 0.02

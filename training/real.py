@@ -9,9 +9,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Bytes, Floats
 from processing.pictures.images import RelativeImage
 from processing.segmentation.embedded import WIDTH_PX
 from processing.sphere import Equirectangular
@@ -60,8 +59,8 @@ def zind_layouts(folder: Path, key: str = "layout_raw") -> Iterator[Layout]:
         yield Layout(path.stem, read_image(path), up, down)
 
 
-def furniture_masks(folder: Path) -> Iterator[tuple[str, RelativeImage, npt.NDArray[np.uint8]]]:
-    """Yield pictures with hand-drawn masks (255 furniture, 128 not judged, 64 tripod)."""
+def furniture_masks(folder: Path) -> Iterator[tuple[str, RelativeImage, Bytes]]:
+    """Yield pictures with hand-drawn masks (H, W) (255 furniture, 128 not judged, 64 tripod)."""
     for mask_path in sorted(folder.glob("*_mask.png")):
         mask = cv2.imread(str(mask_path), cv2.IMREAD_GRAYSCALE)
         if mask is not None:

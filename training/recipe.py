@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.model import Part
 from mocks.rooms.room import Room, make_room
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.segmentation.embedded import WIDTH_PX
 from training.labels import boundary_latitudes, corner_likelihood
 from training.rooms.camera import add_foot, photographed, small_labels
-from training.rooms.classes_of_rooms import room_soup
-from training.rooms.house import draw_house
-from training.rooms.outlines import draw_cameras, draw_eye_m
+from training.rooms.house import draw_cameras, draw_eye_m, draw_house
+from training.rooms.paints import Tile
 from training.rooms.pieces import Piece, pieces_of
 from training.rooms.props import furnish_house
 from training.rooms.render import Stage, radiance, see
-from training.rooms.textures import Tile
+from training.rooms.soup import room_soup
 
 ROOMS_A_BATCH, HOUSES_A_BATCH = 5, 26
 CAMERAS, LOOKS = 2, 2
@@ -30,9 +29,9 @@ CAMERAS, LOOKS = 2, 2
 class Example:
     """One picture with its truth, at the network's size."""
 
-    picture: npt.NDArray[np.uint8]
+    picture: Bytes
     """(128, 256, 3): `network_picture` times 255."""
-    label: npt.NDArray[np.uint8]
+    label: Bytes
     ceiling_rad: Floats
     floor_rad: Floats
     corner: Floats
@@ -70,7 +69,8 @@ def _of_room(
         place, eye_m = (0.0, 0.0), room.plan.camera_height_m
         if number:
             place, eye_m = draw_cameras(rng, outline, 1)[0], draw_eye_m(rng, room.plan.height_m)
-        yield from looks_of(rng, stage, outline, room.plan.height_m, place, eye_m, tiles, looks, foot=number > 0)
+        view = Standpoint(outline, room.plan.height_m, place, eye_m)
+        yield from looks_of(rng, stage, view, tiles, looks, foot=number > 0)
 
 
 def _below(part: Part) -> tuple[float, float, float]:
@@ -83,22 +83,25 @@ def _of_house(rng: np.random.Generator, bank: list[Piece], tiles: list[Tile], lo
     furnish_house(rng, house, bank)
     stage = Stage(house.soup, house.panes, house.portals, house.mirrors, house.lamps)
     for place, eye_m in zip(house.cameras, house.eyes_m, strict=True):
-        yield from looks_of(rng, stage, house.outline, house.ceiling_m, place, eye_m, tiles, looks, foot=True)
+        view = Standpoint(house.outline, house.ceiling_m, place, eye_m)
+        yield from looks_of(rng, stage, view, tiles, looks, foot=True)
+
+
+class Standpoint(NamedTuple):
+    """A room's outline and height, and where the camera stands in it, metres."""
+
+    outline: Doubles
+    """Corners (N, 2), counter-clockwise."""
+    ceiling_m: float
+    place: tuple[float, float]
+    eye_m: float
 
 
 def looks_of(
-    rng: np.random.Generator,
-    stage: Stage,
-    outline: npt.NDArray[np.float64],
-    ceiling_m: float,
-    place: tuple[float, float],
-    eye_m: float,
-    tiles: list[Tile],
-    looks: int,
-    *,
-    foot: bool,
+    rng: np.random.Generator, stage: Stage, view: Standpoint, tiles: list[Tile], looks: int, *, foot: bool
 ) -> Iterator[Example]:
     """Yield pictures from one camera; ``foot``: something may stand under it. None from a camera in front of a face."""
+    outline, ceiling_m, place, eye_m = view
     seen = see(rng, stage, place, eye_m)
     if np.median(seen.reach_m[seen.reach_m > 0]) < 0.25:
         return

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from shapely.geometry import Polygon
 
+from processing.ground.arrays import Bytes, Doubles
 from processing.segmentation.evidence import SceneClass
 from training.labels import column_longitudes
 
@@ -19,14 +20,14 @@ COUNT = len(SceneClass)
 class Tally:
     """Sums over pictures; angles in degrees."""
 
-    confusion: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
+    confusion: Doubles = field(default_factory=lambda: np.zeros((COUNT, COUNT)))
     ceiling_deg: list[Floats] = field(default_factory=list)
     floor_deg: list[Floats] = field(default_factory=list)
     ceiling_sigmas: list[Floats] = field(default_factory=list)
     floor_sigmas: list[Floats] = field(default_factory=list)
     floor_iou: list[float] = field(default_factory=list)
 
-    def add_classes(self, probabilities: Floats, label: npt.NDArray[np.uint8]) -> None:
+    def add_classes(self, probabilities: Floats, label: Bytes) -> None:
         """Count pixels (8, H, W) against (H, W), by solid angle."""
         rows = label.shape[0]
         weight = np.cos((0.5 - (np.arange(rows) + 0.5) / rows) * np.pi)[:, None] * np.ones(label.shape)
@@ -35,7 +36,7 @@ class Tally:
         self.confusion += np.bincount(cell.ravel(), weight.ravel(), COUNT**2).reshape(COUNT, COUNT)
 
     def add_columns(self, found: Floats, ceiling_rad: Floats, floor_rad: Floats) -> None:
-        """Compare columns (5, n) with the truth."""
+        """Compare columns, shape (5, N), with the truth (N,), radians."""
         up, down = np.degrees(found[0] - ceiling_rad), np.degrees(found[1] - floor_rad)
         self.ceiling_deg.append(up)
         self.floor_deg.append(down)
@@ -92,7 +93,7 @@ class Tally:
 
 
 def floor_iou(found_rad: Floats, truth_rad: Floats) -> float:
-    """Return the IoU of the floors that two boundaries enclose, in camera heights."""
+    """Return the IoU of the floors that two boundaries (N,), radians, enclose."""
     longitude = column_longitudes(len(found_rad))
     rings = []
     for latitude in (found_rad, truth_rad):

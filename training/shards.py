@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from processing.ground.arrays import Bytes, Floats
 from training.recipe import Example
 
 
@@ -16,11 +16,11 @@ from training.recipe import Example
 class Examples:
     """Many examples: arrays with the example first, see `training.recipe.Example`."""
 
-    picture: npt.NDArray[np.uint8]
-    label: npt.NDArray[np.uint8]
-    ceiling_rad: npt.NDArray[np.float32]
-    floor_rad: npt.NDArray[np.float32]
-    corner: npt.NDArray[np.float32]
+    picture: Bytes
+    label: Bytes
+    ceiling_rad: Floats
+    floor_rad: Floats
+    corner: Floats
 
     def __len__(self) -> int:
         return len(self.picture)

@@ -26,10 +26,10 @@ from processing.pictures.images import RelativeImage
 from processing.room.level import find_upright
 from training.rooms.camera import add_foot
 from training.rooms.house import House, draw_house
+from training.rooms.paints import Tile, make_bank
 from training.rooms.pieces import Piece, built_in_pieces, pieces_of
 from training.rooms.props import furnish_house
 from training.rooms.render import Stage, radiance, see
-from training.rooms.textures import Tile, make_bank
 
 HOUSES = 45
 TEXTURES, FURNISHED = 4, 3

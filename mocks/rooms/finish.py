@@ -24,7 +24,6 @@ from mocks.worlds.light import Vector
 
 # Floors, drawn as often as people have them: planks, laminate, parquet, carpet, tiles, stone.
 
-
 _SORTS = ("planks", "laminate", "parquet", "carpet", "tiles", "stone")
 _USUAL = (0.40, 0.15, 0.15, 0.15, 0.10, 0.05)
 _SHARES = {

@@ -15,9 +15,6 @@ from typing import Literal, TypeAlias
 from mocks.worlds.light import Vector
 from processing.ground.mesh import Mesh
 
-# Numbers of the ADE20K classes (150, counted from 0) that simulated rooms hold.
-
-
 ADE20K = {
     "wall": 0, "building": 1, "sky": 2, "floor": 3, "tree": 4, "ceiling": 5, "bed": 7, "windowpane": 8, "grass": 9,
     "cabinet": 10, "door": 14, "table": 15, "plant": 17, "curtain": 18, "chair": 19, "painting": 22, "sofa": 23,
@@ -28,11 +25,9 @@ ADE20K = {
     "ball": 119, "pot": 125, "blanket": 131, "vase": 135, "tray": 137, "ashcan": 138, "plate": 142, "monitor": 143,
     "radiator": 146, "glass": 147, "clock": 148,
 }  # fmt: skip
-"""By name; equipment (tripod, meter board) has no class and is -1."""
+"""Numbers of the ADE20K classes (150, counted from 0) that simulated rooms hold; equipment has none and is -1."""
 
 NO_CLASS = -1
-
-
 Point: TypeAlias = tuple[float, float]
 
 CAMERA_HEIGHT_M = 1.6

@@ -15,7 +15,7 @@ CELLS = 64
 
 
 def fractal(seed: int, x: Floats, y: Floats, footprint: Floats | float = 0.0, octaves: int = 6) -> Floats:
-    """Return noise around 0 (about -1..1) with features of size 1 and finer, each octave half as strong.
+    """Return noise, about -1..1, in the shape of x and y; features of size 1 and finer, each octave half as strong.
 
     Octaves finer than ``footprint`` (the size of a pixel in the units of x and y) fade out.
     """
@@ -50,7 +50,7 @@ def _lattices(seed: int, octaves: int) -> Floats:
 
 
 def smoothstep(low: float, high: float, x: Floats) -> Floats:
-    """Return 0 below ``low``, 1 above ``high``, smooth between."""
+    """Return 0 below ``low``, 1 above ``high``, smooth between; the shape of ``x``."""
     t = np.clip((x - np.float32(low)) / np.float32(high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t), dtype=np.float32)
 
@@ -60,7 +60,7 @@ TILE_PERIOD = 16.0
 
 
 def rough(x: Reals, y: Reals, footprint: float = 0.0) -> Floats:
-    """Return quick noise around 0 (about -1..1) for pictures (rows, columns): rougher than `fractal`, from one tile.
+    """Return quick noise around 0 (about -1..1) for pictures (H, W): rougher than `fractal`, from one tile.
 
     Features are of size 1 and finer; the pattern repeats after 16.
     """

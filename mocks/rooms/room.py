@@ -1,4 +1,4 @@
-"""A simulated room with all that decides its light: plan, finish, furniture, place, time and sky."""
+"""A simulated room with all that decides its light: plan, finish, furniture, place, time, sky; one room a seed."""
 
 from __future__ import annotations
 
@@ -10,30 +10,18 @@ from functools import cached_property
 import numpy as np
 
 from mocks.rooms.finish import draw_finish
-from mocks.rooms.furnish.furnish import check_items, furnish
+from mocks.rooms.furnish.check import check_items
+from mocks.rooms.furnish.furnish import furnish
 from mocks.rooms.furniture import item_parts
 from mocks.rooms.model import Finish, Item, Part, Plan, Role, Use
 from mocks.rooms.plan.fixtures import draw_fixtures
-from mocks.rooms.plan.forms import (
-    Outline,
-    draw_camera,
-    draw_doors,
-    draw_outline,
-    draw_turn_rad,
-    draw_windows,
-    rectangle,
-    seen_from,
-)
-from mocks.rooms.plan.space import check_plan
-from mocks.rooms.shell import Pane, shell_parts, window_panes
+from mocks.rooms.plan.forms import Outline, draw_camera, draw_outline, draw_turn_rad, rectangle, seen_from
+from mocks.rooms.plan.openings import check_plan, draw_doors, draw_windows
+from mocks.rooms.shell import shell_parts
+from mocks.rooms.shell.openings import Pane, window_panes
 from mocks.rooms.sky.daylight import Moment, draw_moment
 from mocks.rooms.sky.sky import Kind, Sky, draw_sky
 from mocks.worlds.light import Vector
-
-# Draw the plan of an empty room: its outline about the camera, windows, doors and fixtures. Same seed, same plan.
-
-
-__all__ = ["check_plan", "draw_plan"]
 
 ATTEMPTS = 40
 FALLBACK_M = (4.2, 3.6)

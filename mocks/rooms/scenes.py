@@ -27,7 +27,7 @@ CLOUD_AMPLITUDE: dict[Kind, float] = {"clear": 0.3, "intermediate": 0.9, "overca
 
 
 def use_of(scene: str) -> Use:
-    """Return what a room of that name is for; a name that does not tell is a living room or an office by its digest."""
+    """Return what a room of that name is for; any other name is a living room or an office by its digest."""
     lower = scene.lower()
     for use, words in _WORDS:
         if any(word in lower for word in words):
@@ -66,7 +66,7 @@ def scene_room(
 def nearest_kind(skies: dict[Kind, Sky], illuminance_lux: float) -> Kind:
     """Return the kind of sky whose open horizontal illuminance is nearest, as a ratio; ValueError unless above 0."""
     if not illuminance_lux > 0:
-        raise ValueError(f"an illuminance of {illuminance_lux} lx tells nothing of the sky")
+        raise ValueError(f"an illuminance of {illuminance_lux} lx says nothing of the sky")
     return min(skies, key=lambda kind: abs(math.log(sum(skies[kind].horizontal_illuminance_lx()) / illuminance_lux)))
 
 

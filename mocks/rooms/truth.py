@@ -1,6 +1,7 @@
 """All that is known of a simulated room, as pictures and lists, and on disk: OpenEXR, PNG and truth.json.
 
-It is what every later answer is compared with."""
+It is what every later answer is compared with.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from mocks.rooms.room import Room
 from mocks.rooms.view import RoomView, Surface
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site, Vector
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats, Int16s
 
 NOTHING = -1
 """Of class, instance and wall pictures: the ray leaves through a window (class), or nothing of that kind is there."""
@@ -34,7 +35,7 @@ _FINE = 3
 
 @dataclass(frozen=True)
 class TruthPictures:
-    """Equirectangular pictures (rows, 2 rows), longitude 0 (+y) at the centre, growing to the right; row 0 up.
+    """Equirectangular pictures (H, 2 H), longitude 0 (+y) at the centre, growing to the right; row 0 up.
 
     Geometry is that of the pixel's middle; light and albedo are means over the pixel. ``depth_m`` is the distance
     along the ray, inf through a window. ``ade`` is the ADE20K class, windowpane where the outdoors is seen, -1 for
@@ -49,15 +50,15 @@ class TruthPictures:
     empty_albedo: Floats
     depth_m: Floats
     normal: Floats
-    ade: npt.NDArray[np.int16]
-    instance: npt.NDArray[np.int16]
-    wall: npt.NDArray[np.int16]
-    surface: npt.NDArray[np.int16]
+    ade: Int16s
+    instance: Int16s
+    wall: Int16s
+    surface: Int16s
     """Index into ``surface_names``, -1 through a window."""
     surface_names: tuple[str, ...]
-    furniture: npt.NDArray[np.bool_]
+    furniture: Flags
     """Furniture and clutter: what is to be removed."""
-    tripod: npt.NDArray[np.bool_]
+    tripod: Flags
     sunlit: Floats
     empty_sunlit: Floats
 
@@ -73,7 +74,7 @@ class PointLight:
 
 
 def equirectangular(rows: int) -> Floats:
-    """Return unit directions of the pixel centres (rows, 2 rows, 3)."""
+    """Return unit directions of the pixel centres (H, 2 H, 3)."""
     longitude = ((np.arange(2 * rows) + 0.5) / (2 * rows) - 0.5) * (2 * math.pi)
     latitude = (0.5 - (np.arange(rows) + 0.5) / rows) * math.pi
     flat = np.cos(latitude)[:, None]
@@ -82,7 +83,7 @@ def equirectangular(rows: int) -> Floats:
 
 
 def truth_pictures(world: RoomWorld, rows: int = 512) -> TruthPictures:
-    """Return all truths of a room as pictures (rows, 2 rows)."""
+    """Return all truths of a room as pictures (H, 2 H)."""
     empty = RoomWorld(world.room.emptied(), world.quality, world.drift)
     rays = equirectangular(rows)
     flat = rays.reshape(-1, 3)
@@ -254,7 +255,7 @@ class Truth:
 
 
 def make_truth(world: RoomWorld, folder: Path, rows: int = 512) -> None:
-    """Work out the truth of a room, pictures (rows, 2 rows), and save it; takes some seconds to minutes."""
+    """Work out the truth of a room, pictures (H, 2 H), and save it; takes some seconds to minutes."""
     save_truth(folder, world.room, truth_pictures(world, rows), point_lights(world.room))
 
 

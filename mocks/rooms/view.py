@@ -8,7 +8,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.light.cube import PLANE_TOLERANCE_M, Cube, Guide, facing_normals
 from mocks.rooms.light.geometry import Geometry, Hits
@@ -19,10 +18,9 @@ from mocks.rooms.room import Room
 from mocks.rooms.sky.sky import Sky
 from mocks.rooms.textures.catalogue import pattern
 from mocks.worlds.light import BrightDisc
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Indices, Int32s
 
 # Light from the cube's pixels to any direction: interpolated, but never across the edge of a surface.
-
 
 _REMAP_WIDTH = 8192
 _SAME_NORMAL = 0.85
@@ -30,14 +28,14 @@ _SAME_NORMAL = 0.85
 
 @dataclass(frozen=True)
 class Seen:
-    """What rays meet: part index, normal (n, 3) and distance of the plane, as in `Guide`."""
+    """What rays meet: part index, normal (N, 3) and distance of the plane, as in `Guide`."""
 
-    part: npt.NDArray[np.int32]
+    part: Int32s
     normal: Floats
     plane_m: Floats
 
-    def only(self, chosen: npt.NDArray[np.intp]) -> Seen:
-        """Return some of them."""
+    def only(self, chosen: Indices) -> Seen:
+        """Return those with the numbers ``chosen`` (N,)."""
         return Seen(self.part[chosen], self.normal[chosen], self.plane_m[chosen])
 
 
@@ -53,7 +51,7 @@ class CubeLookup:
         self._purity = guide.purity.reshape(-1)
 
     @cached_property
-    def _uniform(self) -> npt.NDArray[np.int32]:
+    def _uniform(self) -> Int32s:
         """Part of each 2 x 2 block (by its upper left pixel) that lies on one smooth surface, else -2."""
         g = self._guide
         same = g.pure.copy()
@@ -69,7 +67,7 @@ class CubeLookup:
         return np.where(same, g.part, -2).astype(np.int32).reshape(-1)
 
     def at(self, directions: Floats, seen: Seen, pictures: list[Floats]) -> list[Floats]:
-        """Return each picture (6, side, side, 3) at directions (n, 3), taken from pixels of the same surface."""
+        """Return each picture, shape (6, S, S, 3), at directions (N, 3), taken from pixels of the same surface."""
         face, column, row = self._guide.cube.place(directions)
         left, top = np.floor(column).astype(np.int32), np.floor(row).astype(np.int32)
         corner = (face * self.side_px + top) * self.side_px + left
@@ -83,10 +81,8 @@ class CubeLookup:
                 result[hard] = np.einsum("nk,nkc->nc", weights, picture.reshape(-1, 3)[index])
         return out
 
-    def _weights(
-        self, seen: Seen, corner: npt.NDArray[np.int32], x: Floats, y: Floats
-    ) -> tuple[Floats, npt.NDArray[np.int32]]:
-        """Return weights (n, 16) and pixel numbers of the 4 x 4 neighbours: near ones of the same surface."""
+    def _weights(self, seen: Seen, corner: Int32s, x: Floats, y: Floats) -> tuple[Floats, Int32s]:
+        """Return weights (N, 16) and pixel numbers of the 4 x 4 neighbours: near ones of the same surface."""
         index = np.empty((len(corner), 16), np.int32)
         weights = np.empty((len(corner), 16), np.float32)
         for k in range(16):
@@ -124,10 +120,10 @@ _FRESNEL_0 = 0.04
 class Surface:
     """What rays (n) meet: arrays over the rays that hit something, whose numbers are ``ray``."""
 
-    ray: npt.NDArray[np.intp]
+    ray: Indices
     directions: Floats
     hits: Hits
-    part: npt.NDArray[np.int32]
+    part: Int32s
     normal: Floats
     point: Floats
     albedo: Floats
@@ -151,7 +147,7 @@ class RoomView:
         self._glow = np.array([part.material.emission_cd_m2 for part in geometry.parts], np.float32)
 
     def surfaces(self, directions: Floats, pixel_rad: float = 0.0) -> Surface:
-        """Return what directions (n, 3) meet, with albedo averaged over ``pixel_rad``."""
+        """Return what directions (N, 3) meet, with albedo averaged over ``pixel_rad``."""
         hits = self.geometry.cast(self._eye, directions)
         ray = np.flatnonzero(hits.face >= 0)
         hits = Hits(hits.face[ray], hits.distance_m[ray], hits.weights[ray])
@@ -162,17 +158,17 @@ class RoomView:
         return Surface(ray, rays, hits, part, normal, point, self._albedo(hits, rays, part, pixel_rad))
 
     def sunlit(self, surface: Surface) -> Floats:
-        """Return how much of the sun's disc each surface point sees, 0..1."""
+        """Return how much of the sun's disc each surface point sees, (N,), 0..1."""
         if self._disc is None:
             return np.zeros(len(surface.ray), np.float32)
         return sun_share(self.geometry, self.room.panes, self._disc, surface.point, surface.normal)
 
     def irradiance(self, surface: Surface, components: tuple[str, ...], share: Floats | None = None) -> Floats:
-        """Return irradiance (lx, RGB) by some components, direct sun included if its ``share`` is given."""
+        """Return irradiance (N, 3), lx as RGB, by some components, direct sun included if its ``share`` is given."""
         return self._lit(surface, components, share)[0]
 
     def radiance(self, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
-        """Return radiance (n, 3) by some components of the light; the sun's disc itself is left out."""
+        """Return radiance (N, 3) by some components of the light; the sun's disc itself is left out."""
         surface = self.surfaces(directions, pixel_rad)
         share = self.sunlit(surface) if "sun" in components else None
         light, gloss = self._lit(surface, components, share)
@@ -222,7 +218,7 @@ class RoomView:
         full = np.array(self.room.sky.sun_normal_illuminance_rgb) * np.array(self.room.glass_transmittance)
         return np.asarray(share[:, None] * full, dtype=np.float32)
 
-    def _highlight(self, surface: Surface, lit: npt.NDArray[np.intp], disc: BrightDisc) -> Floats:
+    def _highlight(self, surface: Surface, lit: Indices, disc: BrightDisc) -> Floats:
         """Return the gloss of glossy surfaces times the cosine, per illuminance: GGX with Schlick's Fresnel term."""
         rough = self._rough[surface.part[lit]]
         normal, view = surface.normal[lit], -surface.directions[lit]
@@ -237,7 +233,7 @@ class RoomView:
         shade = 1 / (nl * np.sqrt(a2 + (1 - a2) * nv**2) + nv * np.sqrt(a2 + (1 - a2) * nl**2) + 1e-9)
         return np.asarray(np.where(rough > 0, spread * fresnel * shade * nl / 2, 0), dtype=np.float32)
 
-    def _albedo(self, hits: Hits, rays: Floats, part: npt.NDArray[np.int32], pixel_rad: float) -> Floats:
+    def _albedo(self, hits: Hits, rays: Floats, part: Int32s, pixel_rad: float) -> Floats:
         """Return each ray's albedo: the part's colour, or its texture at the coarseness that a pixel has there."""
         materials = self._materials
         colours = np.array([m.colour for m in materials], np.float32)
@@ -255,7 +251,7 @@ class RoomView:
 
 
 def outdoors(sky: Sky, directions: Floats, pixel_rad: float, components: tuple[str, ...]) -> Floats:
-    """Return the radiance of sky and land (n, 3) by some components of the light."""
+    """Return the radiance of sky and land (N, 3) by some components of the light."""
     if "sky" in components and "sun" in components:
         return sky.radiance(directions, pixel_rad)
     if "sky" in components:

@@ -49,7 +49,7 @@ class RoomWorld:
         return tuple({"sky": sky, "sun": sun, "lamps": 1.0}[name] for name in self._lights)
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
-        """Return radiance at time 0 without the sun's disc; see `mocks.worlds.light.World`."""
+        """Return radiance at time 0 without the sun's disc; shapes as `mocks.worlds.light.World`."""
         chosen = self._lights if component is None or self.components == ("light",) else (self._lights[component],)
         flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)
         if site is Site.OUTDOOR:
@@ -71,7 +71,7 @@ class RoomWorld:
         return (replace(disc, radiance_rgb=(red, green, blue), component=component),)
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return 1 outdoors; indoors the glass where a ray leaves the room, else 0."""
+        """Return 1 outdoors; indoors the glass where a ray leaves the room, else 0; shapes as `World`."""
         if site is Site.OUTDOOR:
             return np.ones(directions.shape[:-1], np.float32)
         flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)

@@ -43,7 +43,7 @@ class HdrWorld(OneLight):
         return f"HdrWorld {digests} {self.scale!r} {self.outdoor_scale!r}"
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
-        """Return the picture's radiance, bilinear, averaged over ``pixel_rad`` where that is coarser."""
+        """Return the picture's radiance, shape (..., 3), bilinear, averaged over ``pixel_rad`` where coarser."""
         texture = self._texture(site)
         height, width = texture.shape
         longitude = np.arctan2(directions[..., 0], directions[..., 1])
@@ -58,7 +58,7 @@ class HdrWorld(OneLight):
         return ()
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return 1 everywhere: there is no disc to hide."""
+        """Return 1 for directions of any shape (..., 3): there is no disc to hide."""
         return np.ones(directions.shape[:-1], dtype=np.float32)
 
     def _texture(self, site: Site) -> MipTexture:
@@ -74,7 +74,7 @@ def _texture_of(path: Path, _changed_ns: int, scale: float) -> MipTexture:
 
 
 def read_equirect(path: Path) -> Floats:
-    """Read an equirectangular picture as RGB float32 (height, width, 3).
+    """Read an equirectangular picture as RGB float32 (H, W, 3).
 
     Raises `WorldFileError` unless it is a .hdr or .exr file, twice as wide as high, finite and non-negative (but
     for undershoots of lossy compression, up to 5 % of the median, which become 0).
@@ -155,12 +155,12 @@ class MipTexture:
 
     @classmethod
     def equirectangular(cls, pixels: Floats) -> MipTexture:
-        """Return the texture of a panorama: the columns wrap, and over a pole lies the other half."""
+        """Return the texture of a panorama (H, W, 3): the columns wrap, and over a pole lies the other half."""
         return cls(tuple(_sphere_border(level) for level in _halvings(pixels)))
 
     @classmethod
     def tiled(cls, pixels: Floats) -> MipTexture:
-        """Return the texture of a tile that repeats in both directions."""
+        """Return the texture of a tile (H, W, 3) that repeats in both directions."""
         return cls(tuple(np.pad(level, ((1, 1), (1, 1), (0, 0)), mode="wrap") for level in _halvings(pixels)))
 
     @property
@@ -174,7 +174,7 @@ class MipTexture:
         return min(level, len(self.levels) - 1)
 
     def sample(self, column: Reals, row: Reals, level: int = 0) -> Floats:
-        """Return bilinear values at finest-level coordinates (0 is the centre of the first pixel).
+        """Return bilinear values at finest-level coordinates of any shape (0 is the centre of the first pixel).
 
         Coordinates must lie within half a pixel of the picture; tiles are wrapped by the caller.
         """

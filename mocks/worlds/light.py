@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from drivers.errors import DaylitError
 from processing.ground import colour
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
 
 Reals: TypeAlias = npt.NDArray[np.floating]
 Vector: TypeAlias = tuple[float, float, float]
@@ -55,10 +55,10 @@ class BrightDisc:
         """Solid angle of the whole disc."""
         return 2.0 * math.pi * (1.0 - math.cos(self.radius_rad))
 
-    def covers(self, directions: Floats) -> npt.NDArray[np.bool_]:
-        """Return which directions fall on the disc.
+    def covers(self, directions: Floats) -> Flags:
+        """Return which directions, shape (..., 3), fall on the disc.
 
-        The chord is compared, not the cosine: a cosine in float32 cannot tell 0.2 degrees from 0.21.
+        The chord is compared, not the cosine: a cosine in float32 is the same for 0.2 and 0.21 degrees.
         """
         chord = directions - np.array(self.direction, dtype=np.float32)
         return np.asarray(np.einsum("...i,...i->...", chord, chord) < (2 * math.sin(self.radius_rad / 2)) ** 2)
@@ -86,7 +86,7 @@ class World(Protocol):
         ...
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
-        """Return radiance at time 0 from each direction, without the bright discs.
+        """Return radiance at time 0 from directions of shape (..., 3), without the bright discs.
 
         ``pixel_rad`` is the angle that one sample stands for; textures are averaged over it. ``component`` asks for
         one component's share; None for all of it.
@@ -94,11 +94,11 @@ class World(Protocol):
         ...
 
     def discs(self, site: Site) -> tuple[BrightDisc, ...]:
-        """Return the bright discs above this site (they may be hidden: `open_sky` tells)."""
+        """Return the bright discs above this site (`open_sky` says whether they are hidden)."""
         ...
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return the transmittance (0..1) of the way from the site to the sky."""
+        """Return the transmittance (0..1) of the way from the site to the sky, for directions of shape (..., 3)."""
         ...
 
 
@@ -150,12 +150,12 @@ class OneLight:
 
 
 def luminance_cd_m2(radiance: Floats) -> Floats:
-    """Return the luminance of RGB radiance (last axis 3)."""
+    """Return the luminance (cd/m2) of RGB radiance, shape (..., 3)."""
     return np.asarray(radiance @ LUMINANCE_WEIGHTS, dtype=np.float32)
 
 
 def unit(vector: tuple[float, float, float] | npt.NDArray[np.floating]) -> Vector:
-    """Return the vector at length 1."""
+    """Return the vector, shape (3,), at length 1."""
     x, y, z = (float(v) for v in vector)
     length = math.sqrt(x * x + y * y + z * z)
     return (x / length, y / length, z / length)
@@ -168,7 +168,7 @@ def direction_of(azimuth_rad: float, elevation_rad: float) -> Vector:
 
 
 def spread_over_disc(direction: Vector, radius_rad: float, count: int) -> Floats:
-    """Return directions (count, 3) spread evenly over a small round disc, each for the same solid angle."""
+    """Return directions (N, 3) spread evenly over a small round disc, each for the same solid angle."""
     centre = np.array(unit(direction))
     side = np.cross(centre, (0.0, 0.0, 1.0) if abs(centre[2]) < 0.9 else (1.0, 0.0, 0.0))
     side /= np.linalg.norm(side)
@@ -193,7 +193,7 @@ class UniformWorld(OneLight):
         return repr(self)
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
-        """Return the same radiance for every direction; its luminance is as stated, whatever the tint."""
+        """Return the same radiance for directions of any shape (..., 3); the tint keeps its luminance."""
         tint = np.array(self.tint_rgb, dtype=np.float32)
         colour = tint * (self.luminance_cd_m2 / luminance_cd_m2(tint))
         return np.broadcast_to(colour, directions.shape).astype(np.float32)
@@ -203,5 +203,5 @@ class UniformWorld(OneLight):
         return ()
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return 1 everywhere."""
+        """Return 1 for directions of any shape (..., 3)."""
         return np.ones(directions.shape[:-1], dtype=np.float32)

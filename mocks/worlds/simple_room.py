@@ -88,10 +88,16 @@ def plan_room(seed: int) -> RoomPlan:
         Block((left, ahead - 0.5, 0.0), (left + 0.45, ahead - 0.05, 1.85), (0.70, 0.68, 0.62)),
         Block((board_x - 0.25, -1.52, 1.05), (board_x + 0.25, -1.5, 1.55), (0.90, 0.90, 0.90)),
     )
-    door0, door1, picture = about(-0.8, -0.5), 0.35, sofa_y + 0.35
+    patches = _painted(about(-0.8, -0.5), sofa_y + 0.35, ahead - 0.45)
+    return RoomPlan((left, back, 0.0), (right, ahead, top), window, blocks, patches)
+
+
+def _painted(door0: float, picture: float, rug_end: float) -> tuple[Patch, ...]:
+    """Return skirting, door, picture, rug and the gaps between the cabinet's doors, later ones over earlier ones."""
+    door1 = 0.35
     skirting = [Patch(w, -9.0, 0.0, 9.0, 0.09, _TRIM) for w in range(4)]
     gaps = [Patch(9, x - 0.004, 0.08, x + 0.004, 2.0, _GAP) for x in (0.625, 1.05, 1.475)]
-    patches = (
+    return (
         *skirting,
         Patch(_DOOR_WALL, door0 - 0.07, 0.0, door1 + 0.07, 2.12, _TRIM),
         Patch(_DOOR_WALL, door0, 0.0, door1, 2.05, _GAP),
@@ -102,10 +108,9 @@ def plan_room(seed: int) -> RoomPlan:
         Patch(_SOFA_WALL, picture, 1.35, picture + 0.9, 1.95, _GAP),
         Patch(_SOFA_WALL, picture + 0.04, 1.39, picture + 0.86, 1.91, (0.45, 0.48, 0.40)),
         Patch(_SOFA_WALL, picture + 0.25, 1.45, picture + 0.6, 1.7, (0.50, 0.22, 0.10)),
-        Patch(_FLOOR, -0.9, 0.35, 1.3, ahead - 0.45, (0.42, 0.15, 0.12)),
+        Patch(_FLOOR, -0.9, 0.35, 1.3, rug_end, (0.42, 0.15, 0.12)),
         *gaps,
     )
-    return RoomPlan((left, back, 0.0), (right, ahead, top), window, blocks, patches)
 
 
 def _slab(way: Floats, start: Floats, low: Vector, high: Vector) -> tuple[Floats, Floats]:
@@ -234,7 +239,7 @@ class SimpleRoom(OneLight):
         return (BrightDisc(sun.direction, sun.radius_rad, (red, green, blue)),)
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return (...,) 1 outdoors; indoors the glass where a ray (..., 3) leaves through a pane, else 0."""
+        """Return 1 outdoors; indoors the glass where a ray leaves through a pane, else 0; shapes as `World`."""
         if site is Site.OUTDOOR:
             return np.ones(directions.shape[:-1], dtype=np.float32)
         flat = np.ascontiguousarray(directions.reshape(-1, 3), dtype=np.float32)

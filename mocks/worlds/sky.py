@@ -40,12 +40,12 @@ class SimpleSky:
 
     @property
     def sun_normal_illuminance_rgb(self) -> Floats:
-        """Illuminance (lx, as RGB) on a plane that faces the sun."""
+        """Illuminance (lx as RGB, shape (3,)) on a plane that faces the sun."""
         sun = self.sun
         return np.array(sun.radiance_rgb, dtype=np.float32) * np.float32(sun.solid_angle_sr)
 
     def radiance(self, directions: Floats) -> Floats:
-        """Return sky, hedge and ground radiance for each direction, without the sun's disc."""
+        """Return sky, hedge and ground radiance for directions, shape (..., 3), without the sun's disc."""
         x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
         sky = self._sky(directions, np.maximum(z, 0.01))
         ground_gain = self.ground_luminance_cd_m2 * (0.75 + 0.25 * np.clip(-4 * z, 0, 1))

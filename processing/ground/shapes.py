@@ -76,7 +76,7 @@ def _side(axis: int, sign: float, flat: Doubles, radius: float, scales: list[Dou
 
 
 def deformed(mesh: Mesh, move: Callable[[Doubles], Doubles]) -> Mesh:
-    """Return the mesh with its vertices moved and smooth normals made anew."""
+    """Return the mesh with its vertices (N, 3) moved and smooth normals made anew."""
     return smooth(replace(mesh, vertices=move(mesh.vertices.copy())))
 
 
@@ -124,7 +124,7 @@ def _rings(path: Doubles, tangent: Doubles, radii: Doubles, sides: int) -> tuple
 
 
 def disc(rim: Doubles, normal: Doubles) -> Mesh:
-    """Return a flat face within a convex rim that runs counter-clockwise about its normal."""
+    """Return a flat face within a convex rim (N, 3) that runs counter-clockwise about its normal."""
     middle = rim.mean(axis=0)
     first = rim[0] - middle
     first /= max(float(np.linalg.norm(first)), 1e-12)
@@ -219,7 +219,7 @@ def pillow(size_m: Vector, cells: int = 8) -> Mesh:
 
 
 def _two_sided(top: Doubles, bottom: Doubles, uv: Doubles) -> Mesh:
-    """Return the closed body between two grids of points (n, m, 3), the top's normals along d/drow x d/dcolumn.
+    """Return the closed body between two grids of points (N, M, 3), the top's normals along d/drow x d/dcolumn.
 
     The rim has normals of its own, as a seam or the edge of a leaf has.
     """
@@ -235,7 +235,7 @@ def _two_sided(top: Doubles, bottom: Doubles, uv: Doubles) -> Mesh:
 
 
 def sheet(surface: Doubles, thickness_m: float) -> Mesh:
-    """Return cloth of a thickness under a grid of points (n, m, 3); its upper side looks along d/drow x d/dcolumn."""
+    """Return cloth of a thickness under a grid of points (N, M, 3); its upper side looks along d/drow x d/dcolumn."""
     rows, columns = (np.gradient(surface, axis=k) for k in (0, 1))
     normal = np.cross(rows, columns)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12)

@@ -8,13 +8,12 @@ import pytest
 from processing.errors import SceneError
 from processing.ground.polygons import triangles
 from processing.segmentation.evidence import SceneClass
+from training.augment import recoated, stretched, wall_direction_rad
 from training.labels import boundary_latitudes
 from training.rooms.forms import bed, block, couch, heap, laden, shelf, wardrobe
 from training.rooms.house import draw_house
 from training.rooms.pieces import Piece, built_in_pieces, folder_pieces, joined
 from training.rooms.props import furnish_house
-from training.rooms.recoat import recoated
-from training.stretch import stretched, wall_direction_rad
 
 ROWS, COLUMNS = 64, 128
 BOX = np.array([(-2.0, -1.5), (1.5, -1.5), (1.5, 3.0), (-2.0, 3.0)])

@@ -1,4 +1,4 @@
-"""Two networks in one file tell what each of them tells."""
+"""Two networks in one file answer as each of them alone."""
 
 from __future__ import annotations
 

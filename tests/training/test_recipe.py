@@ -8,14 +8,13 @@ import pytest
 from processing.segmentation.evidence import SceneClass
 from training.augment import drawn_batch, recoloured, turned
 from training.labels import boundary_latitudes
-from training.recipe import Example, looks_of
+from training.recipe import Example, Standpoint, looks_of
 from training.rooms.camera import add_foot, small_labels
-from training.rooms.house import draw_house
-from training.rooms.outlines import draw_cameras, draw_outline
+from training.rooms.house import draw_cameras, draw_house, draw_outline
+from training.rooms.paints import plain_tile
 from training.rooms.props import furnish_house
 from training.rooms.render import Stage, see
 from training.rooms.soup import WORLD, Soup
-from training.rooms.textures import plain_tile
 from training.shards import read_shards, write_shard
 
 ROWS = 128
@@ -64,9 +63,8 @@ def test_a_drawn_house_has_right_labels(seed: int) -> None:
     furnish_house(rng, house, [])
     stage = Stage(house.soup, house.panes, house.portals, house.mirrors, house.lamps)
     tiles = [plain_tile(np.random.default_rng(k)) for k in range(3)]
-    examples = list(
-        looks_of(rng, stage, house.outline, house.ceiling_m, house.cameras[0], house.eyes_m[0], tiles, 1, foot=True)
-    )
+    view = Standpoint(house.outline, house.ceiling_m, house.cameras[0], house.eyes_m[0])
+    examples = list(looks_of(rng, stage, view, tiles, 1, foot=True))
     assert len(examples) == 1
     check_structure(examples[0])
     assert examples[0].picture.std() > 2
@@ -98,7 +96,7 @@ def test_the_foot_is_labelled_where_it_is_drawn() -> None:
 
 def drawn_example(rng: np.random.Generator) -> Example:
     stage, outline = box_stage()
-    return next(looks_of(rng, stage, outline, 2.6, (0.2, 0.1), 1.4, [plain_tile(rng)], 1, foot=False))
+    return next(looks_of(rng, stage, Standpoint(outline, 2.6, (0.2, 0.1), 1.4), [plain_tile(rng)], 1, foot=False))
 
 
 def test_turning_and_mirroring_move_picture_and_labels_alike() -> None:

@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Indices
 from training.rooms.house import Portal
 
 
 def outdoors(rng: np.random.Generator, rays: Floats) -> Floats:
-    """Return relative radiance of sky, land and what stands on it (n, 3), about 1 for the sky."""
+    """Return relative radiance of sky, land and what stands on it (N, 3), about 1 for the sky."""
     azimuth = np.arctan2(rays[:, 0], rays[:, 1])
     up = rays[:, 2]
     grey = rng.random() < 0.4
@@ -43,11 +42,11 @@ class Home:
     """(3,) albedo."""
     ceiling: Floats
     floor: Callable[[Floats], Floats]
-    """Albedo (n, 3) at places (n, 2) of the floor, metres."""
+    """Albedo (N, 3) at places (N, 2) of the floor, metres."""
 
 
 def other_room(portal: Portal, eye: Doubles, rays: Floats, home: Home | None = None) -> Floats:
-    """Return relative radiance (n, 3), about 0.3, of the room behind a portal, for rays from ``eye``."""
+    """Return relative radiance (N, 3), about 0.3, of the room behind a portal, for rays from ``eye``."""
     rng = np.random.default_rng([portal.seed, 3])
     ax, ay = portal.frame.along
     ox, oy = portal.frame.origin
@@ -76,11 +75,11 @@ def _surfaces(
     rng: np.random.Generator,
     portal: Portal,
     point: Doubles,
-    axis: npt.NDArray[np.intp],
-    down: npt.NDArray[np.bool_],
+    axis: Indices,
+    down: Flags,
     home: Home | None,
 ) -> Doubles:
-    """Return albedos (n, 3) of the other room's walls, ceiling and floor."""
+    """Return albedos (N, 3) of the other room's walls, ceiling and floor."""
     below = (axis == 2) & down
     if home is not None:
         bends = 1 + 0.06 * rng.normal(size=(2, 1))
@@ -96,7 +95,7 @@ def _surfaces(
 
 
 def _fittings(
-    rng: np.random.Generator, out: Doubles, point: Doubles, axis: npt.NDArray[np.intp], low: Doubles, high: Doubles
+    rng: np.random.Generator, out: Doubles, point: Doubles, axis: Indices, low: Doubles, high: Doubles
 ) -> None:
     """Paint doors, windows and cupboards on the walls of the other room, in place."""
     for _ in range(int(rng.integers(0, 5))):

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Floats, Int8s
+from processing.ground.arrays import Bytes, Floats, Int8s
 from processing.ground.colour import linear_of_srgb
 from processing.segmentation.embedded import HEIGHT_PX, WIDTH_PX, network_picture
 from processing.segmentation.evidence import SceneClass
 
 
 def add_foot(rng: np.random.Generator, light: Floats, label: Int8s, eye_m: float) -> tuple[Floats, Int8s]:
-    """Put a tripod, a black or blurred disc, or nothing, under the camera."""
+    """Put a tripod, a black or blurred disc, or nothing, under the camera of a picture (H, W, 3) with labels (H, W)."""
     chance = rng.random()
     if chance < 0.3:
         return light, label
@@ -46,7 +45,7 @@ def add_foot(rng: np.random.Generator, light: Floats, label: Int8s, eye_m: float
 
 
 def photographed(rng: np.random.Generator, light: Floats) -> Floats:
-    """Return the network's view (128, 256, 3) of linear light, most often by way of an ordinary JPEG."""
+    """Return the network's view, shape (128, 256, 3), of linear light (H, W, 3), most often by way of a JPEG."""
     cast = np.exp(rng.normal(0, 0.12, 3) * np.array([1.0, 0.4, 1.0]))
     if rng.random() < 0.3:
         # Lamps that the camera took for daylight.
@@ -80,7 +79,7 @@ def _developed(rng: np.random.Generator, light: Floats) -> Floats:
     return np.asarray(np.clip(grey + (encoded - grey) * rng.uniform(0.6, 1.9), 0, 1), dtype=np.float32)
 
 
-def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:
+def _jpeg(rng: np.random.Generator, shown: Floats) -> Bytes:
     if rng.random() < 0.3:
         shown = np.asarray(cv2.GaussianBlur(shown, (0, 0), float(rng.uniform(0.4, 1.2))), dtype=np.float32)
     noisy = shown + rng.normal(0, rng.uniform(0, 0.03), shown.shape)
@@ -91,13 +90,13 @@ def _jpeg(rng: np.random.Generator, shown: Floats) -> npt.NDArray[np.uint8]:
     return codes
 
 
-def decoded(codes: npt.NDArray[np.uint8]) -> Floats:
-    """Return linear light of sRGB codes (IEC 61966-2-1)."""
+def decoded(codes: Bytes) -> Floats:
+    """Return linear light of sRGB codes of any shape (IEC 61966-2-1)."""
     return linear_of_srgb(codes)
 
 
-def small_labels(label: Int8s) -> npt.NDArray[np.uint8]:
-    """Return the commonest class in each of the network's pixels."""
+def small_labels(label: Int8s) -> Bytes:
+    """Return the commonest class of labels (H, W) in each of the network's pixels, uint8."""
     fine = label.reshape(HEIGHT_PX, label.shape[0] // HEIGHT_PX, WIDTH_PX, label.shape[1] // WIDTH_PX)
     votes = np.stack([(fine == k).sum(axis=(1, 3)) for k in range(len(SceneClass))])
     return np.asarray(votes.argmax(axis=0), dtype=np.uint8)

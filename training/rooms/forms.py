@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Doubles, Floats
 from processing.ground.mesh import grid_faces
 from processing.segmentation.evidence import SceneClass
 from training.rooms.pieces import Piece, joined
@@ -33,7 +32,7 @@ class _Maker:
         """Add a rounded body: a superellipsoid, from a box (``square`` near 0) to a ball (1)."""
         v, u = np.meshgrid(np.linspace(-np.pi / 2, np.pi / 2, 7), np.linspace(0, 2 * np.pi, 11), indexing="ij")
 
-        def eased(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        def eased(values: Doubles) -> Doubles:
             return np.asarray(np.sign(values) * np.abs(values) ** square)
 
         x = eased(np.cos(v)) * eased(np.cos(u)) * size[0] / 2
@@ -41,8 +40,8 @@ class _Maker:
         z = eased(np.sin(v)) * size[2] / 2
         self.sheet(np.stack([x, y, z], axis=-1) + np.array(at), paint)
 
-    def sheet(self, grid: npt.NDArray[np.float64], paint: int) -> None:
-        """Add a surface through points (n, m, 3)."""
+    def sheet(self, grid: Doubles, paint: int) -> None:
+        """Add a surface through points (N, M, 3)."""
         self.soup.add(grid.reshape(-1, 3)[grid_faces(*grid.shape[:2])], SceneClass.FURNITURE, paint)
 
     def piece(self, kind: str, size: Vec) -> Piece:
@@ -51,7 +50,7 @@ class _Maker:
         return Piece(kind, size, triangles, paint_of, tuple(self.colours), names)
 
 
-def _vec(values: npt.NDArray[np.float64]) -> Vec:
+def _vec(values: Doubles) -> Vec:
     return float(values[0]), float(values[1]), float(values[2])
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int32s
 
 Panes = list[tuple[Doubles, Doubles, Doubles]]
 
@@ -29,19 +29,19 @@ class Points:
 
     place: Floats
     normal: Floats
-    solid: npt.NDArray[np.bool_]
+    solid: Flags
 
 
 @dataclass(frozen=True)
 class Gathered:
-    """Light at the coarse points (h, w), before any colours are chosen."""
+    """Light at the coarse points (H, W), before any colours are chosen."""
 
     sky: Floats
     lamps: Floats
     open_share: Floats
     """How far away the surroundings are, 0..1: contact shadows."""
-    bounce_face: npt.NDArray[np.int32]
-    """(h, w, n): triangles that light comes from; -1 none."""
+    bounce_face: Int32s
+    """(H, W, N): triangles that light comes from; -1 none."""
 
 
 def coarse(points: Points) -> Points:
@@ -111,9 +111,7 @@ def _lamps(geometry: Geometry, start: Floats, normal: Floats, lamps: list[tuple[
     return out
 
 
-def _bounces(
-    rng: np.random.Generator, geometry: Geometry, start: Floats, normal: Floats
-) -> tuple[npt.NDArray[np.int32], Floats]:
+def _bounces(rng: np.random.Generator, geometry: Geometry, start: Floats, normal: Floats) -> tuple[Int32s, Floats]:
     """Return what is met in directions spread by the cosine: triangles and distances (n, rays)."""
     count = len(start)
     turn, radius = rng.random((2, count, _BOUNCE_RAYS), dtype=np.float32)
@@ -142,7 +140,7 @@ def sunlit(geometry: Geometry, points: Points, direction: Floats) -> Floats:
 
 
 def smoothed(points: Points, light: Floats, reach: int = 2) -> Floats:
-    """Return light (h, w, c) averaged with neighbours on the same plane."""
+    """Return light (H, W, C) averaged with neighbours on the same plane."""
     total, weight = np.zeros_like(light), np.full(light.shape[:2], 1e-6, np.float32)
     height = light.shape[0]
     rows = np.arange(height)
@@ -163,15 +161,15 @@ def smoothed(points: Points, light: Floats, reach: int = 2) -> Floats:
 class Spread:
     """How light at coarse points gets to fine ones: four neighbours and their weights."""
 
-    rows: npt.NDArray[np.intp]
+    rows: Indices
     """(2, H)"""
-    columns: npt.NDArray[np.intp]
+    columns: Indices
     """(2, W)"""
     weights: Floats
     """(4, H, W), sum 1."""
 
     def of(self, light: Floats) -> Floats:
-        """Return coarse light (h, w, c) at the fine points."""
+        """Return coarse light (H, W, C) at the fine points."""
         out = np.zeros((*self.weights.shape[1:], light.shape[2]), np.float32)
         for number, share in enumerate(self.weights):
             # Rows, then columns: cheaper than a gather of both.

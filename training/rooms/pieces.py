@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
 
 from mocks.rooms.model import Item, Part, Role
 from mocks.rooms.room import Room
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Int16s
 
 _ON_WALL = ("picture", "wall clock", "wall shelf", "rug", "curtain")
 _NOT_STANDING = ("kitchen", "bathroom", "rug", "lamp", "other")
@@ -29,7 +28,7 @@ class Piece:
     kind: str
     size_m: tuple[float, float, float]
     triangles: Floats
-    paint_of: npt.NDArray[np.int16]
+    paint_of: Int16s
     colours: tuple[tuple[float, float, float], ...]
     paints: tuple[str, ...] = ()
     """Kind of each paint; `furniture` where none is given."""
@@ -46,9 +45,9 @@ class Piece:
 
 
 def joined(kind: str, size_m: tuple[float, float, float], pieces: Iterable[tuple[Piece, Floats]]) -> Piece:
-    """Return one piece made of several, each moved (3,)."""
+    """Return one piece made of several, each moved by a vector of shape (3,), metres."""
     triangles: list[Floats] = []
-    paint_of: list[npt.NDArray[np.int16]] = []
+    paint_of: list[Int16s] = []
     colours: list[tuple[float, float, float]] = []
     paints: list[str] = []
     for piece, by in pieces:
@@ -79,7 +78,7 @@ def _over(item: Item, other: Item) -> bool:
 
 def _piece(item: Item, parts: list[Part]) -> Piece:
     triangles: list[Floats] = []
-    paint_of: list[npt.NDArray[np.int16]] = []
+    paint_of: list[Int16s] = []
     colours: list[tuple[float, float, float]] = []
     c, s = np.cos(-item.turn_rad), np.sin(-item.turn_rad)
     for part in parts:

@@ -38,7 +38,7 @@ class _Floor:
     taken: Polygon
 
     def stand(self, piece: Piece, at: tuple[float, float], turn: float, *, allowed_m: float = 0.0) -> bool:
-        """Put a piece down where it fits; it may reach ``allowed_m`` into others. Tell whether it did."""
+        """Put a piece down where it fits; it may reach ``allowed_m`` into others. Returns whether it did."""
         foot = _foot(piece, at, turn)
         less = foot.buffer(-allowed_m) if allowed_m else foot
         if not self.room.contains(foot) or self.taken.intersects(less):

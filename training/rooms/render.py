@@ -5,20 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
 from mocks.rooms.model import ADE20K, Material, Part, Role
 from mocks.rooms.truth import equirectangular
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Doubles, Floats, Int8s, Int16s
 from processing.ground.mesh import Mesh
 from processing.segmentation.evidence import SceneClass
 from training.rooms.beyond import Home, other_room, outdoors
 from training.rooms.house import Portal
 from training.rooms.light import Gathered, Panes, Points, Spread, coarse, gather, smoothed, spread_of, sunlit
-from training.rooms.paints import Coats, draw_coats
+from training.rooms.paints import Coats, Tile, draw_coats
 from training.rooms.soup import Soup
-from training.rooms.textures import Tile
 
 ROWS = 256
 """Of the fine picture; the network's is half as large."""
@@ -48,12 +46,12 @@ class Stage:
 class Seen:
     """What a camera sees, fine (H, W, ...)."""
 
-    eye: npt.NDArray[np.float64]
+    eye: Doubles
     rays: Floats
     """Where they end up, after mirrors."""
     start: Floats
-    label: npt.NDArray[np.int8]
-    paint: npt.NDArray[np.int16]
+    label: Int8s
+    paint: Int16s
     """-1 where the outdoors is seen."""
     reach_m: Floats
     points: Points
@@ -137,7 +135,7 @@ def _home(stage: Stage, coats: Coats, tiles: list[Tile]) -> Home | None:
 
 
 def _relative(coats: Coats, tiles: list[Tile], number: int, uv: Floats, footprint_m: Floats) -> Floats:
-    """Return the factors (n, 3) by which a paint's texture changes its albedo at places (n, 2), metres."""
+    """Return the factors (N, 3) by which a paint's texture changes its albedo at places (N, 2), metres."""
     c, s = np.cos(coats.turn[number]), np.sin(coats.turn[number])
     turned = np.stack([uv[:, 0] * c - uv[:, 1] * s, uv[:, 0] * s + uv[:, 1] * c], axis=1) / coats.scale[number]
     relative = tiles[coats.tile[number]].at(turned.astype(np.float32), footprint_m / coats.scale[number])
@@ -170,7 +168,7 @@ def _light(rng: np.random.Generator, stage: Stage, seen: Seen, coats: Coats) -> 
     return total.astype(np.float32), float(np.clip(window, 0.3, 60))
 
 
-def _positive(values: npt.NDArray[np.float64]) -> Floats:
+def _positive(values: Doubles) -> Floats:
     return np.maximum(values, 0.25).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Triangles with a class and a paint each: what simulated rooms are cast from."""
+"""Triangles with a class and a paint each: what training pictures are cast from, and rooms of `mocks.rooms` as such."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Floats
+from mocks.rooms.model import Part, Role
+from mocks.rooms.room import Room
+from mocks.rooms.truth import TruthPictures
+from processing.ground.arrays import Doubles, Floats, Int8s, Int16s
 from processing.segmentation.evidence import SceneClass
 
 Vec = tuple[float, float, float]
@@ -34,7 +37,7 @@ class Frame:
     along: tuple[float, float]
 
     def world(self, points: npt.ArrayLike) -> Doubles:
-        """Return points (..., 3) of this frame in world coordinates."""
+        """Return points, shape (..., 3), of this frame in world coordinates."""
         p = np.asarray(points, dtype=np.float64)
         (ax, ay), (ox, oy) = self.along, self.origin
         x = ox + p[..., 0] * ax - p[..., 1] * ay
@@ -50,8 +53,8 @@ class Soup:
     """A growing list of triangles."""
 
     triangles: list[Floats] = field(default_factory=list)
-    labels: list[npt.NDArray[np.int8]] = field(default_factory=list)
-    paint_of: list[npt.NDArray[np.int16]] = field(default_factory=list)
+    labels: list[Int8s] = field(default_factory=list)
+    paint_of: list[Int16s] = field(default_factory=list)
     paints: list[Paint] = field(default_factory=list)
 
     def paint(self, kind: str, rgb: Vec | None = None, emission: float = 0.0) -> int:
@@ -60,14 +63,14 @@ class Soup:
         return len(self.paints) - 1
 
     def add(self, triangles: npt.ArrayLike, label: SceneClass, paint: int) -> None:
-        """Add triangles (n, 3, 3) in world coordinates."""
+        """Add triangles (N, 3, 3) in world coordinates."""
         t = np.asarray(triangles, dtype=np.float32).reshape(-1, 3, 3)
         self.triangles.append(t)
         self.labels.append(np.full(len(t), int(label), np.int8))
         self.paint_of.append(np.full(len(t), paint, np.int16))
 
     def quad(self, frame: Frame, corners: npt.ArrayLike, label: SceneClass, paint: int) -> None:
-        """Add a quadrilateral (4, 3)."""
+        """Add a quadrilateral, shape (4, 3), metres in the frame."""
         self.add(frame.world(corners)[_TWO], label, paint)
 
     def upright(self, frame: Frame, rect: Vec | tuple[float, float, float, float], away: float, *what: Any) -> None:
@@ -83,6 +86,64 @@ class Soup:
         corners = frame.world(p)
         self.add(np.concatenate([corners[list(s)][_TWO] for s in sides]), label, paint)
 
-    def joined(self) -> tuple[Floats, npt.NDArray[np.int8], npt.NDArray[np.int16]]:
-        """Return all triangles (n, 3, 3), their labels and paints (n,)."""
+    def joined(self) -> tuple[Floats, Int8s, Int16s]:
+        """Return all triangles (N, 3, 3), their labels and paints (N,)."""
         return np.concatenate(self.triangles), np.concatenate(self.labels), np.concatenate(self.paint_of)
+
+
+_BY_SURFACE = {
+    "floor": SceneClass.FLOOR,
+    "ceiling": SceneClass.CEILING,
+    "cornice": SceneClass.CEILING,
+    "wall": SceneClass.WALL,
+    "skirting": SceneClass.WALL,
+    "reveal": SceneClass.WALL,
+    "window sill": SceneClass.WALL,
+    "window frame": SceneClass.WINDOW,
+    "door": SceneClass.DOOR,
+    "door frame": SceneClass.DOOR,
+    "hallway": SceneClass.DOOR,
+    "rug": SceneClass.FIXTURE,
+    "picture": SceneClass.FIXTURE,
+    "wall clock": SceneClass.FIXTURE,
+    "wall shelf": SceneClass.FIXTURE,
+    "tripod": SceneClass.TRIPOD,
+    "meter board": SceneClass.TRIPOD,
+}
+_KIND = {
+    "floor": "floor", "ceiling": "ceiling", "cornice": "ceiling", "wall": "wall", "reveal": "wall",
+    "skirting": "trim", "window sill": "trim", "door frame": "trim", "window frame": "window frame",
+    "door": "door", "rug": "rug", "curtain": "curtain", "radiator": "radiator", "picture": "picture",
+    "tripod": "dark", "meter board": "board", "blind": "blind", "socket": "trim", "switch": "trim",
+}  # fmt: skip
+
+
+def class_of(part: Part) -> SceneClass:
+    """Return the class of a part: furniture is what stands on the floor and the clutter on it."""
+    if part.surface in _BY_SURFACE:
+        return _BY_SURFACE[part.surface]
+    return SceneClass.FIXTURE if part.role in (Role.SHELL, Role.FIXTURE) else SceneClass.FURNITURE
+
+
+def room_soup(room: Room, parts: list[Part]) -> Soup:
+    """Return a room's parts as a soup; each material keeps its colour as a proposal."""
+    soup, paints = Soup(), {}
+    for part in parts:
+        kind = _KIND.get(part.surface, "furniture" if class_of(part) is SceneClass.FURNITURE else "fixture")
+        key = (part.material, kind, part.surface == "hallway")
+        if key not in paints:
+            lit = float(any(part.material.emission_cd_m2))
+            paints[key] = soup.paint("hallway" if part.surface == "hallway" else kind, part.material.colour, lit)
+        mesh = part.mesh
+        soup.add(mesh.vertices[mesh.faces].astype(np.float32), class_of(part), paints[key])
+    return soup
+
+
+def class_picture(pictures: TruthPictures) -> Int8s:
+    """Return the class of every pixel (H, W) of a truth."""
+    out = np.where(pictures.furniture, np.int8(SceneClass.FURNITURE), np.int8(SceneClass.FIXTURE))
+    for number, name in enumerate(pictures.surface_names):
+        if name in _BY_SURFACE:
+            out[pictures.surface == number] = _BY_SURFACE[name]
+    out[pictures.surface < 0] = SceneClass.WINDOW
+    return out

@@ -1,4 +1,4 @@
-"""Walls of a training room: what is let into them and hung on them."""
+"""Walls of a training room: what is let into them (windows, doors, passages, closets) and hung on them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,196 @@ from dataclasses import dataclass
 import numpy as np
 
 from processing.segmentation.evidence import SceneClass
-from training.rooms.house import House
-from training.rooms.openings import Gap, Look, fill_gap
+from training.rooms.house import House, Portal
 from training.rooms.soup import Frame
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A hole in a wall."""
+
+    x0: float
+    x1: float
+    z0: float
+    z1: float
+
+
+@dataclass(frozen=True)
+class Look:
+    """What the openings of one room have in common."""
+
+    door: int
+    frame: int
+    window: int
+    casing_m: float
+    door_m: float
+    sill_m: float
+    head_m: float
+
+
+def fill_gap(
+    rng: np.random.Generator, house: House, frame: Frame, kind: str, start: float, width: float, look: Look
+) -> Gap | None:
+    """Build one thing of a wall; return the hole that it needs."""
+    end, top = start + width, house.ceiling_m - 0.06
+    if kind in ("window", "french window"):
+        sill = 0.0 if kind == "french window" else look.sill_m
+        gap = Gap(start, end, sill, min(look.head_m, top))
+        _window(rng, house, frame, gap, look)
+        return gap
+    if kind in ("door", "closet"):
+        gap = Gap(start, end, 0.0, min(look.door_m, top))
+        _shut(rng, house, frame, gap, look, leaves=1 if kind == "door" else max(2, round(width / 0.6)))
+        return gap
+    if kind in ("open door", "passage"):
+        tall = kind == "passage" and rng.random() < 0.6
+        gap = Gap(start, end, 0.0, house.ceiling_m if tall and rng.random() < 0.5 else min(look.door_m, top))
+        _open(rng, house, frame, gap, look, leaf=kind == "open door")
+        return gap
+    if kind == "fitted":
+        _fitted(rng, house, frame, start, end)
+    else:
+        _hung(rng, house, frame, start, end, mirror=kind == "mirror")
+    return None
+
+
+def _lining(house: House, frame: Frame, gap: Gap, depth: float, label: SceneClass, paint: int) -> None:
+    x0, x1, z0, z1 = gap.x0, gap.x1, gap.z0, gap.z1
+    for x in (x0, x1):
+        house.soup.quad(frame, [(x, 0, z0), (x, -depth, z0), (x, -depth, z1), (x, 0, z1)], label, paint)
+    for z in (z0, z1):
+        if z > 0:
+            house.soup.quad(frame, [(x0, 0, z), (x1, 0, z), (x1, -depth, z), (x0, -depth, z)], label, paint)
+        else:
+            floor = [(x0, 0, 0.001), (x1, 0, 0.001), (x1, -depth, 0.001), (x0, -depth, 0.001)]
+            house.soup.quad(frame, floor, label, paint)
+
+
+def _casing(house: House, frame: Frame, gap: Gap, width: float, label: SceneClass, paint: int) -> None:
+    if width <= 0:
+        return
+    x0, x1, z0, z1 = gap.x0, gap.x1, gap.z0, min(gap.z1 + width, house.ceiling_m)
+    low = z0 - (width if z0 > 0.1 else 0)
+    house.soup.box(frame, (x0 - width, 0.0, low), (x0, 0.018, z1), label, paint)
+    house.soup.box(frame, (x1, 0.0, low), (x1 + width, 0.018, z1), label, paint)
+    house.soup.box(frame, (x0, 0.0, gap.z1), (x1, 0.018, z1), label, paint)
+    if z0 > 0.1:
+        house.soup.box(frame, (x0, 0.0, low), (x1, 0.025, z0), label, paint)
+
+
+def _window(rng: np.random.Generator, house: House, frame: Frame, gap: Gap, look: Look) -> None:
+    depth = float(rng.uniform(0.03, 0.3))
+    soup = house.soup
+    _lining(house, frame, gap, depth, SceneClass.WALL, soup.paint("trim"))
+    if rng.random() < 0.55:
+        _casing(house, frame, gap, look.casing_m, SceneClass.WINDOW, look.window)
+    x0, x1, z0, z1 = gap.x0, gap.x1, gap.z0, gap.z1
+    bar, away = rng.uniform(0.03, 0.09), -depth
+    across, up = 1 + int(rng.integers(0, max(1, round((x1 - x0) / 0.6)) + 1)), int(rng.choice([1, 1, 2, 3]))
+    inner = [x0 + (x1 - x0) * k / across for k in range(1, across)]
+    for x in (x0 + bar / 2, *inner, x1 - bar / 2):
+        soup.upright(frame, (x - bar / 2, z0, x + bar / 2, z1), away, SceneClass.WINDOW, look.window)
+    for z in (z0 + bar / 2, *(z0 + (z1 - z0) * k / up for k in range(1, up)), z1 - bar / 2):
+        soup.upright(frame, (x0, z - bar / 2, x1, z + bar / 2), away, SceneClass.WINDOW, look.window)
+    corner, u, v = frame.world([(x0, away, z0), (x1, away, z0), (x0, away, z1)])
+    house.panes.append((corner, u - corner, v - corner))
+    chance = rng.random()
+    if chance < 0.25:
+        _curtains(rng, house, frame, gap)
+    elif chance < 0.4:
+        low = z1 - (z1 - z0) * rng.uniform(0.1, 0.95)
+        paint = soup.paint("blind", emission=float(rng.uniform(0.02, 0.3)))
+        soup.upright(frame, (x0, low, x1, z1), away * 0.6, SceneClass.FIXTURE, paint)
+
+
+def _curtains(rng: np.random.Generator, house: House, frame: Frame, gap: Gap) -> None:
+    paint = house.soup.paint("curtain")
+    top = min(gap.z1 + rng.uniform(0.05, 0.35), house.ceiling_m - 0.01)
+    low = 0.01 if rng.random() < 0.7 else max(0.02, gap.z0 - 0.15)
+    for side in (0, 1):
+        wide = rng.uniform(0.1, 0.55) * (gap.x1 - gap.x0)
+        x0 = gap.x0 - 0.15 if side == 0 else gap.x1 + 0.15 - wide
+        folds = max(3, round(wide / 0.08))
+        x = x0 + np.linspace(0, wide, folds + 1)
+        y = 0.06 + 0.05 * (np.arange(folds + 1) % 2)
+        for k in range(folds):
+            a, b = (x[k], y[k]), (x[k + 1], y[k + 1])
+            house.soup.quad(frame, [(*a, low), (*b, low), (*b, top), (*a, top)], SceneClass.FIXTURE, paint)
+
+
+def _shut(rng: np.random.Generator, house: House, frame: Frame, gap: Gap, look: Look, leaves: int) -> None:
+    soup, depth = house.soup, float(rng.uniform(0.0, 0.1))
+    mirror = leaves > 1 and rng.random() < 0.25
+    _lining(house, frame, gap, depth + 0.01, SceneClass.DOOR, look.frame)
+    _casing(house, frame, gap, look.casing_m, SceneClass.DOOR, look.frame)
+    step = (gap.x1 - gap.x0) / leaves
+    for k in range(leaves):
+        paint, label = look.door, SceneClass.DOOR
+        if mirror:
+            paint, label = soup.paint("mirror"), SceneClass.FIXTURE
+            house.mirrors.append(paint)
+        leaf = (gap.x0 + k * step + 0.006, 0.01, gap.x0 + (k + 1) * step - 0.006, gap.z1 - 0.006)
+        soup.upright(frame, (gap.x0, 0.0, gap.x1, gap.z1), -depth - 0.008, SceneClass.DOOR, soup.paint("gap"))
+        soup.upright(frame, leaf, -depth, label, paint)
+        if not mirror and rng.random() < 0.5:
+            dark = soup.paint("door shade")
+            for low, high in ((0.12, 0.45), (0.52, 0.93)):
+                inset = 0.16 * step
+                field = (leaf[0] + inset, low * gap.z1, leaf[2] - inset, high * gap.z1)
+                soup.upright(frame, field, -depth + 0.004, SceneClass.DOOR, dark)
+    handle = (gap.x1 - 0.1, 0.98, gap.x1 - 0.03, 1.05)
+    soup.upright(frame, handle, -depth + 0.05, SceneClass.DOOR, soup.paint("metal"))
+
+
+def _open(rng: np.random.Generator, house: House, frame: Frame, gap: Gap, look: Look, *, leaf: bool) -> None:
+    soup, depth = house.soup, float(rng.uniform(0.09, 0.25))
+    full = gap.z1 >= house.ceiling_m - 1e-6
+    framed = leaf or rng.random() < 0.4
+    label = SceneClass.DOOR if framed else SceneClass.WALL
+    paint = look.frame if framed else soup.paint("wall")
+    _lining(house, frame, gap, depth, label, paint)
+    if framed and not full:
+        _casing(house, frame, gap, look.casing_m, SceneClass.DOOR, look.frame)
+    portal = soup.paint("portal")
+    soup.upright(frame, (gap.x0, 0.0, gap.x1, gap.z1), -depth, SceneClass.DOOR, portal)
+    house.portals.append(Portal(frame, (gap.x0, 0.0, gap.x1, gap.z1), portal, int(rng.integers(1 << 31))))
+    if leaf and rng.random() < 0.65:
+        turn, width = rng.uniform(0.6, 2.8), gap.x1 - gap.x0 - 0.02
+        at_end = rng.random() < 0.5
+        hinge = gap.x1 if at_end else gap.x0
+        way = (-np.cos(turn) if at_end else np.cos(turn), np.sin(turn))
+        sight = (hinge + width * way[0], 0.02 + width * way[1])
+        corners = [(hinge, 0.02, 0.01), (*sight, 0.01), (*sight, gap.z1 - 0.01), (hinge, 0.02, gap.z1 - 0.01)]
+        soup.quad(frame, corners, SceneClass.DOOR, look.door)
+
+
+def _hung(rng: np.random.Generator, house: House, frame: Frame, start: float, end: float, *, mirror: bool) -> None:
+    soup = house.soup
+    high = rng.uniform(0.3, 1.2) if not mirror or rng.random() < 0.6 else rng.uniform(1.3, 2.0)
+    low = max(0.05, min(rng.uniform(1.0, 1.5) - high / 2 + 0.3, house.ceiling_m - high - 0.1))
+    paint = soup.paint("mirror" if mirror else "picture")
+    if mirror:
+        house.mirrors.append(paint)
+    border = rng.uniform(0.0, 0.06)
+    outer = (start - border, low - border, end + border, low + high + border)
+    soup.upright(frame, outer, 0.015, SceneClass.FIXTURE, soup.paint("frame"))
+    soup.upright(frame, (start, low, end, low + high), 0.02, SceneClass.FIXTURE, paint)
+
+
+def _fitted(rng: np.random.Generator, house: House, frame: Frame, start: float, end: float) -> None:
+    """Add kitchen units: cupboards under a worktop, others at head height."""
+    soup, deep = house.soup, rng.uniform(0.35, 0.62)
+    front, top = soup.paint("fitted"), soup.paint("worktop")
+    soup.box(frame, (start, 0.0, 0.08), (end, deep, 0.87), SceneClass.FIXTURE, front)
+    soup.box(frame, (start, 0.0, 0.0), (end, deep - 0.06, 0.08), SceneClass.FIXTURE, soup.paint("gap"))
+    soup.box(frame, (start - 0.01, 0.0, 0.87), (end + 0.01, deep + 0.02, 0.91), SceneClass.FIXTURE, top)
+    line = soup.paint("door shade")
+    for x in np.arange(start + 0.45, end - 0.1, 0.45):
+        soup.upright(frame, (x, 0.1, x + 0.012, 0.85), deep + 0.003, SceneClass.FIXTURE, line)
+    if rng.random() < 0.7:
+        high = min(house.ceiling_m, rng.uniform(1.95, 2.3))
+        soup.box(frame, (start, 0.0, 1.4), (end, 0.34, high), SceneClass.FIXTURE, front)
+
 
 _KINDS = ("none", "window", "french window", "door", "open door", "passage", "closet", "mirror", "picture", "fitted")
 _FURNISHED = (0.30, 0.24, 0.05, 0.08, 0.07, 0.06, 0.04, 0.03, 0.10, 0.03)

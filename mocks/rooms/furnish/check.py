@@ -10,10 +10,9 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry import Point as Spot
 
 from mocks.rooms.model import Fixture, Item, Plan, Role
-from mocks.rooms.plan.space import FLUSH_M, door_swing, fixture_floor
+from mocks.rooms.plan.forms import FLUSH_M, door_swing, fixture_floor
 
 # The space that an item takes: a few upright prisms, so that a chair may stand with its seat under a table's top.
-
 
 ROUND = frozenset(
     {"floor lamp", "table lamp", "plant", "basket", "vase", "bottle", "bowl", "wall clock", "toy ball", "tripod"}

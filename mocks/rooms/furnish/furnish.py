@@ -83,8 +83,6 @@ def _stood(a: Arrangement, kind: str) -> Item | None:
     return a.against_wall(kind, size, front_m=0.0 if kind in ("armchair", "chair") else 0.4)
 
 
-__all__ = ["check_items", "furnish"]
-
 ATTEMPTS = 6
 BOARD_TRIES = 60
 TRIPOD_M = (0.82, 0.82, 1.475)

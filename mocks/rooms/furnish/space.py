@@ -13,7 +13,7 @@ from shapely.geometry import Polygon
 
 from mocks.rooms.furnish.check import footprint, hides_board, item_problems, overlap
 from mocks.rooms.model import Item, Plan, Point, Role
-from mocks.rooms.plan.space import WallSpan, free_spans
+from mocks.rooms.plan.forms import WallSpan, free_spans
 from mocks.worlds.light import Vector
 
 WALL_GAP_M = 0.03

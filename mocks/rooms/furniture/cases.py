@@ -1,4 +1,4 @@
-"""Tables, cabinets and shelves: what is made of boards."""
+"""Tables, cabinets and shelves: what is made of boards; and the books on them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from mocks.rooms.furniture.build import CERAMIC, PAGES, PAPER, Build
 from mocks.rooms.model import Material
 from processing.ground.mesh import Mesh, box, merge, moved, turned
 from processing.ground.shapes import ball, cylinder, lathe, rounded_box, tube
-
-# Books: rows on shelves, piles on tables.
 
 
 def volume(wide_m: float, deep_m: float, thick_m: float) -> tuple[Mesh, Mesh]:

@@ -1,4 +1,4 @@
-"""Lamps, screens and keyboards."""
+"""Lamps, screens and keyboards; the photographer's tripod, and the white board that the meter looks at."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from mocks.rooms.furniture.build import BLACK_PLASTIC, CERAMIC, SCREEN, SHADE, W
 from mocks.rooms.model import Material
 from processing.ground.mesh import moved, turned
 from processing.ground.shapes import ball, cylinder, lathe, rounded_box, tube
-
-# The photographer's own things: the tripod below the camera and the white board that the meter looks at.
-
 
 BOARD_SIDE_M = 0.5
 BOARD_WHITE = Material("meter board", (0.90, 0.90, 0.90))

@@ -1,4 +1,4 @@
-"""Beds and seats: what is upholstered."""
+"""Beds and seats, rugs, cushions and blankets: what is upholstered or cloth."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from mocks.worlds.light import Vector
 from processing.ground.arrays import Doubles
 from processing.ground.mesh import Mesh, moved, turned
 from processing.ground.shapes import beam, cylinder, deformed, pad, pillow, rounded_box, sheet, tube
-
-# Cloth by itself: rugs, cushions, blankets.
 
 
 def rug(b: Build) -> None:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry, Hits
 from mocks.worlds.light import Vector
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Flags, Floats, Int32s
 
 _BORDER_FRAC = 1 / 16
 
@@ -46,7 +45,7 @@ class Cube:
         return self.side_px / self.face_px
 
     def directions(self, fine: int = 1) -> Floats:
-        """Return unit directions, shape (6, side, side, 3), of pixel centres, or of ``fine`` places a side in each."""
+        """Return unit directions of the pixel centres, shape (6, S, S, 3), or of ``fine`` places a side in each."""
         side = self.side_px * fine
         step = (np.arange(side) + 0.5) / side * 2 - 1
         right, up = step * self.half_width, -step * self.half_width
@@ -57,7 +56,7 @@ class Cube:
             out[index] = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
         return out
 
-    def place(self, directions: Floats) -> tuple[npt.NDArray[np.int32], Floats, Floats]:
+    def place(self, directions: Floats) -> tuple[Int32s, Floats, Floats]:
         """Return face, column and row of directions (N, 3); a pixel's centre is at whole numbers.
 
         Always well inside the face's picture, by the width of its border.
@@ -104,12 +103,12 @@ class Guide:
     """Arrays (6, side, side, ...): what the ray through each pixel's middle meets, and how mixed the pixel is.
 
     ``part`` is -1 where the ray leaves the room. ``plane_m`` is the distance of the surface's plane from the camera,
-    along the normal: it tells parallel surfaces apart. ``purity`` is the share of the pixel that lies on the surface of
+    along the normal: it parts parallel surfaces. ``purity`` is the share of the pixel that lies on the surface of
     its middle; ``albedo`` the mean over the pixel, what looks outside counting as black.
     """
 
     cube: Cube
-    part: npt.NDArray[np.int32]
+    part: Int32s
     distance_m: Floats
     normal: Floats
     plane_m: Floats
@@ -118,7 +117,7 @@ class Guide:
 
     @classmethod
     def of(cls, geometry: Geometry, eye: Floats, cube: Cube) -> Guide:
-        """Cast rays through the middle and through nine places of every pixel."""
+        """Cast rays from ``eye`` (shape (3,), metres) through the middle and through nine places of every pixel."""
         middle = _Met.by(geometry, eye, cube.directions().reshape(-1, 3))
         shape = (6, cube.side_px, cube.side_px)
         rays = cube.directions(_FINE).reshape(6, cube.side_px, _FINE, cube.side_px, _FINE, 3)
@@ -142,13 +141,13 @@ class Guide:
 
     @property
     def pure(self) -> Flags:
-        """Return the pixels that lie on one surface only."""
+        """Return the pixels, shape (6, S, S), that lie on one surface only."""
         return self.purity > PURE
 
 
 @dataclass(frozen=True)
 class _Met:
-    part: npt.NDArray[np.int32]
+    part: Int32s
     distance_m: Floats
     normal: Floats
     plane_m: Floats
@@ -170,7 +169,7 @@ class _Met:
 
 
 def facing_normals(geometry: Geometry, hits: Hits, directions: Floats) -> Floats:
-    """Return shading normals turned towards where the rays come from."""
+    """Return shading normals (N, 3) turned towards where the rays come from."""
     normal = geometry.shading_normals(hits)
     away = np.einsum("ij,ij->i", normal, directions) > 0
     normal[away] *= -1

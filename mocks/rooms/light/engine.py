@@ -111,7 +111,7 @@ def environment_emitter(map_rgb: Floats) -> dict[str, Any]:
     Parameters
     ----------
     map_rgb
-        Radiance, shape (H, 2h, 3): an equirectangular picture with +y at its centre, +x to the right of it, z up, and
+        Radiance, shape (H, 2 H, 3): an equirectangular picture with +y at its centre, +x to the right of it, z up, and
         pixel centres at half integers.
 
     Notes

@@ -78,7 +78,7 @@ class Geometry:
         return Hits(face, distance, weights)
 
     def blocked(self, origins: Floats, directions: Floats) -> Flags:
-        """Return which rays (N, 3) meet anything at all: (N,)."""
+        """Return which rays (N, 3), from origins (N, 3) in metres, meet anything at all, (N,)."""
         out = np.empty(len(directions), bool)
         for start in range(0, len(directions), _BLOCK):
             part = slice(start, min(start + _BLOCK, len(directions)))

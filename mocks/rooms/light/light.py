@@ -45,7 +45,7 @@ QUALITIES: Mapping[str, Quality] = {
 
 @dataclass(frozen=True)
 class Baked:
-    """One component: irradiance (lx, RGB) and gloss (cd/m2, RGB: what glossy surfaces add), (6, side, side, 3)."""
+    """One component: irradiance (lx, RGB) and gloss (cd/m2, RGB: what glossy surfaces add), (6, S, S, 3)."""
 
     irradiance: Floats
     gloss: Floats | None
@@ -126,7 +126,7 @@ def _whole(picture: Floats) -> tuple[Floats, Flags]:
 
 
 def denoised(picture: Floats, guide: Guide) -> Floats:
-    """Return a picture, shape (6, side, side, 3), without its noise."""
+    """Return a picture, shape (6, S, S, 3), without its noise."""
     import pyoidn
 
     out = np.empty_like(picture)

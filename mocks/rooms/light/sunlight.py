@@ -7,10 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.light.geometry import Geometry
-from mocks.rooms.shell import Pane
+from mocks.rooms.shell.openings import Pane
 from mocks.worlds.light import BrightDisc, Vector
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.mesh import Mesh
@@ -47,8 +46,8 @@ def enters(panes: Sequence[Pane], sun: BrightDisc | None) -> bool:
     return any(float(np.dot(outward(pane), sun.direction)) > 1e-3 for pane in panes)
 
 
-def outward(pane: Pane) -> npt.NDArray[np.float64]:
-    """Return the unit normal of a pane that looks outside, shape (3,)."""
+def outward(pane: Pane) -> Doubles:
+    """Return the unit normal, shape (3,), of a pane, outwards."""
     normal = np.cross(np.array(pane.u), np.array(pane.v))
     return np.asarray(normal / np.linalg.norm(normal))
 
@@ -77,7 +76,7 @@ def _may_see(panes: Sequence[Pane], sun: BrightDisc, points: Floats) -> Flags:
 
 
 def windows_of(panes: Sequence[Pane]) -> Iterator[tuple[Doubles, Doubles, Doubles]]:
-    """Yield corner and sides (shape (3,), m) of the rectangle around each window's panes; u x v looks outside."""
+    """Yield corner and sides u, v (metres, shape (3,)) of the rectangle of each window's panes; u x v looks outside."""
     groups: dict[int, list[Pane]] = {}
     for pane in panes:
         groups.setdefault(pane.window, []).append(pane)
@@ -116,12 +115,9 @@ def _disc_rays(sun: BrightDisc, count: int) -> Floats:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True), dtype=np.float32)
 
 
-# Sunlight's first bounce: the patches that the sun paints in a room, as small lamps for the renderer.
-#
-# A path tracer finds a small bright patch by chance, and so noisily. The patches are known: parallel rays through a
-# grid
-# of cells on each window give, cell by cell, the parallelogram that it lights; together they tile the sunlit surfaces.
-
+# Sunlight's first bounce: the patches that the sun paints in a room, as small lamps for the renderer. A path tracer
+# finds a small bright patch by chance, and so noisily. The patches are known: parallel rays through a grid of cells on
+# each window give, cell by cell, the parallelogram that it lights; together they tile the sunlit surfaces.
 
 CELL_M = 0.03
 _BEAM_LIFT_M = 5e-4

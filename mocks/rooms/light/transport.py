@@ -29,7 +29,7 @@ _DARK = (0.0, 0.0, 0.0)
 class Lighting:
     """One component of light: what comes in from outside, and whether the lamps are lit.
 
-    ``environment_rgb`` is an equirectangular map (rows, 2 rows, 3) in cd/m2 as seen through the glass; ``sun`` the
+    ``environment_rgb`` is an equirectangular map (H, 2 H, 3) in cd/m2 as seen through the glass; ``sun`` the
     direction to the sun and its illuminance (lx, RGB) on a plane facing it, behind the glass;
     ``patches``, instead of it, are what the sun lights: only the light that they give off is rendered.
     """
@@ -98,7 +98,7 @@ def _shape(parts: Sequence[Part], *, shiny: bool) -> Any:
 
 
 def render_cube(scene: Any, eye: Vector, sampling: Sampling, faces: Sequence[int] = range(6)) -> Floats:
-    """Return radiance around ``eye``, shape (6, side, side, 3), cd/m2; zero on faces that are not asked for."""
+    """Return radiance (cd/m2 as RGB) on six faces, shape (6, S, S, 3), around ``eye``; zero on those not asked for."""
     mi = mitsuba()
     side = sampling.cube.side_px
     out = np.zeros((6, side, side, 3), np.float32)

@@ -10,7 +10,8 @@ from shapely.geometry import Point as Spot
 from shapely.geometry import Polygon
 
 from mocks.rooms.model import Fixture, Plan, Point, Use, Window
-from mocks.rooms.plan.space import TRIM_M, fixture_problems, openings_of
+from mocks.rooms.plan.forms import TRIM_M, openings_of
+from mocks.rooms.plan.openings import fixture_problems
 
 RADIATOR_BOTTOM_M = 0.12
 PLATE_M = 0.081

@@ -1,19 +1,18 @@
-"""The forms of rooms: floor polygons, and where windows and doors are in their walls."""
+"""The forms of rooms: floor polygons, what the camera sees of them, and the space that doors and fixtures take."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
 from shapely.geometry import LineString, Polygon
 from shapely.geometry import Point as Spot
 
-from mocks.rooms.model import Door, Plan, Point, Use, Window
-from mocks.rooms.plan.space import TRIM_M, opening_problems
+from mocks.rooms.model import Door, Fixture, Plan, Point, Use, Window
 
 CAMERA_CLEARANCE_M = 0.8
 """Least distance of the camera from every wall."""
@@ -170,162 +169,151 @@ def _mirrored(outline: Outline) -> Outline:
     return Outline(points, tuple(sorted((n - 2 - edge) % n for edge in outline.bay)))
 
 
-CORNER_M = 0.15
-"""Least distance of a window from the corner of its wall."""
-PIER_M = 0.3
-"""Least wall between two windows."""
-STYLES = ("standard", "wide", "tall", "french", "high")
-STYLE_SHARES = (0.42, 0.2, 0.13, 0.17, 0.08)
-WIDTHS_M = {"standard": (0.8, 1.5), "wide": (1.5, 3.6), "tall": (0.55, 0.9), "french": (0.8, 2.4), "high": (0.9, 1.8)}
-SILLS_M = {
-    "standard": (0.78, 1.0),
-    "wide": (0.4, 0.92),
-    "tall": (0.3, 0.6),
-    "french": (0.0, 0.0),
-    "high": (1.0, 1.1),
-}
-MOST_WINDOWS = 4
-LEAST_GLAZING = 0.09
-"""Window area per floor area; building codes ask for about a tenth to an eighth."""
+TRIM_M = 0.07
+"""Width of a door's architrave, on both sides and above."""
+REVEAL_GAP_M = 0.04
+"""What is kept free round a window (its sill board reaches beyond the opening)."""
+APPROACH_M = 0.6
+"""Depth of floor kept free before a door that opens outwards."""
+HALL_DEPTH_M = 1.2
+"""Depth of the closed hallway behind each door."""
+HALL_SIDE_M = 0.3
+"""How far that hallway reaches beyond the opening on both sides."""
+FLUSH_M = 0.03
+"""Fixtures flatter than this (sockets, switches) do not keep furniture from the wall."""
 
 
 @dataclass(frozen=True)
-class WindowStyle:
-    """What the windows of one room share."""
+class WallSpan:
+    """A rectangle of a wall: along its edge from ``start_m`` to ``end_m``, in height from ``bottom_m`` to ``top_m``."""
 
-    kind: str
-    sill_m: float
-    head_m: float
-    frame_m: float
-    depth_m: float
-    panes_up: int
-    pane_m: float
-    """Width beyond which a window has one more pane across."""
+    start_m: float
+    end_m: float
+    bottom_m: float
+    top_m: float
+
+    @property
+    def width_m(self) -> float:
+        """Return the width."""
+        return self.end_m - self.start_m
+
+    @property
+    def height_m(self) -> float:
+        """Return the height."""
+        return self.top_m - self.bottom_m
+
+    def overlaps(self, other: WallSpan) -> bool:
+        """Return whether the two share any area."""
+        across = self.start_m < other.end_m - 1e-9 and other.start_m < self.end_m - 1e-9
+        return across and self.bottom_m < other.top_m - 1e-9 and other.bottom_m < self.top_m - 1e-9
 
 
-def draw_windows(rng: np.random.Generator, plan: Plan, bay: tuple[int, ...]) -> Plan:
-    """Return the plan with one to four windows: in the facets of its bay, else in one or two outer walls.
+def openings_of(plan: Plan, wall: int | None = None) -> tuple[Window | Door, ...]:
+    """Return the windows and doors of a plan, or of one of its walls."""
+    every: tuple[Window | Door, ...] = (*plan.windows, *plan.doors)
+    return tuple(o for o in every if wall is None or o.wall == wall)
 
-    Of several draws the first is taken that gives the floor enough window, else the one that gives most.
+
+def opening_span(opening: Window | Door) -> WallSpan:
+    """Return what an opening takes of its wall with its sill board or trim."""
+    start, end = opening.start_m, opening.start_m + opening.width_m
+    if isinstance(opening, Door):
+        return WallSpan(start - TRIM_M, end + TRIM_M, 0.0, opening.height_m + TRIM_M)
+    top = opening.sill_m + opening.height_m + REVEAL_GAP_M
+    return WallSpan(start - REVEAL_GAP_M, end + REVEAL_GAP_M, max(0.0, opening.sill_m - REVEAL_GAP_M), top)
+
+
+def fixture_span(fixture: Fixture) -> WallSpan:
+    """Return the rectangle of the wall that a fixture covers."""
+    top_m = fixture.bottom_m + fixture.height_m
+    return WallSpan(fixture.start_m, fixture.start_m + fixture.width_m, fixture.bottom_m, top_m)
+
+
+def taken_spans(plan: Plan, wall: int, flush_too: bool = False) -> list[WallSpan]:
+    """Return what windows, doors (with their trim) and fixtures take of a wall.
+
+    ``flush_too`` counts sockets and switches as well, which matters for pictures and not for cupboards.
     """
-    needed = LEAST_GLAZING * Polygon(plan.polygon).area
-    drawn: list[tuple[float, Plan]] = []
-    for _ in range(8):
-        candidate = _windows(rng, plan, bay)
-        drawn.append((sum(w.width_m * w.height_m for w in candidate.windows), candidate))
-        if drawn[-1][0] >= needed:
-            break
-    return max(drawn, key=lambda entry: entry[0])[1]
+    openings = [opening_span(o) for o in openings_of(plan, wall)]
+    fixtures = [fixture_span(f) for f in plan.fixtures if f.wall == wall and (flush_too or f.depth_m >= FLUSH_M)]
+    return openings + fixtures
 
 
-def _windows(rng: np.random.Generator, plan: Plan, bay: tuple[int, ...]) -> Plan:
-    style = _draw_style(rng, plan.height_m)
-    if bay:
-        return replace(plan, windows=tuple(_in_facet(plan, wall, style) for wall in bay))
-    walls = [w for w in hull_edges(plan.polygon) if plan.wall_length_m(w) > 1.1]
-    lengths = np.array([plan.wall_length_m(w) for w in walls])
-    first = int(rng.choice(walls, p=lengths / lengths.sum()))
-    chosen = [first]
-    if len(walls) > 1 and rng.random() < 0.4:
-        n = len(plan.polygon)
-        beside = [w for w in walls if (w - first) % n in (1, n - 1)]
-        others = beside if beside and rng.random() < 0.8 else [w for w in walls if w != first]
-        chosen.append(int(rng.choice(others)))
-    found: list[Window] = []
-    for wall in chosen:
-        found += _in_wall(rng, plan, wall, style)
-    return replace(plan, windows=tuple(found[:MOST_WINDOWS]))
+def free_spans(plan: Plan, wall: int, flush_too: bool = False) -> list[WallSpan]:
+    """Return the largest free rectangles of a wall, widest first. They overlap: each cannot grow to any side.
 
-
-def draw_doors(rng: np.random.Generator, plan: Plan) -> Plan | None:
-    """Return the plan with one or two doors, in walls without windows if possible; None if no door fits."""
-    wanted = 2 if rng.random() < (0.2 if len(plan.polygon) == 4 else 0.4) else 1
-    facade = {w.wall for w in plan.windows}
-    inner = [w for w in range(len(plan.polygon)) if w not in facade]
-    height = float(rng.choice([1.985, 2.0, 2.03, 2.1]))
-    height = min(height, plan.height_m - 0.2)
-    for attempt in range(60):
-        walls = inner if inner and attempt < 45 else list(range(len(plan.polygon)))
-        door = _draw_door(rng, plan, int(rng.choice(walls)), height)
-        if door is None:
-            continue
-        candidate = replace(plan, doors=(*plan.doors, door))
-        if not opening_problems(candidate):
-            plan = candidate
-        if len(plan.doors) == wanted:
-            break
-    return plan if plan.doors else None
-
-
-def _draw_style(rng: np.random.Generator, height_m: float) -> WindowStyle:
-    kind = str(rng.choice(STYLES, p=STYLE_SHARES))
-    highest = height_m - 0.2
-    head = min(float(rng.uniform(2.05, 2.35) if height_m < 2.9 else rng.uniform(2.3, height_m - 0.3)), highest)
-    sill = float(rng.uniform(*SILLS_M[kind]))
-    old = height_m > 2.75 and rng.random() < 0.6
-    return WindowStyle(
-        kind=kind,
-        sill_m=round(sill, 3),
-        head_m=round(head, 3),
-        frame_m=round(float(rng.uniform(0.045, 0.075)), 3),
-        depth_m=round(float(rng.uniform(0.28, 0.45) if old else rng.uniform(0.2, 0.36)), 3),
-        panes_up=int(rng.choice([2, 3])) if old and kind != "high" else int(rng.choice([1, 2], p=[0.85, 0.15])),
-        pane_m=0.75 if old else float(rng.uniform(0.95, 1.25)),
-    )
-
-
-def _window(wall: int, start_m: float, width_m: float, style: WindowStyle) -> Window:
-    return Window(
-        wall=wall,
-        start_m=round(start_m, 3),
-        width_m=round(width_m, 3),
-        sill_m=style.sill_m,
-        height_m=round(style.head_m - style.sill_m, 3),
-        depth_m=style.depth_m,
-        frame_m=style.frame_m,
-        panes_across=max(1, min(4, round(width_m / style.pane_m))),
-        panes_up=style.panes_up,
-    )
-
-
-def _in_facet(plan: Plan, wall: int, style: WindowStyle) -> Window:
+    A sofa fits below a window where a span with ``bottom_m`` 0 is wide and high enough; a picture hangs in any.
+    """
     length = plan.wall_length_m(wall)
-    side = 0.12 if length < 1.2 else 0.16
-    sill = max(style.sill_m, 0.4)
-    return _window(wall, side, length - 2 * side, replace(style, sill_m=sill, depth_m=min(style.depth_m, 0.3)))
+    taken = taken_spans(plan, wall, flush_too)
+    rows = _ticks([t for s in taken for t in (s.bottom_m, s.top_m)], plan.height_m)
+    found: list[WallSpan] = []
+    for i, bottom in enumerate(rows):
+        for top in rows[i + 1 :]:
+            band = [s for s in taken if s.bottom_m < top - 1e-9 and s.top_m > bottom + 1e-9]
+            found += [WallSpan(a, b, bottom, top) for a, b in _gaps(band, length)]
+    largest = [s for s in found if not any(_within(s, t) and s != t for t in found)]
+    return sorted(largest, key=lambda s: (-s.width_m, s.start_m, s.bottom_m))
 
 
-def _in_wall(rng: np.random.Generator, plan: Plan, wall: int, style: WindowStyle) -> list[Window]:
-    """Return one to three equal windows, evenly set or (a single one) anywhere."""
-    room = plan.wall_length_m(wall) - 2 * CORNER_M
-    low, high = WIDTHS_M[style.kind]
-    width = min(float(rng.uniform(low, high)), room)
-    fits = int((room + PIER_M) / (width + PIER_M))
-    count = min(fits, int(rng.choice([1, 2, 3], p=[0.6, 0.32, 0.08])))
-    if count <= 1:
-        slack = room - width
-        place = 0.5 if rng.random() < 0.4 else float(rng.uniform(0.0, 1.0))
-        return [_window(wall, CORNER_M + slack * place, width, style)]
-    gap = (room - count * width) / (count + 1)
-    edge = max(gap, 0.0) if gap >= PIER_M else 0.0
-    between = (room - 2 * edge - count * width) / (count - 1)
-    return [_window(wall, CORNER_M + edge + i * (width + between), width, style) for i in range(count)]
+def door_swing(door: Door, plan: Plan) -> Polygon:
+    """Return the floor that a door needs: its leaf's quarter disc, or the way to it when it opens outwards."""
+    if door.opens == "out":
+        near, far = door.start_m, door.start_m + door.width_m
+        ends = ((near, 0.0), (far, 0.0), (far, APPROACH_M), (near, APPROACH_M))
+        return Polygon([plan.on_wall(door.wall, along, away) for along, away in ends])
+    way = 1.0 if door.hinge == "start" else -1.0
+    hinge_m = door.start_m if door.hinge == "start" else door.start_m + door.width_m
+    sweep_rad = max(math.pi / 2, door.open_rad)
+    steps = 12
+    arc = [
+        (hinge_m + way * door.width_m * math.cos(a), door.width_m * math.sin(a))
+        for a in (sweep_rad * i / steps for i in range(steps + 1))
+    ]
+    return Polygon([plan.on_wall(door.wall, along, away) for along, away in [(hinge_m, 0.0), *arc]])
 
 
-def _draw_door(rng: np.random.Generator, plan: Plan, wall: int, height_m: float) -> Door | None:
-    width = float(rng.choice([0.7, 0.76, 0.8, 0.86, 0.9, 0.95]))
-    least = TRIM_M + 0.04
-    slack = plan.wall_length_m(wall) - width - 2 * least
-    if slack < 0:
-        return None
-    near = min(slack, float(rng.uniform(0.0, 0.25)))
-    at_end = rng.random() < 0.5
-    start = least + float(rng.uniform(0.0, slack))
-    if rng.random() < 0.7:
-        start = least + (slack - near if at_end else near)
-    hinge: Literal["start", "end"] = "end" if start > least + slack / 2 else "start"
-    if rng.random() < 0.2:
-        hinge = "start" if hinge == "end" else "end"
-    opens: Literal["in", "out"] = "in" if rng.random() < 0.7 else "out"
-    open_rad = float(rng.uniform(0.6, 1.6)) if rng.random() < 0.25 else 0.0
-    return Door(wall, round(start, 3), width, height_m, hinge, opens, round(open_rad, 3))
+def hall_floor(door: Door, plan: Plan) -> Polygon:
+    """Return the floor of the hallway behind a door, with the opening through the wall."""
+    start, end = door.start_m - HALL_SIDE_M, door.start_m + door.width_m + HALL_SIDE_M
+    near, far = -door.depth_m, -door.depth_m - HALL_DEPTH_M
+    return Polygon([plan.on_wall(door.wall, a, b) for a, b in ((start, far), (end, far), (end, near), (start, near))])
+
+
+def reveal_floor(opening: Window | Door, plan: Plan, depth_m: float | None = None) -> Polygon:
+    """Return what an opening takes of its wall, seen from above: its width by the wall's thickness (or a depth)."""
+    start, end = opening.start_m, opening.start_m + opening.width_m
+    far = -(opening.depth_m if depth_m is None else depth_m)
+    return Polygon(
+        [plan.on_wall(opening.wall, a, b) for a, b in ((start, far), (end, far), (end, -1e-3), (start, -1e-3))]
+    )
+
+
+def fixture_floor(fixture: Fixture, plan: Plan) -> Polygon:
+    """Return what a fixture on a wall takes of the room, seen from above."""
+    start, end, depth = fixture.start_m, fixture.start_m + fixture.width_m, fixture.depth_m
+    return Polygon([plan.on_wall(fixture.wall, a, b) for a, b in ((start, 0), (end, 0), (end, depth), (start, depth))])
+
+
+def _ticks(values: list[float], end: float) -> list[float]:
+    return sorted({0.0, end, *(v for v in values if 0.0 < v < end)})
+
+
+def _gaps(spans: list[WallSpan], length_m: float) -> list[tuple[float, float]]:
+    """Return the intervals along the wall that no span covers."""
+    at = _ticks([t for s in spans for t in (s.start_m, s.end_m)], length_m)
+    gaps: list[tuple[float, float]] = []
+    for a, b in pairwise(at):
+        middle = (a + b) / 2
+        if b - a < 1e-9 or any(s.start_m < middle < s.end_m for s in spans):
+            continue
+        if gaps and gaps[-1][1] == a:
+            gaps[-1] = (gaps[-1][0], b)
+        else:
+            gaps.append((a, b))
+    return gaps
+
+
+def _within(inner: WallSpan, outer: WallSpan) -> bool:
+    across = outer.start_m <= inner.start_m and inner.end_m <= outer.end_m
+    return across and outer.bottom_m <= inner.bottom_m and inner.top_m <= outer.top_m

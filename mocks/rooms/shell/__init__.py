@@ -1,15 +1,14 @@
 """Everything of a room that is not furniture, as meshes: walls with their openings, frames, doors and fixtures.
 
-The shell is light-tight: light enters through the panes of `window_panes` and nowhere else. Panes have no mesh."""
+The shell is light-tight: light enters through the panes of `window_panes` and nowhere else. Panes have no mesh.
+"""
 
 from __future__ import annotations
 
 from mocks.rooms.model import Finish, Part, Plan
 from mocks.rooms.shell.fixtures import fixture_parts
-from mocks.rooms.shell.openings import Pane, door_parts, window_panes, window_parts
+from mocks.rooms.shell.openings import door_parts, window_parts
 from mocks.rooms.shell.surfaces import floor_and_ceiling, mouldings, walls
-
-__all__ = ["Pane", "shell_parts", "window_panes"]
 
 
 def shell_parts(plan: Plan, finish: Finish) -> list[Part]:

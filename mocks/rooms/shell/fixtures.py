@@ -119,7 +119,6 @@ def _pendant(
 
 # What hangs at windows: curtains on their rods, roller and venetian blinds.
 
-
 ROD_AWAY_M = 0.075
 BLIND_AWAY_M = 0.05
 """How deep in the reveal a blind hangs."""

@@ -11,7 +11,7 @@ from shapely import union_all
 from shapely.geometry import Polygon
 
 from mocks.rooms.model import Door, Finish, Part, Plan, Window
-from mocks.rooms.plan.space import HALL_DEPTH_M, HALL_SIDE_M
+from mocks.rooms.plan.forms import HALL_DEPTH_M, HALL_SIDE_M
 from mocks.rooms.shell.surfaces import ARCHITRAVE_M, flat, mirrored, on_wall, part_of, plan_rng
 from mocks.worlds.light import Vector
 from processing.ground.mesh import Mesh, box, quad, turned

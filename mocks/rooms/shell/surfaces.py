@@ -14,8 +14,7 @@ from shapely import union_all
 from shapely.geometry import Polygon
 
 from mocks.rooms.model import ADE20K, Door, Finish, Material, Part, Plan, Role, Window
-from mocks.rooms.plan.forms import inner_angle_rad
-from mocks.rooms.plan.space import openings_of
+from mocks.rooms.plan.forms import inner_angle_rad, openings_of
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Doubles
 from processing.ground.mesh import Mesh, merge
@@ -86,7 +85,7 @@ def swept(profile: Sequence[tuple[float, float]], start_m: float, end_m: float, 
 
 
 def repeated(mesh: Mesh, moves: Doubles) -> Mesh:
-    """Return one mesh of copies of a mesh, each moved by a row of ``moves`` (n, 3)."""
+    """Return one mesh of copies of a mesh, each moved by a row of ``moves`` (N, 3)."""
     count, size = len(moves), len(mesh.vertices)
     vertices = (mesh.vertices[None] + np.asarray(moves)[:, None]).reshape(-1, 3)
     faces = (mesh.faces[None] + size * np.arange(count)[:, None, None]).reshape(-1, 3)
@@ -120,7 +119,6 @@ def plan_rng(plan: Plan, number: int) -> np.random.Generator:
 
 
 # Floor, ceiling, walls with their holes, skirting and cornice.
-
 
 LAP_M = 0.002
 """How far floor and ceiling reach under the walls, so that no light passes between."""

@@ -20,7 +20,6 @@ from processing.ground.arrays import Doubles, Floats
 
 # Trees and bushes for the skyline: crowns of leafy balls on trunks.
 
-
 BARK = (0.095, 0.075, 0.055)
 LEAVES_M = 0.55
 """Size of a bunch of leaves."""
@@ -107,31 +106,31 @@ class Backdrop:
 
     @property
     def albedo(self) -> Floats:
-        """Diffuse albedo."""
+        """Diffuse albedo (H, W, 3), 0 to 1."""
         return self.layers[..., 0:3]
 
     @property
     def normal(self) -> Floats:
-        """Unit normals in room axes."""
+        """Unit normals (H, W, 3) in room axes."""
         return self.layers[..., 3:6]
 
     @property
     def mirror(self) -> Floats:
-        """Share of the sky's light near the horizon that is mirrored."""
+        """Share (H, W) of the sky's light near the horizon that is mirrored."""
         return self.layers[..., 6:7]
 
     @property
     def haze(self) -> Floats:
-        """Share of air light before the surface."""
+        """Share (H, W) of air light before the surface."""
         return self.layers[..., 7:8]
 
     @property
     def coverage(self) -> Floats:
-        """How much of the pixel is skyline."""
+        """How much of each pixel (H, W) is skyline, 0 to 1."""
         return self.layers[..., 8:9]
 
     def put(self, row: int, column: int, alpha: Reals, coat: Coat) -> None:
-        """Lay a patch over the band, wrapping around."""
+        """Lay a patch over the band, wrapping around; ``alpha`` (H, W) is its coverage, 0 to 1."""
         top, bottom = max(row, 0), min(row + alpha.shape[0], ROWS)
         if top >= bottom:
             return
@@ -147,7 +146,7 @@ class Backdrop:
             start, done = 0, done + width
 
     def polygon(self, points: Sequence[Doubles], normal: Doubles, colour: Vector, mirror: float = 0.0) -> None:
-        """Paint a flat polygon in space (metres from the eye); its edges are divided, as straight lines bend here."""
+        """Paint a flat polygon; corners, shape (3,), are metres from the eye; edges are divided, as lines bend."""
         steps = np.linspace(0, 1, 8, endpoint=False)[:, None]
         ends = [*points[1:], points[0]]
         outline = np.concatenate([a + (b - a) * steps for a, b in zip(points, ends, strict=True)])
@@ -169,12 +168,12 @@ def haze_of(distance_m: float) -> float:
 
 
 def row_of(elevation_rad: Doubles) -> Doubles:
-    """Return the band's row, in pixels, whole numbers at pixel centres."""
+    """Return the band's row, in pixels, whole numbers at pixel centres; the shape of ``elevation_rad``."""
     return np.asarray((TOP_RAD - elevation_rad) / PIXEL_RAD - 0.5, dtype=np.float64)
 
 
 def column_of(azimuth_rad: Doubles) -> Doubles:
-    """Return the band's column, in pixels, whole numbers at pixel centres."""
+    """Return the band's column, in pixels, whole numbers at pixel centres; the shape of ``azimuth_rad``."""
     return np.asarray((azimuth_rad + math.pi) / PIXEL_RAD - 0.5, dtype=np.float64)
 
 

@@ -130,7 +130,8 @@ CLOUD_ENHANCEMENT = 1.15
 def relative_luminance(cie_type: int, sin_elevation: Floats, cos_to_sun: Floats, sun_elevation_rad: float) -> Floats:
     """Return luminance relative to the zenith's for directions above the horizon.
 
-    ``sin_elevation`` is the sine of each direction's elevation, ``cos_to_sun`` the cosine of its angle to the sun.
+    ``sin_elevation`` is the sine of each direction's elevation, ``cos_to_sun`` the cosine of its angle to the sun; both
+    and the result have one shape.
     """
     z = np.maximum(sin_elevation, np.float32(1e-3))
     if cie_type == TRADITIONAL_OVERCAST:
@@ -213,7 +214,7 @@ SUN_ABOVE_AIR_XY = (0.3225, 0.3325)
 
 
 def at_luminance_1(rgb: Vector | Floats) -> Floats:
-    """Return the colour(s) scaled to luminance 1 (last axis RGB)."""
+    """Return colours, shape (..., 3), linear RGB, scaled to luminance 1."""
     colour = np.asarray(rgb, dtype=np.float32)
     return np.asarray(colour / luminance_cd_m2(colour)[..., None], dtype=np.float32)
 
@@ -238,7 +239,7 @@ def clear_sky(luminance: Floats) -> Floats:
 
 
 def sun(sun_elevation_rad: float, turbidity: float) -> Floats:
-    """Return the colour of the sun through clear air, at luminance 1: air, ozone and aerosol by wavelength."""
+    """Return the colour, shape (3,), of the sun through clear air at luminance 1: air, ozone, aerosol by wavelength."""
     mass = air_mass(max(sun_elevation_rad, 0.0))
     above = _from_xy(np.array(SUN_ABOVE_AIR_XY[0]), np.array(SUN_ABOVE_AIR_XY[1]))
     ozone = (1.15, 0.85, 0.12)

@@ -10,16 +10,14 @@ from typing import Literal, TypeAlias
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.noise import fractal, rough
 from mocks.rooms.sky import backdrop, street
 from mocks.rooms.sky.street import House, Tree, draw_street
 from mocks.worlds.light import Reals, Vector
-from processing.ground.arrays import Floats, Halves
+from processing.ground.arrays import Bytes, Doubles, Floats, Halves
 
 # The shadows that houses and trees of the street cast on the ground, as a map from above.
-
 
 HALF_M = 96.0
 TEXEL_M = 0.1875
@@ -27,8 +25,8 @@ SIZE = int(2 * HALF_M / TEXEL_M)
 
 
 @lru_cache(maxsize=2)
-def shadow_map(seed: int, sun_direction: Vector) -> npt.NDArray[np.uint8]:
-    """Return the share of sunlight (0..255) that reaches the ground, rows from -y to y, columns from -x to x."""
+def shadow_map(seed: int, sun_direction: Vector) -> Bytes:
+    """Return the share of sunlight (H, W), 0..255, that reaches the ground, rows from -y to y, columns from -x to x."""
     shade = np.zeros((SIZE, SIZE), np.uint8)
     leafy = np.zeros((SIZE, SIZE), np.uint8)
     # The shift per metre of height; a sun near the horizon is cut off, where all is shadow anyway.
@@ -45,7 +43,7 @@ def shadow_map(seed: int, sun_direction: Vector) -> npt.NDArray[np.uint8]:
 
 
 def sunlit(seed: int, sun_direction: Vector, x: Floats, y: Floats) -> Floats:
-    """Return the share of sunlight that reaches ground points (m); all of it beyond the map."""
+    """Return the share of sunlight at ground points x, y (metres, any shape); all of it beyond the map."""
     light = shadow_map(seed, sun_direction)
     column = ((x + np.float32(HALF_M)) / np.float32(TEXEL_M) - np.float32(0.5)).reshape(-1)
     row = ((y + np.float32(HALF_M)) / np.float32(TEXEL_M) - np.float32(0.5)).reshape(-1)
@@ -60,13 +58,13 @@ def sunlit(seed: int, sun_direction: Vector, x: Floats, y: Floats) -> Floats:
     return found.reshape(x.shape)
 
 
-def _fill(image: npt.NDArray[np.uint8], points_m: npt.NDArray[np.float64]) -> None:
+def _fill(image: Bytes, points_m: Doubles) -> None:
     hull = cv2.convexHull(points_m.astype(np.float32))
     corners = np.round(((hull + HALF_M) / TEXEL_M - 0.5) * 16).astype(np.int32)
     cv2.fillConvexPoly(image, corners, 255, cv2.LINE_AA, 4)
 
 
-def _house_points(house: House, shift: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _house_points(house: House, shift: Doubles) -> Doubles:
     front = np.array((math.sin(house.turn_rad), math.cos(house.turn_rad)))
     side = np.array((front[1], -front[0]))
     w, d = side * house.width_m / 2, front * house.depth_m / 2
@@ -75,9 +73,7 @@ def _house_points(house: House, shift: npt.NDArray[np.float64]) -> npt.NDArray[n
     return np.concatenate([corners, corners + shift * house.eaves_m, ridge])
 
 
-def _tree(
-    shade: npt.NDArray[np.uint8], leafy: npt.NDArray[np.uint8], tree: Tree, shift: npt.NDArray[np.float64]
-) -> None:
+def _tree(shade: Bytes, leafy: Bytes, tree: Tree, shift: Doubles) -> None:
     foot = np.array((tree.x, tree.y))
     turn = np.linspace(0, 2 * math.pi, 20, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=-1) * tree.crown_m / 2
@@ -119,7 +115,7 @@ class Lit:
     air: Vector
 
     def irradiance(self, normal: Floats) -> Floats:
-        """Return the irradiance of surfaces by their normals, to first order in spherical harmonics."""
+        """Return the irradiance (lx) by normals of shape (..., 3), to first order in spherical harmonics."""
         moment = np.array(self.moment, np.float32)
         light = np.float32(math.pi) * np.array(self.mean, np.float32) + np.float32(2 * math.pi) * (normal @ moment)
         return np.maximum(light, np.float32(0))
@@ -140,14 +136,14 @@ class Ambient:
 
 
 def directions_at(azimuth_rad: Reals, elevation_rad: Reals) -> Floats:
-    """Return unit vectors (..., 3) at azimuths from +y towards +x and elevations (broadcast together)."""
+    """Return unit vectors, shape (..., 3), at azimuths from +y towards +x and elevations (broadcast together)."""
     azimuth, elevation = np.broadcast_arrays(azimuth_rad, elevation_rad)
     flat = np.cos(elevation)
     return np.stack([flat * np.sin(azimuth), flat * np.cos(azimuth), np.sin(elevation)], axis=-1).astype(np.float32)
 
 
 def cosine_grid(rows: int = 128) -> Floats:
-    """Return directions over the upper half (rows, 2 rows, 3), each for the same horizontal illuminance.
+    """Return directions over the upper half (H, 2 H, 3), each for the same horizontal illuminance.
 
     The mean of the luminance over them, times pi, is the horizontal illuminance.
     """
@@ -159,7 +155,7 @@ def cosine_grid(rows: int = 128) -> Floats:
 def ambient(
     dome: Callable[[Floats, float], Floats], beam: Floats, sun_direction: Vector, ground_albedo: Vector
 ) -> Ambient:
-    """Return the light at a place under a dome (its radiance by direction and pixel size) and a sun's beam."""
+    """Return the light under a dome (its radiance by direction and pixel size) and a sun's beam (lx, shape (3,))."""
     rows = 64
     sine = (np.arange(rows) + 0.5) / rows
     azimuth = (np.arange(2 * rows) + 0.5) * (math.pi / rows)
@@ -199,7 +195,7 @@ def over(
     light: Ambient,
     component: Component | None,
 ) -> Floats:
-    """Return ``behind`` (the dome's radiance) with ground and skyline before it."""
+    """Return ``behind`` (the dome's radiance (N, 3) in directions (N, 3)) with ground and skyline before it."""
     out = behind
     below = directions[..., 2] <= 0
     wanted: tuple[Component, ...] = ("sky", "sun") if component is None else (component,)
@@ -220,7 +216,7 @@ def over(
 def _ground(
     directions: Floats, pixel_rad: float, surroundings: Surroundings, light: Ambient, wanted: tuple[Component, ...]
 ) -> Floats:
-    """Return the radiance of the ground in directions (n, 3) below the horizon."""
+    """Return the radiance of the ground in directions (N, 3) below the horizon."""
     sine = np.maximum(-directions[:, 2], np.float32(2e-3))
     way = np.asarray(np.float32(surroundings.eye_height_m) / sine, dtype=np.float32)
     x = np.asarray(directions[:, 0] * way, dtype=np.float32)
@@ -262,7 +258,7 @@ def _lawn_and_street(x: Floats, y: Floats, footprint: Floats, surroundings: Surr
 
 @lru_cache(maxsize=2)
 def _lit_band(seed: int, eye_height_m: float, light: Ambient, component: Component) -> tuple[Halves, ...]:
-    """Return the skyline's radiance times coverage, and coverage, (rows, columns, 4), at ever coarser levels."""
+    """Return the skyline's radiance times coverage, and coverage, (H, W, 4), at ever coarser levels."""
     painted = backdrop.paint(seed, eye_height_m)
     lit = light.lit(component)
     received = lit.irradiance(painted.normal)
@@ -283,7 +279,7 @@ def _lit_band(seed: int, eye_height_m: float, light: Ambient, component: Compone
 
 
 def _sample(band: Halves, directions: Floats) -> Floats:
-    """Return the band's values by linear interpolation for directions (n, 3)."""
+    """Return the band's values by linear interpolation for directions (N, 3)."""
     rows, columns = band.shape[:2]
     azimuth = np.arctan2(directions[:, 0], directions[:, 1])
     elevation = np.arcsin(np.clip(directions[:, 2], -1, 1))

@@ -32,7 +32,7 @@ class CloudLayer:
     sun_share: float
 
     def look(self, directions: Floats, pixel_rad: float) -> tuple[Floats, Floats]:
-        """Return opacity (0..1) and how sunlit the cloud is (0..1) for directions above the horizon."""
+        """Return opacity and how sunlit the cloud is, both 0..1, for directions of shape (..., 3) above the horizon."""
         x, y, footprint = _on_layer(directions, pixel_rad)
         shape = cloud_height(self.seed, x, y, footprint)
         edge = _edge(self.seed, self.cover)
@@ -49,7 +49,7 @@ class CloudLayer:
 
 
 def cloud_height(seed: int, x: Floats, y: Floats, footprint: Floats, octaves: int = 7) -> Floats:
-    """Return how far clouds tower at points of the layer (in heights of the layer), about -1..1."""
+    """Return how far clouds tower at points x, y (any shape, in heights of the layer), about -1..1."""
     bend = fractal(seed + 1, x * np.float32(0.5), y * np.float32(0.5), footprint, 3)
     size = np.float32(0.75)
     return fractal(seed, x * size + bend * np.float32(0.35), y * size, footprint * size, octaves)
@@ -63,7 +63,7 @@ def _edge(seed: int, cover: float) -> float:
 
 
 def overcast_relief(seed: int, directions: Floats, pixel_rad: float) -> Floats:
-    """Return the undulation of a closed cloud deck, around 0, about -1..1."""
+    """Return the undulation (N,) of a closed cloud deck in directions (N, 3), around 0, about -1..1."""
     x, y, footprint = _on_layer(directions, pixel_rad)
     bend = fractal(seed + 1, x * np.float32(0.4), y * np.float32(0.4), footprint, 2)
     return fractal(seed, x * np.float32(0.5) + bend, y * np.float32(0.9), footprint, 5)
@@ -176,7 +176,7 @@ class Sky:
 
     @property
     def sun_normal_illuminance_rgb(self) -> Floats:
-        """Illuminance (lx, as RGB) on a plane that faces the sun."""
+        """Illuminance (lx as RGB, shape (3,)) on a plane that faces the sun."""
         colour = daylight.sun(self.sun_elevation_rad, self.turbidity)
         return np.asarray(colour * np.float32(self._sun_normal_lx), dtype=np.float32)
 
@@ -209,7 +209,7 @@ class Sky:
         return min(cloudy, daylight.CLOUD_ENHANCEMENT * whole_clear - direct), direct
 
     def radiance(self, directions: Floats, pixel_rad: float = 0.0, component: Component | None = None) -> Floats:
-        """Return the radiance without the sun's disc, from unit directions (..., 3), in room axes.
+        """Return the radiance (cd/m2 as RGB) without the sun's disc, from directions of shape (..., 3) in room axes.
 
         ``component`` keeps what came from the sky's dome ("sky") or from the sun by way of ground and skyline
         ("sun"). Detail finer than ``pixel_rad`` is smoothed away.
@@ -223,7 +223,7 @@ class Sky:
         return outdoors.over(behind, directions, pixel_rad, surroundings, ambient_of(self), component)
 
     def dome(self, directions: Floats, pixel_rad: float = 0.0) -> Floats:
-        """Return the sky's own radiance, as if the horizon were free; below it, that of the horizon."""
+        """Return the sky's own radiance, shape (..., 3), with a free horizon; below it, that of the horizon."""
         return self._unscaled(directions, pixel_rad) * np.float32(_scale(self))
 
     def _unscaled(self, directions: Floats, pixel_rad: float) -> Floats:
@@ -255,7 +255,7 @@ class Sky:
         return np.asarray(light + opacity[..., None] * (cloud - light), dtype=np.float32)
 
     def environment(self, rows: int, component: Component | None = None) -> Floats:
-        """Return the radiance as an equirectangular map (rows, 2 rows, 3), each pixel the mean over its area.
+        """Return the radiance as an equirectangular map (H, 2 H, 3), each pixel the mean over its area.
 
         Longitude 0 (+y) at the centre, growing to the right (+x); zenith up; pixel centres at half integers.
         """
@@ -304,7 +304,7 @@ def ambient_of(sky: Sky) -> Ambient:
 
 
 def draw_sky(rng: np.random.Generator, moment: Moment, kind: Kind | None = None) -> Sky:
-    """Return a sky of the moment; of any kind (45 % clear, 30 % intermediate, 25 % overcast) unless told.
+    """Return a sky of the moment; of any kind (45 % clear, 30 % intermediate, 25 % overcast) unless given.
 
     Raises ValueError when the sun is below the horizon: there is no model of the night.
     """

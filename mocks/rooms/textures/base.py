@@ -1,6 +1,6 @@
 """What every generated pattern is made with: noise that wraps, soft edges, and colour.
 
-Patterns are arrays (rows, columns) over a tile that repeats in both directions. Row 0 is v = 0 and rows run along v;
+Patterns are arrays (H, W) over a tile that repeats in both directions. Row 0 is v = 0 and rows run along v;
 columns run along u. Pixel centres lie at half pixels.
 """
 
@@ -19,7 +19,7 @@ LOWEST_ALBEDO, HIGHEST_ALBEDO = 0.02, 0.92
 
 @dataclass(frozen=True)
 class Tile:
-    """One repeat of a pattern: linear albedo (rows, columns, 3), row 0 at v = 0, and its width (u) and height (v)."""
+    """One repeat of a pattern: linear albedo (H, W, 3), row 0 at v = 0, and its width (u) and height (v)."""
 
     albedo: Floats
     size_m: tuple[float, float]
@@ -31,7 +31,7 @@ def generator(seed: int, number: int = 0) -> np.random.Generator:
 
 
 def noise(rng: np.random.Generator, pixels: tuple[int, int], cells: tuple[int, int]) -> Floats:
-    """Return smooth noise of variance about 1 that wraps: ``cells`` (rows, columns) knots, both divide ``pixels``."""
+    """Return smooth noise of variance about 1 that wraps: ``cells`` (H, W) knots, both divide ``pixels``."""
     knots = rng.standard_normal(cells, dtype=np.float32)
     step = (pixels[0] // cells[0], pixels[1] // cells[1])
     wide = np.pad(knots, 2, mode="wrap")
@@ -41,7 +41,7 @@ def noise(rng: np.random.Generator, pixels: tuple[int, int], cells: tuple[int, i
 
 
 def clouds(rng: np.random.Generator, pixels: tuple[int, int], coarsest: int, octaves: int, fade: float = 0.5) -> Floats:
-    """Return noise of several octaves, variance 1, from ``coarsest`` knots a side to ``2**(octaves-1)`` as many."""
+    """Return noise (H, W) of several octaves, variance 1, ``coarsest`` knots a side to ``2**(octaves-1)`` as many."""
     total = np.zeros(pixels, dtype=np.float32)
     for octave in range(octaves):
         cells = coarsest << octave
@@ -50,7 +50,7 @@ def clouds(rng: np.random.Generator, pixels: tuple[int, int], coarsest: int, oct
 
 
 def blurred(picture: Floats, sigma_px: float) -> Floats:
-    """Return a picture blurred by a Gaussian across its wrapping edges."""
+    """Return a picture (H, W) or (H, W, 3) blurred by a Gaussian across its wrapping edges."""
     border = int(3 * sigma_px) + 1
     wide = cv2.copyMakeBorder(picture, border, border, border, border, cv2.BORDER_WRAP)
     soft = cv2.GaussianBlur(wide, (0, 0), sigma_px)
@@ -58,7 +58,7 @@ def blurred(picture: Floats, sigma_px: float) -> Floats:
 
 
 def repeated(cell: Floats, repeats: int, pixels: int, wobble: Floats | None = None) -> Floats:
-    """Return a square tile of ``repeats`` cells a side; ``wobble`` (pixels, pixels) moves it sideways, in cells."""
+    """Return a square tile of ``repeats`` cells a side; ``wobble`` (S, S) moves it sideways, in cells."""
     side = len(cell)
     wide = np.pad(cell, ((1, 1), (1, 1), (0, 0)), mode="wrap")
     place = centres(pixels, repeats)
@@ -69,14 +69,14 @@ def repeated(cell: Floats, repeats: int, pixels: int, wobble: Floats | None = No
 
 
 def centres(pixels: int, length: float = 1.0) -> Floats:
-    """Return the pixel centres of a side that is ``length`` long."""
+    """Return the pixel centres (N,) of a side that is ``length`` long."""
     return (np.arange(pixels, dtype=np.float32) + np.float32(0.5)) * np.float32(length / pixels)
 
 
 def line_cover(distance: Floats, width: float, pixel: float) -> Floats:
     """Return how much of each pixel a line covers, so that one thinner than a pixel keeps its weight.
 
-    ``distance`` is from the line's middle, all in one unit.
+    ``distance`` (any shape) is from the line's middle, all in one unit.
     """
     low = np.maximum(np.abs(distance) - pixel / 2, -width / 2)
     high = np.minimum(np.abs(distance) + pixel / 2, width / 2)
@@ -84,12 +84,12 @@ def line_cover(distance: Floats, width: float, pixel: float) -> Floats:
 
 
 def to_nearest(position: Floats, period: float) -> Floats:
-    """Return the signed distance to the nearest multiple of ``period``."""
+    """Return the signed distance to the nearest multiple of ``period``; any shape."""
     return np.asarray((position + period / 2) % period - period / 2, dtype=np.float32)
 
 
 def toned(value: Floats, colour: Vector, warmth: float = 0.0) -> Floats:
-    """Return ``value`` times a colour; with ``warmth`` the darker places are also the redder ones, as in wood."""
+    """Return ``value`` (H, W) times a colour; with ``warmth`` darker places are also redder, as in wood."""
     shift = np.float32(warmth) * (value - 1)
     out = np.empty((*value.shape, 3), dtype=np.float32)
     out[..., 0] = value * (np.float32(colour[0]) * (1 - shift))
@@ -99,13 +99,13 @@ def toned(value: Floats, colour: Vector, warmth: float = 0.0) -> Floats:
 
 
 def mixed(under: Floats | Vector, over: Floats | Vector, cover: Floats) -> Floats:
-    """Return ``over`` laid on ``under`` where ``cover`` (rows, columns) is 1."""
+    """Return ``over`` laid on ``under`` where ``cover`` (H, W) is 1."""
     first, second = (np.asarray(c, dtype=np.float32) for c in (under, over))
     return np.asarray(first + (second - first) * cover[..., None], dtype=np.float32)
 
 
 def with_mean(albedo: Floats, mean: Vector) -> Floats:
-    """Return the pattern scaled so that its mean is ``mean``, within the limits of albedo."""
+    """Return the pattern (H, W, 3) scaled so that its mean is ``mean``, within the limits of albedo."""
     wanted = np.array(mean, dtype=np.float32)
     for _ in range(6):
         ratio = wanted / np.array(cv2.mean(albedo)[:3], dtype=np.float32)

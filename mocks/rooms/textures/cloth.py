@@ -1,4 +1,7 @@
-"""Carpets, cloths, leather and rattan. First colour: the whole; a second, where used, is mixed in thread by thread."""
+"""Carpets, cloths, leather and rattan, and rugs: knotted ornaments that repeat without a border.
+
+First colour: the whole; a second, where used, is mixed in thread by thread; of rugs the field, then the ornaments'.
+"""
 
 from __future__ import annotations
 
@@ -152,9 +155,6 @@ def rattan(texture: Texture) -> Tile:
     fibres = np.float32(0.05) * noise(rng, _GRID, (_PIXELS, 16))
     tone = tint * (0.25 + 0.85 * bulge**0.6 * (0.35 + 0.65 * lift)) + fibres
     return Tile(toned(np.clip(tone.astype(np.float32), 0.15, 1.5), texture.colours[0], 0.25), (size_m, size_m))
-
-
-# Rugs: knotted ornaments that repeat without a border. First colour: the field, then those of the ornaments.
 
 
 _CELL = 384

@@ -1,4 +1,8 @@
-"""Ceramic tiles, marble, terrazzo and concrete. Colours: tile, grout; of a chequered floor, the other tile third."""
+"""Ceramic tiles, marble, terrazzo, concrete; plaster, paint and wallpaper.
+
+Colours of tiles: tile, grout; of a chequered floor, the other tile third. Of walls: the whole; of wallpaper the ground,
+then the motifs'.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,6 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.rooms.model import Texture
 from mocks.rooms.textures.base import (
@@ -22,7 +25,7 @@ from mocks.rooms.textures.base import (
     to_nearest,
     toned,
 )
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Floats, Int32s
 
 _PIXELS = 1024
 _PIXEL_GRID = (_PIXELS, _PIXELS)
@@ -74,9 +77,7 @@ def hexagons(texture: Texture) -> Tile:
     return Tile(_ceramic(rng, texture, number, None, gaps), (count_u * width, count_v * height))
 
 
-def _ceramic(
-    rng: np.random.Generator, texture: Texture, number: npt.NDArray[np.int32], second: Floats | None, gaps: Floats
-) -> Floats:
+def _ceramic(rng: np.random.Generator, texture: Texture, number: Int32s, second: Floats | None, gaps: Floats) -> Floats:
     """Return tiles by number with their clouding, ``second`` of them in the third colour, and the grout."""
     count = int(number.max()) + 1
     cloud = np.float32(texture.option("clouding", 0.025)) * clouds(rng, _PIXEL_GRID, 4, 5)
@@ -142,9 +143,6 @@ def concrete(texture: Texture) -> Tile:
     pores = blurred((rng.random(_PIXEL_GRID, dtype=np.float32) < 0.0006).astype(np.float32), 0.7)
     tone -= np.minimum(pores * np.float32(1.2), 0.4)
     return Tile(toned(np.clip(1 + tone, 0.4, 1.5), texture.colours[0], 0.1), (3.2, 3.2))
-
-
-# Walls: plaster, paint, wallpaper. First colour: the whole; of wallpaper the ground, then the motifs'.
 
 
 _GRID = (_PIXELS, _PIXELS)

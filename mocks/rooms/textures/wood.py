@@ -1,4 +1,8 @@
-"""Wood laid in a regular order: laminate, herringbone and blocks. Colours: wood, gap."""
+"""Wood: boards cut from a log, random planks, furniture's straight grain; laminate, herringbone, blocks.
+
+A board shows where it was cut: the growth rings are cylinders about the pith, so a board that passes near the pith
+shows nested arches along its middle and one far from it shows straight lines. Colours: wood, gap.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +17,7 @@ import numpy.typing as npt
 from mocks.rooms.model import Texture
 from mocks.rooms.textures.base import Tile, centres, generator, line_cover, mixed, noise, to_nearest, toned
 from mocks.worlds.light import Reals
-from processing.ground.arrays import Floats
-
-# Boards cut from a log, random planks, and the straight grain of furniture.
-#
-# A board shows where it was cut: the growth rings are cylinders about the pith, so a board that passes near the pith
-# shows nested arches along its middle and one far from it shows straight lines. Colours: wood, gap.
-
+from processing.ground.arrays import Floats, Int32s
 
 WARMTH = 0.3
 """How much redder the dark grain is than the light."""
@@ -28,7 +26,7 @@ _PLANK_PIXELS, _PLANK_TILE_M = 2048, 4.8
 
 
 def ring_tones(rng: np.random.Generator, rings: int) -> Floats:
-    """Return darkness across ``rings`` growth rings, 16 samples each, that wraps; each darkens, then ends sharply."""
+    """Return darkness (N,) across ``rings`` growth rings, 16 samples each, that wraps; each darkens, then ends."""
     dark = rng.gamma(2.0, 0.5, rings).astype(np.float32)
     rise = (np.arange(_PER_RING, dtype=np.float32) / _PER_RING) ** 2
     tones = np.pad((dark[:, None] * rise[None, :]).ravel(), 2, mode="wrap")
@@ -60,7 +58,7 @@ class Timber:
         )
 
     def board(self, rng: np.random.Generator, rows: int, columns: int) -> Floats:
-        """Return the tone (about 1) of a new board, its grain along the rows."""
+        """Return the tone (H, W), about 1, of a new board, its grain along the rows."""
         across = (np.arange(columns, dtype=np.float32) - np.float32(columns / 2)) * np.float32(self.pixel_m)
         along = np.arange(rows, dtype=np.float32) * np.float32(self.pixel_m)
         sway = np.float32(0.008) * _wander(rng, rows, self.pixel_m) - np.float32(rng.normal(0, 0.05))
@@ -104,7 +102,7 @@ def board_tint(rng: np.random.Generator, texture: Texture, usual: float = 0.09) 
 
 
 def gapped(texture: Texture, tone: Floats, gaps: Floats, size_m: tuple[float, float]) -> Tile:
-    """Return wood of a tone, with gaps where ``gaps`` is 1."""
+    """Return wood of a tone (H, W), with gaps where ``gaps`` (H, W) is 1."""
     return Tile(mixed(toned(tone, texture.colours[0], WARMTH), texture.colours[1], gaps), size_m)
 
 
@@ -159,7 +157,7 @@ _PIXELS = 1024
 class Layout:
     """Which block each pixel lies on (any whole number), and where on it: along and across, in metres."""
 
-    number: npt.NDArray[np.int32]
+    number: Int32s
     along_m: Floats
     across_m: Floats
     length_m: float
@@ -169,17 +167,17 @@ class Layout:
     def of(
         cls, number: npt.NDArray[np.signedinteger], along_m: Reals, across_m: Reals, size_m: tuple[float, float]
     ) -> Layout:
-        """Return a layout of blocks of length and width ``size_m``."""
+        """Return a layout of blocks of length and width ``size_m``: per pixel (H, W) the block and the place in it."""
         return cls(number.astype(np.int32), along_m.astype(np.float32), across_m.astype(np.float32), *size_m)
 
     def gaps(self, gap_m: float, pixel_m: float) -> Floats:
-        """Return how much of each pixel is gap between blocks."""
+        """Return how much of each pixel (H, W) is gap between blocks."""
         ends = np.minimum(self.along_m, np.float32(self.length_m) - self.along_m)
         sides = np.minimum(self.across_m, np.float32(self.width_m) - self.across_m)
         return line_cover(np.minimum(ends, sides), gap_m, pixel_m)
 
     def shown(self, bank: Floats, pixel_m: float) -> Floats:
-        """Return the tones of blocks out of ``bank`` (blocks, rows, columns), each with its grain along it."""
+        """Return the tones of blocks out of ``bank`` (N, H, W), each with its grain along it."""
         blocks, rows, columns = bank.shape
         sheet = np.ascontiguousarray(bank.transpose(1, 0, 2).reshape(rows, blocks * columns))
         scale = np.float32(1 / pixel_m)
@@ -197,7 +195,7 @@ def _bank(
     return np.stack([timber.board(rng, rows, columns) * board_tint(rng, texture) for _ in range(blocks)])
 
 
-def _shuffled(rng: np.random.Generator, number: npt.NDArray[np.int32], blocks: int) -> npt.NDArray[np.int32]:
+def _shuffled(rng: np.random.Generator, number: Int32s, blocks: int) -> Int32s:
     """Return, for the numbers of places, the numbers of the blocks that lie there."""
     return rng.integers(blocks, size=int(number.max()) + 1, dtype=np.int32)[number]
 

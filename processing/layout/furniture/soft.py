@@ -75,7 +75,7 @@ def _dense(ring: Doubles, step_m: float) -> Doubles:
 
 
 def sheets(upper: Doubles, lower: Doubles) -> Solid:
-    """Return the closed body between two (m, n, 3) sheets with a common rim; x grows with m, y with n."""
+    """Return the closed body between two (M, N, 3) sheets with a common rim; x grows with m, y with n."""
     m, n = upper.shape[:2]
     top, rim = grid_faces(m, n), grid_rim(m, n)
     faces = np.concatenate([top, top[:, ::-1] + m * n, band_faces(rim, rim + m * n)]).astype(np.int64)

@@ -17,7 +17,7 @@ Spot = tuple[float, float, float]
 
 
 def loft(rings: npt.ArrayLike) -> Solid:
-    """Return the skin over (m, n, 3) rings with fans as ends; rings run counter-clockwise seen from the last one.
+    """Return the skin over (M, N, 3) rings with fans as ends; rings run counter-clockwise seen from the last one.
 
     Rings whose points all coincide are fine as ends (a tip).
     """
@@ -38,7 +38,7 @@ def loft(rings: npt.ArrayLike) -> Solid:
 
 
 def cleaned(vertices: Doubles, faces: npt.NDArray[np.int64]) -> Solid:
-    """Return a solid whose coinciding vertices are one and which has no face without area."""
+    """Return a solid of vertices (N, 3) and faces (M, 3): coinciding vertices are one, faces without area gone."""
     key = np.rint(vertices * 1e7).astype(np.int64)
     with np.errstate(over="ignore"):
         mixed = key @ np.array([73856093, 19349669000003, 83492791000000007], dtype=np.int64)
@@ -57,20 +57,20 @@ def box(low: Spot, high: Spot, bevel_m: float = 0.003, steps: int = 1) -> Solid:
 
 
 def cube_grid(half: Doubles, r: float, steps: int, inner: int) -> Solid:
-    """Return a box of half extents (3,), metres, with edges of radius r, its flat fields divided `inner` times."""
+    """Return a box of half extents (shape (3,), metres) with edges of radius r, each flat field cut in `inner`."""
     x, y, z = (float(v) for v in half)
     mesh = rounded_box((-x, -y, -z), (x, y, z), r, steps, (inner, inner, inner))
     return cleaned(mesh.vertices, mesh.faces.astype(np.int64))
 
 
 def circle(radius_m: float, sides: int, z: float = 0.0, start_rad: float = 0.0) -> Doubles:
-    """Return (sides, 3): a ring about the z axis, counter-clockwise seen from above; extents are exact for 4k sides."""
+    """Return a ring (N, 3) about the z axis, counter-clockwise seen from above; extents are exact for 4k sides."""
     a = start_rad + 2 * np.pi * np.arange(sides) / sides
     return np.stack([radius_m * np.cos(a), radius_m * np.sin(a), np.full(sides, z)], axis=1)
 
 
 def rounded_rectangle(width_m: float, depth_m: float, radius_m: float, z: float = 0.0, steps: int = 5) -> Doubles:
-    """Return a ring of 4 (steps + 1) points about the z axis."""
+    """Return a ring (N, 3) of 4 (steps + 1) points about the z axis."""
     r = min(radius_m, width_m / 2 - 1e-4, depth_m / 2 - 1e-4)
     ring = []
     for k, (sx, sy) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
@@ -110,7 +110,7 @@ def vessel(profile: Sequence[tuple[float, float]], wall_m: float, sides: int = 3
 
 
 def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12, *, closed: bool = False) -> Solid:
-    """Return a round bar along (m, 3) points with slightly rounded ends; a ring where `closed`."""
+    """Return a round bar along (M, 3) points with slightly rounded ends; a ring where `closed`."""
     p = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(p))
     if closed:
@@ -168,7 +168,7 @@ def square_leg(foot: Spot, hip: Spot, foot_m: float, hip_m: float, bevel_m: floa
 
 
 def curve(points: Sequence[Spot], steps: int = 8) -> Doubles:
-    """Return a smooth line through points (Catmull and Rom's)."""
+    """Return a smooth line (N, 3) through points (Catmull and Rom 1974)."""
     p = np.asarray(points, dtype=np.float64)
     if len(p) < 3:
         return p

@@ -40,13 +40,13 @@ class Solid:
 
 
 def solid(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
-    """Return a solid whose rest positions are its vertices."""
+    """Return a solid of vertices (N, 3) and faces (M, 3) whose rest positions are its vertices."""
     points = np.asarray(vertices, dtype=np.float64)
     return Solid(points, np.asarray(faces, dtype=np.int64), points)
 
 
 def rotation(axis: str, angle_rad: float) -> Doubles:
-    """Return the matrix of a right-handed turn about x, y or z."""
+    """Return the matrix, shape (3, 3), of a right-handed turn about x, y or z."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
     matrix = np.eye(3)
@@ -66,13 +66,13 @@ def joined(solids: list[Solid]) -> Solid:
 
 
 def signed_volume_m3(vertices: Doubles, faces: Int64s) -> float:
-    """Return the volume enclosed; negative where triangles wind inwards."""
+    """Return the volume enclosed by faces (M, 3) over vertices (N, 3); negative where triangles wind inwards."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def corner_normals(vertices: Doubles, faces: Int64s, crease_rad: float = CREASE_RAD) -> Doubles:
-    """Return (m, 3, 3): each corner's normal, the area-weighted mean of the faces around it within a crease."""
+    """Return (M, 3, 3): each corner's normal, the area-weighted mean of the faces around it within a crease."""
     cross = crosses(vertices, faces)
     unit = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
     corner_vertex = faces.ravel()
@@ -93,7 +93,7 @@ def corner_normals(vertices: Doubles, faces: Int64s, crease_rad: float = CREASE_
 
 
 def box_uv(rest: Doubles, faces: Int64s, grain: int) -> Doubles:
-    """Return (m, 3, 2): the corners' places in metres, seen along the axis each face looks to; v is the grain."""
+    """Return (M, 3, 2): the corners' places in metres, seen along the axis each face looks to; v is the grain."""
     facing = np.argmax(np.abs(crosses(rest, faces)) + np.array([3e-12, 2e-12, 1e-12]), axis=1)
     others = np.array([[a for a in range(3) if a != f] for f in range(3)])[facing]
     swap = others[:, 0] == grain
@@ -106,7 +106,7 @@ def box_uv(rest: Doubles, faces: Int64s, grain: int) -> Doubles:
 
 
 def part_of(body: Solid, material: Material, uv: Doubles | None = None, crease_rad: float = CREASE_RAD) -> Part:
-    """Return a solid as a part: its vertices divided where normals or texture coordinates (m, 3, 2) differ."""
+    """Return a solid as a part: its vertices divided where normals or texture coordinates (M, 3, 2) differ."""
     normals = corner_normals(body.vertices, body.faces, crease_rad).reshape(-1, 3)
     owner = body.faces.ravel()
     columns = [owner, *np.rint(normals.T * 2e4).astype(np.int64)]

@@ -10,7 +10,7 @@ from embreex.rtcore_scene import EmbreeScene
 from shapely.geometry import Polygon
 
 from mocks.rooms.model import Part, Plan
-from mocks.rooms.shell import Pane
+from mocks.rooms.shell.openings import Pane
 
 
 def missed(parts: tuple[Part, ...], origins: npt.NDArray[np.float64], ways: npt.NDArray[np.float64]) -> npt.NDArray:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from mocks.rooms.finish import draw_finish
-from mocks.rooms.furnish.furnish import check_items, furnish
+from mocks.rooms.furnish.check import check_items
+from mocks.rooms.furnish.furnish import furnish
 from mocks.rooms.furniture import item_parts
 from mocks.rooms.model import Door, Finish, Item, Plan, Role, Use, Window
 from mocks.rooms.room import draw_plan

@@ -14,9 +14,9 @@ from shapely.geometry import Polygon
 
 from mocks.rooms import room as plan_module
 from mocks.rooms.model import Door, Fixture, Plan, Use, Window
-from mocks.rooms.plan.forms import AREA_M2, floor_seen, inner_angle_rad
-from mocks.rooms.plan.space import reveal_floor
-from mocks.rooms.room import check_plan, draw_plan
+from mocks.rooms.plan.forms import AREA_M2, floor_seen, inner_angle_rad, reveal_floor
+from mocks.rooms.plan.openings import check_plan
+from mocks.rooms.room import draw_plan
 
 SEEDS = range(300)
 USES = tuple(Use)

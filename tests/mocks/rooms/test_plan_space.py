@@ -8,7 +8,7 @@ import pytest
 from shapely.geometry import Point, Polygon
 
 from mocks.rooms.model import Door, Fixture, Plan, Use, Window
-from mocks.rooms.plan.space import TRIM_M, WallSpan, door_swing, free_spans
+from mocks.rooms.plan.forms import TRIM_M, WallSpan, door_swing, free_spans
 
 SQUARE = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0))
 

@@ -1,4 +1,4 @@
-"""What is told of the renderer, and what happens where a part of it is missing."""
+"""What is reported of the renderer, and what happens where a part of it is missing."""
 
 from __future__ import annotations
 

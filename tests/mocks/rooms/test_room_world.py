@@ -202,9 +202,9 @@ def test_points_of_known_light_lie_in_the_open_and_brighten_towards_the_window(w
 def test_description_is_plain_json(world):
     import json
 
-    told = json.loads(json.dumps(description(world.room)))
-    assert len(told["furniture"]) == len(world.room.items)
-    assert told["plan"]["height_m"] == world.room.plan.height_m
+    described = json.loads(json.dumps(description(world.room)))
+    assert len(described["furniture"]) == len(world.room.items)
+    assert described["plan"]["height_m"] == world.room.plan.height_m
 
 
 def test_light_is_kept_and_found_again(world, tmp_path, monkeypatch):

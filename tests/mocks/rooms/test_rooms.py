@@ -62,8 +62,8 @@ def test_the_same_seed_gives_the_same_room_in_any_process() -> None:
     assert repr(make_room(few[0].seed)) == repr(few[0])
     text = "import sys; from mocks.rooms.room import make_room; print(*(make_room(int(s)).key for s in sys.argv[1:]))"
     numbers = [str(room.seed) for room in few]
-    told = subprocess.run([sys.executable, "-c", text, *numbers], capture_output=True, text=True, check=True).stdout
-    assert told.split() == [room.key for room in few]
+    printed = subprocess.run([sys.executable, "-c", text, *numbers], capture_output=True, text=True, check=True).stdout
+    assert printed.split() == [room.key for room in few]
     assert len({hashlib.sha256(repr(room).encode()).hexdigest() for room in rooms()}) == COUNT
 
 

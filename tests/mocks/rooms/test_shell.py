@@ -11,9 +11,10 @@ import shapely
 from shapely.geometry import Polygon
 
 from mocks.rooms.model import ADE20K, Door, Finish, Fixture, Material, Part, Plan, Role, Use, Window
-from mocks.rooms.plan.space import door_swing, openings_of
+from mocks.rooms.plan.forms import door_swing, openings_of
 from mocks.rooms.room import draw_plan
-from mocks.rooms.shell import shell_parts, window_panes
+from mocks.rooms.shell import shell_parts
+from mocks.rooms.shell.openings import window_panes
 from tests.mocks.rooms.leaks import missed, rays_inside, through
 
 SQUARE = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0))

@@ -1,4 +1,4 @@
-"""The truth on disk: what was written is read back, and damage is told."""
+"""The truth on disk: what was written is read back, and damage is reported."""
 
 from __future__ import annotations
 

@@ -243,7 +243,7 @@ def test_meter_spot_is_the_mean_over_its_disc():
 
 
 def gradient(height=32):
-    """A panorama whose colour tells where it looks: red by longitude, green by latitude."""
+    """A panorama whose colour is its direction: red by longitude, green by latitude."""
     row, column = np.mgrid[0:height, 0 : 2 * height]
     return np.stack([(column + 1) / (2 * height), (row + 1) / height, np.full(row.shape, 0.5)], -1).astype(np.float32)
 
