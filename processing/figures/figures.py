@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.scale.meter_spot import Spot, spot_pixels
+from processing.calibration.scale.luminance import Spot, spot_pixels
 from processing.calibration.scale.photometry import Illuminance, illuminance_lx, luminance_map
 from processing.errors import ProcessingError, ScaleError
 from processing.figures.glare import bright_spots, glare_of

@@ -21,8 +21,7 @@ import numpy.typing as npt
 from processing.errors import PanoramaError, PictureFileError
 from processing.ground.arrays import Floats
 from processing.ground.colour import linear_of_srgb, luminance_cd_m2
-from processing.pictures.exr import read_exr, read_exr_rgb
-from processing.pictures.exr_header import read_header
+from processing.pictures.exr import read_exr, read_exr_rgb, read_header
 from processing.pictures.frames import Codes, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.radiance import read_radiance_hdr

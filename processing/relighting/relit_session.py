@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from processing.calibration.outdoor.clear_sky import Place, sun_place
+from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import DaylightError, RelightError
 from processing.light.picture.relight_photo import photograph_under
 from processing.light.scene.scene import Outdoors

@@ -14,9 +14,8 @@ import numpy as np
 from processing.calibration.profile import Correction, K2Record, PatchRecord, RigProfile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
-from processing.calibration.scale.chart import ChartScale, scale_from_charts
-from processing.calibration.scale.chart_views import ChartView, chart_at, find_chart_around
-from processing.calibration.scale.meter_spot import Spot
+from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
+from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, ParameterError
 from processing.rig.camera_fit import CameraFit, fit_camera, with_filter, with_flat_field

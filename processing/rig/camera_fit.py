@@ -24,7 +24,7 @@ from processing.calibration.profile_records import (
 )
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.shutter import ShutterRule, camera_rule
-from processing.calibration.scale.chart_views import chart_at, find_chart_around
+from processing.calibration.scale.chart import chart_at, find_chart_around
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import ProfileError, ResponseError
 from processing.pictures.images import RelativeImage

@@ -54,7 +54,10 @@ class LinearSamples:
 
 
 def linear_samples(noise: NoiseModel, times_s: Doubles, time_sigma: Doubles) -> LinearSamples:
-    """Return the model of frames with ``times_s`` (falling); noise in exposure, 1 at full scale; codes in codes."""
+    """Return the model of frames with ``times_s`` (falling); noise in exposure, 1 at full scale; codes in codes.
+
+    ``times_s``: (F,) s; ``time_sigma``: (F,) relative.
+    """
     rows = np.stack(
         [noise.photon, np.square(noise.read), np.maximum(noise.code_variance, 1 / 12) / FULL**2], axis=1
     ).astype(np.float64)
@@ -97,8 +100,13 @@ def _channel(addresses, pixel, c, times, sigma, noise):
 
 
 @compiled
-def merge_linear(addresses, pixels, times, sigma, noise, shared, rgb, uncertainty, validity, suspect):
-    """Merge pixels ``pixels[0]..pixels[1]-1`` of little-endian uint16 frames into the planes (flat)."""
+def merge_linear(addresses, pixels, times, sigma, noise, shared, out):
+    """Merge pixels ``pixels[0]..pixels[1]-1`` of little-endian uint16 frames into ``out`` (`FlatPlanes`).
+
+    ``addresses``: (F,) uint64 of the frames' codes (N, 3); ``times``: (F,) s; ``sigma``: (F,) their relative
+    uncertainty; ``noise``: (3, 3) as in `LinearSamples`; ``shared``: correlation of the channels' noise.
+    """
+    rgb, uncertainty, validity, suspect = out
     for p in range(pixels[0], pixels[1]):
         r, var_r, chi2_r, free_r, bound_r = _channel(addresses, p, 0, times, sigma, noise)
         g, var_g, chi2_g, free_g, bound_g = _channel(addresses, p, 1, times, sigma, noise)

@@ -17,12 +17,27 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.merge.checks import Consistency, Order, check_bracket, frame_consistency
-from processing.calibration.merge.kernel import RUN_PX, merge_runs
+from processing.calibration.merge.bracket import (
+    Decoded,
+    FrameUse,
+    Merged,
+    MergeReport,
+    Order,
+    check_bracket,
+    decode_useful,
+    shares,
+)
+from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
 from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
-from processing.calibration.merge.report import Decoded, FrameUse, Merged, MergeReport, decode_useful, shares
-from processing.calibration.merge.tables import MergeTables, coding_error, linear_curve, merge_tables
+from processing.calibration.merge.tables import (
+    Consistency,
+    MergeTables,
+    coding_error,
+    frame_consistency,
+    linear_curve,
+    merge_tables,
+)
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
@@ -220,8 +235,8 @@ def _fuse(
     else:
         addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
         model = (samples.times_s, samples.time_sigma, samples.noise, shape[0])
-        out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
-        _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, *out), pixels, BAND_PX, workers)
+        out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
+        _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, out), pixels, BAND_PX, workers)
         uses = np.ones(len(flat))
     planes.rgb = planes.rgb[:pixels].reshape(height, width, 3)
     planes.uncertainty = planes.uncertainty[:pixels].reshape(height, width)
@@ -236,18 +251,16 @@ def _fuse_runs(
     addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
     clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
     limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise])
-    out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
-    pixels = len(flat[0])
-    runs = -(-pixels // RUN_PX)
+    table = Lookup(tables.lanes, tables.samples, tables.saturation, clip, limits, tables.last)
+    out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
+    runs = -(-len(flat[0]) // RUN_PX)
     counts: list[npt.NDArray[np.int64]] = []
 
     def band(first: int, end: int) -> None:
         uses = np.zeros(len(flat), dtype=np.int64)
         counts.append(uses)
-        merge_runs(
-            addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits,
-            *shape, tables.last, *out, uses, np.empty(12 * RUN_PX, np.float32),
-        )  # fmt: skip
+        sums = np.empty(12 * RUN_PX, np.float32)
+        merge_runs(addresses, np.array([first, end]), table, *shape, out, uses, sums)
 
     _in_bands(band, runs, BAND_PX // RUN_PX, workers)
     return np.asarray(np.sum(counts, axis=0) / runs)

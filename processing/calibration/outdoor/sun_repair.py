@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 
-from processing.calibration.outdoor.clear_sky import Beam
 from processing.calibration.outdoor.sun_disc import (
     SUN_RADIUS_RAD,
     SUN_SOLID_ANGLE_SR,
@@ -21,6 +20,7 @@ from processing.calibration.outdoor.sun_disc import (
     find_sun,
     window_at,
 )
+from processing.calibration.outdoor.sun_place import Beam
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, SunError
 from processing.ground.arrays import Doubles

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing.calibration.response.curve import fit_noise
+from processing.calibration.response.curve import FineCurve, PatchNoise, fit_noise
 from processing.calibration.response.fit import (
     FIRST_CODE,
     LAST_CODE,
     N_BASIS,
-    FineCurve,
-    PatchNoise,
     Solution,
     Weighed,
     dispersion,

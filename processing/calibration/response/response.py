@@ -15,8 +15,8 @@ from processing.calibration.response.bracket_fit import (
     check_enough,
     fit_daylit,
 )
-from processing.calibration.response.curve import NoiseModel, ResponseCurve, fit_noise
-from processing.calibration.response.fit import CodeNoise, FineCurve, PatchNoise, spline_basis, weigh
+from processing.calibration.response.curve import CodeNoise, FineCurve, NoiseModel, PatchNoise, ResponseCurve, fit_noise
+from processing.calibration.response.fit import spline_basis, weigh
 from processing.calibration.response.samples import CHANNELS, Bracket8, Samples, take_samples
 from processing.calibration.response.shutter import ShutterRule
 from processing.ground.arrays import Doubles

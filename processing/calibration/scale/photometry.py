@@ -151,3 +151,31 @@ def _weights(geometry: Geometry, normal: tuple[float, float, float]) -> Doubles:
     weights = projected_solid_angles(geometry, normal)
     weights.flags.writeable = False
     return weights
+
+
+CLIPPED_SHARE = 0.01
+"""Of an illuminance, from clipped pixels: more is worth a warning."""
+PLANES = {
+    "up": (0.0, 0.0, 1.0),
+    "ahead": (0.0, 1.0, 0.0),
+    "right": (1.0, 0.0, 0.0),
+    "back": (0.0, -1.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+}
+
+
+def illuminances(
+    image: LuminanceImage, planes: dict[str, tuple[float, float, float]]
+) -> tuple[dict[str, dict[str, float]], list[str]]:
+    """Return value, standard uncertainty (lx) and share from clipped pixels for each plane through the camera.
+
+    Warnings name the planes on which so much is clipped that the value is a lower bound.
+    """
+    found = {name: illuminance_lx(image, normal) for name, normal in planes.items()}
+    facts = {
+        name: {"value": e.value_lx, "uncertainty": e.uncertainty_lx, "clipped_share": e.invalid_shares["clipped"]}
+        for name, e in found.items()
+    }
+    low = [f"{name} ({e['clipped_share']:.0%})" for name, e in facts.items() if e["clipped_share"] > CLIPPED_SHARE]
+    warning = f"illuminance is a lower bound, as part of it comes from pixels clipped in every frame: {', '.join(low)}"
+    return facts, [warning] if low else []
