@@ -137,7 +137,7 @@ def veil_taken_off(merged: RelativeImage, lens: LensModel, asked: OpticsChoice) 
         return merged, {"taken_off": False, "why": str(error).split(" | ")[0]}
     found = {"index": veil.index, "uncertainty": veil.uncertainty}
     if veil.uncertainty > VEIL_MAX_UNCERTAINTY or veil.index > VEIL_MAX_INDEX:
-        return merged, found | {"taken_off": False, "why": "the surround is too uneven or too bright to tell"}
+        return merged, found | {"taken_off": False, "why": "the surround is too uneven or too bright to judge"}
     clean = subtract_veil(merged, veil)
     return replace(clean, rgb=clean.rgb / np.float32(1 - veil.index)), found | {"taken_off": True}
 

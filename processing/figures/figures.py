@@ -104,7 +104,10 @@ def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[tuple[st
 def statistics(
     luminance: npt.NDArray[np.floating], validity: Bytes, area_sr: Doubles, part: tuple[str, str, Flags]
 ) -> PartStatistics | None:
-    """Return a part's statistics; None where the picture shows nothing of it."""
+    """Return a part's statistics; None where the picture shows nothing of it.
+
+    ``luminance``, ``validity``, ``area_sr``: (H, W), in the picture's unit, codes and steradians.
+    """
     name, kind, mask = part
     chosen = mask & (validity != Validity.OUTSIDE) & (area_sr > 0)
     if not chosen.any():
@@ -153,7 +156,7 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
         }
         if spots is not None:
             glare = glare_of(spots, light.value_lx, azimuth)
-            look["glare"] = {"dgp": glare.dgp, "told": glare.told, "sources": glare.sources} | {
+            look["glare"] = {"dgp": glare.dgp, "told": glare.rating, "sources": glare.sources} | {
                 "brightest_cd_m2": glare.brightest_cd_m2,
                 "faint": glare.faint,
             }
@@ -190,7 +193,7 @@ def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m
     """Return the picture's luminance where the meter looked beside its readings; None where there is no such place.
 
     ``facts``: the indoor part of the stage calibrate. ``sets_scale`` says that k1 is from these readings: then the
-    two agree by construction, and only the readings' own change tells anything.
+    two agree by construction, and only the readings' own change says anything.
     """
     target = facts.get("target", {})
     if not readings_cd_m2 or "longitude_deg" not in target:

@@ -326,7 +326,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Channels]:
     if len(parts) != 1 or not parts[0].whole or not parts[0].sampled_everywhere:
         raise refused(path, "has several parts, or is cropped or subsampled; one whole picture is taken")
     try:
-        # The library tells of damage on standard output, where commands write their JSON.
+        # The library reports damage on standard output, where commands write their JSON.
         with redirect_stdout(sys.stderr), OpenEXR.File(str(path), num_threads=THREADS) as file:
             if len(file.parts) != 1:
                 raise refused(path, "cannot be decoded", likely=_DAMAGED, advice=_AGAIN)

@@ -101,7 +101,10 @@ def _pixels(text: str | None) -> int | None:
 
 
 def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
-    """Return the codes in sRGB, and what there is to say: another profile is converted (8 bits) or told of."""
+    """Return the codes in sRGB, and what there is to say: another profile is converted (8 bits) or reported.
+
+    ``codes``: (H, W, 3), uint8 or uint16.
+    """
     if not tags.profile:
         return codes, ()
     from PIL import Image, ImageCms
@@ -149,7 +152,7 @@ class GivenPanorama:
     factor: float
     """What the file's own linear values (1: a photograph's white) were multiplied by."""
     clipped_share: float
-    """Of all directions: brighter than the file can tell."""
+    """Of all directions: brighter than the file can record."""
     notes: tuple[str, ...] = ()
 
 

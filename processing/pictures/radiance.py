@@ -159,7 +159,10 @@ def from_rgbe(rgbe: Bytes) -> Floats:
 
 
 def encode_rows(rgbe: Bytes) -> bytes:
-    """Return rows of pixels in the new run-length code, or flat where their width has no such code."""
+    """Return rows of pixels in the new run-length code, or flat where their width has no such code.
+
+    ``rgbe``: (H, W, 4).
+    """
     width = rgbe.shape[1]
     if width not in RLE_WIDTHS:
         return rgbe.tobytes()

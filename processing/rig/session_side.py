@@ -98,6 +98,8 @@ def read_side(path: Path, side: Side) -> SessionSide | None:
 def outdoor_lens(side: SessionSide, frames: Sequence[npt.NDArray[np.uint8]], half_field_rad: float) -> LensModel:
     """Return the fisheye: its circle as the frames show it, else as the rig file states it; an equisolid mapping.
 
+    ``frames``: (H, W, 3) uint8 each.
+
     Raises
     ------
     LensError

@@ -172,7 +172,7 @@ NEWTON_STEPS = 4
 
 
 def polar_of_radius(lens: Fisheye, radius: Doubles) -> tuple[Doubles, Doubles]:
-    """Return sine and cosine of the angle from the axis at relative radii 0..1."""
+    """Return sine and cosine of the angle from the axis at relative radii 0..1. All of one shape, float64."""
     half = lens.half_field_rad
     if lens.mapping is LensMapping.ORTHOGRAPHIC:
         sine = radius * math.sin(half)
@@ -188,7 +188,10 @@ def polar_of_radius(lens: Fisheye, radius: Doubles) -> tuple[Doubles, Doubles]:
 
 
 def radius_of_polar(lens: Fisheye, flat: Doubles, height: Doubles) -> tuple[Doubles, Flags]:
-    """Return relative radii, at most 1, of directions (``flat`` across, ``height`` along the axis), and who is seen."""
+    """Return relative radii, at most 1, of directions (``flat`` across, ``height`` along the axis), and who is seen.
+
+    All of one shape; ``flat`` and ``height`` in any common unit.
+    """
     half = lens.half_field_rad
     theta = np.arctan2(flat, height)
     seen = theta <= half + FIELD_TOLERANCE_RAD
@@ -209,7 +212,7 @@ def radius_of_polar(lens: Fisheye, flat: Doubles, height: Doubles) -> tuple[Doub
 def radial_density(lens: Fisheye, radius: Doubles) -> Doubles:
     """Return the solid angle of a unit of relative area, sin(theta) theta'(r) / r, at relative radii 0..1 (steradians).
 
-    At the edge of an orthographic hemisphere it has no bound; there a very large number is returned.
+    At the edge of an orthographic hemisphere it has no bound; there a very large number is returned. Both of one shape.
     """
     half = lens.half_field_rad
     sine, cosine = polar_of_radius(lens, radius)
@@ -233,7 +236,7 @@ def polynomial(lens: Fisheye, radius: Doubles) -> Doubles:
 
 
 def polynomial_slope(lens: Fisheye, radius: Doubles) -> Doubles:
-    """Return the derivative of `polynomial`."""
+    """Return the derivative of `polynomial`. Both of one shape."""
     total = np.zeros_like(radius)
     for power in range(len(lens.polynomial), 0, -1):
         total = total * radius + power * lens.polynomial[power - 1]
@@ -241,7 +244,10 @@ def polynomial_slope(lens: Fisheye, radius: Doubles) -> Doubles:
 
 
 def inverse_polynomial(lens: Fisheye, share: Doubles) -> Doubles:
-    """Return the radii 0..1 at which `polynomial` is ``share`` 0..1: a table's guess, then Newton."""
+    """Return the radii 0..1 at which `polynomial` is ``share`` 0..1: a table's guess, then Newton.
+
+    Both of one shape.
+    """
     knots = np.linspace(0, 1, TABLE_SIZE)
     radius = np.interp(share, polynomial(lens, knots), knots)
     for _ in range(NEWTON_STEPS):

@@ -28,7 +28,10 @@ THREADS = 2
 
 
 def area_resample(picture: Floats, source: Geometry, target: Geometry, weights: Floats) -> tuple[Floats, Floats]:
-    """Return the target picture (h, w, C) and the share of each of its cells that valid source pixels cover (h, w)."""
+    """Return the target picture (h, w, C) and the share of each of its cells that valid source pixels cover (h, w).
+
+    ``picture``: (H, W, C) radiance, >= 0; ``weights``: (H, W), 0..1.
+    """
     if isinstance(source, Equirectangular) and isinstance(target, Equirectangular):
         return _by_intervals(picture, source, target, weights)
     if _target_is_plane(source, target):

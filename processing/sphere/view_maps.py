@@ -39,7 +39,7 @@ _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = _fitted()
 def view_in_panorama(panorama: Equirectangular, view: Perspective) -> tuple[Floats, Floats]:
     """Return columns and rows (h, w) of a view's pixel centres, counted from the first pixel's centre, float32.
 
-    Columns are in [-0.5, width - 0.5), rows in [-0.5, height - 0.5].
+    Columns are in [-0.5, width - 0.5), rows in [-0.5, height - 0.5]. h and w are the view's (H, W).
     """
     x = np.empty((view.height_px, view.width_px), dtype=np.float32)
     y = np.empty_like(x)

@@ -72,7 +72,7 @@ def cut_view(panorama: Panorama | Picture, view: Perspective, *, method: ViewMet
 
     ``linear``: fast; positions are exact for float32 and good to 1/64 pixel for the others. ``cubic``: smoother, float
     arithmetic. ``area``: keeps energy (`processing.sphere.resampling`). A picture without `Panorama` has its middle at
-    longitude 0.
+    longitude 0. ``panorama``: (H, W) or (H, W, C), of one of `DEPTHS`.
     """
     whole = panorama if isinstance(panorama, Panorama) else Panorama(panorama)
     if method == "linear":

@@ -262,7 +262,7 @@ class Merged:
 
 
 def shares(validity: Bytes, ghost: Bytes | None) -> Shares:
-    """Count."""
+    """Count. ``validity`` and ``ghost``: (H, W) uint8, `Validity` codes and frame numbers."""
     size = validity.size
     clipped, dark = (float(np.count_nonzero(validity == state)) / size for state in (Validity.CLIPPED, Validity.DARK))
     return Shares(clipped, dark, 0.0 if ghost is None else float(np.count_nonzero(ghost)) / size)

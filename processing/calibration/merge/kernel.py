@@ -127,7 +127,7 @@ VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)
 def scan(addresses, offset, low, high, rise):
     """Fill the smallest and largest code of each frame in a run, and how much brighter than the longer frame it is.
 
-    ``addresses``: (F,) uint64 of the frames' bytes; ``offset``: bytes to the run. ``low``, ``high``, ``rise``: (F,) uint8.
+    ``addresses``: (F,) uint64 of the frames' bytes; ``offset``: bytes to the run; ``low``, ``high``, ``rise``: (F,).
     """
     before = carray(bytes_at(addresses[0] + offset), RUN)
     for f in range(addresses.shape[0]):
@@ -237,7 +237,8 @@ def suspicion(addresses, pixel, table):
 def chi2_limit(freedom, shared):
     """Return what chance exceeds once in 100,000, and half as much again, since noise is not quite Gaussian.
 
-    Where channels share their noise (``shared`` is its correlation), deviations come in threes.
+    Where channels share their noise (``shared`` is its correlation), deviations come in threes. Both scalars; the limit
+    has the shape of ``freedom``.
     """
     return 1.5 * (freedom + (1.0 + 2.0 * shared) * (6.0 * np.sqrt(2.0 * freedom) + 8.0))
 
@@ -265,11 +266,11 @@ def judge_run(addresses, start, every, table, shared, out):
 def merge_runs(addresses, runs, table, shared, common, out, uses, sums):
     """Merge runs ``runs[0]..runs[1]-1`` of 8-bit frames into ``out``.
 
-    ``addresses``: (F,) uint64, of each frame's codes (N, 3) uint8, from the longest time to the shortest. ``table`` as in
-    `Lookup`. ``shared``: correlation of the channels' noise, 0..1. ``common``: squared relative error that all frames
-    share. ``out``: N of at least `RUN_PX` pixels; the last run begins earlier, so that it is whole. ``uses``: (F,) int64,
-    raised by the number of runs that took each frame. ``sums``: scratch of shape (12 `RUN_PX`,) float32 for this call;
-    the caller's, since what is used by its address only would be freed.
+    ``addresses``: (F,) uint64, of each frame's codes (N, 3) uint8, from the longest time to the shortest; ``table``:
+    a `Lookup`; ``shared``: correlation of the channels' noise, 0..1; ``common``: squared relative error that all frames
+    share; ``out``: `FlatPlanes` of at least `RUN_PX` pixels (the last run begins earlier, so that it is whole);
+    ``uses``: (F,) int64, raised by the number of runs that took each frame; ``sums``: scratch of shape (12 `RUN_PX`,)
+    float32 for this call; the caller's, since what is used by its address only would be freed.
     """
     count, pixels = addresses.shape[0], out.validity.shape[0]
     low, high, rise = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)

@@ -41,11 +41,14 @@ class LinearSamples:
 
     @property
     def every(self) -> npt.NDArray[np.int64]:
-        """Codes over the whole range, (n, 3), rising."""
+        """Codes over the whole range, (n, 3), rising. Of shape (512, 3) or fewer, int64."""
         return np.repeat(np.unique(np.geomspace(1, FULL, 512).astype(np.int64))[:, None], 3, axis=1)
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
-        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
+        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound.
+
+        ``codes``: any shape (..., 3); radiance in exposures a second.
+        """
         code = np.asarray(codes, dtype=np.float64)
         x = np.minimum(code, CLIP_CODE) / FULL
         variance = self.noise[:, 0] * x + self.noise[:, 1] + self.noise[:, 2] + (self.time_sigma[place] * x) ** 2

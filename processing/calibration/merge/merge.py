@@ -158,12 +158,12 @@ class _Job:
 def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geometry: Geometry) -> Merged:
     warnings = list(whole.warnings)
     samples = job.samples()
-    told = frame_consistency(codes, samples)
-    warnings += _contradictions(told, job)
-    if told.noise_factor > WARN_NOISE:
-        times = math.sqrt(told.noise_factor)
+    agreement = frame_consistency(codes, samples)
+    warnings += _contradictions(agreement, job)
+    if agreement.noise_factor > WARN_NOISE:
+        times = math.sqrt(agreement.noise_factor)
         warnings.append(f"noise is {times:.1f} times what the noise model says: it is stated as these frames show it")
-    job = _honest(job, told)
+    job = _honest(job, agreement)
     samples = job.samples()
     if job.options.shifts:
         warnings += [
@@ -177,34 +177,37 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
     image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, {})
-    return Merged(image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, told.offset.tolist()))
+    return Merged(
+        image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, agreement.offset.tolist())
+    )
 
 
-def _honest(job: _Job, told: Consistency) -> _Job:
+def _honest(job: _Job, agreement: Consistency) -> _Job:
     """Return the job with the noise that these frames show, and with what they disagree by as doubt of their times."""
-    factor, noise = told.noise_factor, job.noise
+    factor, noise = agreement.noise_factor, job.noise
     photon, read, codes = (np.array(part) for part in (noise.photon, noise.read, noise.code_variance))
     scaled = NoiseModel(
         tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12))
     )
-    doubt = np.where(np.abs(told.offset) > WARN_STOPS, np.abs(told.offset) * math.log(2), 0.0)
+    doubt = np.where(np.abs(agreement.offset) > WARN_STOPS, np.abs(agreement.offset) * math.log(2), 0.0)
     order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
-    return replace(job, order=order, noise=scaled, correlation=told.correlation)
+    return replace(job, order=order, noise=scaled, correlation=agreement.correlation)
 
 
-def _contradictions(told: Consistency, job: _Job) -> list[str]:
+def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
     """Return warnings about frames that contradict each other; refuse where no uncertainty could cover it."""
-    worst = max(float(np.max(np.abs(told.offset))), told.curve_error / 2)
-    place = int(np.argmax(np.abs(told.offset)))
+    worst = max(float(np.max(np.abs(agreement.offset))), agreement.curve_error / 2)
+    place = int(np.argmax(np.abs(agreement.offset)))
     named = [
         f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({time:g} s given), or the "
         "light changed"
-        for frame, offset, time in zip(job.order.frames, told.offset, job.order.times_s, strict=True)
+        for frame, offset, time in zip(job.order.frames, agreement.offset, job.order.times_s, strict=True)
         if abs(offset) > WARN_STOPS
     ]
-    if told.curve_error > 2 * WARN_STOPS:
+    if agreement.curve_error > 2 * WARN_STOPS:
         named.append(
-            f"the response curve does not fit these frames: codes of one pair disagree by {told.curve_error:.2f} stops"
+            "the response curve does not fit these frames: codes of one pair disagree by "
+            f"{agreement.curve_error:.2f} stops"
         )
     if worst > REFUSE_STOPS and not job.options.allow_contradiction:
         raise BracketError(

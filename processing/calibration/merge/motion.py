@@ -58,16 +58,25 @@ class _Range:
     """log2 radiance of green of ``codes``, cut to the range."""
 
     def longer_log2(self, window: Codes) -> Floats:
-        """Return log2 of the green radiance of a window (..., 3) of the longer frame."""
+        """Return log2 of the green radiance of a window (..., 3) of the longer frame.
+
+        Of shape (H, W) for codes (H, W, 3).
+        """
         return _looked_up(window[..., 1], self.codes, self.longer)
 
     def shorter_log2(self, window: Codes) -> Floats:
-        """Return log2 of the green radiance of a window (..., 3) of the shorter frame."""
+        """Return log2 of the green radiance of a window (..., 3) of the shorter frame.
+
+        Of shape (H, W) for codes (H, W, 3).
+        """
         return _looked_up(window[..., 1], self.codes, self.shorter)
 
 
 def frame_shifts(frames: Sequence[Codes], tables: Samples) -> list[Shift]:
-    """Return the shifts between neighbours that are surely there; too little detail to tell counts as none."""
+    """Return the shifts between neighbours that are surely there; too little detail counts as none.
+
+    ``frames``: (H, W, 3) codes each.
+    """
     found = []
     for place in range(1, len(frames)):
         before, after = frames[place - 1], frames[place]
@@ -149,7 +158,10 @@ class Planes:
 
 
 def ghost_regions(suspect: Bytes) -> Bytes:
-    """Return 1 where something moved: what is surely odd, and what is odd among many odd neighbours; holes closed."""
+    """Return 1 where something moved: what is surely odd, and what is odd among many odd neighbours; holes closed.
+
+    ``suspect`` and the result: (H, W) uint8.
+    """
     odd = (suspect > 0).astype(np.uint8)
     around = cv2.boxFilter(odd, -1, (NEIGHBOURS_PX, NEIGHBOURS_PX), normalize=False, borderType=cv2.BORDER_REFLECT)
     kept = ((suspect == 2) | ((odd == 1) & (around >= MIN_NEIGHBOURS))).astype(np.uint8)

@@ -58,11 +58,14 @@ class MergeTables:
 
     @property
     def every(self) -> npt.NDArray[np.int64]:
-        """All codes, (256, 3)."""
+        """All codes, (256, 3). Of shape (n, 3), int64."""
         return np.repeat(np.arange(CODES)[:, None], 3, axis=1)
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
-        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
+        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound.
+
+        Values are float32 of the shape of ``codes``, radiance in exposures a second.
+        """
         entry = self.samples[place, np.arange(3), codes]
         return entry[..., 0], entry[..., 1]
 
@@ -77,11 +80,14 @@ class Samples(Protocol):
 
     @property
     def every(self) -> npt.NDArray[np.int64]:
-        """Codes over the whole range, (n, 3), rising."""
+        """Codes over the whole range, (n, 3), rising. Of shape (n, 3), int64."""
         ...
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
-        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
+        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound.
+
+        Values are float32 of the shape of ``codes``, radiance in exposures a second.
+        """
         ...
 
 
@@ -103,7 +109,8 @@ def merge_tables(
     """Return the tables of frames with ``times_s`` (falling) of relative standard uncertainty ``time_sigma``.
 
     ``max_error``: by what part the uncertainty may grow where frames are left out. ``top_code``: above it, codes count
-    as clipped; as do those that a clipped pixel's coding noise (5 sigma) may reach.
+    as clipped; as do those that a clipped pixel's coding noise (5 sigma) may reach. ``times_s``: (F,) s;
+    ``time_sigma``: (F,) relative, >= 0.
     """
     reach = [math.floor(253.5 - 5.0 * math.sqrt(variance)) for variance in noise.code_variance]
     red, green, blue = (
@@ -205,7 +212,7 @@ class Consistency:
     """In stops; frames from the longest time to the shortest."""
 
     offset: Doubles
-    """(F,): how much brighter each frame is than the frames together say; 0 where it cannot be told."""
+    """(F,): how much brighter each frame is than the frames together say; 0 where it cannot be measured."""
     curve_error: float
     """How far the offsets of different codes of one pair are apart, at most."""
     noise_factor: float = 1.0

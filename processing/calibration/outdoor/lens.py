@@ -55,12 +55,15 @@ class LensModel:
         )
 
     def angle(self, r: npt.ArrayLike) -> Doubles:
-        """Return the angle from the axis (rad) at distances r of 0..1 (radii)."""
+        """Return the angle from the axis (rad) at distances r of 0..1 (radii). Both of any one shape."""
         sine, cosine = polar_of_radius(self.fisheye(), np.asarray(r, dtype=np.float64))
         return np.asarray(np.arctan2(sine, cosine))
 
     def radius(self, theta_rad: npt.ArrayLike) -> Doubles:
-        """Return r (radii) of angles from the axis, 0..half_field: the inverse of `angle`; beyond, 1."""
+        """Return r (radii) of angles from the axis, 0..half_field: the inverse of `angle`; beyond, 1.
+
+        Both of any one shape.
+        """
         theta = np.asarray(theta_rad, dtype=np.float64)
         return radius_of_polar(self.fisheye(), np.sin(theta), np.cos(theta))[0]
 
@@ -129,7 +132,7 @@ def find_image_circle(frames: Picture | Sequence[Picture]) -> ImageCircle:
 
 
 def _grey(frame: Picture) -> Floats:
-    """Return a picture (H, W) of 0..1 whose dark parts are still told apart."""
+    """Return a picture (H, W) of 0..1 whose dark parts still differ."""
     picture = np.asarray(frame)
     if picture.ndim not in (2, 3) or min(picture.shape[:2]) < 16:
         raise LensError(f"no picture to find a circle in: shape {picture.shape}")

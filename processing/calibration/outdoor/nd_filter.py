@@ -55,7 +55,10 @@ class NdFilter:
 
     @classmethod
     def of_matrix(cls, forward: npt.ArrayLike, *, relative_uncertainty: float = 0.0, source: str = "") -> NdFilter:
-        """Return the filter that multiplies linear RGB by a matrix (``rgb @ forward``), split in tint and density."""
+        """Return the filter that multiplies linear RGB by a matrix (``rgb @ forward``), split in tint and density.
+
+        ``forward``: shape (3, 3).
+        """
         matrix = np.array(forward, dtype=np.float64)
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise LensError("a filter's matrix is finite and 3x3")
@@ -71,21 +74,27 @@ class NdFilter:
 
     @property
     def correction(self) -> Doubles:
-        """Return the matrix (3, 3) that undoes the tint, not the density: ``rgb @ correction``."""
+        """Return the matrix that undoes the tint, not the density: ``rgb @ correction``, of shape (3, 3)."""
         return np.linalg.inv(np.array(self.tint, dtype=np.float64))
 
     def apply(self, rgb: Floats, *, density: bool = False) -> Floats:
-        """Return linear RGB (..., 3) as seen through the tint; ``density``: and weakened by the density."""
+        """Return linear RGB (..., 3) as seen through the tint; ``density``: and weakened by the density.
+
+        The unit is kept, as is the shape.
+        """
         return _times(rgb, np.array(self.tint) * (self.transmittance if density else 1.0))
 
     def correct(self, rgb: Floats, *, density: bool = False) -> Floats:
-        """Return linear RGB (..., 3) as before the filter: the inverse of `apply`; may be negative."""
+        """Return linear RGB (..., 3) as before the filter: the inverse of `apply`; may be negative.
+
+        The unit is kept, as is the shape.
+        """
         return _times(rgb, self.correction / (self.transmittance if density else 1.0))
 
     def noise_gain(self, rgb: Floats) -> Floats:
         """Return by how much the correction raises the relative noise of luminance, for uncorrected (..., 3) values.
 
-        The channels' relative noise is taken as equal and independent; at least 1.
+        The channels' relative noise is taken as equal and independent; at least 1. Of shape (...), >= 1.
         """
         weights = np.array(LUMINANCE_WEIGHTS, dtype=np.float32)
         corrected = (self.correction @ np.array(LUMINANCE_WEIGHTS)).astype(np.float32)
@@ -99,7 +108,7 @@ class NdFilter:
 def without_negatives(rgb: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Return RGB whose negative channels are moved to 0 towards grey, luminance kept, and which pixels (...) that was.
 
-    A pixel of luminance 0 or less becomes black.
+    A pixel of luminance 0 or less becomes black. ``rgb``: shape (..., 3), any unit.
     """
     lowest = rgb.min(axis=-1)
     wrong = lowest < 0

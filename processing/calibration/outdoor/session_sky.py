@@ -122,8 +122,13 @@ def calibrate_outdoor(
         "sun": {"found": sky.sun_text, "repair": repair},
         "illuminance_lx": lux,
     }
-    told = _sun_warnings(sky, asked)
-    warnings += [*north_warnings, *_unturned(north, session), *told, *low, *_compared(repaired, asked, facts)]
+    warnings += [
+        *north_warnings,
+        *_unturned(north, session),
+        *_sun_warnings(sky, asked),
+        *low,
+        *_compared(repaired, asked, facts),
+    ]
     warnings += [text for text in scale.warnings if text.startswith("k2")]
     return Calibrated(repaired, scale, facts, tuple(warnings))
 

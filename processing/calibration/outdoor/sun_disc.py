@@ -71,7 +71,10 @@ class Window:
     clipped: Flags
 
     def angle_from(self, direction: Doubles) -> Doubles:
-        """Return the angle (h, w) of each pixel's centre from a direction."""
+        """Return the angle (h, w) of each pixel's centre from a direction.
+
+        ``direction``: unit vector of shape (3,); angles in rad.
+        """
         chord = np.linalg.norm(self.ways - direction, axis=-1)
         return np.asarray(2 * np.arcsin(np.clip(chord / 2, 0, 1)))
 

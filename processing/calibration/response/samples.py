@@ -1,6 +1,6 @@
-"""Which pixels tell the response: small smooth patches, seen well exposed in at least two frames of a bracket.
+"""Which pixels show the response: small smooth patches, seen well exposed in at least two frames of a bracket.
 
-Patches of 3 x 3 pixels: their mean is dithered finer than a code, and their spread tells edges and texture from noise.
+Patches of 3 x 3 pixels: their mean is dithered finer than a code; their spread separates edges and texture from noise.
 Nothing is averaged before it is known to be smooth: a mean of codes over an edge is not the code of the mean light.
 """
 

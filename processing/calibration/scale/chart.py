@@ -71,6 +71,8 @@ class ChartScale:
 def find_chart(view: RelativeImage, corners_px: npt.ArrayLike | None = None) -> FoundChart:
     """Return the 24-patch chart in a view: found by itself, or at four corners (x, y; in order around the chart).
 
+    ``corners_px``: shape (4, 2), pixels.
+
     Raises
     ------
     ChartError
@@ -239,6 +241,8 @@ def cut(image: RelativeImage, view: Perspective) -> RelativeImage:
 def find_chart_around(image: RelativeImage, towards: Doubles | None = None) -> ChartView:
     """Return the chart, looked for towards a direction first (where one is given), then all around.
 
+    ``towards``: direction of shape (3,), any length.
+
     Raises
     ------
     ChartError
@@ -266,6 +270,8 @@ def find_chart_around(image: RelativeImage, towards: Doubles | None = None) -> C
 
 def chart_at(image: RelativeImage, corners_px: npt.ArrayLike) -> ChartView:
     """Return the chart whose corners are at four points (x, y) of the picture itself.
+
+    ``corners_px``: shape (4, 2), pixels.
 
     Raises
     ------

@@ -91,7 +91,7 @@ def scale_from_reading(
 ) -> ScaleFactor:
     """Return k1 from the meter's readings of a target in the picture.
 
-    ``frames`` (those the picture was merged from) tell its moment: between two readings the meter's value is
+    ``frames`` (those the picture was merged from) give its moment: between two readings the meter's value is
     interpolated to it. Readings whose status is neither "ok" nor "typed" are not used. ``curve_frac`` is the relative
     standard uncertainty that pixels of equal codes share (the response curve's).
 
@@ -210,8 +210,8 @@ def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:
     """Return warnings; refuse a spot whose values are not the target's."""
     share = shares(image, found)
     reasons = {
-        Validity.CLIPPED: "brighter than every frame can tell (clipped)",
-        Validity.DARK: "darker than every frame can tell",
+        Validity.CLIPPED: "brighter than every frame can record (clipped)",
+        Validity.DARK: "darker than every frame can record",
         Validity.OUTSIDE: "outside the lens's field",
         Validity.REPAIRED: "a repaired value, not a measured one",
     }
@@ -238,7 +238,7 @@ def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_
         try:
             changes.append(spot_luminance(image, other) / displayed - 1)
         except ScaleError:
-            continue  # at the picture's edge: the other ways tell
+            continue  # at the picture's edge: the other directions decide
     # Over all ways the mean square of a gradient's change is half of its square.
     return math.sqrt(2 * float(np.mean(np.square(changes)))) if changes else 0.0
 
@@ -268,7 +268,7 @@ class Spot:
     diameter_rad: float = SPOT_DIAMETER_RAD
 
     def direction(self) -> Doubles:
-        """Return the unit vector to its middle."""
+        """Return the unit vector to its middle. Of shape (3,)."""
         flat = math.cos(self.latitude_rad)
         x, y = flat * math.sin(self.longitude_rad), flat * math.cos(self.longitude_rad)
         return np.array((x, y, math.sin(self.latitude_rad)))

@@ -125,9 +125,9 @@ def _warning(computed: Illuminance, measured_lx: float, difference: float) -> st
     ]
     if computed.unseen_share > 0.01:
         reasons.append(f"{computed.unseen_share:.0%} of the half space not shown")
-    told = f" ({', '.join(reasons)})" if reasons else ""
+    causes = f" ({', '.join(reasons)})" if reasons else ""
     return (
-        f"the picture gives {_lux(computed.value_lx)}{told}, "
+        f"the picture gives {_lux(computed.value_lx)}{causes}, "
         f"{abs(difference):.1%} {where} the measured {_lux(measured_lx)}"
     )
 

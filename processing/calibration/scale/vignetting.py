@@ -62,7 +62,7 @@ class Vignetting:
             )
 
     def evaluate(self, r: npt.ArrayLike) -> Doubles:
-        """Return V at r (radii); r beyond 1 counts as 1."""
+        """Return V at r (radii); r beyond 1 counts as 1. Both of any one shape; V is 1 on the axis."""
         r = np.clip(np.asarray(r, dtype=np.float64), 0, 1)
         total = np.ones_like(r)
         for power, coefficient in zip(self.powers, self.coefficients, strict=True):
@@ -154,7 +154,7 @@ def _solve(
         normal = slopes.T @ (slopes * weights[:, None]) / r.size
         if np.linalg.eigvalsh(normal)[0] < 1e-7:
             raise LensError(
-                "the captures do not tell the fall-off from the scene",
+                "the frames do not separate the fall-off from the scene",
                 likely="the camera was turned about its lens's axis, or not turned",
                 advice="lay the camera on its side and turn it by azimuth, or photograph a flat field",
             )
