@@ -24,7 +24,7 @@ NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 _UNKNOWN_STOPS = 99.0
 """Written for an uncertainty without bound: JSON has no infinity."""
-_SAME_TIME_FRAC = 0.01
+_SAME_TIME_FRAC = 0.01  # chosen: dials differ by more
 _CODES = Annotated[tuple[float, ...], Field(min_length=2, max_length=65_536)]
 
 

@@ -25,8 +25,8 @@ from processing.sphere import Equirectangular, directions, solid_angles
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.planes import planes_of
 
-SIZE_PX = 1000
-_TIMEOUT_S = 900.0
+SIZE_PX = 1000  # chosen
+_TIMEOUT_S = 900.0  # chosen
 
 
 def write_glare_views(folder: Path, name: str, image: LuminanceImage, *, size_px: int = SIZE_PX) -> list[Path]:
@@ -59,7 +59,7 @@ def evalglare(tool: Path, view: Path) -> dict[str, float]:
 # Luminance statistics of a picture's parts, each pixel weighted by its solid angle.
 
 
-QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
+QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}  # of solid angle
 
 
 @dataclass(frozen=True)

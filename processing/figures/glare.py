@@ -21,10 +21,10 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Indices
 
-THRESHOLD_CD_M2 = 2000.0
-PEAK_CD_M2 = 50_000.0
-REACH_RAD = 0.2
-MOST_INDEX = 16.0
+THRESHOLD_CD_M2 = 2000.0  # evalglare's -b
+PEAK_CD_M2 = 50_000.0  # evalglare's -Y
+REACH_RAD = 0.2  # evalglare's -r
+MOST_INDEX = 16.0  # evalglare's bound of P
 FAINT_LX = 380.0
 """At the eye, below which the formula was never tried."""
 

@@ -91,7 +91,7 @@ def lab_of_linear(rgb: Doubles, white_rgb: Doubles) -> Doubles:
 
 
 def colour_temperature_k(rgb: npt.ArrayLike) -> tuple[Floats, Flags]:
-    """Return the correlated colour temperature of linear RGB (..., 3), and where it means something, both of shape (...).
+    """Return the correlated colour temperature of linear RGB (..., 3), and where it means something, shape (...).
 
     Robertson's isotherms (1968), right to 0.1 % between 2000 K and 20,000 K. 0 K where there is no light, farther than
     `MAX_DUV` from the Planckian locus, and outside `CCT_RANGE_K`.

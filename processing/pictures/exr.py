@@ -32,17 +32,17 @@ from processing.pictures.writing import check_image, check_light, check_size, re
 from processing.sphere.geometry import geometry_from_json, geometry_to_json
 
 MAGIC = b"\x76\x2f\x31\x01"
-MAX_HEADER_BYTES = 1 << 24
-MAX_PARTS = 64
-MAX_CHANNELS = 256
+MAX_HEADER_BYTES = 1 << 24  # chosen: no honest header is longer
+MAX_PARTS = 64  # chosen
+MAX_CHANNELS = 256  # chosen
 
-_LONG_NAMES, _DEEP, _MULTIPART = 0x400, 0x800, 0x1000
-_KNOWN_FLAGS = 0x200 | _LONG_NAMES | _DEEP | _MULTIPART
-_SAMPLE_BYTES = {0: 4, 1: 2, 2: 4}
+_LONG_NAMES, _DEEP, _MULTIPART = 0x400, 0x800, 0x1000  # bits of the version field
+_KNOWN_FLAGS = 0x200 | _LONG_NAMES | _DEEP | _MULTIPART  # and the bit of single tiled files
+_SAMPLE_BYTES = {0: 4, 1: 2, 2: 4}  # by pixel type: unsigned, half, float
 _NEEDED = {"channels": "chlist", "compression": "compression", "dataWindow": "box2i", "displayWindow": "box2i"}
 _BOUNDED_COMPRESSIONS = range(10)
 """Of these none packs a picture more than a few thousandfold (zlib's limit is 1032)."""
-_MAX_RATIO, _FREE_BYTES = 2500, 1 << 26
+_MAX_RATIO, _FREE_BYTES = 2500, 1 << 26  # chosen, above zlib's 1032
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def _check_part(part: ExrPart, size_bytes: int, path: Path) -> None:
 
 CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """Rec. 709: x and y of red, green, blue and white."""
-THREADS = 2
+THREADS = 2  # chosen
 
 UNSCALED = "luminance in relative units"
 """``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""

@@ -22,14 +22,14 @@ VALIDITY_COLOURS: dict[Validity, tuple[int, int, int]] = {
     Validity.OUTSIDE: NO_DATA,
     Validity.REPAIRED: (255, 160, 0),
 }
-GHOST_COLOUR = (0, 200, 120)
-UNCERTAINTY_RANGE = (0.001, 1.0)
+GHOST_COLOUR = (0, 200, 120)  # RGB
+UNCERTAINTY_RANGE = (0.001, 1.0)  # relative; chosen
 
-_STEPS = (1.0, 3.0)
-_TICKS = (1.0, 2.0, 5.0)
-_LEVELS = 256
-_ROWS = 256
-_PAPER, _INK = (255, 255, 255), (20, 20, 24)
+_STEPS = (1.0, 3.0)  # of a decade: ends of scales
+_TICKS = (1.0, 2.0, 5.0)  # of a decade
+_LEVELS = 256  # colours of a scale
+_ROWS = 256  # at a time, for memory
+_PAPER, _INK = (255, 255, 255), (20, 20, 24)  # RGB
 
 
 def false_colour(luminance: npt.ArrayLike, low: float, high: float, *, colours: str = "turbo") -> Bytes:

@@ -30,9 +30,9 @@ from processing.sphere import Equirectangular
 # What a photograph's own tags say of a panorama: projection and crop (GPano), orientation (EXIF), colours (ICC).
 
 
-MAX_XMP_BYTES = 1 << 20
-MAX_PROFILE_BYTES = 4 << 20
-_ORIENTATION = 274
+MAX_XMP_BYTES = 1 << 20  # chosen
+MAX_PROFILE_BYTES = 4 << 20  # chosen
+_ORIENTATION = 274  # EXIF tag
 _TAG = re.compile(rb"GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64})")
 
 
@@ -136,10 +136,10 @@ TONE_CURVE_UNCERTAINTY = 0.2
 is a judgement, not a measurement."""
 LIGHT_UNCERTAINTY = 0.05
 """Relative, of a pixel of light that comes without any uncertainty."""
-CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255
-ASPECT_TOLERANCE = 0.01
-LEAST_WIDTH_PX = 128
-CIRCLES_BLACK = 0.02
+CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255  # of the largest code; chosen
+ASPECT_TOLERANCE = 0.01  # of 2 : 1; chosen
+LEAST_WIDTH_PX = 128  # chosen
+CIRCLES_BLACK = 0.02  # of the mean; chosen
 
 
 @dataclass(frozen=True)

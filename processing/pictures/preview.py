@@ -15,8 +15,8 @@ from processing.sphere import Equirectangular, Geometry
 
 KEY = 0.28
 """Where the mean of the logarithm goes: rooms are mostly light walls, so higher than middle grey (0.18)."""
-_WHITE_SHARE = 0.995
-_ROWS = 256
+_WHITE_SHARE = 0.995  # of the pixels below white; chosen
+_ROWS = 256  # at a time, for memory
 
 
 def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:

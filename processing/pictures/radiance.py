@@ -20,7 +20,7 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.pictures.writing import check_image, check_light, check_size, refused, write_bytes
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
 
-_FIT = 1e-6
+_FIT = 1e-6  # rounding error
 
 
 def view_of(geometry: Geometry, where: Path | str) -> str:
@@ -112,11 +112,11 @@ def _numbers(words: list[str], name: str, default: tuple[float, float, float]) -
 
 _SMALLEST = 1e-32
 """Below this Radiance stores black."""
-_EXPONENT_BIAS = 128
+_EXPONENT_BIAS = 128  # of RGBE (Ward 1991)
 _STEPS = (0.7548776662466927, 0.5698402909980532)
 """Of the plane's most even additive sequence (Roberts 2018, R2): neighbours get thresholds far from each other."""
-_MIN_RUN, _MAX_RUN, _MAX_LITERAL = 4, 127, 128
-RLE_WIDTHS = range(8, 32768)
+_MIN_RUN, _MAX_RUN, _MAX_LITERAL = 4, 127, 128  # Radiance's color.c
+RLE_WIDTHS = range(8, 32768)  # that have the new run-length code (color.c)
 
 
 class RunLengthError(ValueError):
@@ -245,16 +245,16 @@ def _decode_line(data: bytes, place: int, width: int) -> tuple[bytearray, int]:
     return line, place
 
 
-WHITE_EFFICACY_LM_W = 179.0
+WHITE_EFFICACY_LM_W = 179.0  # Radiance's color.h
 RADIANCE_WEIGHTS = (0.265, 0.670, 0.065)
 """As ``evalglare`` and ``pvalue -b`` use them (Radiance, src/common/color.h)."""
 MARK = "daylit_luminance=radiance-weights"
 RELATIVE_MARK = "daylit_units=relative"
 """In the header of a picture whose scale nothing gave: its values are no watts, and not to be taken for cd/m2."""
 
-_MAX_FILE_BYTES = 1 << 31
-_MAX_HEADER_BYTES = 1 << 20
-_ROWS = 128
+_MAX_FILE_BYTES = 1 << 31  # chosen
+_MAX_HEADER_BYTES = 1 << 20  # chosen
+_ROWS = 128  # at a time, for memory
 
 
 @dataclass(frozen=True)

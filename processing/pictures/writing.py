@@ -18,7 +18,7 @@ from station.session.folder import Folder, part_name, write_file
 
 MAX_PIXELS = 1 << 28
 """A picture of the whole sphere at 1 arc minute; more is a damaged header, or a bomb."""
-MAX_SIDE_PX = 1 << 16
+MAX_SIDE_PX = 1 << 16  # chosen
 
 _ROWS = 256
 """Rows looked at in one go, so that checks need little memory beside the picture."""

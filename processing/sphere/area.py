@@ -36,8 +36,9 @@ Integral = Callable[[Doubles, Doubles, Doubles, Doubles], Doubles]
 """From sine and cosine of theta, and cosine and sine of the azimuth in the picture, to F."""
 
 LARGE_RADIUS_PX, VERY_LARGE_RADIUS_PX = 256, 1024
-RIM_PX = 32
-CELLS_AT_ONCE = 1 << 18
+"""In pixels; chosen: from here Gauss's rule of 2 points, of 1 point will do."""
+RIM_PX = 32  # cells this near the edge are integrated along their edges; chosen
+CELLS_AT_ONCE = 1 << 18  # for memory
 
 
 def fisheye_solid_angles(lens: Fisheye) -> Doubles:
@@ -193,8 +194,8 @@ def _add_arcs(lens: Fisheye, out: Doubles, rim: Callable[[Doubles], Doubles]) ->
 
 CROSSED_SAMPLES = 2048
 """A cell that the plane's horizon crosses is divided until this many parts would lie across the picture."""
-MOST_PARTS = 64
-SAMPLES_AT_ONCE = 1 << 18
+MOST_PARTS = 64  # chosen, for time
+SAMPLES_AT_ONCE = 1 << 18  # for memory
 
 
 def solid_angles(geometry: Geometry) -> Doubles:

@@ -21,7 +21,7 @@ import numpy as np
 from processing.errors import LensError, ParameterError
 from processing.ground.arrays import Doubles, Flags
 
-SUM_TOLERANCE = 1e-6
+SUM_TOLERANCE = 1e-6  # of a polynomial's coefficients from 1; chosen
 
 
 class LensMapping(StrEnum):
@@ -166,7 +166,7 @@ def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> 
 
 FIELD_TOLERANCE_RAD = 1e-9
 """A direction computed to lie on the field's edge is inside it."""
-TABLE_SIZE = 257
+TABLE_SIZE = 257  # start of Newton's steps; chosen
 NEWTON_STEPS = 4
 """From a table of 257 points each step squares the error: three reach rounding, one is spare."""
 

@@ -98,7 +98,7 @@ PAD_PX = 2
 """Pixels beyond seam and poles that cubic interpolation may ask for."""
 LARGEST_PX = 32_000
 """Of a picture's sides: OpenCV's limit, less the padding."""
-PIXELS_AT_ONCE = 1 << 20
+PIXELS_AT_ONCE = 1 << 20  # for memory
 LEAST_WEIGHT = 1e-3
 """Of what is known around a sample, below which it is taken as unknown."""
 

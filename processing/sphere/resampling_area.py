@@ -23,8 +23,8 @@ from processing.sphere.overlap import CLEAR, CUT, HIDDEN, Net, gather, scatter
 
 CELL_RAD = 0.01
 """Cells of the net are divided until they are smaller: their straight sides then miss the true ones by 1.3e-5 rad."""
-CORNERS_AT_ONCE = 1 << 19
-THREADS = 2
+CORNERS_AT_ONCE = 1 << 19  # for memory
+THREADS = 2  # chosen
 
 
 def area_resample(picture: Floats, source: Geometry, target: Geometry, weights: Floats) -> tuple[Floats, Floats]:

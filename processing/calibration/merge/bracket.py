@@ -21,7 +21,7 @@ from processing.pictures.frames import ArrayFrame, Codes, FrameSource, same_file
 from processing.pictures.images import RelativeImage, Validity
 from processing.sphere import Geometry
 
-MAX_FRAMES = 64
+MAX_FRAMES = 64  # chosen: several times the nine of a session
 
 
 @dataclass(frozen=True)

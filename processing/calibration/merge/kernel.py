@@ -75,8 +75,8 @@ add_four = _four_floats(add=True)
 """``add_four(target, source)``: adds four float32 to what is at ``target``: numba does not find this by itself."""
 
 
-RUN_PX = 128
-RUN = 3 * RUN_PX
+RUN_PX = 128  # pixels judged together; chosen: a run's sums stay in the first cache
+RUN = 3 * RUN_PX  # codes a run
 
 
 class Lookup(NamedTuple):
@@ -109,18 +109,18 @@ class FlatPlanes(NamedTuple):
     """(N,): 0 fine, 1 odd, 2 surely something moved."""
 
 
-_ENTRY = np.uint64(16)
-_PIXEL = np.uint64(48)
-_CHANNEL = np.uint64(256 * 16)
-_FRAME = np.uint64(3 * 256 * 16)
-_TWICE = np.uint64(32)
+_ENTRY = np.uint64(16)  # bytes: four float32
+_PIXEL = np.uint64(48)  # bytes: three entries
+_CHANNEL = np.uint64(256 * 16)  # bytes: 256 entries
+_FRAME = np.uint64(3 * 256 * 16)  # bytes: three channels
+_TWICE = np.uint64(32)  # bytes: two entries
 TRIGGER_CHI2 = 26.0
 """Of a pixel's sums: one in 100,000 of two frames by chance (3 degrees of freedom). Then all frames are looked at."""
-CLIPPED_SNR2 = np.float32(1e-3)
-DARK_UNCERTAINTY = np.float32(0.5)
+CLIPPED_SNR2 = np.float32(1e-3)  # between a bound's `TRACE_SNR2` and any measurement's; chosen
+DARK_UNCERTAINTY = np.float32(0.5)  # relative; chosen: more is no value
 _R, _G, _B = (np.float32(weight) for weight in LUMINANCE_WEIGHTS)
-_ONE, _TINY = np.float32(1.0), np.float32(1e-30)
-VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)
+_ONE, _TINY = np.float32(1.0), np.float32(1e-30)  # of the type of the sums
+VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)  # `Validity`, as the loops write it
 
 
 @compiled

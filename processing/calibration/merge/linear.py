@@ -18,10 +18,10 @@ from processing.calibration.response.curve import NoiseModel
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 
-FULL = 65535.0
+FULL = 65535.0  # largest 16-bit code
 CLIP_CODE = 64224
 """98 % of full scale: from here on a sample counts as clipped."""
-_DARK_UNCERTAINTY = 0.5
+_DARK_UNCERTAINTY = 0.5  # as in the 8-bit loops
 _R, _G, _B = LUMINANCE_WEIGHTS
 
 

@@ -48,12 +48,12 @@ __all__ = ["MergeOptions", "MergeReport", "Merged", "merge"]
 
 Quality = Literal["draft", "standard", "reference"]
 MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.0}
-WARN_STOPS = 0.05
-REFUSE_STOPS = 0.25
-WARN_NOISE = 2.0
-MAX_GHOST_SHARE = 0.5
-BAND_PX = 128 * 2048
-CODED_CORRELATION = 0.15
+WARN_STOPS = 0.05  # chosen: 3.5 % of light; below it light that changes is taken as noise
+REFUSE_STOPS = 0.25  # chosen: a wrong dial is a third of a stop
+WARN_NOISE = 2.0  # of the variance; chosen
+MAX_GHOST_SHARE = 0.5  # of the picture; chosen
+BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen
+CODED_CORRELATION = 0.15  # chosen between raw frames and JPEG
 JPEG_TOP_CODE = 249
 """Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
 

@@ -28,13 +28,13 @@ from processing.ground.arrays import Doubles, Floats
 from processing.pictures.frames import Codes
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
-CODES = 256
+CODES = 256  # of 8 bits
 TRACE_SNR2 = 1e-6
 """Squared signal to noise of a bound that is no measurement."""
 TAPER_CODES = 6
 """Below the clipping code weights fall to a quarter: whether a sample there counts must not hang on its own noise."""
-RISE_SIGMAS = 6.0
-COMMON_SHARE = 0.45
+RISE_SIGMAS = 6.0  # chosen
+COMMON_SHARE = 0.45  # measured: see `coding_error`
 
 
 @dataclass(frozen=True)
@@ -194,17 +194,17 @@ def _rise(curve: ResponseCurve, noise: NoiseModel) -> int:
 
 
 Seen = tuple[Floats, Floats]
-GRID_SAMPLES = 12_000
-MIN_SAMPLES = 120
-MARGIN_SIGMAS = 3.0
-MAX_SIGMA = 0.25
-BINS = 5
-CODES_8BIT = 256
+GRID_SAMPLES = 12_000  # pixels compared; chosen
+MIN_SAMPLES = 120  # chosen: a median to a tenth of the scatter
+MARGIN_SIGMAS = 3.0  # clear of clipping and of dark; chosen
+MAX_SIGMA = 0.25  # relative, of a sample that is compared; chosen
+BINS = 5  # of the level; chosen
+CODES_8BIT = 256  # tables of as many are of 8-bit frames
 CLEAR_OF_BLACK = 8
 """Codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve."""
-TINY = 1e-30
-MAX_LOOKS = 4
-FACTOR_LIMITS = (0.7, 1000.0)
+TINY = 1e-30  # no division by 0
+MAX_LOOKS = 4  # rounds; chosen
+FACTOR_LIMITS = (0.7, 1000.0)  # chosen
 
 
 @dataclass(frozen=True)

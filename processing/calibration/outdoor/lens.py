@@ -73,12 +73,12 @@ Picture = npt.NDArray[Any]
 
 _COARSE_PX = 640
 """Pixels of the longer side in which the circle is first looked for."""
-_RAYS, _FINE_RAYS = 360, 1440
-_KEPT_A_RAY = 4
-_LEAST_CONTRAST = 0.2
+_RAYS, _FINE_RAYS = 360, 1440  # coarse and fine search; chosen
+_KEPT_A_RAY = 4  # candidates; chosen
+_LEAST_CONTRAST = 0.2  # of an edge; chosen
 _FLOOR = 0.02
 """Of full scale: contrasts below this level are mostly noise."""
-_TRIALS = 600
+_TRIALS = 600  # random circles; chosen
 _LEAST_SHARE = 0.25
 """Of the rays inside the picture that must agree."""
 _TOLERANCE = 0.012

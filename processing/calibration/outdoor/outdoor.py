@@ -23,8 +23,8 @@ from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from processing.sphere.resampling import resample, resample_labels
 
-_MOST_UNCERTAIN = np.float32(1e3)
-_DARK_SHARE = 0.5
+_MOST_UNCERTAIN = np.float32(1e3)  # in place of infinity while averaging
+_DARK_SHARE = 0.5  # of a pixel's light sources; chosen
 _EDGE_PX = math.sqrt(0.5)
 """Pixels whose middle is this near the image circle's edge may lie partly outside: their light is not whole."""
 

@@ -19,7 +19,7 @@ from processing.sphere import Equirectangular, Fisheye
 
 WATER_CM = 1.5
 """Precipitable water, the usual mid-latitude value, where none is given."""
-_CLEARNESS_EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)
+_CLEARNESS_EDGES = (1.065, 1.23, 1.5, 1.95, 2.8, 4.5, 6.2)  # Perez et al. 1990, table 1
 _DIRECT_LM_W = (
     (57.20, -4.55, -2.98, 117.12),
     (98.99, -3.46, -1.21, 12.38),

@@ -34,24 +34,24 @@ from processing.ground.arrays import Doubles, Flags
 
 _QUICK_PATCHES = 1000
 """How many patches the first rounds use: they need only come near."""
-_MOST_WRONG = 3
-_CLEAR_OF_BLACK = 12.0
+_MOST_WRONG = 3  # frames of a bracket; chosen
+_CLEAR_OF_BLACK = 12.0  # codes; chosen: above cut-off noise
 _LEAST_CLEAR_PATCHES = 60
 """Patches (of all channels) clear of black that a frame must show before its time is doubted."""
-_SAME_TIME = 0.1
-_LEAST_RISING = 0.5
-_WIDEST_STOPS = 4.5
-_REFINE = 3
-_BOUNDED = 3.0
+_SAME_TIME = 0.1  # stops; chosen: less is one dial
+_LEAST_RISING = 0.5  # of the pairs of frames; chosen
+_WIDEST_STOPS = 4.5  # chosen: two frames' ranges must overlap
+_REFINE = 3  # rounds; chosen
+_BOUNDED = 3.0  # standard deviations, Huber's bound in the first rounds; chosen
 _OUTLIER = 5.0
 """Standard deviations beyond which a patch has moved."""
-_LEAST_SAMPLES = 40
-_LEAST_CODES = 48
-_LEAST_NEAR = 5
-_LEAST_SLOPE = 1e-4
+_LEAST_SAMPLES = 40  # patches; chosen: more than unknowns
+_LEAST_CODES = 48  # of 256; chosen
+_LEAST_NEAR = 5  # patches within two codes; chosen
+_LEAST_SLOPE = 1e-4  # stops a code, so that curves rise strictly
 _CONTINUED = 10
 """Codes above the data in which the spline continues."""
-_PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005
+_PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005  # squared codes: rounding; of means it averages out
 
 
 @dataclass(frozen=True)

@@ -150,14 +150,14 @@ class PatchNoise:
     pixel: CodeNoise = CodeNoise(0.0, 0.0, 1.0)
 
 
-_LOW, _HIGH = 5.0, 250.0
+_LOW, _HIGH = 5.0, 250.0  # predicted codes that are used; chosen: clear of cut-off noise
 _LEAST_LONG_CODE = 8.0
 """Codes of the longer exposure that predict."""
-_BINS = 40
+_BINS = 40  # over the code; chosen
 _LEAST = 20
 """Differences that a bin must hold."""
-_TRIM = 4.0
-_ROUNDS = 4
+_TRIM = 4.0  # robust standard deviations; chosen: what moved does not count
+_ROUNDS = 4  # of reweighting; chosen
 
 
 def fit_noise(

@@ -22,7 +22,7 @@ from processing.ground.colour import srgb_decoded
 # Smooth functions of the picture code: cubic B-splines whose knots are equally spaced in the root of the code.
 
 
-N_BASIS = 26
+N_BASIS = 26  # splines; chosen
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ FIRST_CODE, LAST_CODE = 3.0, 252.0
 _LOG_LAMBDAS = np.arange(3.5, 5.1, 0.25)
 """Of 1 / stops2. The weakest prior: second differences between knots of 0.018 stop; frames exactly two stops apart
 leave ripples of that period free, which only the prior holds down. The strongest: 0.003 stop."""
-_GAUGE_CODE = 128
-_CELLS, _CELL_PATCHES = 16, 8
+_GAUGE_CODE = 128  # where the curve's change is 0
+_CELLS, _CELL_PATCHES = 16, 8  # of the code, and patches a cell needs; chosen
 _MOST_SHIFT = 0.2
 """Stops: a correction of the second order that is larger is none."""
 

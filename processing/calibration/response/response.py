@@ -179,7 +179,7 @@ def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool)
 
 
 def curve_sigma(fit: ChannelFit, gauge: int) -> Doubles:
-    """Return the standard uncertainty in stops, of shape (256,), 0 at the gauge code: of fit, model and continuation."""
+    """Return the standard uncertainty in stops, shape (256,), 0 at the gauge code: of fit, model and continuation."""
     rows = spline_basis().codes
     inside = np.clip(np.arange(256), fit.low, min(fit.high + 3, 255))
     rows = rows[inside] - rows[inside[gauge]]

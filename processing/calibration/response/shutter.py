@@ -23,9 +23,9 @@ WRONG_STOPS = 0.12
 """A time that is off by more is none of a shutter's tolerance but a wrong entry: a third of a stop is the next dial."""
 _CLEAR_CHI2 = 100.0
 """Gain in chi2 that a wrong time must explain: patches are many, the curve is smooth, small misfits are certain."""
-_DECISIVE_CHI2 = 10.0
-_STIFF = 1e3
-_SAME_STOPS = 1e-6
+_DECISIVE_CHI2 = 10.0  # chosen: odds of 150 to 1
+_STIFF = 1e3  # chosen: holds what frames cannot show
+_SAME_STOPS = 1e-6  # rounding error
 _LEAST_FRAMES = 4
 """Of one bracket: two or three frames fit any times with a curve to match."""
 

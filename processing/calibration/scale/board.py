@@ -18,15 +18,15 @@ from processing.ground.arrays import Doubles, Flags, Floats, Int32s
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
 
-MIN_CONFIDENCE = 0.25
-_WORK_WIDTH_PX = 840
+MIN_CONFIDENCE = 0.25  # chosen
+_WORK_WIDTH_PX = 840  # chosen
 _STEPS_STOPS = (0.03, 0.06, 0.10)
 """Between neighbours of one even surface, more is an edge: a dim board before a white wall needs the least."""
 _MIN_SR, _MAX_SR = 6e-4, 0.35
 """From a sheet of paper at 5 m to half a metre at 0.9 m."""
-_MAX_LATITUDE_RAD = math.radians(60)
-_MIN_PX = 9
-_NEAR_RAD = math.radians(12)
+_MAX_LATITUDE_RAD = math.radians(60)  # chosen: nobody puts it on floor or ceiling
+_MIN_PX = 9  # chosen
+_NEAR_RAD = math.radians(12)  # chosen
 
 
 @dataclass(frozen=True)

@@ -35,10 +35,10 @@ from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, d
 
 MAX_MISMATCH = 0.25
 """Right charts come to 0.02 .. 0.12; turned by half a circle the same ones to more than 0.5."""
-WHITE_WARNING_FRAC = 0.02
+WHITE_WARNING_FRAC = 0.02  # chosen: the patches' own uncertainty
 _MIN_SIGMA = 0.003
 """Relative, of any patch: paint and angle differ that much between two cameras that stand side by side."""
-_HUBER = 1.5
+_HUBER = 1.5  # standard deviations (Huber 1964); chosen
 
 
 @dataclass(frozen=True)
@@ -204,9 +204,9 @@ def _sure(chart: FoundChart, message: str) -> FoundChart:
     return chart
 
 
-_FOV_RAD = math.radians(75)
-_MAX_PX = 1800
-_SURE_MISMATCH = 0.12
+_FOV_RAD = math.radians(75)  # chosen
+_MAX_PX = 1800  # chosen, for time
+_SURE_MISMATCH = 0.12  # right charts come to less: see `MAX_MISMATCH`
 
 
 @dataclass(frozen=True)

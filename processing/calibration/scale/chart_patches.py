@@ -14,15 +14,15 @@ from processing.ground.arrays import Doubles
 from processing.ground.colour import srgb_decoded
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 
-COLUMNS, ROWS = 6, 4
+COLUMNS, ROWS = 6, 4  # of the 24-patch chart
 PATCH_NAMES = (
     "dark skin", "light skin", "blue sky", "foliage", "blue flower", "bluish green",
     "orange", "purplish blue", "moderate red", "purple", "yellow green", "orange yellow",
     "blue", "green", "red", "yellow", "magenta", "cyan",
     "white", "neutral 8", "neutral 6.5", "neutral 5", "neutral 3.5", "black",
 )  # fmt: skip
-NEUTRALS = tuple(range(18, 24))
-WHITE = 18
+NEUTRALS = tuple(range(18, 24))  # its last row
+WHITE = 18  # number of the white patch
 _SRGB = (
     0x735244, 0xC29682, 0x627A9D, 0x576C43, 0x8580B1, 0x67BDAA,
     0xD67E2C, 0x505BA6, 0xC15A63, 0x5E3C6C, 0x9DBC40, 0xE0A32E,
@@ -32,9 +32,9 @@ _SRGB = (
 """As the maker publishes them (8-bit sRGB): good enough to know a chart and its way up."""
 WINDOW = 0.5
 """Of a patch's pitch: what is averaged; frames and the blur of edges stay outside."""
-_GRID = 14
-MAX_INVALID_FRAC = 0.1
-MIN_PIXELS = 4
+_GRID = 14  # samples across a patch; chosen
+MAX_INVALID_FRAC = 0.1  # of a patch; chosen
+MIN_PIXELS = 4  # across a patch; chosen
 
 
 @dataclass(frozen=True)
@@ -182,11 +182,11 @@ def _mismatch(rgb: Doubles, usable: npt.NDArray[np.bool_]) -> float:
 
 _WORK_PX = (480, 960)
 """Picture widths that the detector works at: patches of 15 to 100 pixels suit it."""
-_WHITE_PERCENTILES = (99.0, 90.0, 99.9)
-_EVEN_WINDOW = 0.74
-_EVEN_GRID = 9
-_FRAME_WEIGHT = 0.3
-_LINE_POINTS = 48
+_WHITE_PERCENTILES = (99.0, 90.0, 99.9)  # exposures that are tried; chosen
+_EVEN_WINDOW = 0.74  # of a patch's side; chosen
+_EVEN_GRID = 9  # samples across a patch; chosen
+_FRAME_WEIGHT = 0.3  # of dark frames beside even patches; chosen
+_LINE_POINTS = 48  # samples along the frame; chosen
 
 
 def candidates(view: RelativeImage) -> Iterator[Doubles]:

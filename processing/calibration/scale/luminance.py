@@ -22,8 +22,8 @@ from processing.pictures.images import LuminanceImage, RelativeImage, Validity, 
 from processing.sphere import Equirectangular, Geometry, pixels
 from station.session.session import FrameRecord, ReadingRecord
 
-DRIFT_WARNING_FRAC = 0.05
-SPOT_WARNING_FRAC = 0.02
+DRIFT_WARNING_FRAC = 0.05  # chosen
+SPOT_WARNING_FRAC = 0.02  # chosen
 MAX_GHOST_SHARE = 0.25
 """Of the spot: more means that something stood before the target."""
 CURVE_FRAC = 0.004

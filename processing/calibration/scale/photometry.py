@@ -18,7 +18,7 @@ from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.sphere import Geometry, projected_solid_angles
 
-UP = (0.0, 0.0, 1.0)
+UP = (0.0, 0.0, 1.0)  # a level plane's normal
 DEFAULT_LIMIT = 0.10
 """Relative difference from a lux meter above which a warning is given (a good meter's own error is 3 to 5 %)."""
 

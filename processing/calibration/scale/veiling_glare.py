@@ -21,11 +21,11 @@ Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
 RIM_GAP = 1.06
 """In radii: nearer to the image circle the lens's own blur and its bright rim reach out."""
-MIN_SURROUND_PX = 400
+MIN_SURROUND_PX = 400  # chosen
 MAX_DARK_SHARE = 0.25
 """Of the surround: where more of it is too dark to measure, what is left are the brightest by chance, not the veil."""
-_DARKEST_SHARE = 0.001
-_MAD_SIGMA = 1.4826
+_DARKEST_SHARE = 0.001  # of the field; chosen
+_MAD_SIGMA = 1.4826  # of a normal distribution: 1 / quantile(0.75)
 
 
 @dataclass(frozen=True)

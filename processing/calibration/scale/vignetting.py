@@ -33,8 +33,8 @@ def lens_data() -> dict[str, Any]:
 
 EVEN_POWERS = (2, 4, 6)
 """Of r, what fits take: a rotationally symmetric lens's fall-off is smooth in the middle."""
-_LEAST, _MOST = 0.02, 4.0
-_MIN_SAMPLES = 50
+_LEAST, _MOST = 0.02, 4.0  # chosen: no lens falls or rises so far
+_MIN_SAMPLES = 50  # chosen: ten times the unknowns
 
 
 @dataclass(frozen=True)
