@@ -36,7 +36,7 @@ from mocks.rooms.room import make_room
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site
-from processing.calibration.outdoor.clear_sky import Place
+from processing.calibration.outdoor.sun_place import Place
 from processing.light.picture.render import render
 from processing.light.picture.viewpoint import seen_from
 from processing.light.scene.albedo import albedo_of_room
@@ -269,7 +269,7 @@ def sun_error_deg(count: int, seed: int) -> float:
     import pandas as pd
     from pvlib.solarposition import spa_python
 
-    from processing.calibration.outdoor.clear_sky import sun_place
+    from processing.calibration.outdoor.sun_place import sun_place
 
     rng = np.random.default_rng([seed, 7])
     start = datetime(2000, 1, 1, tzinfo=UTC)

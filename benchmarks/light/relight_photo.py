@@ -22,7 +22,7 @@ from mocks.rooms.sky.daylight import LOWEST_SUN_RAD, Moment, sun_of
 from mocks.rooms.truth import equirectangular
 from mocks.rooms.world import RoomWorld
 from mocks.worlds.light import Site
-from processing.calibration.outdoor.clear_sky import Place
+from processing.calibration.outdoor.sun_place import Place
 from processing.light.picture.relight_photo import photograph_under, with_captured_land
 from processing.light.scene.albedo import albedo_of_room
 from processing.light.solver.basis import BASIS_EFFORTS, basis_of

@@ -33,7 +33,8 @@ from processing.calibration.outdoor.outdoor import (
     with_lens,
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
-from processing.calibration.response.response import Bracket8, estimate_noise, recover_response
+from processing.calibration.response.response import estimate_noise, recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule, true_time_s
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.calibration.scale.vignetting import published_vignetting
@@ -192,7 +193,7 @@ def response_difference(ours: ResponseCurve, theirs: ResponseCurve) -> float:
 def tied(curve: ResponseCurve, published: ResponseCurve) -> ResponseCurve:
     """Return our curve in the published one's gauge: the same mean of log exposure over codes 30..220.
 
-    The factor 1.18 was measured with the published curve; a curve of its own tells exposure but for a factor.
+    The factor 1.18 was measured with the published curve; a curve of its own gives exposure but for a factor.
     """
     codes = slice(30, 221)
     off = (published.log2_exposure - curve.log2_exposure)[:, codes].mean(axis=1, keepdims=True)

@@ -29,7 +29,8 @@ from benchmarks.seeds import seeds
 from mocks.optics.sensor import TrueShutter
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
-from processing.calibration.response.response import Bracket8, recover_response
+from processing.calibration.response.response import recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.pictures.frames import FrameSource, array_frame, jpeg_frame
 from processing.sphere import Equirectangular
 

@@ -16,7 +16,8 @@ from benchmarks.plots import IMAGES, Point, time_against_error
 from benchmarks.seeds import seeds
 from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
-from processing.calibration.response.response import Bracket8, recover_response
+from processing.calibration.response.response import recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.pictures.frames import array_frame
 from processing.sphere import Equirectangular
 

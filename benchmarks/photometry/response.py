@@ -21,7 +21,8 @@ from benchmarks.photometry.response_rivals import colour_hdri, mitsunaga_nayar, 
 from benchmarks.seeds import seeds
 from mocks.optics.sensor import TrueShutter
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
-from processing.calibration.response.response import Bracket8, ResponseFit, recover_response
+from processing.calibration.response.response import ResponseFit, recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.ground.arrays import Doubles
 
 FULL_SIZE, QUICK_SIZE = (6720, 3360), (1680, 840)

@@ -16,6 +16,7 @@ from mocks.optics.camera import scene_rows
 from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site, UniformWorld, World, luminance_cd_m2
 from mocks.worlds.simple_room import SimpleRoom
+from processing.calibration.optics import veil_taken_off
 from processing.calibration.outdoor.outdoor import OutdoorOptics, OutdoorView, correct_outdoor, outdoor_view
 from processing.calibration.scale.luminance import ScaleFactor, combined, scale_from_reading, scaled
 from processing.calibration.scale.photometry import illuminance_lx
@@ -24,7 +25,6 @@ from processing.pictures.images import Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
 from processing.rig.session_side import SessionSide, read_side
 from processing.sphere import solid_angles
-from processing.stages.outdoor_optics import veil_taken_off
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import Side
 

@@ -30,8 +30,8 @@ from station.session import strict_json
 from station.session.folder import Folder, write_file
 from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, Side
 
-PROFILE_SCHEMA_VERSION = 1
-MAX_PROFILE_BYTES = 32 << 20
+PROFILE_SCHEMA_VERSION = 1  # raised when a field changes its meaning
+MAX_PROFILE_BYTES = 32 << 20  # chosen
 _REL_TOLERANCE = 0.01
 """Of f-numbers: cameras write 5.6 for 5.657."""
 

@@ -10,8 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from processing.calibration.outdoor.image_circle import ImageCircle
-from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.shutter import ShutterRule, true_time_s
@@ -25,7 +24,7 @@ NonNegative = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]
 _UNKNOWN_STOPS = 99.0
 """Written for an uncertainty without bound: JSON has no infinity."""
-_SAME_TIME_FRAC = 0.01
+_SAME_TIME_FRAC = 0.01  # chosen: dials differ by more
 _CODES = Annotated[tuple[float, ...], Field(min_length=2, max_length=65_536)]
 
 

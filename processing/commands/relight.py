@@ -12,7 +12,7 @@ import click
 if TYPE_CHECKING:
     from datetime import datetime
 
-    from processing.calibration.outdoor.clear_sky import Place
+    from processing.calibration.outdoor.sun_place import Place
     from processing.relighting.relit_session import Relighting, RelitRoom
     from processing.relighting.session_room import SessionRoom
     from processing.relighting.weather import Weather

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.scale.meter_spot import Spot, spot_pixels
+from processing.calibration.scale.luminance import Spot, spot_pixels
 from processing.calibration.scale.photometry import Illuminance, illuminance_lx, luminance_map
 from processing.errors import ProcessingError, ScaleError
 from processing.figures.glare import bright_spots, glare_of
@@ -25,8 +25,8 @@ from processing.sphere import Equirectangular, directions, solid_angles
 from processing.surfaces.maps import surface_maps
 from processing.surfaces.planes import planes_of
 
-SIZE_PX = 1000
-_TIMEOUT_S = 900.0
+SIZE_PX = 1000  # chosen
+_TIMEOUT_S = 900.0  # chosen
 
 
 def write_glare_views(folder: Path, name: str, image: LuminanceImage, *, size_px: int = SIZE_PX) -> list[Path]:
@@ -59,7 +59,7 @@ def evalglare(tool: Path, view: Path) -> dict[str, float]:
 # Luminance statistics of a picture's parts, each pixel weighted by its solid angle.
 
 
-QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}
+QUANTILES = {"p05": 0.05, "median": 0.5, "p95": 0.95}  # of solid angle
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,10 @@ def parts_of(room: RoomModel | None, geometry: Equirectangular) -> list[tuple[st
 def statistics(
     luminance: npt.NDArray[np.floating], validity: Bytes, area_sr: Doubles, part: tuple[str, str, Flags]
 ) -> PartStatistics | None:
-    """Return a part's statistics; None where the picture shows nothing of it."""
+    """Return a part's statistics; None where the picture shows nothing of it.
+
+    ``luminance``, ``validity``, ``area_sr``: (H, W), in the picture's unit, codes and steradians.
+    """
     name, kind, mask = part
     chosen = mask & (validity != Validity.OUTSIDE) & (area_sr > 0)
     if not chosen.any():
@@ -153,7 +156,7 @@ def camera_figures(image: LuminanceImage, *, height_m: float, heading_rad: float
         }
         if spots is not None:
             glare = glare_of(spots, light.value_lx, azimuth)
-            look["glare"] = {"dgp": glare.dgp, "told": glare.told, "sources": glare.sources} | {
+            look["glare"] = {"dgp": glare.dgp, "told": glare.rating, "sources": glare.sources} | {
                 "brightest_cd_m2": glare.brightest_cd_m2,
                 "faint": glare.faint,
             }
@@ -190,7 +193,7 @@ def meter_figures(image: LuminanceImage, facts: Mapping[str, Any], readings_cd_m
     """Return the picture's luminance where the meter looked beside its readings; None where there is no such place.
 
     ``facts``: the indoor part of the stage calibrate. ``sets_scale`` says that k1 is from these readings: then the
-    two agree by construction, and only the readings' own change tells anything.
+    two agree by construction, and only the readings' own change says anything.
     """
     target = facts.get("target", {})
     if not readings_cd_m2 or "longitude_deg" not in target:

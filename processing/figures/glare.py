@@ -21,10 +21,10 @@ import numpy.typing as npt
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Indices
 
-THRESHOLD_CD_M2 = 2000.0
-PEAK_CD_M2 = 50_000.0
-REACH_RAD = 0.2
-MOST_INDEX = 16.0
+THRESHOLD_CD_M2 = 2000.0  # evalglare's -b
+PEAK_CD_M2 = 50_000.0  # evalglare's -Y
+REACH_RAD = 0.2  # evalglare's -r
+MOST_INDEX = 16.0  # evalglare's bound of P
 FAINT_LX = 380.0
 """At the eye, below which the formula was never tried."""
 
@@ -65,11 +65,11 @@ class Glare:
 
     @property
     def faint(self) -> bool:
-        """Tell whether there is too little light for the formula."""
+        """Return whether there is too little light for the formula."""
         return self.vertical_lx < FAINT_LX
 
     @property
-    def told(self) -> str:
+    def rating(self) -> str:
         """Return what observers call it."""
         return next(name for limit, name in CLASSES if self.dgp < limit)
 
@@ -90,7 +90,7 @@ def bright_spots(rays: Doubles, luminance_cd_m2: npt.NDArray[np.floating], area_
 def linked(rays: Doubles, reach_rad: float) -> Indices:
     """Return for directions (n, 3) the number of the group that each is in; groups lie more than ``reach_rad`` apart.
 
-    To the half degree of a grid over the sphere.
+    To the half degree of a grid over the sphere. ``rays``: unit vectors of shape (N, 3).
     """
     from scipy.ndimage import label
     from scipy.spatial import cKDTree
@@ -174,7 +174,10 @@ def probability(vertical_lx: float, sources: float) -> float:
 
 
 def position_index(rays: Doubles, azimuth_rad: float) -> Doubles:
-    """Return how little a source in each direction (n, 3), ahead of the observer, disturbs: 1 ahead to 16."""
+    """Return how little a source in each direction (n, 3), ahead of the observer, disturbs: 1 ahead to 16.
+
+    ``rays``: unit vectors of shape (N, 3); the result has shape (N,).
+    """
     sine, cosine = math.sin(azimuth_rad), math.cos(azimuth_rad)
     ahead = np.clip(rays @ np.array([sine, cosine, 0.0]), 1e-9, 1)
     aside, up = np.abs(rays @ np.array([cosine, -sine, 0.0])), rays[:, 2]

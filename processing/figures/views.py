@@ -41,7 +41,7 @@ def reduced(image: LuminanceImage, width_px: int) -> LuminanceImage:
 def panorama_of(image: LuminanceImage) -> Equirectangular:
     """Return the geometry of a whole panorama; raise `ParameterError` for another kind of picture."""
     if not isinstance(image.geometry, Equirectangular):
-        raise ParameterError("light at the camera is told from a whole panorama", advice="give an equirectangular one")
+        raise ParameterError("light at the camera needs a whole panorama", advice="give an equirectangular one")
     return image.geometry
 
 

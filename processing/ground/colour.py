@@ -38,7 +38,10 @@ Reals = TypeVar("Reals", Floats, Doubles)
 
 
 def luminance_cd_m2(rgb: npt.ArrayLike) -> Floats:
-    """Return 0.2127 R + 0.7151 G + 0.0722 B (Ji et al. 2023, eq. 1) of linear RGB (..., 3), in the unit of ``rgb``."""
+    """Return 0.2127 R + 0.7151 G + 0.0722 B (Ji et al. 2023, eq. 1) of linear RGB (..., 3), in the unit of ``rgb``.
+
+    Float32 of shape (...).
+    """
     return np.asarray(np.asarray(rgb) @ np.array(LUMINANCE_WEIGHTS, dtype=np.float32), dtype=np.float32)
 
 
@@ -88,7 +91,7 @@ def lab_of_linear(rgb: Doubles, white_rgb: Doubles) -> Doubles:
 
 
 def colour_temperature_k(rgb: npt.ArrayLike) -> tuple[Floats, Flags]:
-    """Return the correlated colour temperature of linear RGB (..., 3), and where it means something, both (...,).
+    """Return the correlated colour temperature of linear RGB (..., 3), and where it means something, shape (...).
 
     Robertson's isotherms (1968), right to 0.1 % between 2000 K and 20,000 K. 0 K where there is no light, farther than
     `MAX_DUV` from the Planckian locus, and outside `CCT_RANGE_K`.

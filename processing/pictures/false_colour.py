@@ -22,14 +22,14 @@ VALIDITY_COLOURS: dict[Validity, tuple[int, int, int]] = {
     Validity.OUTSIDE: NO_DATA,
     Validity.REPAIRED: (255, 160, 0),
 }
-GHOST_COLOUR = (0, 200, 120)
-UNCERTAINTY_RANGE = (0.001, 1.0)
+GHOST_COLOUR = (0, 200, 120)  # RGB
+UNCERTAINTY_RANGE = (0.001, 1.0)  # relative; chosen
 
-_STEPS = (1.0, 3.0)
-_TICKS = (1.0, 2.0, 5.0)
-_LEVELS = 256
-_ROWS = 256
-_PAPER, _INK = (255, 255, 255), (20, 20, 24)
+_STEPS = (1.0, 3.0)  # of a decade: ends of scales
+_TICKS = (1.0, 2.0, 5.0)  # of a decade
+_LEVELS = 256  # colours of a scale
+_ROWS = 256  # at a time, for memory
+_PAPER, _INK = (255, 255, 255), (20, 20, 24)  # RGB
 
 
 def false_colour(luminance: npt.ArrayLike, low: float, high: float, *, colours: str = "turbo") -> Bytes:
@@ -52,7 +52,10 @@ def false_colour(luminance: npt.ArrayLike, low: float, high: float, *, colours: 
 
 
 def display_range(luminance: npt.ArrayLike) -> tuple[float, float]:
-    """Return a scale's ends, 1 or 3 times a power of ten, that hold 99.8 % of the values above 0; 1 to 10 of none."""
+    """Return a scale's ends, 1 or 3 times a power of ten, that hold 99.8 % of the values above 0; 1 to 10 of none.
+
+    ``luminance``: any shape and unit.
+    """
     values = np.asarray(luminance, dtype=np.float64)
     values = values[np.isfinite(values) & (values > 0)]
     if not values.size:
@@ -68,7 +71,10 @@ def uncertainty_picture(uncertainty: Floats) -> Bytes:
 
 
 def validity_overlay(rgb8: Bytes, validity: Bytes, ghost: Bytes | None = None) -> Bytes:
-    """Return a picture, greyed, with pixels that are not valid in their colours, and edges of what moved in green."""
+    """Return a picture, greyed, with pixels that are not valid in their colours, and edges of what moved in green.
+
+    ``rgb8``: (H, W, 3); ``validity``, ``ghost``: (H, W).
+    """
     import cv2
 
     grey = rgb8.mean(axis=2, dtype=np.float32) * np.float32(0.8)
@@ -85,7 +91,8 @@ def validity_overlay(rgb8: Bytes, validity: Bytes, ghost: Bytes | None = None) -
 def legend(low: float, high: float, unit: str, height: int, *, colours: str = "turbo") -> Bytes:
     """Return the scale beside a picture of this height: colours, ticks at 1, 2, 5 and their decades, and the unit.
 
-    Decades alone where there is no room for all. Raises `ParameterError` unless 0 < low < high.
+    Decades alone where there is no room for all. Raises `ParameterError` unless 0 < low < high. The result is (H, W, 3)
+    uint8 RGB, H the height asked for.
     """
     import cv2
 
@@ -116,7 +123,7 @@ def legend_ticks(low: float, high: float, at_most: int) -> list[float]:
 
 
 def with_legend(picture: Bytes, scale: Bytes) -> Bytes:
-    """Return a picture with a legend of the same height, or higher, at its right."""
+    """Return a picture with a legend of the same height, or higher, at its right. Both (H, W, 3) uint8 RGB."""
     height = max(picture.shape[0], scale.shape[0])
     padded = [np.full((height, part.shape[1], 3), _PAPER, dtype=np.uint8) for part in (picture, scale)]
     for whole, part in zip(padded, (picture, scale), strict=True):

@@ -70,7 +70,7 @@ class ArrayFrame:
         return 8 * int(self.array.itemsize)
 
     def decode(self, reduce: Reduce = 1) -> Codes:
-        """Return the array itself, or reduced."""
+        """Return the array itself, or reduced. The result is (H, W, 3), uint8 or uint16 as the frame has it."""
         return _reduced(self.array, reduce)
 
 
@@ -85,7 +85,10 @@ class JpegFrame:
     linear: bool = False
 
     def decode(self, reduce: Reduce = 1) -> Codes:
-        """Decode exactly (no fast DCT, no fast upsampling: those are up to 26 codes off); reduced in the DCT."""
+        """Decode exactly (no fast DCT, no fast upsampling: those are up to 26 codes off); reduced in the DCT.
+
+        The result is (H, W, 3), uint8 or uint16 as the frame has it.
+        """
         data = _bytes(self.source, self.name)
         width, height = (-(-side // _checked(reduce)) for side in self.size_px)
         try:
@@ -109,7 +112,7 @@ class LosslessFrame:
     linear: bool
 
     def decode(self, reduce: Reduce = 1) -> Codes:
-        """Decode whole, then reduce."""
+        """Decode whole, then reduce. The result is (H, W, 3), uint8 or uint16 as the frame has it."""
         return _reduced(_lossless_pixels(self.path, self.name), reduce)
 
 
@@ -126,7 +129,8 @@ class RawFrame:
     def decode(self, reduce: Reduce = 1) -> Codes:
         """Develop linearly: camera white balance, Rec. 709 primaries, clipped at the sensor's own white level.
 
-        LibRaw's brightening and its guess of the white level from the picture are off: both differ between frames.
+        LibRaw's brightening and its guess of the white level from the picture are off: both differ between frames. The
+        result is (H, W, 3), uint8 or uint16 as the frame has it.
         """
         rawpy = _rawpy()
         try:
@@ -208,7 +212,7 @@ def frame_of(path: Path | str, name: str | None = None) -> FrameSource:
 
 
 def same_file(a: FrameSource, b: FrameSource) -> bool:
-    """Return whether two frames come from the same bytes; told without decoding."""
+    """Return whether two frames come from the same bytes; without decoding them."""
     first, second = (getattr(f, "source", getattr(f, "path", None)) for f in (a, b))
     if not isinstance(first, Path | bytes) or not isinstance(second, Path | bytes):
         return a is b

@@ -25,9 +25,9 @@ class Validity(IntEnum):
 
     VALID = 0
     CLIPPED = 1
-    """Brighter than every frame can tell: the value is a lower bound."""
+    """Brighter than every frame can record: the value is a lower bound."""
     DARK = 2
-    """Darker than every frame can tell: the value is 0 or a poor estimate; its uncertainty says how poor."""
+    """Darker than every frame can record: the value is 0 or a poor estimate; its uncertainty says how poor."""
     OUTSIDE = 3
     """Outside the lens's field: no data, value 0."""
     REPAIRED = 4

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
 
-MAX_BYTES = 1 << 28
+MAX_BYTES = 1 << 28  # chosen: no honest mask is larger
 SIXTEEN_BITS = ("I;16", "I;16B", "I;16L", "I;16N")
 EIGHT_BITS = ("1", "L", "P", "PA", "RGB", "RGBX", "CMYK", "YCbCr", "LA", "RGBA", "La", "RGBa")
 """Pillow's names of pictures that it brings to 8 bits by itself."""

@@ -21,8 +21,7 @@ import numpy.typing as npt
 from processing.errors import PanoramaError, PictureFileError
 from processing.ground.arrays import Floats
 from processing.ground.colour import linear_of_srgb, luminance_cd_m2
-from processing.pictures.exr import read_exr, read_exr_rgb
-from processing.pictures.exr_header import read_header
+from processing.pictures.exr import read_exr, read_exr_rgb, read_header
 from processing.pictures.frames import Codes, frame_of
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
 from processing.pictures.radiance import read_radiance_hdr
@@ -31,9 +30,9 @@ from processing.sphere import Equirectangular
 # What a photograph's own tags say of a panorama: projection and crop (GPano), orientation (EXIF), colours (ICC).
 
 
-MAX_XMP_BYTES = 1 << 20
-MAX_PROFILE_BYTES = 4 << 20
-_ORIENTATION = 274
+MAX_XMP_BYTES = 1 << 20  # chosen
+MAX_PROFILE_BYTES = 4 << 20  # chosen
+_ORIENTATION = 274  # EXIF tag
 _TAG = re.compile(rb"GPano:(\w{1,64})(?:\s*=\s*[\"']|\s*>)\s*([^\"'<]{1,64})")
 
 
@@ -102,7 +101,10 @@ def _pixels(text: str | None) -> int | None:
 
 
 def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
-    """Return the codes in sRGB, and what there is to say: another profile is converted (8 bits) or told of."""
+    """Return the codes in sRGB, and what there is to say: another profile is converted (8 bits) or reported.
+
+    ``codes``: (H, W, 3), uint8 or uint16.
+    """
     if not tags.profile:
         return codes, ()
     from PIL import Image, ImageCms
@@ -134,10 +136,10 @@ TONE_CURVE_UNCERTAINTY = 0.2
 is a judgement, not a measurement."""
 LIGHT_UNCERTAINTY = 0.05
 """Relative, of a pixel of light that comes without any uncertainty."""
-CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255
-ASPECT_TOLERANCE = 0.01
-LEAST_WIDTH_PX = 128
-CIRCLES_BLACK = 0.02
+CLIPPED_SHARE_OF_RANGE, DARK_SHARE_OF_RANGE = 250 / 255, 2 / 255  # of the largest code; chosen
+ASPECT_TOLERANCE = 0.01  # of 2 : 1; chosen
+LEAST_WIDTH_PX = 128  # chosen
+CIRCLES_BLACK = 0.02  # of the mean; chosen
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ class GivenPanorama:
     factor: float
     """What the file's own linear values (1: a photograph's white) were multiplied by."""
     clipped_share: float
-    """Of all directions: brighter than the file can tell."""
+    """Of all directions: brighter than the file can record."""
     notes: tuple[str, ...] = ()
 
 

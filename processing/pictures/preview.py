@@ -15,8 +15,8 @@ from processing.sphere import Equirectangular, Geometry
 
 KEY = 0.28
 """Where the mean of the logarithm goes: rooms are mostly light walls, so higher than middle grey (0.18)."""
-_WHITE_SHARE = 0.995
-_ROWS = 256
+_WHITE_SHARE = 0.995  # of the pixels below white; chosen
+_ROWS = 256  # at a time, for memory
 
 
 def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:
@@ -38,7 +38,10 @@ def preview_rgb8(rgb: Floats, exposure: float | None = None) -> Bytes:
 
 
 def auto_exposure(rgb: Floats) -> float:
-    """Return the factor that brings the mean logarithm of luminance to `KEY`; 1 where all is black."""
+    """Return the factor that brings the mean logarithm of luminance to `KEY`; 1 where all is black.
+
+    ``rgb``: (H, W, 3) linear light, >= 0.
+    """
     sample = luminance_cd_m2(rgb[:: max(1, rgb.shape[0] // 512), :: max(1, rgb.shape[1] // 1024)]).astype(np.float64)
     sample = sample[sample > 0]
     return KEY / float(np.exp(np.log(sample).mean())) if sample.size else 1.0
@@ -67,12 +70,12 @@ def png_bytes(array: Bytes) -> bytes:
 
 
 def write_jpeg(path: Path, rgb8: Bytes, *, quality: int = 90, geometry: Geometry | None = None) -> None:
-    """Write `jpeg_bytes` durably."""
+    """Write `jpeg_bytes` durably. ``rgb8``: (H, W, 3) sRGB codes."""
     write_bytes(path, jpeg_bytes(rgb8, quality=quality, geometry=geometry))
 
 
 def write_png(path: Path, array: Bytes) -> None:
-    """Write `png_bytes` durably."""
+    """Write `png_bytes` durably. ``array``: (H, W) or (H, W, 3)."""
     write_bytes(path, png_bytes(array))
 
 
@@ -82,7 +85,7 @@ def _check_rgb8(rgb8: Bytes) -> None:
 
 
 def _gpano(geometry: Equirectangular) -> bytes:
-    """Return the XMP packet that tells viewers how the picture covers the sphere."""
+    """Return the XMP packet that says to viewers how the picture covers the sphere."""
     width, height = geometry.width_px, geometry.height_px
     tags = {
         "ProjectionType": "equirectangular",
@@ -93,9 +96,9 @@ def _gpano(geometry: Equirectangular) -> bytes:
         "CroppedAreaLeftPixels": 0,
         "CroppedAreaTopPixels": 0,
     }
-    told = " ".join(f'GPano:{name}="{value}"' for name, value in tags.items())
+    fields = " ".join(f'GPano:{name}="{value}"' for name, value in tags.items())
     return (
         '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-        f'<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" {told}/>'
+        f'<rdf:Description rdf:about="" xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" {fields}/>'
         "</rdf:RDF></x:xmpmeta>"
     ).encode()

@@ -18,7 +18,7 @@ from station.session.folder import Folder, part_name, write_file
 
 MAX_PIXELS = 1 << 28
 """A picture of the whole sphere at 1 arc minute; more is a damaged header, or a bomb."""
-MAX_SIDE_PX = 1 << 16
+MAX_SIDE_PX = 1 << 16  # chosen
 
 _ROWS = 256
 """Rows looked at in one go, so that checks need little memory beside the picture."""
@@ -62,7 +62,10 @@ def check_array(
 
 
 def check_light(rgb: Floats, where: Path | str) -> None:
-    """Raise unless all values are finite and not negative; the message counts the wrong ones and names the first."""
+    """Raise unless all values are finite and not negative; the message counts the wrong ones and names the first.
+
+    ``rgb``: (H, W, 3).
+    """
     for top in range(0, rgb.shape[0], _ROWS):
         rows = rgb[top : top + _ROWS]
         # One pass in the good case: NaN and infinity both fail these two comparisons of the ends.
@@ -78,14 +81,14 @@ def check_light(rgb: Floats, where: Path | str) -> None:
 
 
 def check_uncertainty(uncertainty: Floats, where: Path | str) -> None:
-    """Raise unless all relative uncertainties are above 0 (infinity: nothing is known)."""
+    """Raise unless all relative uncertainties are above 0 (infinity: nothing is known). ``uncertainty``: (H, W)."""
     if not bool((uncertainty > 0).all()):
         wrong = int((~(uncertainty > 0)).sum())
         raise refused(where, f"{wrong} relative uncertainties are NaN, zero or negative")
 
 
 def check_validity(validity: Bytes, where: Path | str) -> None:
-    """Raise unless all codes are those of `Validity`."""
+    """Raise unless all codes are those of `Validity`. ``validity``: (H, W)."""
     if int(validity.max(initial=0)) > max(Validity):
         raise refused(where, f"validity {int(validity.max())} is no known code (0 to {int(max(Validity))})")
 

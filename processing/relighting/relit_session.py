@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from processing.calibration.outdoor.clear_sky import Place, sun_place
+from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import DaylightError, ParameterError, RelightError
 from processing.ground.arrays import Bytes, Floats
 from processing.light.picture.relight_photo import photograph_under

@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from processing.calibration.outdoor.clear_sky import Place, sun_place
+from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import DaylightError, PictureFileError, RelightError
 from processing.ground.room_model import read_room
 from processing.layout.arrangement import Arrangements

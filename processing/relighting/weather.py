@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from processing.calibration.outdoor.clear_sky import Beam, Place, SunPlace, clear_beam, sun_place
+from processing.calibration.outdoor.sun_place import Beam, Place, SunPlace, clear_beam, sun_place
 from processing.errors import DaylightError
 from processing.ground.arrays import Doubles
 from processing.light.picture.relight_photo import with_captured_land

@@ -14,9 +14,8 @@ import numpy as np
 from processing.calibration.profile import Correction, K2Record, PatchRecord, RigProfile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
-from processing.calibration.scale.chart import ChartScale, scale_from_charts
-from processing.calibration.scale.chart_views import ChartView, chart_at, find_chart_around
-from processing.calibration.scale.meter_spot import Spot
+from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
+from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, ParameterError
 from processing.rig.camera_fit import CameraFit, fit_camera, with_filter, with_flat_field
@@ -55,15 +54,15 @@ class RigResult:
     cameras: Mapping[Side, CameraFit]
 
 
-def calibrate_rig(request: RigRequest, now: datetime, tell: Callable[[str], None] = lambda _text: None) -> RigResult:
-    """Return the rig's profile; ``tell`` hears what is being done.
+def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], None] = lambda _text: None) -> RigResult:
+    """Return the rig's profile; ``report`` is called with what is being done.
 
     Raises
     ------
     ChartError
         The chart was not found in one camera's picture (name its corners).
     ResponseError
-        A camera's frames tell no curve.
+        A camera's frames give no curve.
     ParameterError
         Sessions without the frames that are needed.
     """
@@ -72,9 +71,9 @@ def calibrate_rig(request: RigRequest, now: datetime, tell: Callable[[str], None
         raise ParameterError("the chart session has no frames", where=str(request.chart))
     cameras, views = {}, {}
     for side, taken in charts.items():
-        tell(f"{side}: response, noise, shutter times")
+        report(f"{side}: response, noise, shutter times")
         cameras[side] = _camera(request, side, taken)
-        tell(f"{side}: merging the chart, looking for it")
+        report(f"{side}: merging the chart, looking for it")
         views[side] = _chart_view(cameras[side], taken, request.corners.get(side))
     k2 = _k2(cameras, views, charts) if len(charts) == 2 else None
     warnings = [w for camera in cameras.values() for w in camera.warnings]
@@ -89,7 +88,7 @@ def calibrate_rig(request: RigRequest, now: datetime, tell: Callable[[str], None
 
 
 def _camera(request: RigRequest, side: Side, chart: SessionSide) -> CameraFit:
-    """Return everything about one camera that the sessions tell."""
+    """Return everything about one camera that the sessions show."""
     nd = [read_side(path, side) for path in request.nd or ()] if side is Side.OUTDOOR else []
     others = [read_side(path, side) for path in request.sessions]
     # Even fields and a chart behind a dark filter show few codes: a curve from them would be worse, not better.

@@ -24,7 +24,7 @@ from processing.calibration.profile_records import (
 )
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.shutter import ShutterRule, camera_rule
-from processing.calibration.scale.chart_views import chart_at, find_chart_around
+from processing.calibration.scale.chart import chart_at, find_chart_around
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
 from processing.errors import ProfileError, ResponseError
 from processing.pictures.images import RelativeImage
@@ -36,7 +36,7 @@ _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
 _FLAT_POWERS = (2, 4, 6, 8)
 """As in the published fall-offs of the 8 mm fisheye: with fewer the middle is off by 1 %."""
 _CLEAR_RATIO = 0.8
-"""Of the residuals of two rules: nearer to 1 the frames do not tell them apart."""
+"""Of the residuals of two rules: nearer to 1 the frames do not distinguish them."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def fit_camera(
     Raises
     ------
     ResponseError
-        The frames of all sessions together tell no curve.
+        The frames of all sessions together give no curve.
     """
     warnings: list[str] = []
     rule = rule or camera_rule(takes[0].state.model)
@@ -141,7 +141,10 @@ def with_flat_field(camera: CameraFit, flats: Sequence[SessionSide]) -> CameraFi
 def with_filter(
     camera: CameraFit, filtered: SessionSide, plain: SessionSide, corners: dict[str, npt.ArrayLike] | None = None
 ) -> CameraFit:
-    """Return the camera with the filter that the chart with and without it shows."""
+    """Return the camera with the filter that the chart with and without it shows.
+
+    ``corners``: by "filtered" and "plain" the chart's corners in pixels, shape (4, 2).
+    """
     given = corners or {}
     found = [_patches(camera, taken, given.get(name)) for name, taken in (("filtered", filtered), ("plain", plain))]
     return replace(camera, filter=fit_nd_filter(*found, source="chart with and without the filter"))
@@ -186,7 +189,7 @@ def _best_rule(takes: Sequence[SessionSide]) -> tuple[ResponseFit, ShutterRule, 
     best = tried[0]
     close = [one for one in tried[1:] if best[0] > _CLEAR_RATIO * one[0]]
     doubt = [
-        f"{takes[0].side}: the frames do not tell whether shutter times are {best[3]} or {one[3]} "
+        f"{takes[0].side}: the frames do not show whether shutter times are {best[3]} or {one[3]} "
         f"(residuals {best[0]:.4f} and {one[0]:.4f} stops): {best[3]} is taken"
         for one in close
     ]

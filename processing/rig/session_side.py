@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.outdoor.image_circle import ImageCircle, find_image_circle
-from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.optics import stated_circle
+from processing.calibration.outdoor.lens import ImageCircle, LensModel, find_image_circle
 from processing.calibration.profile import CameraState, camera_state
 from processing.calibration.profile_records import ShutterRecord
 from processing.calibration.response.samples import Bracket8
+from processing.calibration.scale.chart import ChartView
 from processing.calibration.scale.chart_patches import WHITE, WINDOW, chart_points, homography
-from processing.calibration.scale.chart_views import ChartView
 from processing.errors import BracketError, LensError
 from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, frame_of
 from processing.sphere import LensMapping
-from station.session.session import FrameRecord, MeterTarget, ReadingRecord, SessionManifest, Side
+from station.session.session import FrameRecord, MeterTarget, ReadingRecord, Side
 from station.session.store import load_manifest
 
 
@@ -91,12 +91,14 @@ def read_side(path: Path, side: Side) -> SessionSide | None:
         state=camera_state(device, records),
         target=manifest.target,
         readings=manifest.readings,
-        circle_frac=_stated_circle(manifest, side),
+        circle_frac=stated_circle(manifest.rig) if side is Side.OUTDOOR else None,
     )
 
 
 def outdoor_lens(side: SessionSide, frames: Sequence[npt.NDArray[np.uint8]], half_field_rad: float) -> LensModel:
     """Return the fisheye: its circle as the frames show it, else as the rig file states it; an equisolid mapping.
+
+    ``frames``: (H, W, 3) uint8 each.
 
     Raises
     ------
@@ -116,23 +118,14 @@ def outdoor_lens(side: SessionSide, frames: Sequence[npt.NDArray[np.uint8]], hal
     return LensModel(LensMapping.EQUISOLID, circle, half_field_rad, source=f"equisolid; {source}")
 
 
-def _stated_circle(manifest: SessionManifest, side: Side) -> tuple[float, float, float] | None:
-    table = manifest.rig.get(side.value)
-    stated = table.get("image_circle") if isinstance(table, dict) else None
-    if not isinstance(stated, list | tuple) or len(stated) != 3:
-        return None
-    x, y, radius = (float(v) for v in stated)
-    return x, y, radius
-
-
-# The found chart as a picture, so that a person can check that it is the chart and the right way up.
-
-
 _CORNER = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * WINDOW / 2
 
 
 def chart_png(found: ChartView) -> bytes:
-    """Return a PNG: the view with white at 90 %, the windows that were averaged, the white patch's in red."""
+    """Return a PNG by which a person can check the chart.
+
+    White stands at 90 %; the windows that were averaged are outlined, the white patch's in red.
+    """
     import cv2
 
     picture = _shown(found)

@@ -7,16 +7,21 @@ in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/coordinates.md stat
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import types
+import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
 from processing.errors import LensError, ParameterError
 from processing.ground.arrays import Doubles, Flags
 
-SUM_TOLERANCE = 1e-6
+SUM_TOLERANCE = 1e-6  # of a polynomial's coefficients from 1; chosen
 
 
 class LensMapping(StrEnum):
@@ -161,13 +166,13 @@ def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> 
 
 FIELD_TOLERANCE_RAD = 1e-9
 """A direction computed to lie on the field's edge is inside it."""
-TABLE_SIZE = 257
+TABLE_SIZE = 257  # start of Newton's steps; chosen
 NEWTON_STEPS = 4
 """From a table of 257 points each step squares the error: three reach rounding, one is spare."""
 
 
 def polar_of_radius(lens: Fisheye, radius: Doubles) -> tuple[Doubles, Doubles]:
-    """Return sine and cosine of the angle from the axis at relative radii 0..1."""
+    """Return sine and cosine of the angle from the axis at relative radii 0..1. All of one shape, float64."""
     half = lens.half_field_rad
     if lens.mapping is LensMapping.ORTHOGRAPHIC:
         sine = radius * math.sin(half)
@@ -183,7 +188,10 @@ def polar_of_radius(lens: Fisheye, radius: Doubles) -> tuple[Doubles, Doubles]:
 
 
 def radius_of_polar(lens: Fisheye, flat: Doubles, height: Doubles) -> tuple[Doubles, Flags]:
-    """Return relative radii, at most 1, of directions (``flat`` across, ``height`` along the axis), and who is seen."""
+    """Return relative radii, at most 1, of directions (``flat`` across, ``height`` along the axis), and who is seen.
+
+    All of one shape; ``flat`` and ``height`` in any common unit.
+    """
     half = lens.half_field_rad
     theta = np.arctan2(flat, height)
     seen = theta <= half + FIELD_TOLERANCE_RAD
@@ -204,7 +212,7 @@ def radius_of_polar(lens: Fisheye, flat: Doubles, height: Doubles) -> tuple[Doub
 def radial_density(lens: Fisheye, radius: Doubles) -> Doubles:
     """Return the solid angle of a unit of relative area, sin(theta) theta'(r) / r, at relative radii 0..1 (steradians).
 
-    At the edge of an orthographic hemisphere it has no bound; there a very large number is returned.
+    At the edge of an orthographic hemisphere it has no bound; there a very large number is returned. Both of one shape.
     """
     half = lens.half_field_rad
     sine, cosine = polar_of_radius(lens, radius)
@@ -228,7 +236,7 @@ def polynomial(lens: Fisheye, radius: Doubles) -> Doubles:
 
 
 def polynomial_slope(lens: Fisheye, radius: Doubles) -> Doubles:
-    """Return the derivative of `polynomial`."""
+    """Return the derivative of `polynomial`. Both of one shape."""
     total = np.zeros_like(radius)
     for power in range(len(lens.polynomial), 0, -1):
         total = total * radius + power * lens.polynomial[power - 1]
@@ -236,10 +244,72 @@ def polynomial_slope(lens: Fisheye, radius: Doubles) -> Doubles:
 
 
 def inverse_polynomial(lens: Fisheye, share: Doubles) -> Doubles:
-    """Return the radii 0..1 at which `polynomial` is ``share`` 0..1: a table's guess, then Newton."""
+    """Return the radii 0..1 at which `polynomial` is ``share`` 0..1: a table's guess, then Newton.
+
+    Both of one shape.
+    """
     knots = np.linspace(0, 1, TABLE_SIZE)
     radius = np.interp(share, polynomial(lens, knots), knots)
     for _ in range(NEWTON_STEPS):
         slope = np.maximum(polynomial_slope(lens, radius), 1e-6)
         radius = np.clip(radius - (polynomial(lens, radius) - share) / slope, 0.0, 1.0)
     return np.asarray(radius)
+
+
+KINDS: dict[str, type[Geometry]] = {
+    "equirectangular": Equirectangular,
+    "perspective": Perspective,
+    "fisheye": Fisheye,
+}
+
+
+def geometry_to_json(geometry: Geometry) -> dict[str, object]:
+    """Return a geometry as JSON values: its kind and its fields; `geometry_from_json` gives an equal one back."""
+    kind = next(name for name, cls in KINDS.items() if type(geometry) is cls)
+    values = {field.name: getattr(geometry, field.name) for field in dataclasses.fields(geometry)}
+    plain = {key: list(value) if isinstance(value, tuple) else value for key, value in values.items()}
+    return {"kind": kind} | {
+        key: str(value) if isinstance(value, LensMapping) else value for key, value in plain.items()
+    }
+
+
+def geometry_from_json(data: object) -> Geometry:
+    """Return the geometry that `geometry_to_json` wrote.
+
+    Raises `ParameterError` naming the field unless every field is there, of its type, finite, and sizes are positive.
+    """
+    if not isinstance(data, Mapping):
+        raise ParameterError(f"a geometry is an object, not {type(data).__name__}")
+    cls = KINDS.get(str(data.get("kind")))
+    if cls is None:
+        raise ParameterError(f"unknown kind of geometry {data.get('kind')!r}", advice=f"one of {', '.join(KINDS)}")
+    hints = typing.get_type_hints(cls)
+    if set(data) != {"kind", *hints}:
+        raise ParameterError(f"{cls.__name__} has the fields {sorted(hints)}, not {sorted(set(data) - {'kind'})}")
+    values: dict[str, Any] = {name: _value(name, data[name], hint) for name, hint in hints.items()}
+    return cls(**values)
+
+
+def _value(name: str, value: object, hint: object) -> object:
+    """Return a field's value as its type; tuples of numbers were lists."""
+    if hint is LensMapping:
+        if value not in list(LensMapping):
+            raise ParameterError(f"{name}: unknown lens mapping {value!r}", advice=f"one of {', '.join(LensMapping)}")
+        return LensMapping(str(value))
+    if hint is int:
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise ParameterError(f"{name} is a positive whole number, not {value!r}")
+        return value
+    if hint is float:
+        return _number(name, value)
+    if value is None and isinstance(hint, types.UnionType):
+        return None
+    if not isinstance(value, list) or (isinstance(hint, types.UnionType) and len(value) != 2):
+        raise ParameterError(f"{name} is a list of numbers, not {value!r}")
+    return tuple(_number(name, one) for one in value)
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ParameterError(f"{name} is a finite number, not {value!r}")
+    return float(value)

@@ -23,7 +23,8 @@ NEAREST_DEPTH = 1e-9
 def directions(geometry: Geometry, rows: slice | None = None) -> tuple[Doubles, Flags]:
     """Return the directions of pixel centres (h, w, 3) and which pixels see anything (h, w); ``rows`` takes a band.
 
-    Outside a fisheye's circle the direction is that of the nearest point of its edge.
+    Outside a fisheye's circle the direction is that of the nearest point of its edge. H and W are the picture's (H, W),
+    or the band's rows.
     """
     y = np.arange(geometry.height_px)[rows or slice(None)] + 0.5
     return point_directions(geometry, np.arange(geometry.width_px) + 0.5, y[:, None])
@@ -33,7 +34,7 @@ def point_directions(geometry: Geometry, x: npt.ArrayLike, y: npt.ArrayLike) -> 
     """Return unit directions (..., 3) of picture points (pixels, broadcast), and which points see anything.
 
     Points beside the picture are legal: they continue its plane (an equirectangular picture goes round; beyond its
-    poles it comes down on the other side).
+    poles it comes down on the other side). ``x`` and ``y`` have any shapes that broadcast; pixels.
     """
     px, py = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if not (np.isfinite(px).all() and np.isfinite(py).all()):
@@ -49,7 +50,8 @@ def pixels(geometry: Geometry, directions: npt.ArrayLike) -> tuple[Doubles, Doub
     """Return columns and rows of directions (..., 3) of any length, and which of them the picture shows.
 
     Never NaN: what a fisheye does not show falls on the edge of its circle, what a view does not show beside it where
-    the view's plane continues, and at (-1, -1) behind it. Columns of an equirectangular picture are in [0, width).
+    the view's plane continues, and at (-1, -1) behind it. Columns of an equirectangular picture are in [0, width). All
+    results have the shape (...), float64 pixels.
     """
     d = np.asarray(directions, dtype=np.float64)
     if d.shape[-1:] != (3,) or not np.isfinite(d).all():
@@ -61,7 +63,10 @@ def pixels(geometry: Geometry, directions: npt.ArrayLike) -> tuple[Doubles, Doub
 
 
 def places(geometry: Geometry, directions: Doubles) -> tuple[Doubles, Doubles, Flags]:
-    """Return what `pixels` does, but with which directions have a place in the picture's plane, in its frame or not."""
+    """Return what `pixels` does, but with which directions have a place in the picture's plane, in its frame or not.
+
+    ``directions``: float64 of shape (..., 3).
+    """
     if isinstance(geometry, Equirectangular):
         return _equirectangular_pixels(geometry, directions)
     if isinstance(geometry, Perspective):
@@ -70,7 +75,7 @@ def places(geometry: Geometry, directions: Doubles) -> tuple[Doubles, Doubles, F
 
 
 def view_axes(view: Perspective) -> Doubles:
-    """Return the rows right, up, ahead of a view (3, 3)."""
+    """Return the rows right, up, ahead of a view (3, 3). Of shape (3, 3), unit rows."""
     sin_yaw, cos_yaw = math.sin(view.yaw_rad), math.cos(view.yaw_rad)
     sin_pitch, cos_pitch = math.sin(view.pitch_rad), math.cos(view.pitch_rad)
     ahead = np.array([sin_yaw * cos_pitch, cos_yaw * cos_pitch, sin_pitch])

@@ -7,13 +7,27 @@ to each pixel's area without gap or excess.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba as nb
 import numpy as np
 
+from processing.ground.arrays import Doubles, Int8s
+
 CLEAR, CUT, HIDDEN = 0, 1, 2
 """Of a corner: in the plane · moved onto the edge of its field · behind it (cells with such a corner are left out)."""
+
+
+class Net(NamedTuple):
+    """Corners of cells in the plane's picture coordinates (pixels), ``parts`` x ``parts`` cells to a pixel."""
+
+    x: Doubles
+    """(h * parts + 1, w * parts + 1)."""
+    y: Doubles
+    state: Int8s
+    """`CLEAR`, `CUT` or `HIDDEN`."""
+    parts: int
+
 
 FAR = 1e9
 """Picture coordinates beyond this are as good as hidden, and would overflow an integer."""
@@ -55,7 +69,10 @@ def _add_piece(x0: float, y0: float, x1: float, y1: float, first: int, area: Any
 
 @nb.njit(cache=True, nogil=True)
 def row_overlaps(px: Any, py: Any, row: int, first: int, area: Any, cover: Any) -> None:
-    """Fill ``area`` with a quadrilateral's signed overlaps with the pixels of a row from column ``first``."""
+    """Fill ``area`` (W,) with a quadrilateral's signed overlaps with the pixels of a row from column ``first``.
+
+    ``px``, ``py`` (4,): its corners; ``cover`` (W,): scratch.
+    """
     area[:] = 0.0
     cover[:] = 0.0
     for k in range(4):
@@ -106,15 +123,13 @@ def _signed_area(px: Any, py: Any) -> float:
 
 
 @nb.njit(cache=True, nogil=True)
-def gather(
-    x: Any, y: Any, state: Any, parts: int, plane: Any, density: Any, weights: Any, light: Any, weight: Any
-) -> None:
-    """Add to each target cell the plane's light: the net is the target, the plane the source.
+def gather(net: Any, plane: Any, density: Any, weights: Any, light: Any, weight: Any) -> None:
+    """Add to each target cell the plane's light: the ``net`` is the target (h, w), the plane the source.
 
-    ``x``, ``y``, ``state`` (h * parts + 1, w * parts + 1): corners of the net, each target pixel ``parts`` x ``parts``
-    cells. ``plane`` (H, W, C), ``density`` (H, W) steradians per pixel area, ``weights`` (H, W) 0..1. Added to
-    ``light`` (h, w, C) and ``weight`` (h, w).
+    ``plane`` (H, W, C), ``density`` (H, W) steradians per pixel area, ``weights`` (H, W) 0..1. Added to
+    ``light`` (h, w, C) and ``weight`` (h, w), float64.
     """
+    x, y, state, parts = net
     height, width, channels = plane.shape
     px, py = np.empty(4), np.empty(4)
     area, cover = np.empty(width), np.empty(width)
@@ -138,14 +153,14 @@ def gather(
 
 
 @nb.njit(cache=True, nogil=True)
-def scatter(
-    x: Any, y: Any, state: Any, parts: int, source: Any, solid: Any, weights: Any, density: Any, light: Any, weight: Any
-) -> None:
-    """Hand each source cell's light to the plane's pixels: the net is the source, the plane the target.
+def scatter(net: Any, source: Any, solid: Any, weights: Any, density: Any, light: Any, weight: Any) -> None:
+    """Hand each source cell's light to the plane's pixels: the ``net`` is the source (h, w, C), the plane the target.
 
-    A cell that lies in the plane's field gives away exactly its ``solid`` angle (h, w); one that the field cuts gives
-    by the plane's ``density`` (H, W). Added to ``light`` (H, W, C) and ``weight`` (H, W).
+    A cell that lies in the plane's field gives away exactly its ``solid`` angle (h * parts, w * parts); one that the
+    field cuts gives by the plane's ``density`` (H, W). ``weights`` (h, w) 0..1. Added to ``light`` (H, W, C) and
+    ``weight`` (H, W), float64.
     """
+    x, y, state, parts = net
     height, width, channels = light.shape
     px, py = np.empty(4), np.empty(4)
     area, cover = np.empty(width), np.empty(width)

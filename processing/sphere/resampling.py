@@ -27,7 +27,8 @@ def linear_samples(picture: Floats, x: Floats, y: Floats, border: int = cv2.BORD
     """Return samples (h, w) or (h, w, C) of a picture; ``x``, ``y`` (h, w) count from the first pixel's centre.
 
     OpenCV's remap keeps float positions for 1, 3 and 4 channels and rounds them to 1/32 pixel for other numbers (5.0),
-    so the channels are taken in such groups.
+    so the channels are taken in such groups. ``picture``: (H, W) or (H, W, C) float32; ``border``: OpenCV's border
+    mode.
     """
     if picture.ndim == 2 or picture.shape[2] in (1, 3, 4):
         found = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=border)
@@ -97,7 +98,7 @@ PAD_PX = 2
 """Pixels beyond seam and poles that cubic interpolation may ask for."""
 LARGEST_PX = 32_000
 """Of a picture's sides: OpenCV's limit, less the padding."""
-PIXELS_AT_ONCE = 1 << 20
+PIXELS_AT_ONCE = 1 << 20  # for memory
 LEAST_WEIGHT = 1e-3
 """Of what is known around a sample, below which it is taken as unknown."""
 
@@ -177,7 +178,10 @@ def resample_uncertainty(
 
 
 def padded_sphere(picture: Floats, pad_px: int = PAD_PX) -> Floats:
-    """Return an equirectangular picture with what lies beyond its borders: round the seam, and over the poles."""
+    """Return an equirectangular picture with what lies beyond its borders: round the seam, and over the poles.
+
+    ``picture``: (H, W) or (H, W, C); the result is 2 ``pad_px`` larger each way.
+    """
     width = picture.shape[1]
     half, rows = width // 2, min(pad_px, picture.shape[0])
 

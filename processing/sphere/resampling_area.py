@@ -17,18 +17,21 @@ from scipy.sparse import csr_array
 
 from processing.ground.arrays import Doubles, Floats, Int8s
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, point_directions, solid_angles
-from processing.sphere.fisheye_area import fisheye_areas
+from processing.sphere.area import fisheye_areas
 from processing.sphere.maps import places
-from processing.sphere.overlap import CLEAR, CUT, HIDDEN, gather, scatter
+from processing.sphere.overlap import CLEAR, CUT, HIDDEN, Net, gather, scatter
 
 CELL_RAD = 0.01
 """Cells of the net are divided until they are smaller: their straight sides then miss the true ones by 1.3e-5 rad."""
-CORNERS_AT_ONCE = 1 << 19
-THREADS = 2
+CORNERS_AT_ONCE = 1 << 19  # for memory
+THREADS = 2  # chosen
 
 
 def area_resample(picture: Floats, source: Geometry, target: Geometry, weights: Floats) -> tuple[Floats, Floats]:
-    """Return the target picture (h, w, C) and the share of each of its cells that valid source pixels cover (h, w)."""
+    """Return the target picture (h, w, C) and the share of each of its cells that valid source pixels cover (h, w).
+
+    ``picture``: (H, W, C) radiance, >= 0; ``weights``: (H, W), 0..1.
+    """
     if isinstance(source, Equirectangular) and isinstance(target, Equirectangular):
         return _by_intervals(picture, source, target, weights)
     if _target_is_plane(source, target):
@@ -61,9 +64,9 @@ def _scattered(picture: Floats, source: Geometry, target: Geometry, weights: Flo
     band = _band(net, parts)
     for start in range(0, source.height_px, band):
         stop = min(start + band, source.height_px)
-        x, y, state = _corners(net, target, start * parts, stop * parts)
+        corners = Net(*_corners(net, target, start * parts, stop * parts), parts)
         cells = solid[start * parts : stop * parts]
-        scatter(x, y, state, parts, picture[start:stop], cells, weights[start:stop], density, light, weight)
+        scatter(corners, picture[start:stop], cells, weights[start:stop], density, light, weight)
     return light, weight
 
 
@@ -76,9 +79,9 @@ def _gathered(picture: Floats, source: Geometry, target: Geometry, weights: Floa
 
     def work(start: int) -> None:
         stop = min(start + band, target.height_px)
-        x, y, state = _corners(net, source, start * parts, stop * parts)
+        corners = Net(*_corners(net, source, start * parts, stop * parts), parts)
         light, weight = np.zeros((stop - start, *out.shape[1:])), np.zeros((stop - start, out.shape[1]))
-        gather(x, y, state, parts, picture, density, weights, light, weight)
+        gather(corners, picture, density, weights, light, weight)
         out[start:stop], share[start:stop] = _finished(light, weight, solid[start:stop])
 
     with ThreadPoolExecutor(THREADS) as pool:

@@ -22,7 +22,7 @@ from processing.sphere import Equirectangular, Perspective, pixels, point_direct
 # The two angles are found by a polynomial of our own, fitted once: good to 1e-10 rad, which is 1e-7 pixel.
 
 
-_FOLD = math.tan(math.pi / 8)
+_FOLD = math.tan(math.pi / 8)  # arctan is fitted up to here, and folded above
 
 
 def _fitted() -> tuple[float, ...]:
@@ -39,7 +39,7 @@ _C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = _fitted()
 def view_in_panorama(panorama: Equirectangular, view: Perspective) -> tuple[Floats, Floats]:
     """Return columns and rows (h, w) of a view's pixel centres, counted from the first pixel's centre, float32.
 
-    Columns are in [-0.5, width - 0.5), rows in [-0.5, height - 0.5].
+    Columns are in [-0.5, width - 0.5), rows in [-0.5, height - 0.5]. h and w are the view's (H, W).
     """
     x = np.empty((view.height_px, view.width_px), dtype=np.float32)
     y = np.empty_like(x)
@@ -83,8 +83,8 @@ def _fill(axes: Any, focal_px: float, width: int, height: int, x: Any, y: Any) -
             y[j, i] = height / 2 - 0.5 - _angle(dz, math.sqrt(dx * dx + dy * dy)) * per_half
 
 
-CACHE_BYTES = 384 << 20
-EDGE_SAMPLES = 65
+CACHE_BYTES = 384 << 20  # chosen
+EDGE_SAMPLES = 65  # along a view's edge; chosen
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,7 @@ def cut_view(panorama: Panorama | Picture, view: Perspective, *, method: ViewMet
 
     ``linear``: fast; positions are exact for float32 and good to 1/64 pixel for the others. ``cubic``: smoother, float
     arithmetic. ``area``: keeps energy (`processing.sphere.resampling`). A picture without `Panorama` has its middle at
-    longitude 0.
+    longitude 0. ``panorama``: (H, W) or (H, W, C), of one of `DEPTHS`.
     """
     whole = panorama if isinstance(panorama, Panorama) else Panorama(panorama)
     if method == "linear":
@@ -140,17 +140,8 @@ def covering_views(*, size_px: int, fov_rad: float, overlap: float = 0.25) -> tu
     return tuple(views)
 
 
-# Views back into one panorama: the inverse of eq. 3 of Ji et al. 2023, with weights that let no seam be seen.
-#
-# Each view counts most in its middle and fades to its edges; where several see a pixel they are averaged. Class maps
-# are not averaged: the class with the most weight wins.
-
-
-Labels = npt.NDArray[np.integer]
-
-
-"""A view's pixels to one of the target, in the view's middle, from which a halved view is sampled."""
-MOST_LABELS = 4096
+# Views back into one panorama: the inverse of eq. 3 of Ji et al. 2023, with weights that let no seam be seen. Each view
+# counts most in its middle and fades to its edges; where several see a pixel they are averaged.
 
 
 def stitch_views(
@@ -192,38 +183,6 @@ def stitch_views(
     total /= np.where(some, known, 1.0)[..., None]
     total[~some] = 0.0
     return (total[..., 0] if flat else total), np.where(some, known / np.maximum(seen, 1e-30), 0.0).astype(np.float32)
-
-
-def stitch_labels(
-    labels: Sequence[Labels], views: Sequence[Perspective], target: Equirectangular, *, outside: int = 0
-) -> Labels:
-    """Return the class map (H, W) of views' class maps (h, w): the class with the most weight.
-
-    Of equal classes the smaller wins; ``outside`` stands where none sees.
-    """
-    if not labels or len(labels) != len(views):
-        raise ParameterError(f"{len(labels)} class maps for {len(views)} views", advice="give one a view")
-    for one, view in zip(labels, views, strict=True):
-        if one.shape != (view.height_px, view.width_px) or not np.issubdtype(one.dtype, np.integer):
-            raise ParameterError(f"a class map of {one.shape}, {one.dtype} for {view}", advice="give integers (h, w)")
-    classes = np.unique(np.concatenate([np.unique(one) for one in labels]))
-    if classes.size > MOST_LABELS:
-        raise ParameterError(f"{classes.size} classes", likely="a picture was given", advice="give a class map")
-    best = np.zeros((target.height_px, target.width_px), dtype=np.float32)
-    out = np.full(best.shape, outside, dtype=labels[0].dtype)
-    for label in classes:
-        votes = np.zeros_like(best)
-        for one, view in zip(labels, views, strict=True):
-            if not (one == label).any():
-                continue
-            found = stitch_map(view, target)
-            there = _linear((one == label).astype(np.float32), found) * found.weight
-            for rows, columns, part in _pieces(found, target):
-                votes[rows, columns] += there[:, part]
-        wins = votes > best
-        out[wins] = label
-        best[wins] = votes[wins]
-    return out
 
 
 def _view_part(

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from processing.calibration.optics import stated_circle
 from processing.errors import BracketError
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from station.session.session import DeviceRecord, FrameRecord, Side
@@ -95,14 +96,3 @@ def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
     circle = stated_circle(rig) or USUAL_CIRCLE
     centre_px = (circle[0] * width_px, circle[1] * height_px)
     return Fisheye(width_px, height_px, LensMapping.EQUIDISTANT, circle[2] * width_px, centre_px=centre_px)
-
-
-def stated_circle(rig: dict[str, object]) -> tuple[float, float, float] | None:
-    """Return the image circle that the rig file gave, as fractions (x of width, y of height, radius of width)."""
-    outdoor = rig.get("outdoor")
-    circle = outdoor.get("image_circle") if isinstance(outdoor, dict) else None
-    if isinstance(circle, list | tuple) and len(circle) == 3 and all(isinstance(v, int | float) for v in circle):
-        x, y, radius = (float(v) for v in circle)
-        if -1 < x < 2 and -1 < y < 2 and 0 < radius <= 2:
-            return x, y, radius
-    return None

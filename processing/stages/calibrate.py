@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 
+from processing.calibration.outdoor.session_sky import calibrate_outdoor, why_no_scale
 from processing.calibration.profile import load_profile
 from processing.calibration.profile_records import ResponseRecord
+from processing.calibration.scale.luminance import Calibrated
 from processing.errors import LensError
-from processing.stages.calibrate_indoor import Calibrated, calibrate_indoor
-from processing.stages.calibrate_outdoor import calibrate_outdoor, why_no_scale
+from processing.stages.calibrate_indoor import calibrate_indoor
 from processing.stages.calibrate_panorama import calibrate_panorama
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import CalibrateParameters

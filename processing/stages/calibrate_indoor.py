@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
+from processing.calibration.optics import indoor_falloff
 from processing.calibration.profile import RigProfile
-from processing.calibration.scale.luminance import ScaleFactor, scale_from_reading, scaled
-from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.luminance import Calibrated, ScaleFactor, given_scale, scale_from_reading, scaled
+from processing.calibration.scale.photometry import PLANES, illuminances
 from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
-from processing.calibration.scale.vignetting import Vignetting, correct_panorama, published_vignetting
+from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
 from processing.ground.colour import LUMINANCE_WEIGHTS
@@ -19,29 +19,7 @@ from processing.sphere import Equirectangular
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import SessionManifest, Side
 
-PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
-"""Published fall-off by kind of camera."""
 ASPECT_TOLERANCE = 0.02
-GIVEN_UNCERTAINTY = 0.0
-CLIPPED_SHARE = 0.01
-"""Of an illuminance, from clipped pixels: more is worth a warning."""
-PLANES = {
-    "up": (0.0, 0.0, 1.0),
-    "ahead": (0.0, 1.0, 0.0),
-    "right": (1.0, 0.0, 0.0),
-    "back": (0.0, -1.0, 0.0),
-    "left": (-1.0, 0.0, 0.0),
-}
-
-
-@dataclass(frozen=True)
-class Calibrated:
-    """One side's picture, its scale, and what there is to say of it (plain JSON values)."""
-
-    image: LuminanceImage
-    scale: ScaleFactor
-    facts: dict[str, Any]
-    warnings: tuple[str, ...] = ()
 
 
 def calibrate_indoor(
@@ -81,46 +59,6 @@ def not_a_panorama(image: LuminanceImage) -> list[str]:
         f"the picture is {width} x {height}, not twice as wide as high: it is taken for a whole panorama, so that "
         "places and illuminances are wrong if it is not; luminances hold"
     ]
-
-
-def illuminances(
-    image: LuminanceImage, planes: dict[str, tuple[float, float, float]]
-) -> tuple[dict[str, dict[str, float]], list[str]]:
-    """Return value, standard uncertainty (lx) and share from clipped pixels for each plane through the camera.
-
-    Warnings name the planes on which so much is clipped that the value is a lower bound.
-    """
-    found = {name: illuminance_lx(image, normal) for name, normal in planes.items()}
-    facts = {
-        name: {"value": e.value_lx, "uncertainty": e.uncertainty_lx, "clipped_share": e.invalid_shares["clipped"]}
-        for name, e in found.items()
-    }
-    low = [f"{name} ({e['clipped_share']:.0%})" for name, e in facts.items() if e["clipped_share"] > CLIPPED_SHARE]
-    told = f"illuminance is a lower bound, as part of it comes from pixels clipped in every frame: {', '.join(low)}"
-    return facts, [told] if low else []
-
-
-def given_scale(name: str, value: float) -> ScaleFactor:
-    """Return a factor that the user gave, with the warning that nothing is known of its uncertainty."""
-    told = f"{name} is as given: its uncertainty is not known, and not part of the uncertainties stated"
-    return ScaleFactor(value, GIVEN_UNCERTAINTY, {"given": GIVEN_UNCERTAINTY}, warnings=(told,))
-
-
-def indoor_falloff(
-    session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None
-) -> tuple[Vignetting | None, str]:
-    """Return the panorama's fall-off that is corrected (None: none is), and where it is from."""
-    if asked.falloff == "off":
-        return None, "not corrected, as asked"
-    camera = profile.cameras.get(Side.INDOOR) if profile else None
-    if camera and camera.vignetting:
-        return camera.vignetting.vignetting(), "the rig profile's"
-    kinds = [device.kind for device in session.devices if device.role == "indoor"]
-    name = PANORAMA_FALLOFF.get(kinds[0]) if kinds else None
-    if name is None:
-        return None, "not corrected: none is known for this camera"
-    found = published_vignetting(name)
-    return found, f"published: {found.source}"
 
 
 def _scale(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from processing.calibration.scale.photometry import PLANES, illuminances
 from processing.pictures.images import LuminanceImage
 from processing.pictures.panorama import GivenPanorama, read_panorama
-from processing.stages.calibrate_indoor import PLANES, illuminances
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import CalibrateParameters
 

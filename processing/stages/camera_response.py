@@ -75,7 +75,8 @@ def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[C
 
 def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
     """Take what the bracket tells; its times too, unless the camera's rule is known."""
-    from processing.calibration.response.response import Bracket8, recover_response
+    from processing.calibration.response.response import recover_response
+    from processing.calibration.response.samples import Bracket8
     from processing.calibration.response.shutter import camera_rule, true_time_s
 
     rule = camera_rule(bracket.device.model) if bracket.device else None
@@ -92,7 +93,8 @@ def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
 def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
     from processing.calibration.profile import profile_matches
-    from processing.calibration.response.response import Bracket8, check_response, estimate_noise
+    from processing.calibration.response.response import check_response, estimate_noise
+    from processing.calibration.response.samples import Bracket8
 
     assert camera.response
     curve = camera.response.curve()
@@ -120,8 +122,8 @@ def code_residuals(codes: Sequence[Bytes], times_s: Sequence[float], curve: Resp
 
     ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no patch has such a code; empty where none are told.
     """
-    from processing.calibration.response.response import Bracket8, residuals_by_code
-    from processing.calibration.response.samples import take_samples
+    from processing.calibration.response.response import residuals_by_code
+    from processing.calibration.response.samples import Bracket8, take_samples
 
     try:
         found = residuals_by_code(take_samples([Bracket8(codes, times_s)]), curve)

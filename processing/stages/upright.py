@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.outdoor.clear_sky import Place, sun_place
+from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import ParameterError
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage

@@ -9,7 +9,7 @@ samples disagree, are looked at again with all frames (`suspicion`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -17,6 +17,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import carray, types
 from numba.extending import intrinsic
 
+from processing.ground.arrays import Bytes, Floats, Indices, Int64s
 from processing.ground.colour import LUMINANCE_WEIGHTS
 
 # Compiled loops: numba's settings in one place, and what its language lacks.
@@ -74,25 +75,60 @@ add_four = _four_floats(add=True)
 """``add_four(target, source)``: adds four float32 to what is at ``target``: numba does not find this by itself."""
 
 
-RUN_PX = 128
-RUN = 3 * RUN_PX
-_ENTRY = np.uint64(16)
-_PIXEL = np.uint64(48)
-_CHANNEL = np.uint64(256 * 16)
-_FRAME = np.uint64(3 * 256 * 16)
-_TWICE = np.uint64(32)
+RUN_PX = 128  # pixels judged together; chosen: a run's sums stay in the first cache
+RUN = 3 * RUN_PX  # codes a run
+
+
+class Lookup(NamedTuple):
+    """What the loops look up for frames sorted from the longest time to the shortest; see `MergeTables`."""
+
+    lanes: Floats
+    """(F, 3, 256, 4): w, w v, w v2, 0 of each code."""
+    samples: Floats
+    """(F, 3, 256, 2): v and w of each code."""
+    saturation: Floats
+    """(F, 3): radiance at the last code that is not clipped."""
+    clip: Indices
+    """(3,): the last code of each channel that is not clipped."""
+    limits: Int64s
+    """(3,): code from which any channel is clipped, from which all are, and the rise that is not noise."""
+    last: Int64s
+    """(F,): where frame k is unclipped, frames after ``last[k]`` are left out."""
+
+
+class FlatPlanes(NamedTuple):
+    """The merged picture as the loops write it, N pixels in a row."""
+
+    rgb: Floats
+    """(N, 3) radiance in exposures a second."""
+    uncertainty: Floats
+    """(N,): relative standard uncertainty of luminance."""
+    validity: Bytes
+    """(N,): `Validity`."""
+    suspect: Bytes
+    """(N,): 0 fine, 1 odd, 2 surely something moved."""
+
+
+_ENTRY = np.uint64(16)  # bytes: four float32
+_PIXEL = np.uint64(48)  # bytes: three entries
+_CHANNEL = np.uint64(256 * 16)  # bytes: 256 entries
+_FRAME = np.uint64(3 * 256 * 16)  # bytes: three channels
+_TWICE = np.uint64(32)  # bytes: two entries
 TRIGGER_CHI2 = 26.0
 """Of a pixel's sums: one in 100,000 of two frames by chance (3 degrees of freedom). Then all frames are looked at."""
-CLIPPED_SNR2 = np.float32(1e-3)
-DARK_UNCERTAINTY = np.float32(0.5)
+CLIPPED_SNR2 = np.float32(1e-3)  # between a bound's `TRACE_SNR2` and any measurement's; chosen
+DARK_UNCERTAINTY = np.float32(0.5)  # relative; chosen: more is no value
 _R, _G, _B = (np.float32(weight) for weight in LUMINANCE_WEIGHTS)
-_ONE, _TINY = np.float32(1.0), np.float32(1e-30)
-VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)
+_ONE, _TINY = np.float32(1.0), np.float32(1e-30)  # of the type of the sums
+VALID, CLIPPED, DARK = np.uint8(0), np.uint8(1), np.uint8(2)  # `Validity`, as the loops write it
 
 
 @compiled
 def scan(addresses, offset, low, high, rise):
-    """Fill the smallest and largest code of each frame in a run, and how much brighter than the longer frame it is."""
+    """Fill the smallest and largest code of each frame in a run, and how much brighter than the longer frame it is.
+
+    ``addresses``: (F,) uint64 of the frames' bytes; ``offset``: bytes to the run; ``low``, ``high``, ``rise``: (F,).
+    """
     before = carray(bytes_at(addresses[0] + offset), RUN)
     for f in range(addresses.shape[0]):
         frame = carray(bytes_at(addresses[f] + offset), RUN)
@@ -108,7 +144,10 @@ def scan(addresses, offset, low, high, rise):
 
 @compiled
 def accumulate(addresses, offset, first, end, lanes_at, sums_at):
-    """Sum the table entries of frames first..end-1 over a run: 12 floats a pixel at ``sums_at``."""
+    """Sum the table entries of frames first..end-1 over a run: 12 floats a pixel at ``sums_at``.
+
+    ``addresses``: (F,) uint64; ``lanes_at``: address of `Lookup.lanes` (F, 3, 256, 4).
+    """
     for f in range(first, end):
         frame = carray(bytes_at(addresses[f] + offset), RUN)
         red = lanes_at + np.uint64(f) * _FRAME
@@ -129,11 +168,13 @@ def accumulate(addresses, offset, first, end, lanes_at, sums_at):
 
 
 @compiled
-def resolve(sums_at, start, shared, common, trigger, rgb, uncertainty, validity, suspect):
+def resolve(sums_at, start, shared, common, trigger, out):
     """Turn a run's sums into means, relative uncertainty of luminance and validity; return how many disagree.
 
-    ``shared``: correlation of the channels' noise. ``common``: squared relative error that all frames share.
+    ``sums_at``: address of the sums, of shape (`RUN_PX`, 3, 4). ``shared``: correlation of the channels' noise.
+    ``common``: squared relative error that all frames share. ``trigger``: chi-squared from which samples disagree.
     """
+    rgb, uncertainty, validity, suspect = out
     apart = _ONE - shared
     s = carray(floats_at(sums_at), 12 * RUN_PX)
     disagreeing = 0
@@ -141,9 +182,11 @@ def resolve(sums_at, start, shared, common, trigger, rgb, uncertainty, validity,
         k, p = 12 * i, start + i
         w0, w1, w2 = s[k], s[k + 4], s[k + 8]
         i0, i1, i2 = _ONE / max(w0, _TINY), _ONE / max(w1, _TINY), _ONE / max(w2, _TINY)
+        # Means and chi-squared of the three channels, from the sums of w, w v and w v2.
         m0, m1, m2 = s[k + 1] * i0, s[k + 5] * i1, s[k + 9] * i2
         chi2 = (s[k + 2] - s[k + 1] * m0) + (s[k + 6] - s[k + 5] * m1) + (s[k + 10] - s[k + 9] * m2)
         rgb[p, 0], rgb[p, 1], rgb[p, 2] = m0, m1, m2
+        # Variance of luminance: of independent channels, and of channels whose noise is one, mixed by ``shared``.
         y = _R * m0 + _G * m1 + _B * m2
         variance = _R * _R * i0 + _G * _G * i1 + _B * _B * i2
         if shared > 0:
@@ -161,18 +204,21 @@ def resolve(sums_at, start, shared, common, trigger, rgb, uncertainty, validity,
 
 
 @compiled
-def suspicion(addresses, pixel, samples, saturation, clip):
-    """Return chi-squared of all frames at a pixel and its degrees of freedom: dark samples and bounds count too."""
+def suspicion(addresses, pixel, table):
+    """Return chi-squared of all frames at a pixel and its degrees of freedom: dark samples and bounds count too.
+
+    ``addresses``: (F,) uint64 of the frames' codes (N, 3) uint8.
+    """
     chi2, freedom = 0.0, 0
     for c in range(3):
         total = sum_v = sum_vv = bound = 0.0
         used = 0
         for f in range(addresses.shape[0]):
             code = carray(bytes_at(addresses[f] + np.uint64(3 * pixel + c)), 1)[0]
-            if code > clip[c]:
-                bound = max(bound, float(saturation[f, c]))
+            if code > table.clip[c]:
+                bound = max(bound, float(table.saturation[f, c]))
                 continue
-            v, w = float(samples[f, c, code, 0]), float(samples[f, c, code, 1])
+            v, w = float(table.samples[f, c, code, 0]), float(table.samples[f, c, code, 1])
             total, sum_v, sum_vv = total + w, sum_v + w * v, sum_vv + w * v * v
             used += 1
         if used:
@@ -191,18 +237,23 @@ def suspicion(addresses, pixel, samples, saturation, clip):
 def chi2_limit(freedom, shared):
     """Return what chance exceeds once in 100,000, and half as much again, since noise is not quite Gaussian.
 
-    Where channels share their noise (``shared`` is its correlation), deviations come in threes.
+    Where channels share their noise (``shared`` is its correlation), deviations come in threes. Both scalars; the limit
+    has the shape of ``freedom``.
     """
     return 1.5 * (freedom + (1.0 + 2.0 * shared) * (6.0 * np.sqrt(2.0 * freedom) + 8.0))
 
 
 @compiled
-def judge_run(addresses, start, every, samples, saturation, clip, shared, uncertainty, suspect):
-    """Judge the suspect pixels of a run (``every``: all its pixels): 0 fine, 1 odd, 2 surely something moved."""
+def judge_run(addresses, start, every, table, shared, out):
+    """Judge the suspect pixels of a run (``every``: all its pixels): 0 fine, 1 odd, 2 surely something moved.
+
+    ``addresses``: (F,) uint64 of the frames' codes (N, 3) uint8.
+    """
+    uncertainty, suspect = out.uncertainty, out.suspect
     for p in range(start, start + RUN_PX):
         if not every and suspect[p] == 0:
             continue
-        chi2, freedom = suspicion(addresses, p, samples, saturation, clip)
+        chi2, freedom = suspicion(addresses, p, table)
         limit = chi2_limit(freedom, shared)
         suspect[p] = 0
         if freedom > 0 and chi2 > limit:
@@ -212,52 +263,38 @@ def judge_run(addresses, start, every, samples, saturation, clip, shared, uncert
 
 
 @compiled
-def merge_runs(
-    addresses,
-    runs,
-    pixels,
-    lanes,
-    samples,
-    saturation,
-    clip,
-    limits,
-    shared,
-    common,
-    last,
-    rgb,
-    uncertainty,
-    validity,
-    suspect,
-    uses,
-    sums,
-):
-    """Merge runs ``runs[0]..runs[1]-1`` of ``pixels`` (at least `RUN_PX`); ``uses`` counts runs by frame.
+def merge_runs(addresses, runs, table, shared, common, out, uses, sums):
+    """Merge runs ``runs[0]..runs[1]-1`` of 8-bit frames into ``out``.
 
-    ``limits``: code from which any channel is clipped, all are, and the rise that is not noise. The last run begins
-    earlier, so that it is whole. ``sums``: scratch of 12 `RUN_PX` float32 for this call; the caller's, since what is
-    used by its address only would be freed.
+    ``addresses``: (F,) uint64, of each frame's codes (N, 3) uint8, from the longest time to the shortest; ``table``:
+    a `Lookup`; ``shared``: correlation of the channels' noise, 0..1; ``common``: squared relative error that all frames
+    share; ``out``: `FlatPlanes` of at least `RUN_PX` pixels (the last run begins earlier, so that it is whole);
+    ``uses``: (F,) int64, raised by the number of runs that took each frame; ``sums``: scratch of shape (12 `RUN_PX`,)
+    float32 for this call; the caller's, since what is used by its address only would be freed.
     """
-    count = addresses.shape[0]
+    count, pixels = addresses.shape[0], out.validity.shape[0]
     low, high, rise = np.empty(count, np.uint8), np.empty(count, np.uint8), np.empty(count, np.uint8)
     together, trigger = np.float32(shared), np.float32(TRIGGER_CHI2 * (1.0 + 2.0 * shared))
     floor = np.float32(common)
-    sums_at, lanes_at = np.uint64(sums.ctypes.data), np.uint64(lanes.ctypes.data)
+    sums_at, lanes_at = np.uint64(sums.ctypes.data), np.uint64(table.lanes.ctypes.data)
+    any_clipped, all_clipped, most_rise = table.limits[0], table.limits[1], table.limits[2]
     for run in range(runs[0], runs[1]):
         start = min(run * RUN_PX, pixels - RUN_PX)
         offset = np.uint64(3 * start)
         scan(addresses, offset, low, high, rise)
+        # Frames clipped all over the run add nothing; of those after the first unclipped one, only what improves it.
         first = 0
-        while first < count - 1 and low[first] >= limits[1]:
+        while first < count - 1 and low[first] >= all_clipped:
             first += 1
         whole = first
-        while whole < count - 1 and high[whole] >= limits[0]:
+        while whole < count - 1 and high[whole] >= any_clipped:
             whole += 1
-        end = last[whole] + 1
+        end = table.last[whole] + 1
         moved = False
         for f in range(count):
-            moved |= rise[f] > limits[2]
+            moved |= rise[f] > most_rise
             uses[f] += first <= f < end
         accumulate(addresses, offset, first, end, lanes_at, sums_at)
-        odd = resolve(sums_at, start, together, floor, trigger, rgb, uncertainty, validity, suspect)
+        odd = resolve(sums_at, start, together, floor, trigger, out)
         if moved or odd:
-            judge_run(addresses, start, moved, samples, saturation, clip, shared, uncertainty, suspect)
+            judge_run(addresses, start, moved, table, shared, out)

@@ -18,10 +18,10 @@ from processing.calibration.response.curve import NoiseModel
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 
-FULL = 65535.0
+FULL = 65535.0  # largest 16-bit code
 CLIP_CODE = 64224
 """98 % of full scale: from here on a sample counts as clipped."""
-_DARK_UNCERTAINTY = 0.5
+_DARK_UNCERTAINTY = 0.5  # as in the 8-bit loops
 _R, _G, _B = LUMINANCE_WEIGHTS
 
 
@@ -41,11 +41,14 @@ class LinearSamples:
 
     @property
     def every(self) -> npt.NDArray[np.int64]:
-        """Codes over the whole range, (n, 3), rising."""
+        """Codes over the whole range, (n, 3), rising. Of shape (512, 3) or fewer, int64."""
         return np.repeat(np.unique(np.geomspace(1, FULL, 512).astype(np.int64))[:, None], 3, axis=1)
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
-        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
+        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound.
+
+        ``codes``: any shape (..., 3); radiance in exposures a second.
+        """
         code = np.asarray(codes, dtype=np.float64)
         x = np.minimum(code, CLIP_CODE) / FULL
         variance = self.noise[:, 0] * x + self.noise[:, 1] + self.noise[:, 2] + (self.time_sigma[place] * x) ** 2
@@ -54,7 +57,10 @@ class LinearSamples:
 
 
 def linear_samples(noise: NoiseModel, times_s: Doubles, time_sigma: Doubles) -> LinearSamples:
-    """Return the model of frames with ``times_s`` (falling); noise in exposure, 1 at full scale; codes in codes."""
+    """Return the model of frames with ``times_s`` (falling); noise in exposure, 1 at full scale; codes in codes.
+
+    ``times_s``: (F,) s; ``time_sigma``: (F,) relative.
+    """
     rows = np.stack(
         [noise.photon, np.square(noise.read), np.maximum(noise.code_variance, 1 / 12) / FULL**2], axis=1
     ).astype(np.float64)
@@ -97,8 +103,13 @@ def _channel(addresses, pixel, c, times, sigma, noise):
 
 
 @compiled
-def merge_linear(addresses, pixels, times, sigma, noise, shared, rgb, uncertainty, validity, suspect):
-    """Merge pixels ``pixels[0]..pixels[1]-1`` of little-endian uint16 frames into the planes (flat)."""
+def merge_linear(addresses, pixels, times, sigma, noise, shared, out):
+    """Merge pixels ``pixels[0]..pixels[1]-1`` of little-endian uint16 frames into ``out`` (`FlatPlanes`).
+
+    ``addresses``: (F,) uint64 of the frames' codes (N, 3); ``times``: (F,) s; ``sigma``: (F,) their relative
+    uncertainty; ``noise``: (3, 3) as in `LinearSamples`; ``shared``: correlation of the channels' noise.
+    """
+    rgb, uncertainty, validity, suspect = out
     for p in range(pixels[0], pixels[1]):
         r, var_r, chi2_r, free_r, bound_r = _channel(addresses, p, 0, times, sigma, noise)
         g, var_g, chi2_g, free_g, bound_g = _channel(addresses, p, 1, times, sigma, noise)

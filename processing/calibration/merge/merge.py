@@ -17,12 +17,27 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.merge.checks import Consistency, Order, check_bracket, frame_consistency
-from processing.calibration.merge.kernel import RUN_PX, merge_runs
+from processing.calibration.merge.bracket import (
+    Decoded,
+    FrameUse,
+    Merged,
+    MergeReport,
+    Order,
+    check_bracket,
+    decode_useful,
+    shares,
+)
+from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
 from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
-from processing.calibration.merge.report import Decoded, FrameUse, Merged, MergeReport, decode_useful, shares
-from processing.calibration.merge.tables import MergeTables, coding_error, linear_curve, merge_tables
+from processing.calibration.merge.tables import (
+    Consistency,
+    MergeTables,
+    coding_error,
+    frame_consistency,
+    linear_curve,
+    merge_tables,
+)
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
@@ -33,12 +48,12 @@ __all__ = ["MergeOptions", "MergeReport", "Merged", "merge"]
 
 Quality = Literal["draft", "standard", "reference"]
 MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.0}
-WARN_STOPS = 0.05
-REFUSE_STOPS = 0.25
-WARN_NOISE = 2.0
-MAX_GHOST_SHARE = 0.5
-BAND_PX = 128 * 2048
-CODED_CORRELATION = 0.15
+WARN_STOPS = 0.05  # chosen: 3.5 % of light; below it light that changes is taken as noise
+REFUSE_STOPS = 0.25  # chosen: a wrong dial is a third of a stop
+WARN_NOISE = 2.0  # of the variance; chosen
+MAX_GHOST_SHARE = 0.5  # of the picture; chosen
+BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen
+CODED_CORRELATION = 0.15  # chosen between raw frames and JPEG
 JPEG_TOP_CODE = 249
 """Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
 
@@ -143,12 +158,12 @@ class _Job:
 def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geometry: Geometry) -> Merged:
     warnings = list(whole.warnings)
     samples = job.samples()
-    told = frame_consistency(codes, samples)
-    warnings += _contradictions(told, job)
-    if told.noise_factor > WARN_NOISE:
-        times = math.sqrt(told.noise_factor)
+    agreement = frame_consistency(codes, samples)
+    warnings += _contradictions(agreement, job)
+    if agreement.noise_factor > WARN_NOISE:
+        times = math.sqrt(agreement.noise_factor)
         warnings.append(f"noise is {times:.1f} times what the noise model says: it is stated as these frames show it")
-    job = _honest(job, told)
+    job = _honest(job, agreement)
     samples = job.samples()
     if job.options.shifts:
         warnings += [
@@ -162,34 +177,37 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
     image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, {})
-    return Merged(image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, told.offset.tolist()))
+    return Merged(
+        image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, agreement.offset.tolist())
+    )
 
 
-def _honest(job: _Job, told: Consistency) -> _Job:
+def _honest(job: _Job, agreement: Consistency) -> _Job:
     """Return the job with the noise that these frames show, and with what they disagree by as doubt of their times."""
-    factor, noise = told.noise_factor, job.noise
+    factor, noise = agreement.noise_factor, job.noise
     photon, read, codes = (np.array(part) for part in (noise.photon, noise.read, noise.code_variance))
     scaled = NoiseModel(
         tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12))
     )
-    doubt = np.where(np.abs(told.offset) > WARN_STOPS, np.abs(told.offset) * math.log(2), 0.0)
+    doubt = np.where(np.abs(agreement.offset) > WARN_STOPS, np.abs(agreement.offset) * math.log(2), 0.0)
     order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
-    return replace(job, order=order, noise=scaled, correlation=told.correlation)
+    return replace(job, order=order, noise=scaled, correlation=agreement.correlation)
 
 
-def _contradictions(told: Consistency, job: _Job) -> list[str]:
+def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
     """Return warnings about frames that contradict each other; refuse where no uncertainty could cover it."""
-    worst = max(float(np.max(np.abs(told.offset))), told.curve_error / 2)
-    place = int(np.argmax(np.abs(told.offset)))
+    worst = max(float(np.max(np.abs(agreement.offset))), agreement.curve_error / 2)
+    place = int(np.argmax(np.abs(agreement.offset)))
     named = [
         f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({time:g} s given), or the "
         "light changed"
-        for frame, offset, time in zip(job.order.frames, told.offset, job.order.times_s, strict=True)
+        for frame, offset, time in zip(job.order.frames, agreement.offset, job.order.times_s, strict=True)
         if abs(offset) > WARN_STOPS
     ]
-    if told.curve_error > 2 * WARN_STOPS:
+    if agreement.curve_error > 2 * WARN_STOPS:
         named.append(
-            f"the response curve does not fit these frames: codes of one pair disagree by {told.curve_error:.2f} stops"
+            "the response curve does not fit these frames: codes of one pair disagree by "
+            f"{agreement.curve_error:.2f} stops"
         )
     if worst > REFUSE_STOPS and not job.options.allow_contradiction:
         raise BracketError(
@@ -220,8 +238,8 @@ def _fuse(
     else:
         addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
         model = (samples.times_s, samples.time_sigma, samples.noise, shape[0])
-        out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
-        _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, *out), pixels, BAND_PX, workers)
+        out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
+        _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, out), pixels, BAND_PX, workers)
         uses = np.ones(len(flat))
     planes.rgb = planes.rgb[:pixels].reshape(height, width, 3)
     planes.uncertainty = planes.uncertainty[:pixels].reshape(height, width)
@@ -236,18 +254,16 @@ def _fuse_runs(
     addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
     clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
     limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise])
-    out = (planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
-    pixels = len(flat[0])
-    runs = -(-pixels // RUN_PX)
+    table = Lookup(tables.lanes, tables.samples, tables.saturation, clip, limits, tables.last)
+    out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
+    runs = -(-len(flat[0]) // RUN_PX)
     counts: list[npt.NDArray[np.int64]] = []
 
     def band(first: int, end: int) -> None:
         uses = np.zeros(len(flat), dtype=np.int64)
         counts.append(uses)
-        merge_runs(
-            addresses, np.array([first, end]), pixels, tables.lanes, tables.samples, tables.saturation, clip, limits,
-            *shape, tables.last, *out, uses, np.empty(12 * RUN_PX, np.float32),
-        )  # fmt: skip
+        sums = np.empty(12 * RUN_PX, np.float32)
+        merge_runs(addresses, np.array([first, end]), table, *shape, out, uses, sums)
 
     _in_bands(band, runs, BAND_PX // RUN_PX, workers)
     return np.asarray(np.sum(counts, axis=0) / runs)

@@ -25,16 +25,16 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, Validity
 # are the same picture, whatever the exposures, and what differs is the place.
 
 
-WINDOW_PX = 256
-WINDOWS = 3
-MIN_AGREEING = 2
-SPARSE = 16
-MIN_PX = 32
-MIN_DETAIL_STOPS = 0.15
-MIN_RESPONSE = 0.12
-MIN_SHIFT_PX = 0.75
-AGREE_PX = 0.75
-MIN_SNR2 = 50.0
+WINDOW_PX = 256  # chosen: enough detail to correlate
+WINDOWS = 3  # across and down; chosen
+MIN_AGREEING = 2  # windows that must see one shift; chosen
+SPARSE = 16  # pixels between those that rank windows; chosen
+MIN_PX = 32  # side of the smallest window; chosen
+MIN_DETAIL_STOPS = 0.15  # spread within a window, to correlate at all; chosen
+MIN_RESPONSE = 0.12  # of the phase correlation's peak; chosen
+MIN_SHIFT_PX = 0.75  # chosen: less blurs no edge
+AGREE_PX = 0.75  # between windows; chosen
+MIN_SNR2 = 50.0  # of a code that counts; chosen
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,25 @@ class _Range:
     """log2 radiance of green of ``codes``, cut to the range."""
 
     def longer_log2(self, window: Codes) -> Floats:
-        """Return log2 of the green radiance of a window (..., 3) of the longer frame."""
+        """Return log2 of the green radiance of a window (..., 3) of the longer frame.
+
+        Of shape (H, W) for codes (H, W, 3).
+        """
         return _looked_up(window[..., 1], self.codes, self.longer)
 
     def shorter_log2(self, window: Codes) -> Floats:
-        """Return log2 of the green radiance of a window (..., 3) of the shorter frame."""
+        """Return log2 of the green radiance of a window (..., 3) of the shorter frame.
+
+        Of shape (H, W) for codes (H, W, 3).
+        """
         return _looked_up(window[..., 1], self.codes, self.shorter)
 
 
 def frame_shifts(frames: Sequence[Codes], tables: Samples) -> list[Shift]:
-    """Return the shifts between neighbours that are surely there; too little detail to tell counts as none."""
+    """Return the shifts between neighbours that are surely there; too little detail counts as none.
+
+    ``frames``: (H, W, 3) codes each.
+    """
     found = []
     for place in range(1, len(frames)):
         before, after = frames[place - 1], frames[place]
@@ -128,13 +137,13 @@ def _shift(before: Codes, after: Codes, both: _Range) -> tuple[float, float] | N
     return (float(right), float(down)) if response > MIN_RESPONSE else None
 
 
-NEIGHBOURS_PX = 5
+NEIGHBOURS_PX = 5  # chosen: larger than noise, smaller than a hand
 MIN_NEIGHBOURS = 8
 """Of 25 odd pixels: noise and coding make single ones."""
-USABLE = 0.02
+USABLE = 0.02  # of the best frame's signal to noise squared; chosen
 MEASURES_WELL = 0.5
 """Of the best frame's worth."""
-CHUNK_PX = 1 << 20
+CHUNK_PX = 1 << 20  # pixels settled at a time, for memory
 
 
 @dataclass
@@ -149,7 +158,10 @@ class Planes:
 
 
 def ghost_regions(suspect: Bytes) -> Bytes:
-    """Return 1 where something moved: what is surely odd, and what is odd among many odd neighbours; holes closed."""
+    """Return 1 where something moved: what is surely odd, and what is odd among many odd neighbours; holes closed.
+
+    ``suspect`` and the result: (H, W) uint8.
+    """
     odd = (suspect > 0).astype(np.uint8)
     around = cv2.boxFilter(odd, -1, (NEIGHBOURS_PX, NEIGHBOURS_PX), normalize=False, borderType=cv2.BORDER_REFLECT)
     kept = ((suspect == 2) | ((odd == 1) & (around >= MIN_NEIGHBOURS))).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""What the merge looks up for each code of each frame, made once from response curve, noise model and times.
+"""What the merge looks up for each code of each frame, and whether the frames so read agree with one another.
 
 A sample of frame f with code z says that the radiance is v = x(z) / t_f, with the relative variance of the noise
 model plus the squared uncertainty of curve and time; its weight is w = 1 / (v2 relative variance). Entries of four
@@ -6,11 +6,17 @@ floats (w, w v, w v2, 0) make one vector addition a sample: mean, variance and c
 
 Ends: clipped codes weigh nothing, and dark ones only in the longest frame. But so that no sum is empty, the shortest
 frame's clipped codes stand for the saturation level with a weight (`TRACE_SNR2`) that any other sample outweighs.
+
+Where both of two neighbouring frames are well exposed they must give the same radiance, whatever the code
+(`frame_consistency`, on a sparse grid of pixels). A common offset is a wrong time or light that changed; an offset that
+depends on the code is a wrong response curve. The scatter shows whether the noise model holds here, and whether the
+channels' noise is one (JPEG codes luma finely and chroma coarsely).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -19,15 +25,16 @@ import numpy.typing as npt
 
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.ground.arrays import Doubles, Floats
+from processing.pictures.frames import Codes
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
-CODES = 256
+CODES = 256  # of 8 bits
 TRACE_SNR2 = 1e-6
 """Squared signal to noise of a bound that is no measurement."""
 TAPER_CODES = 6
 """Below the clipping code weights fall to a quarter: whether a sample there counts must not hang on its own noise."""
-RISE_SIGMAS = 6.0
-COMMON_SHARE = 0.45
+RISE_SIGMAS = 6.0  # chosen
+COMMON_SHARE = 0.45  # measured: see `coding_error`
 
 
 @dataclass(frozen=True)
@@ -51,11 +58,14 @@ class MergeTables:
 
     @property
     def every(self) -> npt.NDArray[np.int64]:
-        """All codes, (256, 3)."""
+        """All codes, (256, 3). Of shape (n, 3), int64."""
         return np.repeat(np.arange(CODES)[:, None], 3, axis=1)
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
-        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
+        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound.
+
+        Values are float32 of the shape of ``codes``, radiance in exposures a second.
+        """
         entry = self.samples[place, np.arange(3), codes]
         return entry[..., 0], entry[..., 1]
 
@@ -70,11 +80,14 @@ class Samples(Protocol):
 
     @property
     def every(self) -> npt.NDArray[np.int64]:
-        """Codes over the whole range, (n, 3), rising."""
+        """Codes over the whole range, (n, 3), rising. Of shape (n, 3), int64."""
         ...
 
     def sample(self, place: int, codes: npt.NDArray[np.generic]) -> tuple[Floats, Floats]:
-        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound."""
+        """Return radiance and weight of codes (..., 3) of frame ``place``; weight 0: clipped, the value is a bound.
+
+        Values are float32 of the shape of ``codes``, radiance in exposures a second.
+        """
         ...
 
 
@@ -96,7 +109,8 @@ def merge_tables(
     """Return the tables of frames with ``times_s`` (falling) of relative standard uncertainty ``time_sigma``.
 
     ``max_error``: by what part the uncertainty may grow where frames are left out. ``top_code``: above it, codes count
-    as clipped; as do those that a clipped pixel's coding noise (5 sigma) may reach.
+    as clipped; as do those that a clipped pixel's coding noise (5 sigma) may reach. ``times_s``: (F,) s;
+    ``time_sigma``: (F,) relative, >= 0.
     """
     reach = [math.floor(253.5 - 5.0 * math.sqrt(variance)) for variance in noise.code_variance]
     red, green, blue = (
@@ -177,3 +191,137 @@ def _rise(curve: ResponseCurve, noise: NoiseModel) -> int:
     in_codes = log2_sigma / curve.log2_slope
     worst = max(float(np.max(in_codes[c, curve.low[c] : curve.high[c] + 1])) for c in range(3))
     return int(np.clip(np.ceil(RISE_SIGMAS * np.sqrt(2) * worst) + 1, 2, 120))
+
+
+Seen = tuple[Floats, Floats]
+GRID_SAMPLES = 12_000  # pixels compared; chosen
+MIN_SAMPLES = 120  # chosen: a median to a tenth of the scatter
+MARGIN_SIGMAS = 3.0  # clear of clipping and of dark; chosen
+MAX_SIGMA = 0.25  # relative, of a sample that is compared; chosen
+BINS = 5  # of the level; chosen
+CODES_8BIT = 256  # tables of as many are of 8-bit frames
+CLEAR_OF_BLACK = 8
+"""Codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve."""
+TINY = 1e-30  # no division by 0
+MAX_LOOKS = 4  # rounds; chosen
+FACTOR_LIMITS = (0.7, 1000.0)  # chosen
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """In stops; frames from the longest time to the shortest."""
+
+    offset: Doubles
+    """(F,): how much brighter each frame is than the frames together say; 0 where it cannot be measured."""
+    curve_error: float
+    """How far the offsets of different codes of one pair are apart, at most."""
+    noise_factor: float = 1.0
+    """Variance of the scatter over what the noise model expects."""
+    correlation: float = 0.0
+    """Of the noise of two channels, 0..1; a mean that counts pairs of channels as luminance does."""
+
+
+def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
+    """Return how well frames (sorted, (H, W, 3)) agree with the times and the curve in the tables."""
+    step = max(1, int(np.sqrt(frames[0].shape[0] * frames[0].shape[1] / GRID_SAMPLES)))
+    sparse = (slice(step // 2, None, step), slice(step // 2, None, step))
+    seen = [tables.sample(f, frame[sparse].reshape(-1, 3)) for f, frame in enumerate(frames)]
+    assumed = 1.0
+    # The range that both frames show, with a margin for noise, hangs on the noise that is found in it.
+    for _ in range(MAX_LOOKS):
+        pairs = [_pair(seen[f], seen[f + 1], tables, f, assumed) for f in range(len(frames) - 1)]
+        found, correlation = _noise([pair.scatter for pair in pairs])
+        if found <= 1.3 * assumed:
+            break
+        assumed = found
+    return Consistency(
+        _offsets([pair.offset for pair in pairs]), max((p.curve_error for p in pairs), default=0.0), found, correlation
+    )
+
+
+@dataclass(frozen=True)
+class _Pair:
+    offset: float | None
+    """Of the longer frame against the shorter, in stops."""
+    curve_error: float
+    scatter: Doubles
+    """(n, 3): differences over their expected standard deviation."""
+
+
+def _pair(longer: Seen, shorter: Seen, tables: Samples, place: int, factor: float) -> _Pair:
+    """Compare two frames where both expose well.
+
+    Pixels are chosen by the mean of both, whose noise is independent of their difference: choosing by one frame's code
+    would choose its noise too, and show an offset where there is none.
+    """
+    (a, weight_a), (b, weight_b) = longer, shorter
+    ratio = float(np.median(tables.saturation[place + 1] / tables.saturation[place]))
+    mean = (ratio * a.astype(np.float64) + b) / (ratio + 1)
+    low, high = _range(tables, place, factor)
+    good = (mean > low) & (mean < high) & (a > 0) & (b > 0)
+    if good.sum() < MIN_SAMPLES:
+        return _Pair(None, 0.0, np.empty((0, 3)))
+    stops = np.log2(np.maximum(a, TINY).astype(np.float64) / np.maximum(b, TINY))
+    whole = good.all(axis=1) & (weight_a > 0).all(axis=1) & (weight_b > 0).all(axis=1)
+    apart = (a[whole] - b[whole]) / mean[whole]
+    expected = 1 / (weight_a[whole] * mean[whole] ** 2) + 1 / (weight_b[whole] * mean[whole] ** 2)
+    scatter = (apart - np.median(apart, axis=0)) / np.sqrt(expected) if whole.any() else np.empty((0, 3))
+    return _Pair(float(np.median(stops[good])), _by_level(stops[good], mean[good]), scatter)
+
+
+def _range(tables: Samples, place: int, factor: float) -> tuple[Doubles, Doubles]:
+    """Return the radiances (3,) between which the longer frame does not clip and the shorter is not dark (3 sigma)."""
+    (a, weight_a), (b, weight_b) = (tables.sample(p, tables.every) for p in (place, place + 1))
+    sigma_a = np.sqrt(factor / np.maximum(weight_a * a.astype(np.float64) ** 2, TINY))
+    sigma_b = np.sqrt(factor / np.maximum(weight_b * b.astype(np.float64) ** 2, TINY))
+    below = (a * (1 + MARGIN_SIGMAS * sigma_a) < tables.saturation[place]) & (sigma_a < MAX_SIGMA)
+    above = (b * (1 - MARGIN_SIGMAS * sigma_b) > 0) & (sigma_b < MAX_SIGMA) & (weight_b > 0)
+    if len(above) == CODES_8BIT:
+        above[:CLEAR_OF_BLACK] = False
+    high = np.max(np.where(below, a, 0.0), axis=0)
+    low = np.min(np.where(above, b, np.inf), axis=0)
+    return low, high
+
+
+def _by_level(stops: Doubles, level: Doubles) -> float:
+    """Return the spread of the median offset over bins of the level, less what chance makes of it."""
+    edges = np.quantile(level, np.linspace(0, 1, BINS + 1)[1:-1])
+    bins = np.searchsorted(edges, level)
+    medians, doubts = [], []
+    for k in range(BINS):
+        mine = stops[bins == k]
+        if len(mine) >= MIN_SAMPLES // 4:
+            medians.append(float(np.median(mine)))
+            # Of a median: 1.253 times the mean's.
+            doubts.append(1.253 * 1.4826 * float(np.median(np.abs(mine - medians[-1]))) / np.sqrt(len(mine)))
+    if len(medians) < 2:
+        return 0.0
+    return max(0.0, max(medians) - min(medians) - 3.0 * float(np.hypot(max(doubts), max(doubts))))
+
+
+def _offsets(pairs: Sequence[float | None]) -> Doubles:
+    """Return each frame's offset from the median of all, given each pair's difference (None: unknown, taken as 0)."""
+    down = np.concatenate([[0.0], np.cumsum([-(p or 0.0) for p in pairs])])
+    return np.asarray(down - np.median(down))
+
+
+def _noise(scatter: Sequence[Doubles]) -> tuple[float, float]:
+    """Return the variance of normalised differences (n, 3), and the correlation of channels; robust."""
+    sizes = [len(one) for one in scatter]
+    if sum(sizes) < MIN_SAMPLES:
+        return 1.0, 0.0
+    every = np.concatenate([one for one in scatter if len(one)])
+    own = float(np.mean(_robust_variance(every)))
+    if own <= 0:
+        return FACTOR_LIMITS[0], 0.0
+    turned = np.roll(every, 1, axis=1)
+    plus, minus = _robust_variance(every + turned), _robust_variance(every - turned)
+    # Column c: channels c and c - 1; each pair counts as its product counts in luminance.
+    pairs = np.array(LUMINANCE_WEIGHTS) * np.roll(LUMINANCE_WEIGHTS, 1)
+    correlation = float(np.average((plus - minus) / np.maximum(plus + minus, 1e-30), weights=pairs))
+    return float(np.clip(own, *FACTOR_LIMITS)), float(np.clip(correlation, 0.0, 1.0))
+
+
+def _robust_variance(values: Doubles) -> Doubles:
+    """Return the variance (3,) by the median of absolute values: what moved does not count."""
+    return np.asarray((1.4826 * np.median(np.abs(values), axis=0)) ** 2)

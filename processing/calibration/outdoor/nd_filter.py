@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.scale.vignetting import lens_data
 from processing.errors import LensError
 from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import LUMINANCE_WEIGHTS
@@ -22,10 +20,12 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 Row = tuple[float, float, float]
 Matrix = tuple[Row, Row, Row]
 
-FitMethod = Literal["Cheung 2004", "Finlayson 2015"]
-"""Of colour-science; both give a 3x3 matrix with three terms (plain and root-polynomial of first degree)."""
+METHOD = "Cheung 2004"
+"""Of colour-science: a plain 3x3 matrix with three terms."""
 _WORST_CONDITION = 50.0
+"""Of a tint that can be undone; chosen: noise would grow as much."""
 _LEAST_PATCHES = 6
+"""Chosen: twice the unknowns of a channel."""
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -55,7 +55,10 @@ class NdFilter:
 
     @classmethod
     def of_matrix(cls, forward: npt.ArrayLike, *, relative_uncertainty: float = 0.0, source: str = "") -> NdFilter:
-        """Return the filter that multiplies linear RGB by a matrix (``rgb @ forward``), split in tint and density."""
+        """Return the filter that multiplies linear RGB by a matrix (``rgb @ forward``), split in tint and density.
+
+        ``forward``: shape (3, 3).
+        """
         matrix = np.array(forward, dtype=np.float64)
         if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
             raise LensError("a filter's matrix is finite and 3x3")
@@ -64,21 +67,6 @@ class NdFilter:
             raise LensError("a filter that passes no white light", likely="the matrix is a correction of another kind")
         return cls(_rows(matrix / passed), -math.log10(passed), relative_uncertainty, source)
 
-    @classmethod
-    def of_correction(cls, correction: npt.ArrayLike, *, source: str = "") -> NdFilter:
-        """Return the filter that a published correction (``rgb @ correction`` gives the light before it) undoes."""
-        matrix = np.array(correction, dtype=np.float64)
-        if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or np.linalg.cond(matrix) > _WORST_CONDITION:
-            raise LensError("a colour correction is a finite 3x3 matrix that can be undone")
-        return cls.of_matrix(np.linalg.inv(matrix), source=source)
-
-    @classmethod
-    def of_factors(cls, factors: Row, *, source: str = "") -> NdFilter:
-        """Return the filter whose channels are corrected by factors, such as (793, 812, 1197)."""
-        if min(factors) <= 0 or not all(math.isfinite(f) for f in factors):
-            raise LensError(f"correction factors {factors}", advice="three numbers above 0")
-        return cls.of_matrix(np.diag(1 / np.array(factors, dtype=np.float64)), source=source)
-
     @property
     def transmittance(self) -> float:
         """Return what the filter passes of white light's luminance."""
@@ -86,21 +74,27 @@ class NdFilter:
 
     @property
     def correction(self) -> Doubles:
-        """Return the matrix (3, 3) that undoes the tint, not the density: ``rgb @ correction``."""
+        """Return the matrix that undoes the tint, not the density: ``rgb @ correction``, of shape (3, 3)."""
         return np.linalg.inv(np.array(self.tint, dtype=np.float64))
 
     def apply(self, rgb: Floats, *, density: bool = False) -> Floats:
-        """Return linear RGB (..., 3) as seen through the tint; ``density``: and weakened by the density."""
+        """Return linear RGB (..., 3) as seen through the tint; ``density``: and weakened by the density.
+
+        The unit is kept, as is the shape.
+        """
         return _times(rgb, np.array(self.tint) * (self.transmittance if density else 1.0))
 
     def correct(self, rgb: Floats, *, density: bool = False) -> Floats:
-        """Return linear RGB (..., 3) as before the filter: the inverse of `apply`; may be negative."""
+        """Return linear RGB (..., 3) as before the filter: the inverse of `apply`; may be negative.
+
+        The unit is kept, as is the shape.
+        """
         return _times(rgb, self.correction / (self.transmittance if density else 1.0))
 
     def noise_gain(self, rgb: Floats) -> Floats:
         """Return by how much the correction raises the relative noise of luminance, for uncorrected (..., 3) values.
 
-        The channels' relative noise is taken as equal and independent; at least 1.
+        The channels' relative noise is taken as equal and independent; at least 1. Of shape (...), >= 1.
         """
         weights = np.array(LUMINANCE_WEIGHTS, dtype=np.float32)
         corrected = (self.correction @ np.array(LUMINANCE_WEIGHTS)).astype(np.float32)
@@ -111,19 +105,10 @@ class NdFilter:
         return np.asarray(np.clip(gain, 1, 1e3), dtype=np.float32)
 
 
-def published_nd_filter(name: str) -> NdFilter:
-    """Return a published filter: lumilab_3 (`lens_data.toml`), known by a factor for each channel."""
-    known = lens_data()["nd_filter"]
-    if name not in known:
-        raise LensError(f"no published filter is called {name!r}", advice=f"one of {', '.join(known)}")
-    red, green, blue = known[name]["factors"]
-    return NdFilter.of_factors((red, green, blue), source=known[name]["source"])
-
-
 def without_negatives(rgb: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     """Return RGB whose negative channels are moved to 0 towards grey, luminance kept, and which pixels (...) that was.
 
-    A pixel of luminance 0 or less becomes black.
+    A pixel of luminance 0 or less becomes black. ``rgb``: shape (..., 3), any unit.
     """
     lowest = rgb.min(axis=-1)
     wrong = lowest < 0
@@ -136,9 +121,7 @@ def without_negatives(rgb: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
     return out, wrong
 
 
-def fit_nd_filter(
-    filtered: npt.ArrayLike, plain: npt.ArrayLike, *, method: FitMethod = "Cheung 2004", source: str = ""
-) -> NdFilter:
+def fit_nd_filter(filtered: npt.ArrayLike, plain: npt.ArrayLike, *, source: str = "") -> NdFilter:
     """Fit a filter to the patches of a colour chart, (N, 3) linear RGB with and without it, of one camera.
 
     Both are scaled to equal exposure (divided by time, ISO and aperture's area), so that their ratio is the filter's
@@ -157,14 +140,13 @@ def fit_nd_filter(
     before, after = before[usable], after[usable]
     weights = np.array(LUMINANCE_WEIGHTS)
     level = (before @ weights)[:, None]
-    options: dict[str, int] = {"terms": 3} if method == "Cheung 2004" else {"degree": 1}
     mean = float(np.mean(after @ weights / level[:, 0]))
     # From the filtered values to the plain ones, at about unit scale: columns of colour's matrix are rows of ours.
-    correction = np.asarray(matrix_colour_correction(after / mean / level, before / level, method=method, **options)).T
+    correction = np.asarray(matrix_colour_correction(after / mean / level, before / level, method=METHOD, terms=3)).T
     found = (after / mean) @ correction
     off = (found @ weights) / level[:, 0] - 1
     sigma = float(np.sqrt(np.sum(off**2) / max(len(off) - 3, 1)))
-    return NdFilter.of_matrix(np.linalg.inv(correction) * mean, relative_uncertainty=sigma, source=source or method)
+    return NdFilter.of_matrix(np.linalg.inv(correction) * mean, relative_uncertainty=sigma, source=source or METHOD)
 
 
 def _times(rgb: Floats, matrix: Doubles) -> Floats:

@@ -23,8 +23,8 @@ from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from processing.sphere.resampling import resample, resample_labels
 
-_MOST_UNCERTAIN = np.float32(1e3)
-_DARK_SHARE = 0.5
+_MOST_UNCERTAIN = np.float32(1e3)  # in place of infinity while averaging
+_DARK_SHARE = 0.5  # of a pixel's light sources; chosen
 _EDGE_PX = math.sqrt(0.5)
 """Pixels whose middle is this near the image circle's edge may lie partly outside: their light is not whole."""
 
@@ -72,17 +72,6 @@ def correct_outdoor(
     return project(image, target)
 
 
-def uncorrect_outdoor(
-    image: RelativeImage, optics: OutdoorOptics, size_px: tuple[int, int], *, top_azimuth_rad: float = 0.0
-) -> RelativeImage:
-    """Return a corrected picture as the camera would have merged it: the inverse of `correct_outdoor`, step by step.
-
-    What the target did not show (below the horizon) is outside; detail finer than its pixels is gone.
-    """
-    image = project(image, optics.lens.fisheye(size_px, top_azimuth_rad))
-    return uncorrect_vignetting(uncorrect_colour(image, optics), optics)
-
-
 def with_lens(image: RelativeImage, optics: OutdoorOptics, top_azimuth_rad: float | None = None) -> RelativeImage:
     """Return the picture with the lens's calibrated geometry; pixels not wholly inside its field are black."""
     height, width = image.rgb.shape[:2]
@@ -103,13 +92,6 @@ def correct_vignetting(image: RelativeImage, optics: OutdoorOptics) -> RelativeI
     return replace(image, rgb=rgb, uncertainty=_plus(image.uncertainty, optics.vignetting.relative_uncertainty))
 
 
-def uncorrect_vignetting(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage:
-    """Return the fall-off put back: the inverse of `correct_vignetting` (of the picture, not of its uncertainty)."""
-    if optics.vignetting is None:
-        return image
-    return replace(image, rgb=optics.vignetting.apply(image.rgb, _fisheye(image)))
-
-
 def correct_colour(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage:
     """Return step (2): the filter's tint undone, noise raised by what the matrix does.
 
@@ -123,14 +105,6 @@ def correct_colour(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage
     inside = max(int((image.validity != Validity.OUTSIDE).sum()), 1)
     attributes = {**image.attributes, "nd_moved_share": float(moved.sum()) / inside}
     return replace(image, rgb=rgb, uncertainty=uncertainty, attributes=attributes)
-
-
-def uncorrect_colour(image: RelativeImage, optics: OutdoorOptics) -> RelativeImage:
-    """Return the tint put back: the inverse of `correct_colour` where nothing was moved to 0."""
-    if optics.filter is None:
-        return image
-    rgb, _ = without_negatives(optics.filter.apply(image.rgb))
-    return replace(image, rgb=rgb)
 
 
 def project(image: RelativeImage, target: Geometry) -> RelativeImage:

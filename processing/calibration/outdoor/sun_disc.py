@@ -19,15 +19,15 @@ from processing.sphere import Equirectangular, Fisheye, directions
 
 Vector = tuple[float, float, float]
 
-SUN_RADIUS_RAD = math.radians(0.533 / 2)
-SUN_SOLID_ANGLE_SR = 2 * math.pi * (1 - math.cos(SUN_RADIUS_RAD))
+SUN_RADIUS_RAD = math.radians(0.533 / 2)  # mean over the year; it varies by 1.7 %
+SUN_SOLID_ANGLE_SR = 2 * math.pi * (1 - math.cos(SUN_RADIUS_RAD))  # 6.8e-5
 _LEAST_CONTRAST = 50.0
 """Of a sun, as a disc 0.533 degrees wide, over the median of the sky. Bright cloud edges reach 5 or so."""
 _LEAST_SHARE = 0.5
 """Of the light within three radii that a sun holds within one."""
 _WIDEST_SPOT_RAD = math.radians(4)
 """Across a clipped spot that can be a sun with its glare."""
-_LEAST_ROUND = 0.4
+_LEAST_ROUND = 0.4  # chosen
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,10 @@ class Window:
     clipped: Flags
 
     def angle_from(self, direction: Doubles) -> Doubles:
-        """Return the angle (h, w) of each pixel's centre from a direction."""
+        """Return the angle (h, w) of each pixel's centre from a direction.
+
+        ``direction``: unit vector of shape (3,); angles in rad.
+        """
         chord = np.linalg.norm(self.ways - direction, axis=-1)
         return np.asarray(2 * np.arcsin(np.clip(chord / 2, 0, 1)))
 

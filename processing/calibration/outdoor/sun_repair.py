@@ -12,7 +12,6 @@ from typing import Literal
 
 import numpy as np
 
-from processing.calibration.outdoor.clear_sky import Beam
 from processing.calibration.outdoor.sun_disc import (
     SUN_RADIUS_RAD,
     SUN_SOLID_ANGLE_SR,
@@ -21,6 +20,7 @@ from processing.calibration.outdoor.sun_disc import (
     find_sun,
     window_at,
 )
+from processing.calibration.outdoor.sun_place import Beam
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, SunError
 from processing.ground.arrays import Doubles
@@ -29,7 +29,7 @@ from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 _GRID = 9
 """Samples a side of each pixel on the disc."""
 SUN_RGB = (1.11, 0.99, 0.85)
-"""The colour of the sun's disc, Rec. 709 of about 5500 K (CIE daylight): what a clipped pixel does not tell."""
+"""The colour of the sun's disc, Rec. 709 of about 5500 K (CIE daylight): what a clipped pixel does not show."""
 BRIGHTEST_CD_M2 = 2.1e9
 """Above the atmosphere: no sun is brighter than its disc there (133 klx over 6.8e-5 sr, with margin)."""
 

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing.calibration.response.curve import fit_noise
+from processing.calibration.response.curve import FineCurve, PatchNoise, fit_noise
 from processing.calibration.response.fit import (
     FIRST_CODE,
     LAST_CODE,
     N_BASIS,
-    FineCurve,
-    PatchNoise,
     Solution,
     Weighed,
     dispersion,
@@ -36,24 +34,24 @@ from processing.ground.arrays import Doubles, Flags
 
 _QUICK_PATCHES = 1000
 """How many patches the first rounds use: they need only come near."""
-_MOST_WRONG = 3
-_CLEAR_OF_BLACK = 12.0
-_LEAST_TELLING = 60
+_MOST_WRONG = 3  # frames of a bracket; chosen
+_CLEAR_OF_BLACK = 12.0  # codes; chosen: above cut-off noise
+_LEAST_CLEAR_PATCHES = 60
 """Patches (of all channels) clear of black that a frame must show before its time is doubted."""
-_SAME_TIME = 0.1
-_LEAST_RISING = 0.5
-_WIDEST_STOPS = 4.5
-_REFINE = 3
-_BOUNDED = 3.0
+_SAME_TIME = 0.1  # stops; chosen: less is one dial
+_LEAST_RISING = 0.5  # of the pairs of frames; chosen
+_WIDEST_STOPS = 4.5  # chosen: two frames' ranges must overlap
+_REFINE = 3  # rounds; chosen
+_BOUNDED = 3.0  # standard deviations, Huber's bound in the first rounds; chosen
 _OUTLIER = 5.0
 """Standard deviations beyond which a patch has moved."""
-_LEAST_SAMPLES = 40
-_LEAST_CODES = 48
-_LEAST_NEAR = 5
-_LEAST_SLOPE = 1e-4
+_LEAST_SAMPLES = 40  # patches; chosen: more than unknowns
+_LEAST_CODES = 48  # of 256; chosen
+_LEAST_NEAR = 5  # patches within two codes; chosen
+_LEAST_SLOPE = 1e-4  # stops a code, so that curves rise strictly
 _CONTINUED = 10
 """Codes above the data in which the spline continues."""
-_PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005
+_PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005  # squared codes: rounding; of means it averages out
 
 
 @dataclass(frozen=True)
@@ -87,8 +85,8 @@ class DaylitFit:
 def fit_daylit(samples: Samples, *, free_times: bool, base: Doubles | None = None) -> DaylitFit:
     """Fit all channels, starting from ``base`` (3, 256) or sRGB's curve.
 
-    A frame whose time contradicts all others gets the time that they imply. With ``free_times`` the rule behind
-    nominal times is chosen too.
+    A frame whose time contradicts all others gets the time that they imply. With ``free_times`` the rule behind nominal
+    times is chosen too. ``base``: shape (3, 256), stops, rising with the code.
 
     Raises
     ------
@@ -143,12 +141,12 @@ def _evidence(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], sample
     scales = [max(fit.solution.scale2, 1.0) for fit in fits]
     matrix = np.sum([fit.solution.time_matrix / s for fit, s in zip(fits, scales, strict=True)], axis=0)
     right = np.sum([fit.solution.time_right / s for fit, s in zip(fits, scales, strict=True)], axis=0)
-    silent = ~_telling_frames(fits, data, len(samples.log2_times))
+    silent = ~_informative_frames(fits, data, len(samples.log2_times))
     matrix[silent], matrix[:, silent], right[silent] = 0.0, 0.0, 0.0
     return TimeEvidence(matrix, right, samples.bracket_of_frame)
 
 
-def _telling_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], n_frames: int) -> Flags:
+def _informative_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], n_frames: int) -> Flags:
     """Return which frames show enough patches clear of black to say anything of their times.
 
     Near black the cut-off noise and a JPEG's coding shift codes by what many stops of time would: a frame that is
@@ -158,7 +156,7 @@ def _telling_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], 
     for fit, seen in zip(fits, data, strict=True):
         clear = (fit.weighed.weight > 0) & (fit.weighed.predicted >= _CLEAR_OF_BLACK)
         count += np.bincount(seen.frame[clear], minlength=n_frames)
-    return np.asarray(count >= _LEAST_TELLING)
+    return np.asarray(count >= _LEAST_CLEAR_PATCHES)
 
 
 def fit_round(
@@ -171,7 +169,10 @@ def fit_round(
     final: bool = False,
     times_too: bool = True,
 ) -> ChannelFit:
-    """Improve a channel's fit (or begin one) by one solution; ``final``: patches that moved are left out."""
+    """Improve a channel's fit (or begin one) by one solution; ``final``: patches that moved are left out.
+
+    ``log2_times``: (F,) log2 of seconds; ``start``: shape (256,), stops.
+    """
     basis = spline_basis()
     log2, noise, coefficients = start, PatchNoise(), np.zeros(N_BASIS)
     if before is not None:
@@ -204,7 +205,7 @@ def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], n_frames: 
 
 
 def check_order(samples: Samples) -> None:
-    """Refuse frames that do not grow brighter with their times, or are all too far apart to tell a curve."""
+    """Refuse frames that do not grow brighter with their times, or are all too far apart to give a curve."""
     gaps = [
         np.diff(np.unique(samples.log2_times[samples.bracket_of_frame == bracket]))
         for bracket in np.unique(samples.bracket_of_frame)
@@ -235,7 +236,7 @@ def check_order(samples: Samples) -> None:
 
 
 def check_enough(data: ChannelSamples, name: str) -> None:
-    """Refuse samples from which no curve can be told."""
+    """Refuse samples from which no curve can be recovered."""
     if data.n_samples >= _LEAST_SAMPLES:
         return
     raise ResponseError(
@@ -269,7 +270,7 @@ def _robust(data: ChannelSamples, found: Weighed, *, final: bool) -> tuple[Doubl
 
 
 def support(predicted: Doubles, name: str) -> tuple[int, int]:
-    """Return the lowest and highest code near which the data say enough."""
+    """Return the lowest and highest code near which the data say enough. ``predicted``: (N,) codes, 0..255."""
     count = np.bincount(np.clip(np.rint(predicted), 0, 255).astype(np.int64), minlength=256)
     near = np.convolve(count, np.ones(5), mode="same")
     seen = np.flatnonzero(near >= _LEAST_NEAR)
@@ -284,7 +285,10 @@ def support(predicted: Doubles, name: str) -> tuple[int, int]:
 
 
 def monotone(log2: Doubles, start: Doubles, low: int, high: int) -> Doubles:
-    """Return the curve strictly increasing; beyond the data in the slopes of the starting curve."""
+    """Return the curve strictly increasing; beyond the data in the slopes of the starting curve.
+
+    All curves have shape (256,), in stops.
+    """
     slope = np.maximum(np.diff(log2), _LEAST_SLOPE)
     usual = np.maximum(np.diff(start), _LEAST_SLOPE)
     slope[:low] = usual[:low]

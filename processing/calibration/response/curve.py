@@ -46,12 +46,12 @@ class ResponseCurve:
 
     @property
     def exposure(self) -> Doubles:
-        """Return linear exposure (3, N)."""
+        """Return linear exposure, > 0, of shape (3, N)."""
         return np.asarray(np.exp2(self.log2_exposure))
 
     @property
     def log2_slope(self) -> Doubles:
-        """Return stops per code (3, N), by central differences; positive."""
+        """Return stops per code, > 0, of shape (3, N), by central differences."""
         return np.asarray(np.gradient(self.log2_exposure, axis=1))
 
 
@@ -71,7 +71,7 @@ class NoiseModel:
     code_variance: tuple[float, float, float] = (1 / 12, 1 / 12, 1 / 12)
 
     def relative_variance(self, curve: ResponseCurve) -> Doubles:
-        """Return var(x) / x2 for each code, (3, N): what the merge weighs by."""
+        """Return var(x) / x2 for each code, of shape (3, N): what the merge weighs by."""
         x = curve.exposure
         slope = curve.log2_slope * np.log(2.0)  # d ln x / d code
         photon, read, codes = (np.array(v)[:, None] for v in (self.photon, self.read, self.code_variance))
@@ -94,7 +94,10 @@ class FineCurve:
 
     @staticmethod
     def of(log2_exposure: Doubles) -> FineCurve:
-        """Interpolate; in linear exposure, in which the toe of a curve is straight."""
+        """Interpolate; in linear exposure, in which the toe of a curve is straight.
+
+        ``log2_exposure``: shape (256,), stops, strictly rising.
+        """
         from scipy.interpolate import PchipInterpolator
 
         codes = np.linspace(0, 255, 255 * FINE_STEPS + 1)
@@ -105,7 +108,10 @@ class FineCurve:
         return FineCurve(log2, slope, bend)
 
     def at(self, codes: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-        """Return log2 exposure, slope and bend at codes (clipped to 0..255)."""
+        """Return log2 exposure, slope and bend at codes (clipped to 0..255).
+
+        All of the shape of ``codes``: stops, stops a code, stops a squared code.
+        """
         place = np.clip(codes, 0, 255) * FINE_STEPS
         first = np.minimum(place.astype(np.int64), len(self.log2) - 2)
         share = place - first
@@ -114,7 +120,7 @@ class FineCurve:
         return log2, self.slope[nearest], self.bend[nearest]
 
     def code(self, log2_exposure: Doubles) -> Doubles:
-        """Return the code of an exposure, 0..255."""
+        """Return the code of an exposure, 0..255. Of the shape of ``log2_exposure``."""
         codes = np.linspace(0, 255, len(self.log2))
         return np.asarray(np.interp(log2_exposure, self.log2, codes), dtype=np.float64)
 
@@ -128,7 +134,7 @@ class CodeNoise:
     code: float
 
     def variance(self, log2_exposure: Doubles, slope: Doubles) -> Doubles:
-        """Return squared codes at exposures where the curve has a slope (stops a code)."""
+        """Return squared codes at exposures where the curve has a slope (stops a code). All of one shape."""
         x = np.exp2(log2_exposure)
         return np.asarray((self.photon * x + self.read2) / (x * np.log(2.0) * slope) ** 2 + self.code)
 
@@ -144,14 +150,14 @@ class PatchNoise:
     pixel: CodeNoise = CodeNoise(0.0, 0.0, 1.0)
 
 
-_LOW, _HIGH = 5.0, 250.0
+_LOW, _HIGH = 5.0, 250.0  # predicted codes that are used; chosen: clear of cut-off noise
 _LEAST_LONG_CODE = 8.0
 """Codes of the longer exposure that predict."""
-_BINS = 40
+_BINS = 40  # over the code; chosen
 _LEAST = 20
 """Differences that a bin must hold."""
-_TRIM = 4.0
-_ROUNDS = 4
+_TRIM = 4.0  # robust standard deviations; chosen: what moved does not count
+_ROUNDS = 4  # of reweighting; chosen
 
 
 def fit_noise(
@@ -159,7 +165,7 @@ def fit_noise(
 ) -> CodeNoise | None:
     """Return the noise of ``pixels`` single pixels of each patch, or with 0 of the patches' means.
 
-    None where too few patches tell.
+    None where too few patches are usable. ``log2_times``: (F,) log2 of seconds.
     """
     longer, shorter = _pairs(data, log2_times)
     step = log2_times[data.frame[shorter]] - log2_times[data.frame[longer]]

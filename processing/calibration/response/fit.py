@@ -22,7 +22,7 @@ from processing.ground.colour import srgb_decoded
 # Smooth functions of the picture code: cubic B-splines whose knots are equally spaced in the root of the code.
 
 
-N_BASIS = 26
+N_BASIS = 26  # splines; chosen
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SplineBasis:
     """(N_BASIS, N_BASIS): squared second differences; constants and a line over the root of the code cost nothing."""
 
     def at(self, codes: Doubles) -> Doubles:
-        """Return (n, N_BASIS) at codes 0..255 (held at the ends)."""
+        """Return the basis, 0..1, of shape (N, N_BASIS) at ``codes`` (N,), 0..255 (held at the ends)."""
         place = np.clip(codes, 0, 255) * FINE_STEPS
         first = np.minimum(place.astype(np.int64), len(self.value) - 2)
         share = (place - first)[:, None]
@@ -47,13 +47,13 @@ class SplineBasis:
         return np.asarray(low + share * (self.value[first + 1] - low))
 
     def entries(self, codes: Doubles) -> tuple[npt.NDArray[np.int64], Doubles]:
-        """Return the columns (n, 4), growing, and values (n, 4) of what is not 0 at codes 0..255 (nearest 1/16)."""
+        """Return the columns (N, 4), growing, and values (N, 4) of what is not 0 at codes 0..255 (nearest 1/16)."""
         place = np.rint(np.clip(codes, 0, 255) * FINE_STEPS).astype(np.int64)
         return self.columns[place], self.four[place]
 
     @property
     def codes(self) -> Doubles:
-        """Return (256, N_BASIS) at the whole codes."""
+        """Return the basis at the whole codes, of shape (256, N_BASIS)."""
         return self.value[::FINE_STEPS]
 
 
@@ -76,7 +76,7 @@ def spline_basis() -> SplineBasis:
 
 
 def srgb_log2_exposure() -> Doubles:
-    """Return (256,) log2 of the light of each sRGB code (IEC 61966-2-1), 0 at code 255; code 0 counts as half."""
+    """Return log2 of the light of each sRGB code, of shape (256,), 0 at code 255; code 0 counts as half."""
     value = np.maximum(np.arange(256), 0.5) / 255
     return np.asarray(np.log2(srgb_decoded(value)))
 
@@ -87,8 +87,8 @@ FIRST_CODE, LAST_CODE = 3.0, 252.0
 _LOG_LAMBDAS = np.arange(3.5, 5.1, 0.25)
 """Of 1 / stops2. The weakest prior: second differences between knots of 0.018 stop; frames exactly two stops apart
 leave ripples of that period free, which only the prior holds down. The strongest: 0.003 stop."""
-_GAUGE_CODE = 128
-_CELLS, _CELL_PATCHES = 16, 8
+_GAUGE_CODE = 128  # where the curve's change is 0
+_CELLS, _CELL_PATCHES = 16, 8  # of the code, and patches a cell needs; chosen
 _MOST_SHIFT = 0.2
 """Stops: a correction of the second order that is larger is none."""
 
@@ -110,7 +110,10 @@ class Weighed:
 
 
 def weigh(data: ChannelSamples, fine: FineCurve, log2_times: Doubles, noise: PatchNoise, rounds: int = 2) -> Weighed:
-    """Return predictions from each patch's mean light, and inverse variances at the predicted codes."""
+    """Return predictions from each patch's mean light, and inverse variances at the predicted codes.
+
+    ``log2_times``: (F,) log2 of seconds.
+    """
     log2, _, bend = fine.at(data.mean)
     predicted = data.mean
     offset = log2_times[data.frame]
@@ -154,7 +157,7 @@ def dispersion(data: ChannelSamples, found: Weighed, weight: Doubles) -> float:
     """Return how much more the means over cells of frames and codes vary than independent patches would; at least 1.
 
     Light that changes, a shutter that is off and processing that looks at the whole picture move many patches alike:
-    then they are worth as much less.
+    then they are worth as much less. ``weight``: (N,) 1 / stops2, one an observation.
     """
     cell = data.frame * _CELLS + np.minimum(found.predicted * (_CELLS / 256), _CELLS - 1).astype(np.int64)
     total = np.bincount(cell, weight)
@@ -181,7 +184,10 @@ class Equations:
     """Observations less patches: what is free."""
 
     def misfit(self, coefficients: Doubles) -> float:
-        """Return the weighted sum of squared residuals with the coefficients of the curve, times as given."""
+        """Return the weighted sum of squared residuals with the coefficients of the curve, times as given.
+
+        ``coefficients``: (K,) of the spline.
+        """
         k = len(coefficients)
         return max(float(self.square + coefficients @ (self.matrix[:k, :k] @ coefficients - 2 * self.right[:k])), 0.0)
 
@@ -189,7 +195,10 @@ class Equations:
 def equations(
     data: ChannelSamples, fine: FineCurve, log2_times: Doubles, found: Weighed, weight: Doubles, *, times: bool
 ) -> Equations:
-    """Build them: unknown are the change of the curve and, with ``times``, of the log2 times."""
+    """Build them: unknown are the change of the curve and, with ``times``, of the log2 times.
+
+    ``log2_times``: (F,) log2 of seconds; ``weight``: (N,) 1 / stops2, one an observation.
+    """
     basis = spline_basis()
     k, n_frames = len(basis.penalty), len(log2_times) if times else 0
     log2, _, _ = fine.at(data.mean)

@@ -15,8 +15,8 @@ from processing.calibration.response.bracket_fit import (
     check_enough,
     fit_daylit,
 )
-from processing.calibration.response.curve import NoiseModel, ResponseCurve, fit_noise
-from processing.calibration.response.fit import CodeNoise, FineCurve, PatchNoise, spline_basis, weigh
+from processing.calibration.response.curve import CodeNoise, FineCurve, NoiseModel, PatchNoise, ResponseCurve, fit_noise
+from processing.calibration.response.fit import spline_basis, weigh
 from processing.calibration.response.samples import CHANNELS, Bracket8, Samples, take_samples
 from processing.calibration.response.shutter import ShutterRule
 from processing.ground.arrays import Doubles
@@ -66,7 +66,7 @@ class ResponseFit:
     wrong_times: dict[int, float] = field(default_factory=dict)
     """Frame: stops by which the time given for it is off."""
     shutter_rule: ShutterRule | None = None
-    """The rule that the frames fit best, where they tell the rules apart."""
+    """The rule that the frames fit best, where they distinguish the rules."""
 
 
 def recover_response(brackets: Sequence[Bracket8], *, estimate_times: bool = False, seed: int = 0) -> ResponseFit:
@@ -179,7 +179,7 @@ def _warnings(samples: Samples, fit: DaylitFit, gauge: int, *, free_times: bool)
 
 
 def curve_sigma(fit: ChannelFit, gauge: int) -> Doubles:
-    """Return the standard uncertainty (256,), 0 at the gauge code: of the fit, of the model, and of what is beyond."""
+    """Return the standard uncertainty in stops, shape (256,), 0 at the gauge code: of fit, model and continuation."""
     rows = spline_basis().codes
     inside = np.clip(np.arange(256), fit.low, min(fit.high + 3, 255))
     rows = rows[inside] - rows[inside[gauge]]
@@ -256,7 +256,7 @@ def check_response(
     Raises
     ------
     ResponseError
-        Frames that cannot tell (too few patches or codes).
+        Frames with too few patches or codes.
     BracketError
         Frames that are no bracket.
     """

@@ -1,6 +1,6 @@
-"""Which pixels tell the response: small smooth patches, seen well exposed in at least two frames of a bracket.
+"""Which pixels show the response: small smooth patches, seen well exposed in at least two frames of a bracket.
 
-Patches of 3 x 3 pixels: their mean is dithered finer than a code, and their spread tells edges and texture from noise.
+Patches of 3 x 3 pixels: their mean is dithered finer than a code; their spread separates edges and texture from noise.
 Nothing is averaged before it is known to be smooth: a mean of codes over an edge is not the code of the mean light.
 """
 
@@ -15,17 +15,17 @@ from processing.errors import BracketError
 from processing.ground.arrays import Bytes, Doubles, Flags, Int64s
 
 CHANNELS = ("red", "green", "blue")
-PATCH_PX = 3
+PATCH_PX = 3  # pixels a side; chosen
 CANDIDATES = 10_000
 """Patches looked at in all brackets together."""
 MAX_SAMPLES = 3_200
 """Patches kept for a channel."""
 FLAT_SPREAD = 0.03
 """Greatest standard deviation within a patch over its mean code where it is exposed well: about a tenth of a stop."""
-_WELL_EXPOSED = 235.0
+_WELL_EXPOSED = 235.0  # code; chosen: clear of white
 _CLEAR_BELOW, _CLEAR_ABOVE = 1.5, 2.5
 """Standard deviations of its codes by which a patch must be clear of black and of white."""
-_SPREAD_BINS = 12
+_SPREAD_BINS = 12  # over the code; chosen
 _NOISY, _NOISE_CODES = 1.8, 6.0
 """Times the usual spread of equally bright patches, and codes at most, that still pass as noise."""
 _LEAST_SHARE = 0.25

@@ -1,7 +1,7 @@
 """How long a shutter really opens: the powers of two behind the times engraved on dials.
 
 1/60 s stands for 2^-6 s and 13 s for 2^(11/3) s; taken as written they are up to 0.09 stop off. Which of both a camera
-means is in its row of `CAMERA_RULES`, or is told by the bracket itself, whose frames overlap.
+means is in its row of `CAMERA_RULES`, or follows from the bracket itself, whose frames overlap.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ WRONG_STOPS = 0.12
 """A time that is off by more is none of a shutter's tolerance but a wrong entry: a third of a stop is the next dial."""
 _CLEAR_CHI2 = 100.0
 """Gain in chi2 that a wrong time must explain: patches are many, the curve is smooth, small misfits are certain."""
-_DECISIVE_CHI2 = 10.0
-_STIFF = 1e3
-_SAME_STOPS = 1e-6
+_DECISIVE_CHI2 = 10.0  # chosen: odds of 150 to 1
+_STIFF = 1e3  # chosen: holds what frames cannot show
+_SAME_STOPS = 1e-6  # rounding error
 _LEAST_FRAMES = 4
 """Of one bracket: two or three frames fit any times with a curve to match."""
 
@@ -96,13 +96,13 @@ class TimeEvidence:
     bracket_of_frame: npt.NDArray[np.int64]
 
     def gain(self, change: Doubles) -> float:
-        """Return by how much chi2 falls with a change of the log2 times."""
+        """Return by how much chi2 falls with a change of the log2 times. ``change``: (F,) stops."""
         return float(2 * self.right @ change - change @ self.matrix @ change)
 
 
 @dataclass(frozen=True)
 class TimeEstimate:
-    """Times told by the frames themselves."""
+    """Times estimated from the frames themselves."""
 
     times_s: tuple[float, ...]
     sigma: tuple[float, ...]
@@ -111,7 +111,7 @@ class TimeEstimate:
     chi2: dict[ShutterRule, float]
     """Of each rule, more than that of the best."""
     decided: bool
-    """Whether the frames tell the rules apart; where not, ``rule`` is the one asked for."""
+    """Whether the frames distinguish the rules; where not, ``rule`` is the prior one."""
     off_rule: bool
     """Whether times differ from the rule's by more than the frames' noise explains, and are the estimated ones."""
 
@@ -127,7 +127,7 @@ def estimate_times(
     """Choose the rule that the frames fit best; leave it where they clearly say so.
 
     ``times_s`` are nominal; ``fitted``: log2 of the times that the evidence is about, if others; ``known``: frames
-    whose time is not by any rule, and stays as fitted.
+    whose time is not by any rule, and stays as fitted. ``fitted``: (F,) log2 of seconds.
     """
     now = np.log2(np.asarray(times_s, dtype=np.float64)) if fitted is None else fitted
     by_rule = {rule: np.log2([true_time_s(t, rule) for t in times_s]) - now for rule in ShutterRule}
@@ -176,7 +176,10 @@ def _off_rule(evidence: TimeEvidence, change: Doubles, now: Doubles) -> tuple[Do
 
 
 def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:
-    """Return the most probable change (stops) of the times of some frames, the others held; 0 for those."""
+    """Return the most probable change (stops) of the times of some frames, the others held; 0 for those.
+
+    Of shape (F,), within 2 stops.
+    """
     change = np.zeros(len(evidence.right))
     chosen = list(frames)
     if chosen:
@@ -189,7 +192,7 @@ def refine_times(evidence: TimeEvidence, frames: Sequence[int]) -> Doubles:
 def find_wrong_time(evidence: TimeEvidence, known: Collection[int] = ()) -> tuple[int, float] | None:
     """Return the frame whose time contradicts all others most, and by how many stops it is off; None if none does.
 
-    Frames in ``known`` are not named again. Of a bracket of fewer than four frames a wrong time cannot be told from
+    Frames in ``known`` are not named again. In a bracket of fewer than four frames a wrong time looks like
     another curve.
     """
     own = np.diag(evidence.matrix)

@@ -14,15 +14,15 @@ from processing.ground.arrays import Doubles
 from processing.ground.colour import srgb_decoded
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 
-COLUMNS, ROWS = 6, 4
+COLUMNS, ROWS = 6, 4  # of the 24-patch chart
 PATCH_NAMES = (
     "dark skin", "light skin", "blue sky", "foliage", "blue flower", "bluish green",
     "orange", "purplish blue", "moderate red", "purple", "yellow green", "orange yellow",
     "blue", "green", "red", "yellow", "magenta", "cyan",
     "white", "neutral 8", "neutral 6.5", "neutral 5", "neutral 3.5", "black",
 )  # fmt: skip
-NEUTRALS = tuple(range(18, 24))
-WHITE = 18
+NEUTRALS = tuple(range(18, 24))  # its last row
+WHITE = 18  # number of the white patch
 _SRGB = (
     0x735244, 0xC29682, 0x627A9D, 0x576C43, 0x8580B1, 0x67BDAA,
     0xD67E2C, 0x505BA6, 0xC15A63, 0x5E3C6C, 0x9DBC40, 0xE0A32E,
@@ -32,9 +32,9 @@ _SRGB = (
 """As the maker publishes them (8-bit sRGB): good enough to know a chart and its way up."""
 WINDOW = 0.5
 """Of a patch's pitch: what is averaged; frames and the blur of edges stay outside."""
-_GRID = 14
-MAX_INVALID_FRAC = 0.1
-MIN_PIXELS = 4
+_GRID = 14  # samples across a patch; chosen
+MAX_INVALID_FRAC = 0.1  # of a patch; chosen
+MIN_PIXELS = 4  # across a patch; chosen
 
 
 @dataclass(frozen=True)
@@ -56,23 +56,26 @@ class FoundChart:
 
     @property
     def luminance(self) -> Doubles:
-        """Return the patches' relative luminances (24,)."""
+        """Return the patches' relative luminances, >= 0, of shape (24,)."""
         return luminance_cd_m2(self.rgb).astype(np.float64)
 
     @property
     def usable(self) -> npt.NDArray[np.bool_]:
-        """Return which patches are neither clipped nor dark (24,)."""
+        """Return which patches are neither clipped nor dark, of shape (24,)."""
         return np.asarray(np.isfinite(self.uncertainty) & (self.luminance > 0))
 
 
 def reflectances() -> Doubles:
-    """Return the linear Rec. 709 reflectances (24, 3) of the published colours (IEC 61966-2-1)."""
+    """Return the linear Rec. 709 reflectances, 0..1, of the published colours, of shape (24, 3)."""
     value = np.array([[code >> 16, code >> 8 & 255, code & 255] for code in _SRGB]) / 255
     return srgb_decoded(value)
 
 
 def homography(corners_px: Doubles) -> Doubles:
-    """Return the (3, 3) mapping from chart coordinates (x 0..6, y 0..4, dark skin first) to the picture."""
+    """Return the (3, 3) mapping from chart coordinates (x 0..6, y 0..4, dark skin first) to the picture.
+
+    ``corners_px``: shape (4, 2), pixels, in order around the chart.
+    """
     grid = ((0.0, 0.0), (COLUMNS, 0.0), (COLUMNS, ROWS), (0.0, ROWS))
     rows = []
     for (u, v), (x, y) in zip(grid, np.asarray(corners_px, dtype=np.float64), strict=True):
@@ -84,7 +87,7 @@ def homography(corners_px: Doubles) -> Doubles:
 
 
 def checked_corners(corners_px: npt.ArrayLike) -> Doubles:
-    """Return four corners (4, 2); `ChartError` for anything else."""
+    """Return four corners in pixels, of shape (4, 2); `ChartError` for anything else."""
     corners = np.asarray(corners_px, dtype=np.float64)
     if corners.shape != (4, 2) or not np.all(np.isfinite(corners)):
         raise ChartError("four corners of two numbers are needed", where="corners", advice="give X,Y four times")
@@ -92,7 +95,10 @@ def checked_corners(corners_px: npt.ArrayLike) -> Doubles:
 
 
 def chart_points(mapping: Doubles, window: float, grid: int) -> Doubles:
-    """Return picture points (24, grid * grid, 2) spread over the middles of all patches."""
+    """Return picture points (24, grid * grid, 2) spread over the middles of all patches.
+
+    ``mapping``: shape (3, 3), as `homography` gives it; ``window``: share of a patch's side.
+    """
     step = ((np.arange(grid) + 0.5) / grid - 0.5) * window
     column, row = np.arange(24) % COLUMNS + 0.5, np.arange(24) // COLUMNS + 0.5
     u = column[:, None, None] + step[None, None, :] + 0 * step[None, :, None]
@@ -103,6 +109,8 @@ def chart_points(mapping: Doubles, window: float, grid: int) -> Doubles:
 
 def read_chart(view: RelativeImage, corners_px: Doubles, how: str) -> FoundChart:
     """Return the chart at four corners, whichever way up they were given.
+
+    ``corners_px``: shape (4, 2), pixels.
 
     Raises
     ------
@@ -174,15 +182,15 @@ def _mismatch(rgb: Doubles, usable: npt.NDArray[np.bool_]) -> float:
 
 _WORK_PX = (480, 960)
 """Picture widths that the detector works at: patches of 15 to 100 pixels suit it."""
-_WHITE_PERCENTILES = (99.0, 90.0, 99.9)
-_EVEN_WINDOW = 0.74
-_EVEN_GRID = 9
-_FRAME_WEIGHT = 0.3
-_LINE_POINTS = 48
+_WHITE_PERCENTILES = (99.0, 90.0, 99.9)  # exposures that are tried; chosen
+_EVEN_WINDOW = 0.74  # of a patch's side; chosen
+_EVEN_GRID = 9  # samples across a patch; chosen
+_FRAME_WEIGHT = 0.3  # of dark frames beside even patches; chosen
+_LINE_POINTS = 48  # samples along the frame; chosen
 
 
 def candidates(view: RelativeImage) -> Iterator[Doubles]:
-    """Yield corners (4, 2) in picture pixels of what may be the chart, the likeliest first."""
+    """Yield corners in pixels, of shape (4, 2), of what may be the chart, the likeliest first."""
     import cv2
 
     for percentile in _WHITE_PERCENTILES:
@@ -201,7 +209,10 @@ def candidates(view: RelativeImage) -> Iterator[Doubles]:
 
 
 def refined(view: RelativeImage, corners_px: Doubles) -> Doubles:
-    """Return the corners moved by fractions of a patch to where patches are most even and the frame is darkest."""
+    """Return the corners moved by fractions of a patch to where patches are most even and the frame is darkest.
+
+    ``corners_px`` and the result: shape (4, 2), pixels.
+    """
     from scipy.optimize import minimize
 
     level = np.log2(np.maximum(luminance_cd_m2(view.rgb), _floor(view))).astype(np.float64)

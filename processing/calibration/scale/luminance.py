@@ -11,17 +11,19 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.calibration.scale.meter_spot import Spot, SpotPixels, moved, shares, spot_luminance, spot_pixels
 from processing.errors import ScaleError
+from processing.ground.arrays import Doubles, Indices
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.sphere import Equirectangular, Geometry, pixels
 from station.session.session import FrameRecord, ReadingRecord
 
-DRIFT_WARNING_FRAC = 0.05
-SPOT_WARNING_FRAC = 0.02
+DRIFT_WARNING_FRAC = 0.05  # chosen
+SPOT_WARNING_FRAC = 0.02  # chosen
 MAX_GHOST_SHARE = 0.25
 """Of the spot: more means that something stood before the target."""
 CURVE_FRAC = 0.004
@@ -89,7 +91,7 @@ def scale_from_reading(
 ) -> ScaleFactor:
     """Return k1 from the meter's readings of a target in the picture.
 
-    ``frames`` (those the picture was merged from) tell its moment: between two readings the meter's value is
+    ``frames`` (those the picture was merged from) give its moment: between two readings the meter's value is
     interpolated to it. Readings whose status is neither "ok" nor "typed" are not used. ``curve_frac`` is the relative
     standard uncertainty that pixels of equal codes share (the response curve's).
 
@@ -208,8 +210,8 @@ def _check_spot(image: RelativeImage, found: SpotPixels) -> list[str]:
     """Return warnings; refuse a spot whose values are not the target's."""
     share = shares(image, found)
     reasons = {
-        Validity.CLIPPED: "brighter than every frame can tell (clipped)",
-        Validity.DARK: "darker than every frame can tell",
+        Validity.CLIPPED: "brighter than every frame can record (clipped)",
+        Validity.DARK: "darker than every frame can record",
         Validity.OUTSIDE: "outside the lens's field",
         Validity.REPAIRED: "a repaired value, not a measured one",
     }
@@ -236,7 +238,7 @@ def _pointing_part(image: RelativeImage, spot: Spot, displayed: float, pointing_
         try:
             changes.append(spot_luminance(image, other) / displayed - 1)
         except ScaleError:
-            continue  # at the picture's edge: the other ways tell
+            continue  # at the picture's edge: the other directions decide
     # Over all ways the mean square of a gradient's change is half of its square.
     return math.sqrt(2 * float(np.mean(np.square(changes)))) if changes else 0.0
 
@@ -249,3 +251,124 @@ def _picture_part(image: RelativeImage, found: SpotPixels, displayed: float, cur
     scatter2 = float(((values / displayed - 1) ** 2) @ found.share)
     independent = max(found.n_effective / NEIGHBOURS, 1.0)
     return math.sqrt(max(claimed2, scatter2) / independent + curve_frac**2)
+
+
+SPOT_DIAMETER_RAD = math.radians(1 / 3)
+"""Of an LS-160."""
+_SAMPLES = 16_384
+"""Spread evenly over the spot: an edge across it is then right to 0.1 % of its contrast."""
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A round part of the sphere: longitude (right of ahead) and latitude of its middle, and its width; radians."""
+
+    longitude_rad: float
+    latitude_rad: float
+    diameter_rad: float = SPOT_DIAMETER_RAD
+
+    def direction(self) -> Doubles:
+        """Return the unit vector to its middle. Of shape (3,)."""
+        flat = math.cos(self.latitude_rad)
+        x, y = flat * math.sin(self.longitude_rad), flat * math.cos(self.longitude_rad)
+        return np.array((x, y, math.sin(self.latitude_rad)))
+
+
+@dataclass(frozen=True)
+class SpotPixels:
+    """The pixels that a spot touches, and the share of the spot that each covers (sum 1)."""
+
+    row: Indices
+    column: Indices
+    share: Doubles
+
+    def mean(self, plane: npt.NDArray[np.generic]) -> float:
+        """Return the mean of a plane (H, W) over the spot."""
+        return float(np.asarray(plane[self.row, self.column], dtype=np.float64) @ self.share)
+
+    @property
+    def n_effective(self) -> float:
+        """Return how many whole pixels carry the mean."""
+        return float(1 / np.sum(self.share**2))
+
+
+def spot_pixels(geometry: Geometry, spot: Spot) -> SpotPixels:
+    """Return the pixels of a spot.
+
+    Raises
+    ------
+    ScaleError
+        Part of the spot lies outside the picture.
+    """
+    x, y, seen = pixels(geometry, _spread(spot.direction(), spot.diameter_rad / 2))
+    if not np.all(seen):
+        raise ScaleError(
+            f"the meter's spot at {_named(spot)} is outside the picture",
+            likely="a target for another camera",
+            advice="give the target's direction: longitude right of the picture's middle, latitude up",
+        )
+    column, row = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
+    wide, high = geometry.width_px, geometry.height_px
+    column = column % wide if isinstance(geometry, Equirectangular) else np.clip(column, 0, wide - 1)
+    place, count = np.unique(np.clip(row, 0, high - 1) * wide + column, return_counts=True)
+    return SpotPixels(place // wide, place % wide, count / count.sum())
+
+
+def spot_luminance(image: RelativeImage, spot: Spot) -> float:
+    """Return the mean luminance of a spot in the picture's own scale."""
+    found = spot_pixels(image.geometry, spot)
+    return float(luminance_cd_m2(image.rgb[found.row, found.column]) @ found.share)
+
+
+def shares(image: RelativeImage, found: SpotPixels) -> dict[Validity, float]:
+    """Return what share of a spot has each validity."""
+    validity = image.validity[found.row, found.column]
+    return {kind: float(found.share[validity == kind].sum()) for kind in Validity}
+
+
+def moved(spot: Spot, angle_rad: float, count: int = 8) -> list[Spot]:
+    """Return ``count`` spots around one, ``angle_rad`` away in evenly spaced ways."""
+    out = []
+    centre, side, up = _frame(spot.direction())
+    for turn in np.arange(count) * (2 * math.pi / count):
+        way = math.cos(angle_rad) * centre + math.sin(angle_rad) * (math.cos(turn) * side + math.sin(turn) * up)
+        out.append(Spot(math.atan2(way[0], way[1]), math.asin(float(np.clip(way[2], -1, 1))), spot.diameter_rad))
+    return out
+
+
+def _named(spot: Spot) -> str:
+    return f"longitude {math.degrees(spot.longitude_rad):.2f}, latitude {math.degrees(spot.latitude_rad):.2f} degrees"
+
+
+def _frame(centre: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Return three vectors at right angles, the first the one given."""
+    pole = np.array((0.0, 0.0, 1.0)) if abs(centre[2]) < 0.9 else np.array((0.0, 1.0, 0.0))
+    side = np.cross(centre, pole)
+    side /= np.linalg.norm(side)
+    return centre, side, np.cross(side, centre)
+
+
+def _spread(centre: Doubles, radius_rad: float) -> Doubles:
+    """Return directions (n, 3), each for the same solid angle of a disc (a sunflower: golden-angle spiral)."""
+    middle, side, up = _frame(centre)
+    # Equal steps of 1 - cos(angle) are equal solid angles.
+    drop = (1 - math.cos(radius_rad)) * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
+    off = np.sqrt(drop * (2 - drop))[:, None]
+    turn = (np.arange(_SAMPLES) * (math.pi * (3 - math.sqrt(5))))[:, None]
+    return np.asarray((1 - drop)[:, None] * middle + off * (np.cos(turn) * side + np.sin(turn) * up))
+
+
+def given_scale(name: str, value: float) -> ScaleFactor:
+    """Return a factor that the user gave, with the warning that nothing is known of its uncertainty."""
+    warning = f"{name} is as given: its uncertainty is not known, and not part of the uncertainties stated"
+    return ScaleFactor(value, 0.0, {"given": 0.0}, warnings=(warning,))
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """One side's picture, its scale, and what there is to say of it (plain JSON values)."""
+
+    image: LuminanceImage
+    scale: ScaleFactor
+    facts: dict[str, Any]
+    warnings: tuple[str, ...] = ()

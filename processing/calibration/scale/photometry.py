@@ -18,7 +18,7 @@ from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
 from processing.sphere import Geometry, projected_solid_angles
 
-UP = (0.0, 0.0, 1.0)
+UP = (0.0, 0.0, 1.0)  # a level plane's normal
 DEFAULT_LIMIT = 0.10
 """Relative difference from a lux meter above which a warning is given (a good meter's own error is 3 to 5 %)."""
 
@@ -125,9 +125,9 @@ def _warning(computed: Illuminance, measured_lx: float, difference: float) -> st
     ]
     if computed.unseen_share > 0.01:
         reasons.append(f"{computed.unseen_share:.0%} of the half space not shown")
-    told = f" ({', '.join(reasons)})" if reasons else ""
+    causes = f" ({', '.join(reasons)})" if reasons else ""
     return (
-        f"the picture gives {_lux(computed.value_lx)}{told}, "
+        f"the picture gives {_lux(computed.value_lx)}{causes}, "
         f"{abs(difference):.1%} {where} the measured {_lux(measured_lx)}"
     )
 
@@ -151,3 +151,31 @@ def _weights(geometry: Geometry, normal: tuple[float, float, float]) -> Doubles:
     weights = projected_solid_angles(geometry, normal)
     weights.flags.writeable = False
     return weights
+
+
+CLIPPED_SHARE = 0.01
+"""Of an illuminance, from clipped pixels: more is worth a warning."""
+PLANES = {
+    "up": (0.0, 0.0, 1.0),
+    "ahead": (0.0, 1.0, 0.0),
+    "right": (1.0, 0.0, 0.0),
+    "back": (0.0, -1.0, 0.0),
+    "left": (-1.0, 0.0, 0.0),
+}
+
+
+def illuminances(
+    image: LuminanceImage, planes: dict[str, tuple[float, float, float]]
+) -> tuple[dict[str, dict[str, float]], list[str]]:
+    """Return value, standard uncertainty (lx) and share from clipped pixels for each plane through the camera.
+
+    Warnings name the planes on which so much is clipped that the value is a lower bound.
+    """
+    found = {name: illuminance_lx(image, normal) for name, normal in planes.items()}
+    facts = {
+        name: {"value": e.value_lx, "uncertainty": e.uncertainty_lx, "clipped_share": e.invalid_shares["clipped"]}
+        for name, e in found.items()
+    }
+    low = [f"{name} ({e['clipped_share']:.0%})" for name, e in facts.items() if e["clipped_share"] > CLIPPED_SHARE]
+    warning = f"illuminance is a lower bound, as part of it comes from pixels clipped in every frame: {', '.join(low)}"
+    return facts, [warning] if low else []

@@ -21,11 +21,11 @@ Picture = TypeVar("Picture", RelativeImage, LuminanceImage)
 
 RIM_GAP = 1.06
 """In radii: nearer to the image circle the lens's own blur and its bright rim reach out."""
-MIN_SURROUND_PX = 400
+MIN_SURROUND_PX = 400  # chosen
 MAX_DARK_SHARE = 0.25
 """Of the surround: where more of it is too dark to measure, what is left are the brightest by chance, not the veil."""
-_DARKEST_SHARE = 0.001
-_MAD_SIGMA = 1.4826
+_DARKEST_SHARE = 0.001  # of the field; chosen
+_MAD_SIGMA = 1.4826  # of a normal distribution: 1 / quantile(0.75)
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,8 @@ def subtract_veil(image: Picture, glare: GlareEstimate) -> Picture:
     """Return the picture without a uniform veil; its doubt goes into each pixel's uncertainty.
 
     What falls to 0 or below becomes 0, `Validity.DARK`, with infinite uncertainty. Pixels outside the field stay.
-    Raises `ParameterError` for an upper bound, which is not a value to subtract, and for a negative veil.
+    Raises `ParameterError` for an upper bound, which is not a value to subtract, and for a negative veil. The picture's
+    arrays keep their shape and unit.
     """
     if glare.upper_bound:
         raise ParameterError("an upper bound of the veil cannot be subtracted", advice="estimate it from the surround")
@@ -123,5 +124,5 @@ def subtract_veil(image: Picture, glare: GlareEstimate) -> Picture:
     uncertainty = np.where(inside, known, image.uncertainty).astype(np.float32)
     dark = inside & ~lit & (image.validity != Validity.CLIPPED)
     validity = np.where(dark, np.uint8(Validity.DARK), image.validity).astype(np.uint8)
-    told = {**image.attributes, "veil_rgb": list(glare.veil_rgb), "veil_uncertainty": glare.uncertainty}
-    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, attributes=told)
+    attributes = {**image.attributes, "veil_rgb": list(glare.veil_rgb), "veil_uncertainty": glare.uncertainty}
+    return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, attributes=attributes)

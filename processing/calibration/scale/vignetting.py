@@ -19,7 +19,7 @@ import numpy.typing as npt
 from processing.errors import LensError
 from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import RelativeImage, luminance_cd_m2
-from processing.sphere import Equirectangular, Fisheye, pixels
+from processing.sphere import Equirectangular, Fisheye
 from processing.sphere.geometry import polar_of_radius
 
 # Published calibrations that come with the program: `lens_data.toml`, with their sources.
@@ -27,14 +27,14 @@ from processing.sphere.geometry import polar_of_radius
 
 @cache
 def lens_data() -> dict[str, Any]:
-    """Return the tables ``vignetting`` and ``nd_filter``, by name."""
+    """Return the published tables, by kind and name."""
     return tomllib.loads(files("processing.calibration").joinpath("lens_data.toml").read_text("utf-8"))
 
 
 EVEN_POWERS = (2, 4, 6)
 """Of r, what fits take: a rotationally symmetric lens's fall-off is smooth in the middle."""
-_LEAST, _MOST = 0.02, 4.0
-_MIN_SAMPLES = 50
+_LEAST, _MOST = 0.02, 4.0  # chosen: no lens falls or rises so far
+_MIN_SAMPLES = 50  # chosen: ten times the unknowns
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Vignetting:
             )
 
     def evaluate(self, r: npt.ArrayLike) -> Doubles:
-        """Return V at r (radii); r beyond 1 counts as 1."""
+        """Return V at r (radii); r beyond 1 counts as 1. Both of any one shape; V is 1 on the axis."""
         r = np.clip(np.asarray(r, dtype=np.float64), 0, 1)
         total = np.ones_like(r)
         for power, coefficient in zip(self.powers, self.coefficients, strict=True):
@@ -83,10 +83,6 @@ class Vignetting:
     def correct(self, rgb: Floats, geometry: Fisheye) -> Floats:
         """Return the picture (H, W, 3) as a lens without fall-off would have given it."""
         return np.asarray(rgb / self.map(geometry)[..., None], dtype=np.float32)
-
-    def apply(self, rgb: Floats, geometry: Fisheye) -> Floats:
-        """Return the picture (H, W, 3) with the fall-off put in: the inverse of `correct`."""
-        return np.asarray(rgb * self.map(geometry)[..., None], dtype=np.float32)
 
 
 def published_vignetting(name: str) -> Vignetting:
@@ -139,43 +135,6 @@ def fit_flat(
     return _solve(np.array(rows), np.array(level), np.array(scene, dtype=int), powers, "fitted to a flat field")
 
 
-def fit_rotated(
-    captures: Sequence[Floats],
-    rotations: Sequence[npt.ArrayLike],
-    geometry: Fisheye,
-    *,
-    powers: tuple[int, ...] = EVEN_POWERS,
-    samples: int = 4000,
-) -> VignettingFit:
-    """Fit the fall-off to linear captures (H, W, 3) of one unchanged scene, the camera turned between them.
-
-    ``rotations`` are 3x3 matrices from the camera's axes (z along the lens) to the scene's. What the scene's points
-    radiate is solved along with the fall-off. The same point must be seen at different distances from the axis: turning
-    about the lens's own axis tells nothing, so the camera is laid on its side and turned by azimuth. Raises
-    `LensError` where the captures do not tell.
-    """
-    import cv2
-
-    if len(captures) != len(rotations) or len(captures) < 2:
-        raise LensError(f"{len(captures)} captures and {len(rotations)} rotations", advice="give two or more of each")
-    ways = _spread(samples)
-    radii, levels, points = [], [], []
-    for capture, rotation in zip(captures, rotations, strict=True):
-        x, y, seen = pixels(geometry, ways @ np.asarray(rotation, dtype=np.float64))
-        luminance = cv2.GaussianBlur(luminance_cd_m2(capture), (5, 5), 0)
-        at = (np.where(seen, x, 0) - 0.5).astype(np.float32), (np.where(seen, y, 0) - 0.5).astype(np.float32)
-        value = cv2.remap(luminance, at[0][None], at[1][None], cv2.INTER_LINEAR)[0]
-        centre = geometry.axis_px
-        r = np.hypot(x - centre[0], y - centre[1]) / geometry.radius_px
-        used = seen & (r < 0.985) & (value > 0) & np.isfinite(value)
-        radii.append(r[used])
-        levels.append(np.log(value[used].astype(np.float64)))
-        points.append(np.flatnonzero(used))
-    return _solve(
-        np.concatenate(radii), np.concatenate(levels), np.concatenate(points), powers, "fitted to rotated captures"
-    )
-
-
 def _solve(
     r: Doubles, level: Doubles, scene: npt.NDArray[np.intp], powers: tuple[int, ...], source: str
 ) -> VignettingFit:
@@ -195,7 +154,7 @@ def _solve(
         normal = slopes.T @ (slopes * weights[:, None]) / r.size
         if np.linalg.eigvalsh(normal)[0] < 1e-7:
             raise LensError(
-                "the captures do not tell the fall-off from the scene",
+                "the frames do not separate the fall-off from the scene",
                 likely="the camera was turned about its lens's axis, or not turned",
                 advice="lay the camera on its side and turn it by azimuth, or photograph a flat field",
             )
@@ -214,14 +173,6 @@ def _centred(values: Doubles, scene: npt.NDArray[np.intp], count: npt.NDArray[np
     """Return values (n, k) less the mean of their scene point: which eliminates the scene."""
     means = np.stack([np.bincount(scene, column) / count for column in values.T], axis=-1)
     return np.asarray(values - means[scene])
-
-
-def _spread(count: int) -> Doubles:
-    """Return directions (count, 3) spread evenly over the sphere (a golden spiral)."""
-    z = 1 - (2 * np.arange(count) + 1) / count
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    flat = np.sqrt(1 - z * z)
-    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
 
 
 def _angle_share(geometry: Fisheye, r: Doubles) -> Doubles:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from processing.calibration.outdoor.image_circle import ImageCircle
-from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.lens import ImageCircle, LensModel
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.profile import (
     CameraProfile,
@@ -64,7 +63,7 @@ def profile() -> RigProfile:
         shutter=ShutterRecord(rule=ShutterRule.THIRDS, times=(ShutterTime(nominal_s=1 / 8000, true_s=1.21e-4),)),
         vignetting=VignettingRecord.of(Vignetting((2, 4), (0.1, -0.4), 0.002, 16.0)),
         lens=LensRecord.of(LensModel(LensMapping.EQUISOLID, circle, 1.6, (), "test")),
-        nd=NdRecord.of(NdFilter.of_factors((793.0, 811.0, 1197.0))),
+        nd=NdRecord.of(NdFilter.of_matrix(np.diag((1 / 793, 1 / 811, 1 / 1197)))),
     )
     k2 = K2Record(
         value=2.117,
@@ -104,7 +103,16 @@ def test_records_give_back_what_they_were_made_of() -> None:
     lens = outdoor.lens.lens()
     np.testing.assert_allclose((*lens.circle.centre_px, lens.circle.radius_px), (700, 468, 441))
     assert outdoor.vignetting.vignetting() == Vignetting((2, 4), (0.1, -0.4), 0.002, 16.0)
-    assert outdoor.nd.nd_filter() == NdFilter.of_factors((793.0, 811.0, 1197.0))
+    assert outdoor.nd.nd_filter() == NdFilter.of_matrix(np.diag((1 / 793, 1 / 811, 1 / 1197)))
+
+
+def test_a_response_of_another_method_is_read(tmp_path: Path) -> None:
+    data = json.loads(profile().model_dump_json())
+    data["cameras"]["outdoor"]["response"]["method"] = "robertson"
+    (tmp_path / "calibration.json").write_text(json.dumps(data))
+    response = load_profile(tmp_path / "calibration.json").cameras[Side.OUTDOOR].response
+    assert response is not None
+    assert response.curve().method == "robertson"
 
 
 def test_shutter_takes_the_measured_time_else_the_rule() -> None:

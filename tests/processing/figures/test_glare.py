@@ -91,7 +91,7 @@ def test_windows_the_sun_and_none() -> None:
     sunny = glare(room([(-40, 5, 10, 15, 5000)], sun=True))
     assert sunny.sources == 2
     assert sunny.brightest_cd_m2 > 1e5
-    assert sunny.told == "perceptible"
+    assert sunny.rating == "perceptible"
     assert not sunny.faint
     assert glare(room([], around=10.0)).faint
 

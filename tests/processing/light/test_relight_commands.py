@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from processing.calibration.outdoor.clear_sky import Place
+from processing.calibration.outdoor.sun_place import Place
 from processing.commands.relight import relight
 from processing.commands.view_from import view_from
 from processing.errors import DaylightError, RelightError, ViewpointError

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.outdoor.clear_sky import Place, clear_beam, sun_place
+from processing.calibration.outdoor.sun_place import Place, clear_beam, sun_place
 from processing.errors import DaylightError
 from processing.light.scene.scene import Outdoors
 from processing.pictures.images import LUMINANCE_WEIGHTS

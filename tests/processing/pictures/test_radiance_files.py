@@ -24,11 +24,12 @@ from processing.pictures.radiance import (
     decode_rows,
     encode_rows,
     from_rgbe,
+    geometry_of,
     read_radiance_hdr,
     to_rgbe,
+    view_of,
     write_radiance_hdr,
 )
-from processing.pictures.radiance_views import geometry_of, view_of
 from processing.sphere import (
     Equirectangular,
     Fisheye,

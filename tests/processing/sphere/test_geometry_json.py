@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from processing.errors import ParameterError
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping, Perspective
-from processing.sphere.geometry_json import geometry_from_json, geometry_to_json
+from processing.sphere.geometry import geometry_from_json, geometry_to_json
 
 ANGLES = st.floats(-3, 3)
 SIZES = st.integers(4, 9000)

@@ -6,7 +6,7 @@ import pytest
 from processing.errors import ParameterError
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.view_maps import CutMap, MapCache, map_bytes
-from processing.sphere.views import Panorama, covering_views, cut_view, stitch_labels, stitch_views, view_at, view_ring
+from processing.sphere.views import Panorama, covering_views, cut_view, stitch_views, view_at, view_ring
 from tests.processing.sphere.sphere_pictures import smooth
 
 PANORAMA = Equirectangular(360, 180)
@@ -97,17 +97,6 @@ def test_invalid_pixels_of_views_do_not_bleed():
     assert not back[coverage == 0].any()
 
 
-def test_labels_are_voted_not_averaged():
-    views = covering_views(size_px=90, fov_rad=math.radians(90))
-    edges = np.array([1.2, 1.8, 2.4])
-    cuts = [np.digitize(smooth(v), edges) * 10 for v in views]
-    found = stitch_labels(cuts, views, PANORAMA)
-    assert set(np.unique(found)) <= {0, 10, 20, 30}
-    assert (found == np.digitize(smooth(PANORAMA), edges) * 10).mean() > 0.98
-    one = stitch_labels(cuts[:1], views[:1], PANORAMA, outside=-1)
-    assert (one == -1).any()
-
-
 def test_coarse_targets_take_halved_views():
     view = Perspective(257, 255, math.radians(80))
     picture = np.zeros((255, 257), np.float32)
@@ -147,7 +136,6 @@ def test_maps_are_kept_within_bounds_and_the_oldest_go():
         lambda p, v: stitch_views([np.full((20, 30), np.nan)], [v], PANORAMA),
         lambda p, v: stitch_views([np.ones((20, 30))], [v], PANORAMA, weights=[np.ones((2, 2))]),
         lambda p, v: stitch_views([np.ones((20, 30))], [v], PANORAMA, weights=[np.ones((20, 30))], cubic=True),
-        lambda p, v: stitch_labels([np.ones((20, 30))], [v], PANORAMA),
         lambda p, v: view_ring(0, size_px=5, fov_rad=1.0),
         lambda p, v: covering_views(size_px=5, fov_rad=3.0),
     ],

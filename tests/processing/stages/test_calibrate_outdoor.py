@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from mocks.worlds.sky import SimpleSky
+from processing.calibration.optics import corrections_unlike, find_optics, stated_circle, veil_taken_off
+from processing.calibration.outdoor.session_sky import calibrate_outdoor
 from processing.calibration.outdoor.sun_disc import find_sun
 from processing.calibration.profile import CameraProfile, CameraState, K2Record, RigProfile
 from processing.calibration.profile_records import LensRecord, ResponseRecord, VignettingRecord
@@ -14,12 +16,9 @@ from processing.calibration.scale.luminance import ScaleFactor
 from processing.errors import ScaleError
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular
-from processing.stages.brackets import stated_circle
 from processing.stages.calibrate import run
 from processing.stages.calibrate_indoor import calibrate_indoor
-from processing.stages.calibrate_outdoor import calibrate_outdoor
 from processing.stages.contract import StageContext
-from processing.stages.outdoor_optics import corrections_unlike, find_optics, veil_taken_off
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import FrameRecord, Side
 from tests.processing.calibration.outdoor.sky_pictures import optics_of, sky_picture

@@ -17,7 +17,8 @@ from mocks.optics.sensor import ToneCurve
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, save_profile
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
-from processing.calibration.response.response import Bracket8, recover_response
+from processing.calibration.response.response import recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.errors import BracketError, ProcessingError
 from processing.pictures.exr import read_exr
 from processing.pictures.images import RelativeImage, luminance_cd_m2

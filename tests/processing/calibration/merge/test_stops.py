@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, expose
+from processing.calibration.merge.bracket import middle_out
 from processing.calibration.merge.merge import MergeOptions, merge
-from processing.calibration.merge.report import middle_out
 from processing.errors import PictureFileError
 from processing.pictures.frames import Codes, Reduce, jpeg_frame
 from processing.sphere import Equirectangular

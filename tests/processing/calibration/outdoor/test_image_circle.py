@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.outdoor.image_circle import ImageCircle, find_image_circle
+from processing.calibration.outdoor.lens import ImageCircle, find_image_circle
 from processing.errors import LensError
 
 SIZE = (480, 320)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mocks.optics.camera import CANON_5D2, ND3_TINT
 from mocks.optics.chart import ChartRoom
 from mocks.worlds.light import Site, luminance_cd_m2
-from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter, published_nd_filter, without_negatives
+from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter, without_negatives
 from processing.errors import LensError
 
 AUTHORS_CCM = (
@@ -37,21 +37,12 @@ def test_apply_and_correct_are_inverse(rgb: tuple[float, float, float], off: lis
 
 
 def test_the_tint_leaves_white_as_bright_as_it_was() -> None:
-    nd = NdFilter.of_correction(AUTHORS_CCM)
+    nd = NdFilter.of_matrix(np.linalg.inv(AUTHORS_CCM))
     white = np.ones((1, 3), dtype=np.float32)
     assert luminance_cd_m2(nd.apply(white))[0] == pytest.approx(1.0, abs=1e-6)
     # Applied as published, the matrix takes a quarter of white's luminance: that goes into the density.
     assert nd.transmittance == pytest.approx(1 / 0.8739, rel=1e-3)
     assert np.allclose(nd.tint, ND3_TINT, atol=1e-5)
-
-
-def test_factors_by_channel() -> None:
-    nd = published_nd_filter("lumilab_3")
-    assert nd.density == pytest.approx(2.917, abs=1e-3)
-    seen = np.array([[1 / 793.2549, 1 / 811.7736, 1 / 1196.992]], dtype=np.float32)
-    assert np.allclose(nd.correct(seen, density=True), 1.0, rtol=1e-5)
-    with pytest.raises(LensError, match="no published filter"):
-        published_nd_filter("nd64")
 
 
 def chart(noise: float, seed: int = 0) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -63,10 +54,9 @@ def chart(noise: float, seed: int = 0) -> tuple[npt.NDArray[np.float64], npt.NDA
     return patches * noises[0], filtered * noises[1]
 
 
-@pytest.mark.parametrize("method", ["Cheung 2004", "Finlayson 2015"])
-def test_the_filter_is_fitted_to_the_chart(method: str) -> None:
+def test_the_filter_is_fitted_to_the_chart() -> None:
     plain, filtered = chart(0.0)
-    nd = fit_nd_filter(filtered, plain, method=method)  # type: ignore[arg-type]
+    nd = fit_nd_filter(filtered, plain)
     assert nd.density == pytest.approx(3.0, abs=1e-5)
     assert np.abs(np.array(nd.tint) - ND3_TINT).max() < 1e-4
 
@@ -103,7 +93,7 @@ def test_negative_channels_move_to_zero_at_the_same_luminance() -> None:
 
 
 def test_noise_grows_where_the_matrix_subtracts() -> None:
-    nd = NdFilter.of_correction(AUTHORS_CCM)
+    nd = NdFilter.of_matrix(np.linalg.inv(AUTHORS_CCM))
     gain = nd.noise_gain(nd.apply(np.array([[1, 1, 1], [0.2, 0.2, 3.0], [0, 0, 0]], dtype=np.float32)))
     assert gain[0] == pytest.approx(1.185, abs=0.01)
     assert gain[1] > gain[0]
@@ -114,5 +104,3 @@ def test_noise_grows_where_the_matrix_subtracts() -> None:
 def test_matrices_that_no_filter_has_are_refused(matrix: npt.NDArray[np.float64]) -> None:
     with pytest.raises(LensError):
         NdFilter.of_matrix(matrix)
-    with pytest.raises(LensError):
-        NdFilter.of_factors((1.0, 0.0, 2.0))

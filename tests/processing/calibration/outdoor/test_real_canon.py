@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.photometry import canon_real as canon
-from processing.calibration.outdoor.image_circle import find_image_circle
+from processing.calibration.outdoor.lens import find_image_circle
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.pictures.images import LuminanceImage
 

@@ -12,10 +12,17 @@ import pytest
 from mocks.rooms.sky.daylight import Moment, sun_of
 from mocks.worlds.sky import SimpleSky
 from processing.calibration.outdoor import outdoor
-from processing.calibration.outdoor.clear_sky import Place, clear_beam, direct_efficacy_lm_w, sun_place
 from processing.calibration.outdoor.lens import LensModel
-from processing.calibration.outdoor.north import north_from_heading, north_from_sun, oriented
 from processing.calibration.outdoor.sun_disc import find_sun
+from processing.calibration.outdoor.sun_place import (
+    Place,
+    clear_beam,
+    direct_efficacy_lm_w,
+    north_from_heading,
+    north_from_sun,
+    oriented,
+    sun_place,
+)
 from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, SunError

@@ -11,7 +11,8 @@ import numpy.typing as npt
 from mocks.optics.sensor import ToneCurve, TrueShutter
 from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.response.curve import ResponseCurve
-from processing.calibration.response.response import Bracket8, ResponseFit, recover_response
+from processing.calibration.response.response import ResponseFit, recover_response
+from processing.calibration.response.samples import Bracket8
 
 SIZE = (1200, 600)
 TIMES_S = PAPER_TIMES_S

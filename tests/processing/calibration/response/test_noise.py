@@ -7,7 +7,8 @@ import pytest
 
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
-from processing.calibration.response.response import Bracket8, estimate_noise
+from processing.calibration.response.response import estimate_noise
+from processing.calibration.response.samples import Bracket8
 from processing.errors import ResponseError
 from tests.processing.calibration.response.response_cases import fitted, made, truth
 

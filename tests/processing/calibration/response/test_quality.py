@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from mocks.optics.sensor import ToneCurve
 from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, synthetic_bracket
-from processing.calibration.response.response import Bracket8, ResponseFit, check_response, recover_response
+from processing.calibration.response.response import ResponseFit, check_response, recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.errors import BracketError, ResponseError
 from tests.processing.calibration.response.response_cases import bracket, fitted, is_sound, made
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mocks.optics.sensor import TrueShutter
-from processing.calibration.response.response import Bracket8, recover_response, residuals_by_code
-from processing.calibration.response.samples import take_samples
+from processing.calibration.response.response import recover_response, residuals_by_code
+from processing.calibration.response.samples import Bracket8, take_samples
 from processing.errors import BracketError, ResponseError
 from tests.processing.calibration.response.response_cases import (
     TIMES_S,

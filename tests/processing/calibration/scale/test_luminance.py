@@ -11,8 +11,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.scale.luminance import LS160, ScaleFactor, combined, scale_from_reading, scaled
-from processing.calibration.scale.meter_spot import Spot, spot_luminance, spot_pixels
+from processing.calibration.scale.luminance import (
+    LS160,
+    ScaleFactor,
+    Spot,
+    combined,
+    scale_from_reading,
+    scaled,
+    spot_luminance,
+    spot_pixels,
+)
 from processing.errors import ScaleError
 from processing.pictures.images import RelativeImage, Validity
 from processing.sphere import Equirectangular, Geometry, Perspective, directions

@@ -1,20 +1,18 @@
-"""Fall-off: published polynomials, both ways, and fitted to flat fields and to turned captures of one scene."""
+"""Fall-off: published polynomials, both ways, and fitted to flat fields."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocks.optics.camera import CANON_5D2
-from processing.calibration.scale.vignetting import Vignetting, fit_flat, fit_rotated, published_vignetting
+from processing.calibration.scale.vignetting import Vignetting, fit_flat, published_vignetting
 from processing.errors import LensError
-from processing.ground.arrays import Floats
-from processing.sphere import Fisheye, LensMapping, directions
+from processing.sphere import Fisheye, LensMapping
 
 SIZE = (240, 160)
 RADIUS = 240 * 16 / 36 * math.sin(math.pi / 4)
@@ -60,7 +58,7 @@ def test_measured_in_angle() -> None:
 def test_correct_and_apply_are_inverse(coefficients: tuple[float, float], level: float, seed: int) -> None:
     falloff = Vignetting((2, 4), coefficients)
     picture = (10**level * np.random.default_rng(seed).random((*SIZE[::-1], 3))).astype(np.float32)
-    back = falloff.apply(falloff.correct(picture, GEOMETRY), GEOMETRY)
+    back = falloff.correct(picture, GEOMETRY) * falloff.map(GEOMETRY)[..., None]
     assert np.abs(back - picture).max() <= 1e-6 * picture.max()
 
 
@@ -73,40 +71,6 @@ def test_fitted_to_flat_fields() -> None:
     r = np.linspace(0, 1, 50)
     assert np.abs(found.vignetting.evaluate(r) / TRUE.evaluate(r) - 1).max() < 0.01
     assert found.vignetting.relative_uncertainty < 0.01
-
-
-def turned(axis: int, angle_rad: float) -> npt.NDArray[np.float64]:
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    i, j = [k for k in range(3) if k != axis]
-    out = np.eye(3)
-    out[i, i], out[i, j], out[j, i], out[j, j] = c, -s, s, c
-    return out
-
-
-def capture(rotation: npt.NDArray[np.float64], noise: float, seed: int) -> Floats:
-    """Return a picture of a smooth scene with bright and dark parts, through the lens turned by a rotation."""
-    ways, seen = directions(GEOMETRY)
-    world = ways @ rotation.T
-    light = np.exp(1.5 * np.sin(2.1 * world[..., 0] + 0.4) + np.cos(3 * world[..., 1]) * world[..., 2])
-    light = light * TRUE.map(GEOMETRY) * seen * np.random.default_rng(seed).normal(1, noise, light.shape)
-    return np.repeat(light[..., None], 3, axis=-1).astype(np.float32)
-
-
-def test_fitted_to_turned_captures_of_one_scene() -> None:
-    rotations = [turned(1, math.radians(20 * i)) for i in range(-3, 4)]
-    captures = [capture(rotation, 0.01, i) for i, rotation in enumerate(rotations)]
-    found = fit_rotated(captures, rotations, GEOMETRY, powers=(2, 4, 6, 8))
-    r = np.linspace(0, 0.97, 50)
-    assert np.abs(found.vignetting.evaluate(r) / TRUE.evaluate(r) - 1).max() < 0.015
-
-
-def test_turning_about_the_lenss_own_axis_tells_nothing() -> None:
-    rotations = [turned(2, math.radians(40 * i)) for i in range(4)]
-    captures = [capture(rotation, 0.0, i) for i, rotation in enumerate(rotations)]
-    with pytest.raises(LensError, match="do not tell the fall-off from the scene"):
-        fit_rotated(captures, rotations, GEOMETRY)
-    with pytest.raises(LensError, match="1 captures"):
-        fit_rotated(captures[:1], rotations[:1], GEOMETRY)
 
 
 def test_dark_frames_and_wrong_coefficients_are_refused() -> None:

@@ -1,4 +1,4 @@
-"""The outdoor half of the stage calibrate: veil, fall-off, filter colour, scale k1 k2, north, geometry, the sun."""
+"""A session's outdoor picture in cd/m2: veil, fall-off, filter colour, scale k1 k2, north, geometry, the sun."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any
+from typing import Any, Literal, Protocol
 
-from processing.calibration.outdoor.clear_sky import Place, clear_beam
+from processing.calibration.optics import OpticsChoice, find_optics, veil_taken_off
 from processing.calibration.outdoor.lens import LensModel
-from processing.calibration.outdoor.north import North, north_from_heading, north_from_sun, oriented
 from processing.calibration.outdoor.outdoor import (
     OutdoorOptics,
     OutdoorView,
@@ -21,23 +20,57 @@ from processing.calibration.outdoor.outdoor import (
     with_lens,
 )
 from processing.calibration.outdoor.sun_disc import Sun, find_sun
+from processing.calibration.outdoor.sun_place import (
+    North,
+    Place,
+    clear_beam,
+    north_from_heading,
+    north_from_sun,
+    oriented,
+)
 from processing.calibration.outdoor.sun_repair import repair_sun
 from processing.calibration.profile import K2Record, RigProfile, camera_state, require_k2
 from processing.calibration.profile_records import ResponseRecord
-from processing.calibration.scale.luminance import ScaleFactor, combined, scaled
-from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx
+from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
+from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
 from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Fisheye
-from processing.stages.calibrate_indoor import Calibrated, given_scale, illuminances
-from processing.stages.outdoor_optics import find_optics, veil_taken_off
-from processing.stages.parameters import CalibrateParameters
 from station.session.session import FrameRecord, SessionManifest, Side
 
 NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
 
 LUX_METER_UNCERTAINTY = 0.05
 """Relative, standard, of a reading given by --outdoor-lux."""
+
+
+class SkyChoice(OpticsChoice, Protocol):
+    """What a user may say about the sky (see the parameters of the stage calibrate)."""
+
+    @property
+    def k2(self) -> float | None:
+        """Takes the place of the profile's."""
+        ...
+
+    @property
+    def outdoor_lux(self) -> float | None:
+        """Horizontal illuminance measured outside."""
+        ...
+
+    @property
+    def repair_sun(self) -> Literal["no", "illuminance", "clear-sky"]:
+        """Whether, and from what, a clipped sun is replaced."""
+        ...
+
+    @property
+    def outdoor_view(self) -> str:
+        """An `OutdoorView`."""
+        ...
+
+    @property
+    def outdoor_top_deg(self) -> float | None:
+        """Compass azimuth of the picture's top; None: it is found."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -49,7 +82,7 @@ class _Sky:
     sun_text: str
 
 
-def why_no_scale(session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None) -> str | None:
+def why_no_scale(session: SessionManifest, asked: SkyChoice, profile: RigProfile | None) -> str | None:
     """Return why the outdoor picture cannot be scaled, None if it can."""
     if asked.k2 is not None or asked.outdoor_lux is not None:
         return None
@@ -61,7 +94,7 @@ def why_no_scale(session: SessionManifest, asked: CalibrateParameters, profile: 
 def calibrate_outdoor(
     merged: RelativeImage,
     session: SessionManifest,
-    asked: CalibrateParameters,
+    asked: SkyChoice,
     profile: RigProfile | None,
     k1: ScaleFactor,
     responses: Mapping[Side, ResponseRecord] | None = None,
@@ -89,8 +122,13 @@ def calibrate_outdoor(
         "sun": {"found": sky.sun_text, "repair": repair},
         "illuminance_lx": lux,
     }
-    told = _sun_warnings(sky, asked)
-    warnings += [*north_warnings, *_unturned(north, session), *told, *low, *_compared(repaired, asked, facts)]
+    warnings += [
+        *north_warnings,
+        *_unturned(north, session),
+        *_sun_warnings(sky, asked),
+        *low,
+        *_compared(repaired, asked, facts),
+    ]
     warnings += [text for text in scale.warnings if text.startswith("k2")]
     return Calibrated(repaired, scale, facts, tuple(warnings))
 
@@ -112,7 +150,7 @@ def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> lis
     ]
 
 
-def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: CalibrateParameters) -> tuple[_Sky, dict[str, Any]]:
+def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the veil taken off before."""
     image, veil = veil_taken_off(merged, optics.lens, asked)
     image = correct_colour(correct_vignetting(with_lens(image, optics), optics), optics)
@@ -124,7 +162,7 @@ def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: CalibratePar
     return _Sky(image, sun, text), veil
 
 
-def _north(sky: _Sky, session: SessionManifest, asked: CalibrateParameters) -> tuple[North, list[str]]:
+def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North, list[str]]:
     """Return where the picture's top faces: as said, from the sun, or from the panorama's heading."""
     if asked.outdoor_top_deg is not None:
         return north_from_heading(math.radians(asked.outdoor_top_deg), math.radians(1.0)), []
@@ -154,7 +192,7 @@ def _unturned(north: North, session: SessionManifest) -> list[str]:
 
 
 def _turned(
-    image: RelativeImage, north: North, session: SessionManifest, asked: CalibrateParameters, lens: LensModel
+    image: RelativeImage, north: North, session: SessionManifest, asked: SkyChoice, lens: LensModel
 ) -> RelativeImage:
     """Return the picture in the geometry asked for, north on top, in the world whose +y is the panorama's middle."""
     heading = session.heading_rad if session.heading_rad is not None else 0.0
@@ -168,7 +206,7 @@ def _turned(
 
 
 def _scale(
-    image: RelativeImage, asked: CalibrateParameters, k2: K2Record | None, k1: ScaleFactor, sun: Sun | None
+    image: RelativeImage, asked: SkyChoice, k2: K2Record | None, k1: ScaleFactor, sun: Sun | None
 ) -> tuple[ScaleFactor, dict[str, Any]]:
     """Return k1 k2 (eq. 2); with neither a profile's k2 nor a given one, the factor that gives the lux measured."""
     if asked.k2 is not None:
@@ -199,7 +237,7 @@ def _attributes(scale_facts: dict[str, Any], k1: ScaleFactor) -> dict[str, objec
 
 
 def _repaired(
-    picture: LuminanceImage, asked: CalibrateParameters, session: SessionManifest, sky: _Sky
+    picture: LuminanceImage, asked: SkyChoice, session: SessionManifest, sky: _Sky
 ) -> tuple[LuminanceImage, str]:
     """Return the picture with a clipped sun replaced where that was asked, and what was done."""
     if asked.repair_sun == "no":
@@ -220,7 +258,7 @@ def _repaired(
     return done, repair.note
 
 
-def _compared(picture: LuminanceImage, asked: CalibrateParameters, facts: dict[str, Any]) -> list[str]:
+def _compared(picture: LuminanceImage, asked: SkyChoice, facts: dict[str, Any]) -> list[str]:
     if asked.outdoor_lux is None or facts["k2_source"] == "from --outdoor-lux":
         return []
     found = compare_illuminance(illuminance_lx(picture), asked.outdoor_lux)
@@ -228,7 +266,7 @@ def _compared(picture: LuminanceImage, asked: CalibrateParameters, facts: dict[s
     return [found.warning] if found.warning else []
 
 
-def _sun_warnings(sky: _Sky, asked: CalibrateParameters) -> list[str]:
+def _sun_warnings(sky: _Sky, asked: SkyChoice) -> list[str]:
     if sky.sun is None and asked.repair_sun != "no":
         return ["the sun was to be repaired, but none was found: nothing was repaired"]
     if sky.sun is None or not sky.sun.clipped or asked.repair_sun != "no":

@@ -1,15 +1,14 @@
-"""What stands between the sky and the outdoor picture: from the rig profile, published data, and the picture itself."""
+"""What stands before the cameras of a session: from the rig profile, published data, and the picture itself."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
-from processing.calibration.outdoor.image_circle import ImageCircle, find_image_circle
-from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.outdoor.lens import ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter
 from processing.calibration.outdoor.outdoor import OutdoorOptics
 from processing.calibration.profile import Correction, K2Record, RigProfile
@@ -18,11 +17,10 @@ from processing.calibration.scale.vignetting import Vignetting, published_vignet
 from processing.errors import LensError
 from processing.pictures.images import RelativeImage
 from processing.sphere import LensMapping
-from processing.stages.brackets import stated_circle
-from processing.stages.calibrate_indoor import indoor_falloff
-from processing.stages.parameters import CalibrateParameters
 from station.session.session import SessionManifest, Side
 
+PANORAMA_FALLOFF = {"theta_z1": "theta_z1"}
+"""Published fall-off by kind of camera."""
 LENS_MAPPINGS = {"canon_5d2": LensMapping.EQUISOLID}
 """Of the paper's outdoor lens (EF 8-15 mm at 8 mm); others are equidistant until calibrated."""
 PUBLISHED_FALLOFF = {"canon_5d2": (("canon_8mm_f5_6", 5.6), ("canon_8mm_f8", 8.0), ("canon_8mm_f11", 11.0))}
@@ -30,7 +28,7 @@ OTHER_APERTURE_UNCERTAINTY = 0.03
 """Relative, of a fall-off published for another aperture: f/8 and f/11 differ by that much."""
 SURE_SUPPORT = 0.5
 """Share of rays on which the circle's edge must be seen, to trust it more than the rig file's."""
-VEIL_MAX_UNCERTAINTY = 0.5
+VEIL_MAX_UNCERTAINTY = 0.5  # relative; chosen
 VEIL_MAX_INDEX = 0.3
 """Veiling glare indices of lenses are below 0.1: more is light that fell on the sensor in another way."""
 _CORRECTED: dict[Correction, str] = {
@@ -40,10 +38,46 @@ _CORRECTED: dict[Correction, str] = {
 }
 
 
+class OpticsChoice(Protocol):
+    """What a user may say about the optics (see the parameters of the stage calibrate)."""
+
+    @property
+    def falloff(self) -> Literal["auto", "off"]:
+        """Off: fall-off is not corrected."""
+        ...
+
+    @property
+    def glare(self) -> Literal["auto", "keep"]:
+        """Keep: the veil seen around the image circle stays."""
+        ...
+
+    @property
+    def outdoor_field_deg(self) -> float:
+        """Whole field of the outdoor lens, where no lens calibration says it."""
+        ...
+
+
+def indoor_falloff(
+    session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None
+) -> tuple[Vignetting | None, str]:
+    """Return the panorama's fall-off that is corrected (None: none is), and where it is from."""
+    if asked.falloff == "off":
+        return None, "not corrected, as asked"
+    camera = profile.cameras.get(Side.INDOOR) if profile else None
+    if camera and camera.vignetting:
+        return camera.vignetting.vignetting(), "the rig profile's"
+    kinds = [device.kind for device in session.devices if device.role == "indoor"]
+    name = PANORAMA_FALLOFF.get(kinds[0]) if kinds else None
+    if name is None:
+        return None, "not corrected: none is known for this camera"
+    found = published_vignetting(name)
+    return found, f"published: {found.source}"
+
+
 def find_optics(
     merged: RelativeImage,
     session: SessionManifest,
-    asked: CalibrateParameters,
+    asked: OpticsChoice,
     profile: RigProfile | None,
     k2: K2Record | None,
 ) -> tuple[OutdoorOptics, dict[str, Any], list[str]]:
@@ -88,9 +122,7 @@ def corrections_unlike(k2: K2Record, done: dict[Correction, object]) -> list[str
     return found
 
 
-def veil_taken_off(
-    merged: RelativeImage, lens: LensModel, asked: CalibrateParameters
-) -> tuple[RelativeImage, dict[str, Any]]:
+def veil_taken_off(merged: RelativeImage, lens: LensModel, asked: OpticsChoice) -> tuple[RelativeImage, dict[str, Any]]:
     """Return the picture less the veil seen around the image circle, and what was found; unchanged where unsure.
 
     The veil's light came from the picture itself: what is left is raised so that the mean over the field stays. k1 and
@@ -105,12 +137,12 @@ def veil_taken_off(
         return merged, {"taken_off": False, "why": str(error).split(" | ")[0]}
     found = {"index": veil.index, "uncertainty": veil.uncertainty}
     if veil.uncertainty > VEIL_MAX_UNCERTAINTY or veil.index > VEIL_MAX_INDEX:
-        return merged, found | {"taken_off": False, "why": "the surround is too uneven or too bright to tell"}
+        return merged, found | {"taken_off": False, "why": "the surround is too uneven or too bright to judge"}
     clean = subtract_veil(merged, veil)
     return replace(clean, rgb=clean.rgb / np.float32(1 - veil.index)), found | {"taken_off": True}
 
 
-def _lens(merged: RelativeImage, session: SessionManifest, asked: CalibrateParameters) -> tuple[LensModel, str]:
+def _lens(merged: RelativeImage, session: SessionManifest, asked: OpticsChoice) -> tuple[LensModel, str]:
     circle, source = _circle(merged, session)
     mapping = LENS_MAPPINGS.get(_kind(session), LensMapping.EQUIDISTANT)
     lens = LensModel(mapping, circle, math.radians(asked.outdoor_field_deg) / 2, source=source)
@@ -132,8 +164,19 @@ def _circle(merged: RelativeImage, session: SessionManifest) -> tuple[ImageCircl
     return ImageCircle((column * width, row * height), radius * width, (width, height)), "of the rig file"
 
 
+def stated_circle(rig: dict[str, object]) -> tuple[float, float, float] | None:
+    """Return the image circle that the rig file gave, as fractions (x of width, y of height, radius of width)."""
+    outdoor = rig.get("outdoor")
+    circle = outdoor.get("image_circle") if isinstance(outdoor, dict) else None
+    if isinstance(circle, list | tuple) and len(circle) == 3 and all(isinstance(v, int | float) for v in circle):
+        x, y, radius = (float(v) for v in circle)
+        if -1 < x < 2 and -1 < y < 2 and 0 < radius <= 2:
+            return x, y, radius
+    return None
+
+
 def _falloff(
-    session: SessionManifest, asked: CalibrateParameters, profile: RigProfile | None, warnings: list[str]
+    session: SessionManifest, asked: OpticsChoice, profile: RigProfile | None, warnings: list[str]
 ) -> tuple[Vignetting | None, str]:
     if asked.falloff == "off":
         return None, "not corrected, as asked"
