@@ -60,7 +60,7 @@ def build(folder: Path, *, split: str, zone: str, as_json: bool, **about: str) -
         return 0
     for path in made:
         click.echo(str(path))
-    _tell(sum_up(folder))
+    _show(sum_up(folder))
     return 0
 
 
@@ -105,11 +105,11 @@ def summary(folder: Path, *, as_json: bool) -> int:
     if as_json:
         click.echo(json.dumps({"ok": True, **found}))
     else:
-        _tell(found)
+        _show(found)
     return 0
 
 
-def _tell(found: dict[str, Any]) -> None:
+def _show(found: dict[str, Any]) -> None:
     for name, value in found.items():
         text = value
         if isinstance(value, dict):

@@ -53,8 +53,8 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     from processing.calibration.profile import save_profile
     from processing.rig.calibrate import calibrate_rig
 
-    tell = (lambda _text: None) if as_json else (lambda text: click.echo(text, err=True))
-    result = calibrate_rig(_request(options), SystemClock().utc_now(), tell)
+    progress = (lambda _text: None) if as_json else (lambda text: click.echo(text, err=True))
+    result = calibrate_rig(_request(options), SystemClock().utc_now(), progress)
     save_profile(out, result.profile)
     pictures = _save_pictures(out, result)
     if as_json:

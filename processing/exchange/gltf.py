@@ -2,7 +2,7 @@
 
 Surfaces of the room are single-sided and face inwards, so that from outside one looks into the room. A texture of
 albedo is meant to be lit by the viewer; with ``lit`` a surface instead shows a picture as it is
-(KHR_materials_unlit): the photograph's own daylight. What lights the room is told in the asset's extras.
+(KHR_materials_unlit): the photograph's own daylight. What lights the room is recorded in the asset's extras.
 """
 
 from __future__ import annotations
@@ -278,7 +278,7 @@ def _corners(part: Part) -> tuple[Doubles, Doubles]:
     own = part.normals[part.faces.ravel()].astype(np.float64)
     own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-12)
     agree = np.einsum("ij,ij->i", own, flat)
-    # A mesh may be wrong about its normals; as in our own pictures, its faces then tell.
+    # A mesh may be wrong about its normals; as in our own pictures, its faces then decide.
     turned = own * np.where(agree < 0, -1.0, 1.0)[:, None]
     return triangles.reshape(-1, 3), np.where((np.abs(agree) > LEAST_AGREEMENT)[:, None], turned, flat)
 

@@ -115,7 +115,7 @@ EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
 def room_section(
     image: LuminanceImage, room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]
 ) -> Section:
-    """Return the room as it was told or given; ``facts`` are the stage's metrics."""
+    """Return the room as it was estimated or given; ``facts`` are the stage's metrics."""
     area = floor_area_m2(room)
     quantities = [
         Quantity("Floor", area, "m2"),
@@ -130,8 +130,8 @@ def room_section(
         Picture("Layout", jpeg_bytes(drawn(image, room)), "panorama with the room's edges and openings", wide=True),
         Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
     )
-    told = "given by the user" if room.source == "given" else f"told from the panorama ({room.note})"
-    text = f"The room is {told}. Evidence: {facts.get('source', 'none')}."
+    source = "given by the user" if room.source == "given" else f"estimated from the panorama ({room.note})"
+    text = f"The room is {source}. Evidence: {facts.get('source', 'none')}."
     return Section("Room's shape", text, tuple(quantities), pictures, _tables(room, facts, left_out))
 
 

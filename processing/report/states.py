@@ -20,8 +20,8 @@ from processing.exchange.jpeg_files import PanoramaTags, jpeg_bytes, labelled
 from processing.ground.arrays import Bytes, Floats, UInt16s
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.report.data import Comparison, Scene, Shot, Viewer, ViewerState
 from processing.report.tone import Look, shown
-from processing.report.widgets import Comparison, Scene, Shot, Viewer, ViewerState
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.views import Panorama, cut_view
 
@@ -37,7 +37,7 @@ STEP = 0.001
 LARGEST_ERROR = math.expm1(STEP / 2)
 """Relative: 0.05 %."""
 LEAST = 1e-6
-"""cd/m2 of code 1; what is darker is told as this."""
+"""cd/m2 of code 1; what is darker is stored as this."""
 NO_VALUE = 0
 _MOST = 65535
 

@@ -9,15 +9,13 @@ from typing import Any
 
 from processing.errors import ProcessingError
 from processing.pipeline import STAGES, Stage, check_table
-from processing.running.artifacts import Shelf, file_name, load
-from processing.running.decision import Decision, decide
+from processing.running.artifacts import Shelf, answer_result, file_name, load, make_result
 from processing.running.fingerprint import DigestMemory
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import ResultStore, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
-from processing.running.stage_inputs import StageInputs, make_context
-from processing.running.stage_results import answer_result, make_result
+from processing.running.stage_inputs import Decision, StageInputs, decide, make_context
 from station.session.folder import Folder
 from station.session.lock import SessionLock
 from station.session.session import SessionManifest

@@ -94,14 +94,14 @@ def illuminances(
         for name, e in found.items()
     }
     low = [f"{name} ({e['clipped_share']:.0%})" for name, e in facts.items() if e["clipped_share"] > CLIPPED_SHARE]
-    told = f"illuminance is a lower bound, as part of it comes from pixels clipped in every frame: {', '.join(low)}"
-    return facts, [told] if low else []
+    text = f"illuminance is a lower bound, as part of it comes from pixels clipped in every frame: {', '.join(low)}"
+    return facts, [text] if low else []
 
 
 def given_scale(name: str, value: float) -> ScaleFactor:
     """Return a factor that the user gave, with the warning that nothing is known of its uncertainty."""
-    told = f"{name} is as given: its uncertainty is not known, and not part of the uncertainties stated"
-    return ScaleFactor(value, GIVEN_UNCERTAINTY, {"given": GIVEN_UNCERTAINTY}, warnings=(told,))
+    text = f"{name} is as given: its uncertainty is not known, and not part of the uncertainties stated"
+    return ScaleFactor(value, GIVEN_UNCERTAINTY, {"given": GIVEN_UNCERTAINTY}, warnings=(text,))
 
 
 def indoor_falloff(

@@ -31,24 +31,22 @@ SUN_RIM_RAD, FURNITURE_RIM_RAD = math.radians(1.5), math.radians(0.8)
 """By which sunlight stands again beyond its mask, and keeps away from what stood there."""
 HEADING_ADVICE = "(heading_deg in the rig file, --heading of daylit import)"
 MOST_LAMPS = 100
-"""That are told by themselves; the light of all is in the scene."""
+"""That are listed one by one; the light of all is in the scene."""
 
 
 def nothing_to_stage(context: StageContext) -> str | None:
     """Return why there is nothing to do: no staging asked, or no room."""
-    asked = context.parameters
-    assert isinstance(asked, MaterialsParameters)
+    asked = context.parameters_of(MaterialsParameters)
     if not asked.wanted:
         return "staging not asked"
     if context.optional_artifact("room", "room") is None:
-        return "the stage room told no room; give one (--room)"
+        return "the stage room found no room; give one (--room)"
     return None
 
 
 def run(context: StageContext) -> StageOutput:
-    """Tell albedo, windows and lamps."""
-    asked = context.parameters
-    assert isinstance(asked, MaterialsParameters)
+    """Estimate albedo, windows and lamps."""
+    asked = context.parameters_of(MaterialsParameters)
     empty = emptied(context)
     image = empty.image
     room = known_room(context)
@@ -131,7 +129,7 @@ def _grown(mask: npt.NDArray[np.bool_], by_rad: float) -> npt.NDArray[np.bool_]:
 
 
 def _outdoors(context: StageContext, image: LuminanceImage, room: RoomModel) -> tuple[Outdoors | None, str, list[str]]:
-    """Return the light outside, what it was taken from, and what is to be told of it."""
+    """Return the light outside, what it was taken from, and warnings."""
     inside = "windows as seen from inside"
     picture = context.optional_artifact("calibrate", "outdoor")
     if picture is None:
@@ -144,22 +142,22 @@ def _outdoors(context: StageContext, image: LuminanceImage, room: RoomModel) -> 
         return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
     if context.session.heading_rad is not None:
         return found, "outdoor picture", []
-    facing, told = _without_heading(found, image, room, _sun_seen(context))
-    return facing, "outdoor picture", [f"the panorama's heading is not recorded: {told} {HEADING_ADVICE}"]
+    facing, how = _without_heading(found, image, room, _sun_seen(context))
+    return facing, "outdoor picture", [f"the panorama's heading is not recorded: {how} {HEADING_ADVICE}"]
 
 
 def _sun_seen(context: StageContext) -> tuple[float, float] | None:
-    """Return azimuth and elevation (rad) of the sun as its light in the room tells it; None where it does not."""
-    told = context.summary("detect")["metrics"]
-    if "sun_azimuth_deg" not in told:
+    """Return azimuth and elevation (rad) of the sun as its light in the room shows it; None where it does not."""
+    metrics = context.summary("detect")["metrics"]
+    if "sun_azimuth_deg" not in metrics:
         return None
-    return math.radians(told["sun_azimuth_deg"]), math.radians(told["sun_elevation_deg"])
+    return math.radians(metrics["sun_azimuth_deg"]), math.radians(metrics["sun_elevation_deg"])
 
 
 def _without_heading(
     found: Outdoors, image: LuminanceImage, room: RoomModel, seen: tuple[float, float] | None
 ) -> tuple[Outdoors, str]:
-    """Return the light outdoors as it is likely to stand before the windows, and how that was told."""
+    """Return the light outdoors as it is likely to stand before the windows, and what that rests on."""
     facing, turn = outdoors_facing(found, image, room)
     if turn is not None:
         return facing, (
@@ -175,7 +173,7 @@ def _without_heading(
     if found.sun is None:
         return facing, "the sky may stand before the wrong windows"
     height = math.degrees(math.asin(min(max(found.sun.direction[2], -1.0), 1.0)))
-    why = "no sunlight in the room tells where it stands"
+    why = "no sunlight in the room shows where it stands"
     if seen is not None:
         why = f"it is {height:.0f} degrees high, the sunlight in the room comes from {math.degrees(seen[1]):.0f}"
     return facing, f"the sun outdoors is left out ({why}), and the sky may stand before the wrong windows"

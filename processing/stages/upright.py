@@ -42,7 +42,7 @@ def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:
         )
 
 
-# What a session tells of the sun: where it stood when the panorama was taken, and whether the sky had one.
+# What a session records of the sun: where it stood when the panorama was taken, and whether the sky had one.
 
 
 def sun_direction(session: SessionManifest) -> tuple[float, float] | None:
