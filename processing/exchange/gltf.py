@@ -53,7 +53,7 @@ class Glb:
         self._known: dict[tuple[bytes, bool], int] = {}
 
     def add_picture(self, rgb8: npt.NDArray[np.uint8], *, repeat: bool) -> int:
-        """Add a texture of an sRGB picture (h, w, 3), once; its first row is the top, v = 0 in glTF."""
+        """Add a texture of an sRGB picture (H, W, 3), once; its first row is the top, v = 0 in glTF."""
         from PIL import Image
 
         key = hashlib.sha256(str(rgb8.shape).encode() + np.ascontiguousarray(rgb8).tobytes()).digest(), repeat
@@ -91,7 +91,7 @@ class Glb:
         faces: npt.NDArray[np.integer],
         material: int,
     ) -> None:
-        """Add a node with a mesh: corners and normals (n, 3) in our frame, uv (n, 2), faces (m, 3).
+        """Add a node with a mesh: corners and normals (N, 3) in our frame, uv (N, 2), faces (M, 3).
 
         Corners that are alike in all become one.
         """
@@ -165,7 +165,7 @@ def _welded(corners: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], 
 
 
 def y_up(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """Return (n, 3) vectors of our frame in glTF's."""
+    """Return (N, 3) vectors of our frame (z up, metres) in glTF's (y up, metres)."""
     # Adding 0 makes -0 plain.
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32) + np.float32(0)
 

@@ -66,7 +66,7 @@ def detect_section(image: LuminanceImage, masks: Mapping[str, Flags], facts: Map
 
 
 def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
-    """Return a picture with masks in their colours, and a green line around the target."""
+    """Return a picture (H, W, 3) sRGB with masks (H, W) in their colours, and a green line around the target."""
     out = rgb8.astype(np.float32)
     for name, colour in TINTS.items():
         if name in masks:
@@ -136,7 +136,7 @@ def room_section(
 
 
 def drawn(image: LuminanceImage, room: RoomModel) -> Bytes:
-    """Return a small panorama with the edges of walls, floor and ceiling in green and openings' in orange."""
+    """Return a small panorama (H, W, 3) sRGB, edges of walls, floor and ceiling in green, of openings in orange."""
     step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
     rgb8 = preview_rgb8(image.rgb[step // 2 :: step, step // 2 :: step])
     geometry = Equirectangular(rgb8.shape[1], rgb8.shape[0])

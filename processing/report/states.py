@@ -57,13 +57,13 @@ def luminance_codes(luminance: npt.ArrayLike) -> UInt16s:
 
 
 def luminance_of(codes: UInt16s) -> npt.NDArray[np.float64]:
-    """Return luminance in cd/m2 of codes; NaN where there is no value."""
+    """Return luminance in cd/m2 of codes, of their shape; NaN where there is no value."""
     values = LEAST * np.exp((codes.astype(np.float64) - 1) * STEP)
     return np.where(codes == NO_VALUE, math.nan, values)
 
 
 def uncertainty_codes(relative: npt.ArrayLike) -> Bytes:
-    """Return 8-bit codes of relative standard uncertainties (to 2.3 % of their value); 0 where nothing is known."""
+    """Return 8-bit codes of relative standard uncertainties, of their shape (to 2.3 %); 0 where nothing is known."""
     values = np.asarray(relative, dtype=np.float64)
     known = np.isfinite(values) & (values >= 0)
     clipped = np.clip(np.where(known, values, 1.0), UNCERTAINTY_LOW, UNCERTAINTY_HIGH)
@@ -199,7 +199,7 @@ def _middle(look: Look) -> float:
 
 
 def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:
-    """Return which of ``length`` rows or columns a map of at most ``most`` shows: those in the middle of its own."""
+    """Return which of ``length`` rows or columns a map of at most ``most`` shows, (N,): each in the middle of its part."""
     count = min(length, most)
     return ((np.arange(count) + 0.5) * length / count).astype(np.intp)
 

@@ -42,7 +42,7 @@ class StageInputs:
         self.manifest = manifest
         self.request = request
         self._root = root
-        self._memory = memory
+        self.memory = memory
 
     def answers(self, stage: Stage) -> dict[str, Path]:
         """Return the files that take the place of the stage's artifacts."""
@@ -100,7 +100,7 @@ class StageInputs:
             return ""
         folder = self._root.sub(parent) if parent else self._root
         try:
-            return self._memory.sha256(folder, leaf, name)
+            return self.memory.sha256(folder, leaf, name)
         except IntegrityError as error:
             return error.message
         finally:

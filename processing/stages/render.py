@@ -15,6 +15,7 @@ from processing.layout.furniture.styles import STYLES, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.composite import Bare, Staged, differential, ibl
 from processing.light.picture.render import render
+from processing.light.scene.emptied import EmptyRoom
 from processing.light.scene.scene import Part, Vector
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
@@ -23,7 +24,7 @@ from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
-from processing.stages.materials import EmptyRoom, emptied
+from processing.stages.materials import emptied
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, RenderParameters
 from processing.stages.upright import known_room
 

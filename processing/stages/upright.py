@@ -32,7 +32,7 @@ def known_room(context: StageContext) -> RoomModel:
 
 
 def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:
-    """Raise `ParameterError` naming both sizes unless a mask has the panorama's."""
+    """Raise `ParameterError` naming both sizes unless a mask (H, W) has the panorama's."""
     panorama = upright_panorama(context).rgb.shape[:2]
     if mask.shape != panorama:
         raise ParameterError(
