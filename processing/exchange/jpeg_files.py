@@ -248,7 +248,10 @@ def write_jpeg(
     title: str = "",
     quality: int = 92,
 ) -> None:
-    """Write a picture (H, W, 3) sRGB as `jpeg_bytes` durably. ``staged``: furniture was added; ``relative``: the light's scale is unknown."""
+    """Write a picture (H, W, 3) sRGB as `jpeg_bytes` durably.
+
+    ``staged``: furniture was added; ``relative``: the light's scale is unknown.
+    """
     data = jpeg_bytes(rgb8, panorama=panorama, staged=staged, relative=relative, title=title, quality=quality)
     write_bytes(path, data)
 

@@ -109,7 +109,8 @@ def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns
 def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, *, size_px: int = 480) -> bytes:
     """Return a PNG of where the meter looked: the linear picture around its spot, and the spot's circle.
 
-    ``rgb``: (H, W, 3) linear light >= 0. The crop is sixteen spots wide, wraps around at the sides, and is cut at top and bottom.
+    ``rgb``: (H, W, 3) linear light >= 0. The crop is sixteen spots wide, wraps around at the sides, and is
+    cut at top and bottom.
     """
     import cv2
 

@@ -199,7 +199,7 @@ def _middle(look: Look) -> float:
 
 
 def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:
-    """Return which of ``length`` rows or columns a map of at most ``most`` shows, (N,): each in the middle of its part."""
+    """Return which of ``length`` rows or columns a map of at most ``most`` shows, (N,): the middles of its parts."""
     count = min(length, most)
     return ((np.arange(count) + 0.5) * length / count).astype(np.intp)
 

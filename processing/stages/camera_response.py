@@ -121,7 +121,8 @@ def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfi
 def code_residuals(codes: Sequence[Bytes], times_s: Sequence[float], curve: ResponseCurve) -> dict[str, Any]:
     """Return what frames say of a patch's light apart from one another, by code: lists for response.json.
 
-    ``codes``: (H, W, 3) uint8 of each frame. ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no patch has such a code; empty where there are none.
+    ``codes``: (H, W, 3) uint8 of each frame. The lists: ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no
+    patch has such a code; empty where there are none.
     """
     from processing.calibration.response.quality import residuals_by_code
     from processing.calibration.response.response import Bracket8
