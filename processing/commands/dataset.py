@@ -52,9 +52,11 @@ def build(folder: Path, *, split: str, zone: str, as_json: bool, **about: str) -
     from processing.batch.dataset import build as make
     from processing.batch.dataset import summary as sum_up
     from processing.commands.batch import known_zone
+    from processing.commands.numbers import numbers
 
     description = Description(version=about.pop("release"), **about)
-    made = make(folder, description, shares=_shares(split), zone=known_zone(zone))
+    train, validation, test = (part / 100 for part in numbers("--split", split, 3, "per cent, such as 70,15,15"))
+    made = make(folder, description, shares=(train, validation, test), zone=known_zone(zone))
     if as_json:
         click.echo(json.dumps({"ok": True, "files": [str(path) for path in made], **sum_up(folder)}))
         return 0
@@ -118,13 +120,3 @@ def _show(found: dict[str, Any]) -> None:
         elif isinstance(value, list):
             text = " to ".join(value)
         click.echo(printable(f"{name.replace('_', ' '):<18} {'-' if text is None else text}"))
-
-
-def _shares(text: str) -> tuple[float, float, float]:
-    from processing.errors import ParameterError
-
-    try:
-        a, b, c = (float(part) / 100 for part in text.split(","))
-    except ValueError:
-        raise ParameterError(f"--split {text[:40]}: three numbers in per cent, such as 70,15,15") from None
-    return a, b, c

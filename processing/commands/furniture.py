@@ -143,15 +143,12 @@ def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
 
 
 def _size(text: str | None) -> tuple[float, float, float] | None:
-    from processing.errors import ParameterError
+    from processing.commands.numbers import numbers
 
     if text is None:
         return None
-    try:
-        w, d, h = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ParameterError(f"--size {text[:40]}: three numbers, width, depth and height in metres") from None
-    return w, d, h
+    width, depth, height = numbers("--size", text, 3, "width, depth and height in metres")
+    return width, depth, height
 
 
 def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) -> None:
