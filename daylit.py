@@ -146,7 +146,7 @@ def main(argv: list[str] | None = None) -> int:
             return _fail({"kind": "UsageError", "code": "USE-001", "message": error.format_message()}, "", 2, arguments)
         error.show()
         return error.exit_code
-    except Exception as error:  # noqa: BLE001 (the last resort: told as an internal error)
+    except Exception as error:  # noqa: BLE001 (the last resort: reported as an internal error)
         return _report(error, arguments)
     return result if isinstance(result, int) else 0
 

@@ -32,7 +32,7 @@ class PanoramaError(PictureFileError):
 
 
 class ResponseError(ProcessingError):
-    """Frames from which no response curve can be told: too few, all alike, all clipped or all dark."""
+    """Frames from which no response curve can be recovered: too few, all alike, all clipped or all dark."""
 
     code = "CAL-001"
 
@@ -175,7 +175,7 @@ class EngineError(RenderingError):
 
 
 class AlbedoError(RenderingError):
-    """Albedo cannot be told: no light in the picture, or no visible surface."""
+    """Albedo cannot be estimated: no light in the picture, or no visible surface."""
 
     code = "REN-005"
 
@@ -193,13 +193,13 @@ class ViewpointError(RenderingError):
 
 
 class DaylightError(ProcessingError):
-    """The light at another time cannot be told: no site or heading, or the sun is below the horizon."""
+    """The light at another time cannot be computed: no site or heading, or the sun is below the horizon."""
 
     code = "DAY-001"
 
 
 class NoRoomError(ProcessingError):
-    """A picture that shows no room that could be told: black, cropped, not a panorama, or outdoors."""
+    """A picture that shows no room that could be estimated: black, cropped, not a panorama, or outdoors."""
 
     code = "ROO-002"
 

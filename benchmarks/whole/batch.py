@@ -37,7 +37,7 @@ CONDITIONS = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper" /
 COUNT = {True: 4, False: 137}
 TIMED = {True: 2, False: 8}
 ALONE = {True: 1, False: 3}
-CHILD = "processing.batch.child"
+CHILD = "processing.batch.work"
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:

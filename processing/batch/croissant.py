@@ -18,7 +18,7 @@ INDEX_NAME = "index.csv"
 SPLITS = ("train", "validation", "test")
 COLUMNS = (*PAPER_COLUMNS, "folder", "room", "split", *FOUND_COLUMNS)
 _LEDGERS = ("dataset.csv",)
-"""Tables of `daylit simulate`, which know what no session tells: lamps, and the room's seed."""
+"""Tables of `daylit simulate`, which know what no session records: lamps, and the room's seed."""
 
 Row = dict[str, str]
 

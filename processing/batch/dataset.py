@@ -78,8 +78,8 @@ def read_sums(folder: Path) -> dict[str, str]:
 
 # The index of a data set: a row a session, with its room and its split.
 #
-# Splits are by room, so that no room is in two of them: a room's part is told by a digest of its name, and so stays the
-# same when sessions are added.
+# Splits are by room, so that no room is in two of them: a room's part follows from a digest of its name, and so
+# stays the same when sessions are added.
 
 
 LICENCE_NAME = "LICENCE.txt"
@@ -172,8 +172,8 @@ def _problems(folder: Path, rows: Sequence[Row]) -> list[str]:
     found += [f"room {room} is in {' and '.join(sorted(s))}" for room, s in rooms.items() if len(s) > 1]
     try:
         values = json.loads((folder / METADATA_NAME).read_text("utf-8"))
-        told = next(one["sha256"] for one in values["distribution"] if one["@id"] == "index")
-        if told != sha256_of(folder / INDEX_NAME):
+        recorded = next(one["sha256"] for one in values["distribution"] if one["@id"] == "index")
+        if recorded != sha256_of(folder / INDEX_NAME):
             found.append(f"{METADATA_NAME} describes another {INDEX_NAME}")
     except (OSError, ValueError, KeyError, TypeError, StopIteration):
         found.append(f"{METADATA_NAME} is missing or damaged")

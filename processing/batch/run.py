@@ -162,8 +162,8 @@ def _through(
         over = _first_over(list(of))
         idle_s = 0.0 if over or _threads(client) else idle_s + LOOK_S
         if idle_s >= NO_WORKERS_S:
-            told = f"no worker was there for {NO_WORKERS_S:g} s"
-            yield from ((task, _lost(task, told)) for task in (*of.values(), *left))
+            why = f"no worker was there for {NO_WORKERS_S:g} s"
+            yield from ((task, _lost(task, why)) for task in (*of.values(), *left))
             return
         for future in over:
             task = of.pop(future)
@@ -191,12 +191,12 @@ def _threads(client: Any) -> int:
         return 0
 
 
-def _lost(task: Task, told: str) -> Outcome:
-    return Outcome(task.name, "failed", WorkerLostError.code, told[:500])
+def _lost(task: Task, why: str) -> Outcome:
+    return Outcome(task.name, "failed", WorkerLostError.code, why[:500])
 
 
 def _outcome(future: Any, task: Task) -> Outcome:
-    """Return what a task gave, or what is known where its worker did not live to tell."""
+    """Return what a task gave, or what is known where its worker died first."""
     try:
         found = future.result(timeout=LOOK_S)
     except Exception as error:  # noqa: BLE001 (whatever it is, it is this session's and is listed)

@@ -1,10 +1,14 @@
 """What a worker does for one session: run it in a process of its own, and say what became of it.
 
-It returns an outcome whatever happens to the session; only the worker's own end is left to the cluster to notice.
+It returns an outcome whatever happens to the session; only the worker's own end is left to the cluster to notice. The
+process is this module as a program, ``python -m processing.batch.work PARENT process SESSION --json``: what a session
+can do to it (run out of memory, crash in a library, hang) so never reaches the worker, and it dies with the worker
+that began it, so that it does not hold the session's lock.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import signal
@@ -87,7 +91,7 @@ def work(task: Task) -> Outcome:
 def _once(task: Task) -> Outcome:
     """Run the session's process once, killed after the time allowed."""
     name = task.name
-    command = [sys.executable, "-m", "processing.batch.child", str(os.getpid())]
+    command = [sys.executable, "-m", "processing.batch.work", str(os.getpid())]
     command += ["process", task.session, "--json", *task.arguments]
     root = str(Path(__file__).resolve().parents[2])
     known = os.environ.get("PYTHONPATH", "")
@@ -104,8 +108,8 @@ def _once(task: Task) -> Outcome:
         out, err = process.communicate(timeout=task.timeout_s)
     except subprocess.TimeoutExpired:
         _end(process)
-        told = f"not done after {task.timeout_s:g} s; what its stages made so far is kept"
-        return Outcome(name, "failed", SessionTimeoutError.code, told)
+        message = f"not done after {task.timeout_s:g} s; what its stages made so far is kept"
+        return Outcome(name, "failed", SessionTimeoutError.code, message)
     except BaseException:
         _end(process)
         raise
@@ -123,16 +127,16 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def outcome_of(name: str, exit_code: int, out: str, err: str) -> Outcome:
     """Return what a finished process of `daylit process --json` says."""
     if exit_code < 0:
-        told = f"its process was ended by signal {-exit_code}"
+        message = f"its process was ended by signal {-exit_code}"
         why = " (9 is the system's answer to too little memory)" if exit_code == -signal.SIGKILL else ""
-        return Outcome(name, "failed", SessionKilledError.code, told + why)
+        return Outcome(name, "failed", SessionKilledError.code, message + why)
     try:
         said = json.loads(out.strip().splitlines()[-1])
         if not isinstance(said, dict):
             raise TypeError("no object")
     except (ValueError, IndexError, TypeError):
-        told = _last_words(err) or f"its process ended with exit code {exit_code} and said nothing"
-        return Outcome(name, "failed", BROKEN, told)
+        message = _last_words(err) or f"its process ended with exit code {exit_code} and said nothing"
+        return Outcome(name, "failed", BROKEN, message)
     if exit_code != 0 or not said.get("ok"):
         error = said.get("error", {})
         code, message = str(error.get("code", BROKEN)), str(error.get("message", "no message"))
@@ -151,3 +155,28 @@ def outcome_of(name: str, exit_code: int, out: str, err: str) -> Outcome:
 def _last_words(err: str) -> str:
     lines = [line.strip() for line in err.splitlines() if line.strip()]
     return lines[-1][:_MOST_TEXT] if lines else ""
+
+
+_PR_SET_PDEATHSIG = 1
+"""Of prctl(2)."""
+
+
+def die_with_parent(parent: int) -> None:
+    """Ask Linux to kill this process when its parent ends; elsewhere nothing is done."""
+    if sys.platform != "linux":
+        return
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it ended before it could be asked
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def main(argv: list[str]) -> int:
+    """Run `daylit` with these arguments, the first of them the parent's process id."""
+    die_with_parent(int(argv[0]))
+    import daylit
+
+    return daylit.main(argv[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

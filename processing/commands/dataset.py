@@ -52,15 +52,17 @@ def build(folder: Path, *, split: str, zone: str, as_json: bool, **about: str) -
     from processing.batch.dataset import build as make
     from processing.batch.dataset import summary as sum_up
     from processing.commands.batch import known_zone
+    from processing.commands.numbers import numbers
 
     description = Description(version=about.pop("release"), **about)
-    made = make(folder, description, shares=_shares(split), zone=known_zone(zone))
+    train, validation, test = (part / 100 for part in numbers("--split", split, 3, "per cent, such as 70,15,15"))
+    made = make(folder, description, shares=(train, validation, test), zone=known_zone(zone))
     if as_json:
         click.echo(json.dumps({"ok": True, "files": [str(path) for path in made], **sum_up(folder)}))
         return 0
     for path in made:
         click.echo(str(path))
-    _tell(sum_up(folder))
+    _show(sum_up(folder))
     return 0
 
 
@@ -105,11 +107,11 @@ def summary(folder: Path, *, as_json: bool) -> int:
     if as_json:
         click.echo(json.dumps({"ok": True, **found}))
     else:
-        _tell(found)
+        _show(found)
     return 0
 
 
-def _tell(found: dict[str, Any]) -> None:
+def _show(found: dict[str, Any]) -> None:
     for name, value in found.items():
         text = value
         if isinstance(value, dict):
@@ -118,13 +120,3 @@ def _tell(found: dict[str, Any]) -> None:
         elif isinstance(value, list):
             text = " to ".join(value)
         click.echo(printable(f"{name.replace('_', ' '):<18} {'-' if text is None else text}"))
-
-
-def _shares(text: str) -> tuple[float, float, float]:
-    from processing.errors import ParameterError
-
-    try:
-        a, b, c = (float(part) / 100 for part in text.split(","))
-    except ValueError:
-        raise ParameterError(f"--split {text[:40]}: three numbers in per cent, such as 70,15,15") from None
-    return a, b, c

@@ -84,10 +84,10 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
         seen, name = _world(world, picture, sky)
         session, manifest, intact = _captured(seen, size, name, asked["into"], as_json=as_json, rate=rate)
         if asked["capture_only"] or not intact:
-            return _tell(session, manifest, intact=intact, as_json=as_json)
+            return _summary(session, manifest, intact=intact, as_json=as_json)
         options["--calibration"] = str(_calibrated(asked["into"] / "rig", session, as_json=as_json))
     report = _processed(session, options, quality, as_json=as_json)
-    return _tell(session, manifest, intact=True, as_json=as_json, report=report, meter=meter)
+    return _summary(session, manifest, intact=True, as_json=as_json, report=report, meter=meter)
 
 
 def _effort(asked: dict[str, Any]) -> tuple[str, float, str]:
@@ -191,7 +191,7 @@ def _processed(session: Path, options: dict[str, str], quality: str, *, as_json:
     return report
 
 
-def _tell(
+def _summary(
     path: Path,
     manifest: SessionManifest | None,
     *,

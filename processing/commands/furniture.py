@@ -94,7 +94,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
         picture, name = two_sides(models[0]), models[0].model_id.replace("/", "-").replace(" ", "-")
     path = output or Path(f"{name}.png")
     picture.save(path)
-    _told(path, models, as_json=as_json)
+    _report_written(path, models, as_json=as_json)
     return 0
 
 
@@ -129,7 +129,7 @@ def export(what: str, rank: int, size: str | None, output: Path | None, *, as_js
         models = [found.mesh(what, _size(size))]
         path = output or Path(f"{models[0].model_id.replace('/', '-').replace(' ', '-')}.glb")
         write_model(path, models[0])
-    _told(path, models, as_json=as_json)
+    _report_written(path, models, as_json=as_json)
     return 0
 
 
@@ -143,18 +143,15 @@ def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
 
 
 def _size(text: str | None) -> tuple[float, float, float] | None:
-    from processing.errors import ParameterError
+    from processing.commands.numbers import numbers
 
     if text is None:
         return None
-    try:
-        w, d, h = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ParameterError(f"--size {text[:40]}: three numbers, width, depth and height in metres") from None
-    return w, d, h
+    width, depth, height = numbers("--size", text, 3, "width, depth and height in metres")
+    return width, depth, height
 
 
-def _told(path: Path, models: list[FurnitureModel], *, as_json: bool) -> None:
+def _report_written(path: Path, models: list[FurnitureModel], *, as_json: bool) -> None:
     notes = {m.model_id: m.notes for m in models if m.notes}
     triangles = sum(m.triangles for m in models)
     if as_json:

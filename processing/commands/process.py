@@ -260,7 +260,7 @@ def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> I
 
 
 def _stage_lines(stage: StageReport, *, explain: bool) -> Iterator[str]:
-    from processing.running.decision import change_line
+    from processing.running.stage_inputs import change_line
 
     seconds = f"{stage.cost.seconds:8.1f} s" if stage.cost else " " * 10
     yield f"{stage.stage:<10} {stage.action.value:<13}{seconds}  {stage.reason}"

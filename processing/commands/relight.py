@@ -160,12 +160,11 @@ def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
 
 
 def _site(text: str | None) -> tuple[float, float] | None:
+    from processing.commands.numbers import numbers
+
     if text is None:
         return None
-    try:
-        latitude, longitude = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise click.UsageError("--site is LATITUDE,LONGITUDE in degrees, such as 40.44,-79.94") from error
+    latitude, longitude = numbers("--site", text, 2, "LATITUDE,LONGITUDE in degrees, such as 40.44,-79.94")
     return latitude, longitude
 
 

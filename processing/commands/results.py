@@ -33,10 +33,12 @@ def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) ->
       daylit inspect sessions/2023-05-19T1554Z_coda-320/stages/calibrate/indoor.exr --at 30,-10
       daylit inspect sky.hdr --at 0,90 --radius 5 --json
     """
+    from processing.commands.numbers import numbers
     from processing.exchange.inspection import open_picture, picture_facts, place_facts
 
     picture = open_picture(file)
-    places = [place_facts(picture, *_angles(one), radius) for one in at]
+    directions = [numbers("--at", one, 2, "longitude and latitude in degrees") for one in at]
+    places = [place_facts(picture, lon, lat, radius) for lon, lat in directions]
     facts = picture_facts(picture)
     if as_json:
         click.echo(json.dumps({"ok": True, "file": file.name, **facts, "places": places}))
@@ -44,16 +46,6 @@ def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) ->
     for line in (*_lines(facts), *(line for place in places for line in _place_lines(place))):
         click.echo(printable(line))
     return 0
-
-
-def _angles(text: str) -> tuple[float, float]:
-    from processing.errors import ParameterError
-
-    try:
-        lon, lat = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ParameterError(f"--at {text[:40]}: two numbers, longitude and latitude in degrees") from None
-    return lon, lat
 
 
 def _lines(facts: dict[str, Any]) -> list[str]:

@@ -53,8 +53,8 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     from processing.calibration.profile import save_profile
     from processing.rig.calibrate import calibrate_rig
 
-    tell = (lambda _text: None) if as_json else (lambda text: click.echo(text, err=True))
-    result = calibrate_rig(_request(options), SystemClock().utc_now(), tell)
+    progress = (lambda _text: None) if as_json else (lambda text: click.echo(text, err=True))
+    result = calibrate_rig(_request(options), SystemClock().utc_now(), progress)
     save_profile(out, result.profile)
     pictures = _save_pictures(out, result)
     if as_json:
@@ -68,6 +68,7 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
 
 def _request(options: dict[str, Any]) -> RigRequest:
     from processing.calibration.response.shutter import ShutterRule
+    from processing.commands.numbers import numbers
     from processing.rig.calibrate import RigRequest
 
     first, *rest = options["sessions"]
@@ -79,7 +80,9 @@ def _request(options: dict[str, Any]) -> RigRequest:
         flats=options["flats"],
         nd=options["nd"] or None,
         lens_data=options["lens_data"],
-        corners={side: _corners(text) for side, text in map(_sided, options["corners"])},
+        corners={
+            side: numbers("--corners", text, 8, "X,Y of four corners") for side, text in map(_sided, options["corners"])
+        },
         rules={side: _rule(text, tuple(ShutterRule)) for side, text in map(_sided, options["shutter"])},
         half_field_rad=math.radians(options["half_field"]),
     )
@@ -94,18 +97,6 @@ def _sided(text: str) -> tuple[Side, str]:
     if not colon or name not in tuple(Side):
         raise ParameterError(f"{text!r} does not name a camera", advice="write indoor:... or outdoor:...")
     return Side(name), rest
-
-
-def _corners(text: str) -> tuple[float, ...]:
-    from processing.errors import ParameterError
-
-    try:
-        numbers = tuple(float(v) for v in text.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) != 8 or not all(math.isfinite(v) for v in numbers):
-        raise ParameterError(f"{text!r} is not four corners", where="--corners", advice="write X,Y four times")
-    return numbers
 
 
 def _rule(text: str, rules: tuple[ShutterRule, ...]) -> ShutterRule:

@@ -66,13 +66,13 @@ def room(
         _prepare(path, start, begin)
         if sys.stdin.isatty() and sys.stdout.isatty() and not as_json:
             click.edit(filename=str(path))
-    return _tell(path, as_json=as_json)
+    return _show(path, as_json=as_json)
 
 
 def _beginning(
     session: Path, start: Path | None, imported: tuple[str | None, str | None], camera_height_m: float
 ) -> RoomModel:
-    """Return the room to begin with: the one given, the one that the stage room has told, or a rectangle."""
+    """Return the room to begin with: the one given, the one that the stage room has estimated, or a rectangle."""
     from processing.ground.room_model import read_room, starter_room
 
     layout_format, panorama = imported
@@ -82,8 +82,8 @@ def _beginning(
         return read_layout(start, layout_format, camera_height_m=camera_height_m, panorama=panorama)  # type: ignore[arg-type]
     if start:
         return read_room(start)
-    told = session / "stages" / "room" / ROOM_FILE
-    return read_room(told) if told.exists() else starter_room(camera_height_m)
+    estimated = session / "stages" / "room" / ROOM_FILE
+    return read_room(estimated) if estimated.exists() else starter_room(camera_height_m)
 
 
 def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
@@ -99,7 +99,7 @@ def _prepare(path: Path, start: Path | None, begin: RoomModel) -> None:
         write_room(path, begin)
 
 
-def _tell(path: Path, *, as_json: bool) -> int:
+def _show(path: Path, *, as_json: bool) -> int:
     from processing.ground.room_model import read_json, room_problems
 
     found, problems = room_problems(read_json(path))

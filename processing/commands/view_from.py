@@ -47,11 +47,12 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit view-from sessions/2023-05-19T1554Z_coda-320 --eye 0.5,1,1.6 --panorama --staged 1
     """
     _check(asked)
+    from processing.commands.numbers import numbers
     from processing.light.picture.viewpoint import check_place, seen_from
     from processing.light.solver.irradiance import EFFORTS
     from processing.relighting.session_room import read_session_room
 
-    eye = _numbers(asked["eye"], 3, "--eye")
+    eye = list(numbers("--eye", asked["eye"], 3, "metres to the right, ahead and up"))
     geometry = _geometry(asked)
     room = read_session_room(session, asked["staged"], 2048, asked["furniture"])
     check_place(room.scene, (eye[0], eye[1], eye[2]))
@@ -81,23 +82,14 @@ def _check(asked: dict[str, Any]) -> None:
         raise click.UsageError("--look and --fov do nothing beside --panorama")
 
 
-def _numbers(text: str, count: int, flag: str) -> list[float]:
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError:
-        found = []
-    if len(found) != count or not all(math.isfinite(v) for v in found):
-        raise click.UsageError(f"{flag} takes {count} numbers with commas between, not {text!r}")
-    return found
-
-
 def _geometry(asked: dict[str, Any]) -> Any:
+    from processing.commands.numbers import numbers
     from processing.sphere import Equirectangular, Perspective
 
     wide = asked["width"] // 2 * 2
     if asked["panorama"]:
         return Equirectangular(wide, wide // 2)
-    azimuth, elevation = _numbers(asked["look"] or "0,0", 2, "--look")
+    azimuth, elevation = numbers("--look", asked["look"] or "0,0", 2, "degrees to the right and up")
     if not -89 <= elevation <= 89:
         raise click.UsageError("--look: up or down by 89 degrees at most")
     fov = math.radians(asked["fov"] or 70.0)

@@ -139,7 +139,7 @@ def _models(session: Path, into: Path, done: Exported) -> None:
         except ProcessingError as error:
             done.left_out["room.gltf"] = str(error)
     else:
-        done.left_out["room.gltf"] = "the room's materials were not told (stage materials)"
+        done.left_out["room.gltf"] = "the room's materials were not estimated (stage materials)"
     for name, model in _staged_models(session):
         path = into / f"{session.name}_{name}.glb"
         write_bytes(path, model.read_bytes())

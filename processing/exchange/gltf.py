@@ -2,7 +2,7 @@
 
 Surfaces of the room are single-sided and face inwards, so that from outside one looks into the room. A texture of
 albedo is meant to be lit by the viewer; with ``lit`` a surface instead shows a picture as it is
-(KHR_materials_unlit): the photograph's own daylight. What lights the room is told in the asset's extras.
+(KHR_materials_unlit): the photograph's own daylight. What lights the room is recorded in the asset's extras.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Glb:
         self._known: dict[tuple[bytes, bool], int] = {}
 
     def add_picture(self, rgb8: npt.NDArray[np.uint8], *, repeat: bool) -> int:
-        """Add a texture of an sRGB picture (h, w, 3), once; its first row is the top, v = 0 in glTF."""
+        """Add a texture of an sRGB picture (H, W, 3), once; its first row is the top, v = 0 in glTF."""
         from PIL import Image
 
         key = hashlib.sha256(str(rgb8.shape).encode() + np.ascontiguousarray(rgb8).tobytes()).digest(), repeat
@@ -91,7 +91,7 @@ class Glb:
         faces: npt.NDArray[np.integer],
         material: int,
     ) -> None:
-        """Add a node with a mesh: corners and normals (n, 3) in our frame, uv (n, 2), faces (m, 3).
+        """Add a node with a mesh: corners and normals (N, 3) in our frame, uv (N, 2), faces (M, 3).
 
         Corners that are alike in all become one.
         """
@@ -165,7 +165,7 @@ def _welded(corners: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], 
 
 
 def y_up(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-    """Return (n, 3) vectors of our frame in glTF's."""
+    """Return (N, 3) vectors of our frame (z up, metres) in glTF's (y up, metres)."""
     # Adding 0 makes -0 plain.
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32) + np.float32(0)
 
@@ -278,7 +278,7 @@ def _corners(part: Part) -> tuple[Doubles, Doubles]:
     own = part.normals[part.faces.ravel()].astype(np.float64)
     own /= np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-12)
     agree = np.einsum("ij,ij->i", own, flat)
-    # A mesh may be wrong about its normals; as in our own pictures, its faces then tell.
+    # A mesh may be wrong about its normals; as in our own pictures, its faces then decide.
     turned = own * np.where(agree < 0, -1.0, 1.0)[:, None]
     return triangles.reshape(-1, 3), np.where((np.abs(agree) > LEAST_AGREEMENT)[:, None], turned, flat)
 

@@ -75,10 +75,10 @@ def _exr(path: Path) -> OpenPicture:
         if "is not a picture of daylit" not in str(error):
             raise
         rgb, white = read_exr_rgb(path)
-        told = {} if white is None else {"whiteLuminance": white}
+        attributes: dict[str, object] = {} if white is None else {"whiteLuminance": white}
         scaled = rgb if white is None else rgb * np.float32(white)
         unit = "relative units" if white is None else "cd/m2"
-        return OpenPicture("OpenEXR of another program", unit, scaled, _assumed(rgb), attributes=told)
+        return OpenPicture("OpenEXR of another program", unit, scaled, _assumed(rgb), attributes=attributes)
     attributes = dict(image.attributes)
     if isinstance(image, RelativeImage):
         kind, unit, scale = "daylit: merged, before calibration", "relative units", None

@@ -156,11 +156,11 @@ def packet(
         return b""
     names = {"GPano": GPANO, "Iptc4xmpExt": IPTC_EXTENSION, "daylit": DAYLIT, "dc": "http://purl.org/dc/elements/1.1/"}
     spaces = " ".join(f'xmlns:{name}="{uri}"' for name, uri in names.items())
-    told = " ".join(f"{name}={quoteattr(value)}" for name, value in attributes.items())
+    properties = " ".join(f"{name}={quoteattr(value)}" for name, value in attributes.items())
     return (
         '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
         '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-        f'<rdf:Description rdf:about="" {spaces} {told}>{_title(title)}</rdf:Description>'
+        f'<rdf:Description rdf:about="" {spaces} {properties}>{_title(title)}</rdf:Description>'
         '</rdf:RDF></x:xmpmeta><?xpacket end="r"?>'
     ).encode()
 
@@ -248,7 +248,10 @@ def write_jpeg(
     title: str = "",
     quality: int = 92,
 ) -> None:
-    """Write `jpeg_bytes` durably. ``staged``: furniture was added; ``relative``: the light's scale is unknown."""
+    """Write a picture (H, W, 3) sRGB as `jpeg_bytes` durably.
+
+    ``staged``: furniture was added; ``relative``: the light's scale is unknown.
+    """
     data = jpeg_bytes(rgb8, panorama=panorama, staged=staged, relative=relative, title=title, quality=quality)
     write_bytes(path, data)
 

@@ -32,9 +32,10 @@ CCT_RANGE_K = (2000.0, 20000.0)
 
 
 def response_plot(log2_exposure: Doubles, sigma_log2: Doubles, low: Sequence[int], high: Sequence[int]) -> bytes:
-    """Return an SVG of response curves: exposure in stops (3, N) over codes, with a band of two standard uncertainties.
+    """Return an SVG of response curves: exposure in stops (3, N) over codes.
 
-    Outside ``low[c]..high[c]`` the curve is extrapolated and drawn faintly.
+    ``sigma_log2``: (3, N) standard uncertainty in stops, of which a band shows two. Outside ``low[c]..high[c]`` the
+    curve is extrapolated and drawn faintly.
     """
     figure, axes = _figure()
     codes = np.arange(log2_exposure.shape[1])
@@ -82,7 +83,7 @@ def frame_usage_plot(labels: Sequence[str], shares: Sequence[float], left_out: S
 
 
 def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns: int = 3) -> bytes:
-    """Return a PNG of a bracket: each frame small, uint8 (h, w, 3), its histogram by channel below, and its label."""
+    """Return a PNG of a bracket: each frame small, uint8 (H, W, 3), its histogram by channel below, and its label."""
     if not thumbnails or len(thumbnails) != len(labels):
         raise ParameterError("a contact sheet has frames, and as many labels")
     rows = -(-len(thumbnails) // columns)
@@ -109,7 +110,8 @@ def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns
 def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, *, size_px: int = 480) -> bytes:
     """Return a PNG of where the meter looked: the linear picture around its spot, and the spot's circle.
 
-    The crop is sixteen spots wide, wraps around at the sides, and is cut at top and bottom.
+    ``rgb``: (H, W, 3) linear light >= 0. The crop is sixteen spots wide, wraps around at the sides, and is
+    cut at top and bottom.
     """
     import cv2
 

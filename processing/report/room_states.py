@@ -13,10 +13,9 @@ import numpy.typing as npt
 from processing.exchange.jpeg_files import TEXT
 from processing.layout.arrangement import Arrangements
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
-from processing.report.data import Section
+from processing.report.data import Model, Models, Section
 from processing.report.states import FIELD_DEG, State, comparison, viewer
 from processing.report.tone import Look
-from processing.report.widgets import Model, Models
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED, ReportParameters
@@ -30,8 +29,8 @@ def room_states(context: StageContext) -> tuple[State, ...]:
     """Return the room as photographed, emptied, and staged: those that there are, if they are whole panoramas."""
     upright = context.optional_artifact("room", "panorama")
     photograph = context.artifact("calibrate", "indoor") if upright is None else upright
-    told = "stages/calibrate/indoor.exr" if upright is None else "stages/room/panorama.exr"
-    found = [State("Photograph", photograph, False, told, "the room as it was photographed")]
+    file = "stages/calibrate/indoor.exr" if upright is None else "stages/room/panorama.exr"
+    found = [State("Photograph", photograph, False, file, "the room as it was photographed")]
     empty = context.optional_artifact("remove", "empty")
     if empty is not None:
         found.append(State("Emptied", empty, False, "stages/remove/empty.exr", "the room without its furniture"))

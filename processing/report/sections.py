@@ -66,7 +66,7 @@ def detect_section(image: LuminanceImage, masks: Mapping[str, Flags], facts: Map
 
 
 def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
-    """Return a picture with masks in their colours, and a green line around the target."""
+    """Return a picture (H, W, 3) sRGB with masks (H, W) in their colours, and a green line around the target."""
     out = rgb8.astype(np.float32)
     for name, colour in TINTS.items():
         if name in masks:
@@ -115,7 +115,7 @@ EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
 def room_section(
     image: LuminanceImage, room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]
 ) -> Section:
-    """Return the room as it was told or given; ``facts`` are the stage's metrics."""
+    """Return the room as it was estimated or given; ``facts`` are the stage's metrics."""
     area = floor_area_m2(room)
     quantities = [
         Quantity("Floor", area, "m2"),
@@ -130,13 +130,13 @@ def room_section(
         Picture("Layout", jpeg_bytes(drawn(image, room)), "panorama with the room's edges and openings", wide=True),
         Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
     )
-    told = "given by the user" if room.source == "given" else f"told from the panorama ({room.note})"
-    text = f"The room is {told}. Evidence: {facts.get('source', 'none')}."
+    source = "given by the user" if room.source == "given" else f"estimated from the panorama ({room.note})"
+    text = f"The room is {source}. Evidence: {facts.get('source', 'none')}."
     return Section("Room's shape", text, tuple(quantities), pictures, _tables(room, facts, left_out))
 
 
 def drawn(image: LuminanceImage, room: RoomModel) -> Bytes:
-    """Return a small panorama with the edges of walls, floor and ceiling in green and openings' in orange."""
+    """Return a small panorama (H, W, 3) sRGB, edges of walls, floor and ceiling in green, of openings in orange."""
     step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
     rgb8 = preview_rgb8(image.rgb[step // 2 :: step, step // 2 :: step])
     geometry = Equirectangular(rgb8.shape[1], rgb8.shape[0])

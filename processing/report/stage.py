@@ -7,9 +7,14 @@ from importlib.metadata import version
 from typing import Any
 
 from processing.ground.room_model import RoomModel
-from processing.report.calibration_sections import camera_section, indoor_section, light_section, outdoor_section
+from processing.report.calibration_sections import (
+    camera_section,
+    indoor_section,
+    light_figures_section,
+    light_section,
+    outdoor_section,
+)
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
-from processing.report.light_figures_section import light_figures_section
 from processing.report.page import write_page
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import staging_sections
@@ -19,7 +24,7 @@ from processing.stages.upright import upright_panorama
 from station.session.session import SessionManifest, Side
 
 BEFORE = ("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render")
-"""Stages that the report tells of; each of them is also in its row's ``needs``."""
+"""Stages that the report covers; each of them is also in its row's ``needs``."""
 FILES = {
     ("merge", "indoor.exr"): "room before calibration, relative",
     ("merge", "outdoor.exr"): "sky before calibration, relative",
@@ -111,7 +116,7 @@ def _summary(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 def _shape(context: StageContext) -> tuple[Quantity, ...]:
     """Return the room's size, as people ask for it."""
-    room = told_room(context)
+    room = room_of(context)
     if room is None:
         return ()
     height = f"{room.ceiling_height_m:.2f} m high, {len(room.openings)} windows and doors"
@@ -154,18 +159,18 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     return tuple(found)
 
 
-def told_room(context: StageContext) -> RoomModel | None:
+def room_of(context: StageContext) -> RoomModel | None:
     """Return the room, None where there is none."""
     room: RoomModel | None = context.optional_artifact("room", "room")
     return room
 
 
 def _room(context: StageContext) -> list[Section]:
-    room = told_room(context)
+    room = room_of(context)
     if room is None:
         return []
-    told = context.summary("room")
-    return [room_section(upright_panorama(context), room, told["metrics"], told["left_out"])]
+    summary = context.summary("room")
+    return [room_section(upright_panorama(context), room, summary["metrics"], summary["left_out"])]
 
 
 def _detect(context: StageContext) -> list[Section]:
@@ -191,6 +196,6 @@ def _files(context: StageContext) -> tuple[FileLine, ...]:
     for (stage, name), what in FILES.items():
         path = context.session_path / "stages" / stage / name
         if path.exists():
-            told = what.replace("cd/m2", unit)
-            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, told))
+            text = what.replace("cd/m2", unit)
+            lines.append(FileLine(f"stages/{stage}/{name}", path.stat().st_size, text))
     return tuple(lines)

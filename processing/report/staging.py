@@ -1,26 +1,26 @@
-"""What people look at first, from the stages: before and after, viewer, models, alternatives, materials."""
+"""What people look at first: before and after, viewer, models, alternatives, materials, other times of day."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from processing.exchange.jpeg_files import TIMES, jpeg_bytes, labelled
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
-from processing.report.data import Quantity, Section, Table
-from processing.report.relight_section import relight_section
-from processing.report.room_states import (
-    lead_section,
-    look_of,
-    model_section,
-    room_states,
-    viewer_section,
-)
-from processing.report.states import State, small_view
+from processing.report.data import Card, Cards, Quantity, Section, Table
+from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section
+from processing.report.states import State, small_direction, small_height_px, small_view
 from processing.report.tone import Look
-from processing.report.widgets import Card, Cards
+from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED
+from station.session import strict_json
 
 # Sections of the report on what stands where, and what the room's surfaces reflect.
 
@@ -46,15 +46,15 @@ def alternatives_section(
     if arranged is None or not arranged.arrangements:
         return None
     every = arranged.arrangements
-    told: dict[int, Mapping[str, Any]] = dict(enumerate((staged or {}).get("alternatives", []), 1))
+    facts: dict[int, Mapping[str, Any]] = dict(enumerate((staged or {}).get("alternatives", []), 1))
     pictures = {state.name: state for state in states if state.staged}
     views = [
         Card(
             f"Alternative {number}",
             small_view(pictures[f"Staged {number}"], look),
             f"virtually staged room, alternative {number}",
-            _told_text(told.get(number, {})),
-            _figures(told.get(number, {})),
+            _pieces_text(facts.get(number, {})),
+            _figures(facts.get(number, {})),
         )
         for number in range(1, len(every) + 1)
         if f"Staged {number}" in pictures
@@ -78,7 +78,9 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
     quantities = []
     if "told_share" in metrics:
         note = "the rest is taken from its neighbours"
-        quantities.append(Quantity("Surfaces told from light", round(100 * metrics["told_share"], 1), "%", note=note))
+        quantities.append(
+            Quantity("Surfaces measured from light", round(100 * metrics["told_share"], 1), "%", note=note)
+        )
     if "floor_gloss" in materials:
         quantities.append(Quantity("Gloss of the floor", materials["floor_gloss"], "", note="0 matte, 1 full varnish"))
     surfaces = materials.get("surfaces", [])
@@ -97,19 +99,19 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
     return Section("Materials", text, tuple(quantities), (), tuple(tables))
 
 
-def _told_text(told: Mapping[str, Any]) -> str:
-    parts = [f"{len(told['items'])} pieces"] if told.get("items") else []
-    if told.get("style"):
-        parts.append(str(told["style"]))
+def _pieces_text(facts: Mapping[str, Any]) -> str:
+    parts = [f"{len(facts['items'])} pieces"] if facts.get("items") else []
+    if facts.get("style"):
+        parts.append(str(facts["style"]))
     return ", ".join(parts)
 
 
-def _figures(told: Mapping[str, Any]) -> tuple[Quantity, ...]:
+def _figures(facts: Mapping[str, Any]) -> tuple[Quantity, ...]:
     found = []
-    if "changed_share" in told:
-        found.append(Quantity("Changed", round(100 * float(told["changed_share"]), 1), "% of the picture"))
-    if "error" in told:
-        found.append(Quantity("Error of the light", round(100 * float(told["error"]), 1), "%"))
+    if "changed_share" in facts:
+        found.append(Quantity("Changed", round(100 * float(facts["changed_share"]), 1), "% of the picture"))
+    if "error" in facts:
+        found.append(Quantity("Error of the light", round(100 * float(facts["error"]), 1), "%"))
     return tuple(found)
 
 
@@ -173,3 +175,98 @@ def _plans(context: StageContext) -> dict[int, bytes]:
         if isinstance(path, Path):
             found[number] = path.read_bytes()
     return found
+
+
+FOLDER = "relight"
+MOST = 24
+"""Moments that the page shows."""
+WIDTH_PX = 640
+_LABEL_SEEN_RAD = math.radians(38)
+_WEATHER = {"captured": "the captured weather", "clear": "clear", "overcast": "overcast"}
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The room at one moment or under one sky."""
+
+    path: Path
+    staged: int | None
+    facts: Mapping[str, Any]
+
+    @property
+    def title(self) -> str:
+        """When it is, and what is shown."""
+        when = str(self.facts.get("local_time", "another sky"))
+        return f"{when}, {'emptied' if self.staged is None else f'staged {self.staged}'}"
+
+
+def relight_section(session: Path, look: Look) -> Section | None:
+    """Return the moments side by side, in one exposure each sweep; None where nothing was relit."""
+    moments = list(relit_moments(session / FOLDER))
+    if not moments:
+        return None
+    cards = tuple(_card(moment, look) for moment in moments[:MOST])
+    tables: tuple[Table, ...] = ()
+    if len(moments) > MOST:
+        row = (f"{len(moments) - MOST} more moments are in the folder {FOLDER}",)
+        tables = (Table("Not shown", ("what",), (row,)),)
+    text = (
+        "The room by day, computed from its materials and the sky: not photographs. Exposure is common to a day's "
+        "pictures, so that evening is darker than noon."
+    )
+    return Section("Times of day", text, tables=tables, widgets=(Cards(cards),))
+
+
+def relit_moments(folder: Path) -> Iterator[Moment]:
+    """Return the moments of the folder's summaries that have a picture, by name; damaged files are left out."""
+    seen: set[Path] = set()
+    for summary in sorted(folder.glob("*.json")):
+        data = _read(summary)
+        staged = data.get("staged")
+        name = "empty" if staged is None else f"staged-{staged}"
+        for facts in data.get("moments", []):
+            stem = str(facts.get("local_time", "")).replace(" ", "T").replace(":", "")
+            path = folder / (f"{name}-{stem}.jpg" if stem else f"{summary.stem}.jpg")
+            if path.is_file() and path not in seen:
+                seen.add(path)
+                yield Moment(path, staged, facts)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        data = strict_json.loads(path.read_bytes())
+    except (OSError, strict_json.StrictJsonError):
+        return {}
+    known = isinstance(data, dict) and isinstance(data.get("moments"), list)
+    return data if known and all(isinstance(one, dict) for one in data["moments"]) else {}
+
+
+def _card(moment: Moment, look: Look) -> Card:
+    facts = moment.facts
+    figures = []
+    if isinstance(facts.get("global_horizontal_lx"), int | float):
+        figures.append(Quantity("Outdoors", round(float(facts["global_horizontal_lx"]), -1), "lx"))
+    if isinstance(facts.get("median_luminance"), int | float):
+        unit = str(facts.get("unit", ""))
+        figures.append(Quantity("Room, median", float(f"{facts['median_luminance']:.3g}"), unit))
+    if isinstance(facts.get("sun_elevation_deg"), int | float):
+        figures.append(Quantity("Sun's height", round(float(facts["sun_elevation_deg"]), 1), "°"))
+    weather = _WEATHER.get(str(facts.get("weather", "")), "")
+    return Card(moment.title, _view(moment, look), f"the room relit, {moment.title}", weather, tuple(figures))
+
+
+def _view(moment: Moment, look: Look) -> bytes:
+    from PIL import Image
+
+    with Image.open(io.BytesIO(moment.path.read_bytes())) as picture:
+        panorama = np.asarray(picture.convert("RGB"), np.uint8)
+    seen = cut_view(Panorama(panorama), small_direction(look, WIDTH_PX))[-small_height_px(WIDTH_PX) :]
+    staged = moment.staged is not None
+    bare = staged and bool(look.label) and not _label_in_view(look.yaw_rad)
+    shown = labelled(seen, look.label, panorama=False) if bare else np.ascontiguousarray(seen)
+    return jpeg_bytes(shown, staged=staged, title=moment.title, quality=84)
+
+
+def _label_in_view(yaw_rad: float) -> bool:
+    """Tell whether a view shows one of the labels that stand in the panorama itself, evenly around from the middle."""
+    return abs(math.remainder(yaw_rad, 2 * math.pi / TIMES)) < _LABEL_SEEN_RAD

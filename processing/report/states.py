@@ -20,8 +20,8 @@ from processing.exchange.jpeg_files import PanoramaTags, jpeg_bytes, labelled
 from processing.ground.arrays import Bytes, Floats, UInt16s
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.report.data import Comparison, Scene, Shot, Viewer, ViewerState
 from processing.report.tone import Look, shown
-from processing.report.widgets import Comparison, Scene, Shot, Viewer, ViewerState
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.views import Panorama, cut_view
 
@@ -37,7 +37,7 @@ STEP = 0.001
 LARGEST_ERROR = math.expm1(STEP / 2)
 """Relative: 0.05 %."""
 LEAST = 1e-6
-"""cd/m2 of code 1; what is darker is told as this."""
+"""cd/m2 of code 1; what is darker is stored as this."""
 NO_VALUE = 0
 _MOST = 65535
 
@@ -57,13 +57,13 @@ def luminance_codes(luminance: npt.ArrayLike) -> UInt16s:
 
 
 def luminance_of(codes: UInt16s) -> npt.NDArray[np.float64]:
-    """Return luminance in cd/m2 of codes; NaN where there is no value."""
+    """Return luminance in cd/m2 of codes, of their shape; NaN where there is no value."""
     values = LEAST * np.exp((codes.astype(np.float64) - 1) * STEP)
     return np.where(codes == NO_VALUE, math.nan, values)
 
 
 def uncertainty_codes(relative: npt.ArrayLike) -> Bytes:
-    """Return 8-bit codes of relative standard uncertainties (to 2.3 % of their value); 0 where nothing is known."""
+    """Return 8-bit codes of relative standard uncertainties, of their shape (to 2.3 %); 0 where nothing is known."""
     values = np.asarray(relative, dtype=np.float64)
     known = np.isfinite(values) & (values >= 0)
     clipped = np.clip(np.where(known, values, 1.0), UNCERTAINTY_LOW, UNCERTAINTY_HIGH)
@@ -199,7 +199,7 @@ def _middle(look: Look) -> float:
 
 
 def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:
-    """Return which of ``length`` rows or columns a map of at most ``most`` shows: those in the middle of its own."""
+    """Return which of ``length`` rows or columns a map of at most ``most`` shows, (N,): the middles of its parts."""
     count = min(length, most)
     return ((np.arange(count) + 0.5) * length / count).astype(np.intp)
 

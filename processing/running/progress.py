@@ -2,7 +2,7 @@
 
 The seconds and megapixels of each stage's last runs are kept in the user's state folder (`DAYLIT_STATE` names
 another); losing them costs the estimate of one run. Part of what a stage costs grows with the picture and part does
-not: how much is told from runs of several sizes, and between the two until there are some.
+not: how much is learnt from runs of several sizes; until there are some, half way between is assumed.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ class Cost:
     seconds: float
     cpu_seconds: float
     peak_bytes: int
-    """Highest resident memory of this process during the work, or ever, where the system cannot tell (not Linux)."""
+    """Highest resident memory of this process during the work, or ever, where the system does not say (not Linux)."""
 
 
 class Meter:
-    """Started when made; `read` tells what the work has cost since."""
+    """Started when made; `read` returns what the work has cost since."""
 
     def __init__(self) -> None:
         with suppress(OSError):
@@ -85,7 +85,7 @@ _SAME_SIZE = 1.3
 _USUAL_GROWTH = 0.5
 """Power of the size with which costs grow, where one size only is known: between not at all and in proportion."""
 _TRUSTED_FRACTION = 0.05
-"""Of a stage's work, before which its own word alone tells no time."""
+"""Of a stage's work, before which its own progress alone gives no estimate (chosen)."""
 _PACE_WEIGHT_S = 2.0
 """Of stages as expected, that a run begins with: a stage of a tenth of a second says little of the rest."""
 
@@ -135,7 +135,7 @@ class Pace:
         self._spent_s = self._foreseen_s = _PACE_WEIGHT_S
 
     def add(self, seconds: float, expected_s: float | None) -> None:
-        """Note a stage that is done; one of which nothing was expected tells nothing."""
+        """Note a stage that is done; one of which nothing was expected does not count."""
         if expected_s is not None:
             self._spent_s += seconds
             self._foreseen_s += expected_s
@@ -175,7 +175,7 @@ def left_s(
     """Return the seconds left: of the running stage and of the ``expected`` ones after it; None if not known.
 
     The running stage counts by what it was expected to take until it says how far it is; then by both, the more by
-    its own word the further it is. A stage that never ran tells nothing in its first twentieth.
+    its own word the further it is. A stage that never ran gives no estimate in its first twentieth.
     """
     rest = list(expected)
     least = _TRUSTED_FRACTION if running_s is None else 0.0

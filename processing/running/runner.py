@@ -9,18 +9,15 @@ from typing import Any
 
 from processing.errors import ProcessingError
 from processing.pipeline import STAGES, Stage, check_table
-from processing.running.artifacts import Shelf, file_name, load
-from processing.running.decision import Decision, decide
+from processing.running.artifacts import Shelf, answer_result, file_name, load, make_result
 from processing.running.fingerprint import DigestMemory
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import ResultStore, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
-from processing.running.stage_inputs import StageInputs, make_context
-from processing.running.stage_results import answer_result, make_result
+from processing.running.stage_inputs import Decision, StageInputs, decide, make_context
 from station.session.durable import SessionLock
 from station.session.folder import Folder
-from station.session.session import SessionManifest
 from station.session.store import load_manifest
 
 
@@ -46,7 +43,8 @@ def process(
         store = ResultStore(folder, memory)
         if write:
             store.recover()
-        run = PipelineRun(session, root, load_manifest(session), request, plan, store, memory, on_event)
+        inputs = StageInputs(session, root, load_manifest(session), request, memory)
+        run = PipelineRun(inputs, plan, store, on_event)
         try:
             reports = tuple(run.steps())
         finally:
@@ -81,30 +79,20 @@ def _listed(names: list[str]) -> str:
 class PipelineRun:
     """One run over one session; `steps` yields a report a stage."""
 
-    def __init__(
-        self,
-        path: Path,
-        root: Folder,
-        manifest: SessionManifest,
-        request: RunRequest,
-        plan: tuple[Stage, ...],
-        store: ResultStore,
-        memory: DigestMemory,
-        on_event: OnEvent,
-    ) -> None:
+    def __init__(self, inputs: StageInputs, plan: tuple[Stage, ...], store: ResultStore, on_event: OnEvent) -> None:
         self._plan = plan
-        self._request = request
+        self._request = inputs.request
         self._store = store
-        self._memory = memory
+        self._memory = inputs.memory
         self._on_event = on_event
-        self._inputs = StageInputs(path, root, manifest, request, memory)
+        self._inputs = inputs
         self._rows = {stage.name: stage for stage in plan}
         self._results: dict[str, StageResult] = {}
         self._unknown: set[str] = set()
         self._shelf = Shelf(self._read)
         self._past = PastSeconds(state_folder())
         self._pace = Pace()
-        self._megapixels = sum((f.width_px or 0) * (f.height_px or 0) for f in manifest.frames) / 1e6
+        self._megapixels = sum((f.width_px or 0) * (f.height_px or 0) for f in inputs.manifest.frames) / 1e6
 
     def steps(self) -> Iterator[StageReport]:
         """Bring one stage after the other up to date."""

@@ -37,8 +37,7 @@ def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ..
 
 def nothing_to_arrange(context: StageContext) -> str | None:
     """Return why there is nothing to do: no furniture asked, no room, no door."""
-    asked = context.parameters
-    assert isinstance(asked, ArrangeParameters)
+    asked = context.parameters_of(ArrangeParameters)
     if not asked.wanted:
         return "no furniture asked"
     if context.optional_artifact("room", "room") is None:
@@ -48,8 +47,7 @@ def nothing_to_arrange(context: StageContext) -> str | None:
 
 def run(context: StageContext) -> StageOutput:
     """Arrange what is asked."""
-    asked = context.parameters
-    assert isinstance(asked, ArrangeParameters)
+    asked = context.parameters_of(ArrangeParameters)
     room = known_room(context)
     room, assumed = with_door(room)
     # The camera's place stays free: furniture around it would hide the room from the picture.

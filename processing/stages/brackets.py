@@ -71,7 +71,7 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
 
 
 def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Bytes]:
-    """Decode 8-bit frames, in order, by a few threads."""
+    """Return the codes of 8-bit frames, (H, W, 3) uint8 sRGB each, in order; decoded by a few threads."""
     import numpy as np
 
     with ThreadPoolExecutor(DECODERS) as pool:

@@ -1,16 +1,23 @@
-"""The stage calibrate: indoor and outdoor pictures in cd/m2 (paper, section 3, eq. 1 and 2)."""
+"""The stage calibrate: indoor and outdoor pictures in cd/m2 (paper, section 3, eq. 1 and 2).
+
+One panorama instead of brackets stays in relative units unless its file says more.
+"""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from typing import Any
 
 from processing.calibration.outdoor.session_sky import calibrate_outdoor, why_no_scale
 from processing.calibration.profile import load_profile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated
+from processing.calibration.scale.photometry import PLANES, illuminances
 from processing.errors import LensError
+from processing.pictures.images import LuminanceImage
+from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.stages.calibrate_indoor import calibrate_indoor
-from processing.stages.calibrate_panorama import calibrate_panorama
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import Side
@@ -19,13 +26,12 @@ from station.session.session import Side
 def run(context: StageContext) -> StageOutput:
     """Scale the merged pictures: k1 from the meter, k2 from the rig profile; the sky through its lens and filter.
 
-    A sky whose lens cannot be told is left out with the reason; the room stands. One panorama instead of brackets is
-    taken as it is, without a scale.
+    A sky whose lens cannot be determined is left out with the reason; the room stands. One panorama instead of
+    brackets is taken as it is, without a scale.
     """
     if context.session.panorama is not None:
         return calibrate_panorama(context)
-    asked = context.parameters
-    assert isinstance(asked, CalibrateParameters)
+    asked = context.parameters_of(CalibrateParameters)
     profile = None if asked.calibration is None else load_profile(asked.calibration)
     left_out: dict[str, str] = {}
     context.progress(0.0, "indoor scale")
@@ -67,3 +73,70 @@ def _outdoor_metrics(outdoor: Calibrated | None) -> dict[str, float]:
         return {}
     horizontal = outdoor.facts["illuminance_lx"]["up"]
     return {"outdoor_lux": horizontal["value"], "outdoor_lux_uncertainty": horizontal["uncertainty"]}
+
+
+MUCH_CLIPPED = 0.001
+"""Share of all directions."""
+NO_SCALE = (
+    "one picture, no meter: every luminance is in relative units (100: a photograph's white). Proportions hold as far "
+    "as the picture keeps them; nothing is in cd/m2 or lx"
+)
+
+
+def calibrate_panorama(context: StageContext) -> StageOutput:
+    """Return the session's panorama as the calibrated picture; it says itself whether it is absolute."""
+    asked, record = context.parameters, context.session.panorama
+    assert isinstance(asked, CalibrateParameters)
+    assert record is not None
+    found = read_panorama(context.session_path / record.file, k1=asked.k1)
+    attributes = {
+        **found.image.attributes,
+        "side": "indoor",
+        "session_id": context.session.session_id,
+        "source": found.source,
+        "units": found.image.unit,
+    }
+    image = replace(found.image, attributes=attributes)
+    facts = _facts(found, image)
+    return StageOutput(
+        artifacts={"indoor": image, "calibration": {"indoor": facts}},
+        metrics={"absolute": image.absolute, "units": image.unit, "clipped_share": round(found.clipped_share, 5)},
+        warnings=tuple(StageWarning(code="indoor", message=text[:500]) for text in _warnings(found, asked)),
+        left_out={"outdoor": "one picture: there is no sky"}
+        | ({} if image.absolute else {"scale": "no meter reading, and the file does not say what its values are"}),
+    )
+
+
+def _facts(found: GivenPanorama, image: LuminanceImage) -> dict[str, Any]:
+    """Return what the report and others read; without a scale there are neither k1 nor illuminances."""
+    absolute = image.absolute
+    return {
+        "absolute": absolute,
+        "units": image.unit,
+        "source": found.source,
+        "factor": found.factor,
+        "clipped_share": found.clipped_share,
+        "k1": found.factor if absolute else None,
+        "k1_relative_uncertainty": image.scale_uncertainty if absolute else None,
+        "k1_parts": {},
+        "falloff": "not corrected: one picture",
+        "target": {"source": "none: one picture"},
+        "meter_cd_m2": None,
+        "displayed": None,
+        "meter_drift_frac": None,
+        "illuminance_lx": illuminances(image, PLANES)[0] if absolute else {},
+    }
+
+
+def _warnings(found: GivenPanorama, asked: CalibrateParameters) -> list[str]:
+    texts = list(found.notes)
+    if not found.image.absolute:
+        texts.append(NO_SCALE)
+    elif asked.k1 is not None:
+        texts.append("k1 is as given: its uncertainty is not known, and not part of the uncertainties stated")
+    if found.clipped_share > MUCH_CLIPPED:
+        texts.append(
+            f"{found.clipped_share:.1%} of all directions are clipped (windows, lamps): their light is a lower bound, "
+            "and daylight that comes in there is underestimated"
+        )
+    return texts

@@ -58,7 +58,7 @@ class CameraResponse:
 
 
 def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
-    """Return the profile's response where it has this camera's, else the one that the bracket tells; and the frames.
+    """Return the profile's response where it has this camera's, else one recovered from the bracket; and the frames.
 
     The frames are in memory already where all of them were looked at. Raises `ResponseError` where no response can
     be had.
@@ -74,7 +74,7 @@ def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[C
 
 
 def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
-    """Take what the bracket tells; its times too, unless the camera's rule is known."""
+    """Recover the response from the bracket; its times too, unless the camera's rule is known."""
     from processing.calibration.response.response import recover_response
     from processing.calibration.response.samples import Bracket8
     from processing.calibration.response.shutter import camera_rule, true_time_s
@@ -107,12 +107,12 @@ def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfi
     check: dict[str, Any] = {}
     small = decoded(bracket.frames, coarse(bracket.frames))
     try:
-        told = check_response(curve, noise, Bracket8(small, times_s))
+        checked = check_response(curve, noise, Bracket8(small, times_s))
     except ResponseError as error:
         warnings += _warnings("unchecked", bracket, [f"the profile's response cannot be checked: {error.message}"])
     else:
-        check = {name: getattr(told, name) for name in ("drifted", "drift_stops", "sigma_stops", "noise_ratio")}
-        warnings += _warnings(DRIFTED if told.drifted else "response", bracket, told.warnings)
+        check = {name: getattr(checked, name) for name in ("drifted", "drift_stops", "sigma_stops", "noise_ratio")}
+        warnings += _warnings(DRIFTED if checked.drifted else "response", bracket, checked.warnings)
     left = code_residuals(small, times_s, curve)
     return CameraResponse(curve, noise, times_s, time_sigma, "profile", "profile", check, left, warnings)
 
@@ -120,7 +120,8 @@ def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfi
 def code_residuals(codes: Sequence[Bytes], times_s: Sequence[float], curve: ResponseCurve) -> dict[str, Any]:
     """Return what frames say of a patch's light apart from one another, by code: lists for response.json.
 
-    ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no patch has such a code; empty where none are told.
+    ``codes``: (H, W, 3) uint8 of each frame. The lists: ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no
+    patch has such a code; empty where there are none.
     """
     from processing.calibration.response.response import residuals_by_code
     from processing.calibration.response.samples import Bracket8, take_samples

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, JsonValue
 
@@ -32,6 +32,7 @@ class StageWarning(BaseModel):
     message: SafeText
 
 
+P = TypeVar("P", bound=StageParameters)
 Fetch = Callable[[str, str], Any]
 Progress = Callable[[float, str], None]
 
@@ -63,6 +64,11 @@ class StageContext:
     time_budget_s: float | None = None
     progress: Progress = _no_progress
     """``progress(fraction 0..1, text)``; may be called often."""
+
+    def parameters_of(self, model: type[P]) -> P:
+        """Return the stage's parameters as what they are."""
+        assert isinstance(self.parameters, model)
+        return self.parameters
 
     def artifact(self, stage: str, name: str) -> Any:
         """Return what an earlier stage made, from memory or from disk; `ProcessingError` where it was left out."""

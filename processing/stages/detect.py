@@ -18,20 +18,19 @@ from processing.stages.upright import known_room, sky_without_sun, sun_direction
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 MUCH = 0.5
-"""Share of the sphere that a target may cover before it is told."""
+"""Share of the sphere from which a target is worth a warning (chosen)."""
 
 
 def nothing_to_go_by(context: StageContext) -> str | None:
     """Return why no masks can be found: no room."""
     if context.optional_artifact("room", "room") is not None:
         return None
-    return "the stage room told no room; give one (--room), or the mask itself (--mask)"
+    return "the stage room found no room; give one (--room), or the mask itself (--mask)"
 
 
 def run(context: StageContext) -> StageOutput:
     """Find the masks on the upright panorama, with the room and the sun's place as far as they are known."""
-    asked = context.parameters
-    assert isinstance(asked, DetectParameters)
+    asked = context.parameters_of(DetectParameters)
     image = upright_panorama(context)
     room = known_room(context)
     context.progress(0.0, "segmentation")

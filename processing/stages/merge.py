@@ -32,7 +32,7 @@ class _Gathered:
     left_out: dict[str, str] = field(default_factory=dict)
 
     def refuse(self, side: Side, error: ProcessingError) -> None:
-        """Leave a side out that cannot be told; the other one stands."""
+        """Leave out a side that cannot be merged; the other one stands."""
         text = f"{error.message} ({error.advice})"
         self.left_out[side.value] = text[:500]
         self.warnings.append(StageWarning(code=f"{side}-refused", message=f"{side}: {text}"[:500]))
@@ -48,11 +48,10 @@ def run(context: StageContext) -> StageOutput:
 
     An outdoor bracket that cannot be merged is left out with the reason and a warning where the indoor one could: it
     often shows too little of its camera's curve, and then needs the rig's profile. Raises `BracketError` where there
-    are no frames at all or they do not fit together, `ResponseError` where no response curve can be told,
+    are no frames at all or they do not fit together, `ResponseError` where no response curve can be recovered,
     `ProfileError` for a calibration that cannot be read.
     """
-    parameters = context.parameters
-    assert isinstance(parameters, MergeParameters)
+    parameters = context.parameters_of(MergeParameters)
     profile = _profile(context)
     gathered = _Gathered()
     for number, side in enumerate(Side):
@@ -85,8 +84,7 @@ def run(context: StageContext) -> StageOutput:
 
 
 def _profile(context: StageContext) -> RigProfile | None:
-    parameters = context.parameters
-    assert isinstance(parameters, MergeParameters)
+    parameters = context.parameters_of(MergeParameters)
     if parameters.calibration is None:
         return None
     from processing.calibration.profile import load_profile
@@ -158,7 +156,7 @@ def _honoured(context: StageContext, gathered: _Gathered) -> dict[str, str]:
     frames: Sequence[dict[str, Any]] = [f for side in gathered.metrics.values() for f in side["frames"]]
     spared = sum(1 - frame["used_share"] for frame in frames)
     what = f"{spared:.1f} of {len(frames)} frames' samples left out"
-    told = {"quality": f"{context.quality.value}: {what}"}
+    honoured = {"quality": f"{context.quality.value}: {what}"}
     if context.max_error is not None:
-        told["max_error"] = f"each pixel's uncertainty may grow by {100 * context.max_error:g} %: {what}"
-    return told
+        honoured["max_error"] = f"each pixel's uncertainty may grow by {100 * context.max_error:g} %: {what}"
+    return honoured

@@ -30,7 +30,7 @@ _UNIT = re.compile(r"_(deg|m)$")
 class StageParameters(BaseModel):
     """Base of every stage's parameters: frozen, no unknown keys, no NaN or infinity. Every field has a default."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,9 @@ def _option(name: str, field: FieldInfo) -> Option:
     kind = how.pop("kind", "parameter")
     value, choices = _value_type(field.annotation)
     text = field.description or name
-    if kind == "parameter" and field.default not in (None, False):
-        text = f"{text.rstrip('.')} (default: {field.default})."
+    if kind == "parameter" and field.default is not None and value is not bool:
+        default = f"{field.default:g}" if value is float else field.default
+        text = f"{text} (default: {default})."
     return Option(flag, kind, name, text, value, choices, **{key: _frozen(each) for key, each in how.items()})
 
 

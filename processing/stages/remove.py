@@ -22,25 +22,24 @@ from processing.stages.upright import check_mask_size, known_room, upright_panor
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""
 LITTLE = 0.3
-"""Mean confidence of the filled pixels under which it is told."""
+"""Mean confidence of the filled pixels below which there is a warning (chosen)."""
 
 
 def nothing_to_remove(context: StageContext) -> str | None:
     """Return why there is nothing to do: no target, an empty one, or no room to fill it by."""
     target = context.optional_artifact("detect", "target")
     if target is None:
-        return "the stage detect told no target; give one (--mask)"
+        return "the stage detect found no target; give one (--mask)"
     if not np.asarray(target).any():
         return "nothing to remove"
     if context.optional_artifact("room", "room") is None:
-        return "the stage room told no room; give one (--room)"
+        return "the stage room found no room; give one (--room)"
     return None
 
 
 def run(context: StageContext) -> StageOutput:
     """Fill the target plane by plane."""
-    asked = context.parameters
-    assert isinstance(asked, RemoveParameters)
+    asked = context.parameters_of(RemoveParameters)
     image = upright_panorama(context)
     target = np.asarray(context.artifact("detect", "target"), bool)
     check_mask_size(target, context)

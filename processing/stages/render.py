@@ -15,6 +15,7 @@ from processing.layout.furniture.styles import STYLES, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.composite import Bare, Staged, differential, ibl
 from processing.light.picture.render import render
+from processing.light.scene.emptied import EmptyRoom
 from processing.light.scene.scene import Part, Vector
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
@@ -23,7 +24,7 @@ from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.furnishing import furniture_parts
-from processing.stages.materials import EmptyRoom, emptied
+from processing.stages.materials import emptied
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, RenderParameters
 from processing.stages.upright import known_room
 
@@ -47,8 +48,8 @@ def nothing_to_render(context: StageContext) -> str | None:
 
 
 def _why(context: StageContext, stage: str, name: str) -> str:
-    told = context.summary(stage)
-    return str(told.get("skipped") or told["left_out"].get(name, "left out"))[:400]
+    summary = context.summary(stage)
+    return str(summary.get("skipped") or summary["left_out"].get(name, "left out"))[:400]
 
 
 @dataclass(frozen=True)
@@ -70,26 +71,25 @@ def run(context: StageContext) -> StageOutput:
     work = _work(context)
     arranged: Arrangements = context.artifact("arrange", "arrangement")
     every = arranged.arrangements[:MOST_STAGED]
-    told: list[Any] = []
+    alternatives: list[Any] = []
     warnings = _method_warnings(work)
     for number, one in enumerate(every):
         context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
-        told.append(_alternative(context, work, number, one, len(every)))
+        alternatives.append(_alternative(context, work, number, one, len(every)))
     made = [f"staged-{k}" for k in range(1, len(every) + 1)]
     missing = [f"staged-{k}" for k in range(len(every) + 1, MOST_STAGED + 1)]
-    staged = {"schema_version": 1, "method": work.asked.method, "units": _units(work), "alternatives": told}
+    staged = {"schema_version": 1, "method": work.asked.method, "units": _units(work), "alternatives": alternatives}
     return StageOutput(
         artifacts={"staged": staged} | {name: True for one in made for name in (one, f"{one}-model")},
-        metrics={"method": work.asked.method, "alternatives": told},
-        warnings=(*warnings, *_warnings(context, told)),
+        metrics={"method": work.asked.method, "alternatives": alternatives},
+        warnings=(*warnings, *_warnings(context, alternatives)),
         left_out=dict.fromkeys([name for one in missing for name in (one, f"{one}-model")], NO_SUCH),
-        honoured=_honoured(context, work, told),
+        honoured=_honoured(context, work, alternatives),
     )
 
 
 def _work(context: StageContext) -> _Work:
-    asked = context.parameters
-    assert isinstance(asked, RenderParameters)
+    asked = context.parameters_of(RenderParameters)
     if asked.style is not None:
         style_named(asked.style)
     empty = emptied(context)
@@ -107,7 +107,7 @@ def _work(context: StageContext) -> _Work:
 
 
 def _alternative(context: StageContext, work: _Work, number: int, one: Arrangement, count: int) -> dict[str, Any]:
-    """Render one alternative, write its picture and its model, and return what is told of it."""
+    """Render one alternative, write its picture and its model, and return the facts of it."""
     style = work.asked.style or list(STYLES)[(work.asked.seed + number) % len(STYLES)]
     parts = furniture_parts(one.items, Catalogue.builtin(style), work.own)
     budget = None if context.time_budget_s is None else context.time_budget_s / count
@@ -158,8 +158,8 @@ def _units(work: _Work) -> str:
     return "cd/m2" if work.empty.image.absolute else "relative units"
 
 
-def _honoured(context: StageContext, work: _Work, told: list[Any]) -> dict[str, str]:
-    worst = max(one["error"] for one in told)
+def _honoured(context: StageContext, work: _Work, alternatives: list[Any]) -> dict[str, str]:
+    worst = max(one["error"] for one in alternatives)
     found = {"quality": f"{context.quality.value}: light at {work.effort.rows} rows"}
     if work.asked.method == "ibl":
         return found
@@ -171,15 +171,15 @@ def _honoured(context: StageContext, work: _Work, told: list[Any]) -> dict[str, 
 
 
 def _method_warnings(work: _Work) -> tuple[StageWarning, ...]:
-    """Tell what of the method asked for limits the picture."""
+    """Return what limits a picture of this method."""
     if work.asked.method == "ibl":
         text = "ibl: furniture is lit as if the room lay infinitely far away; it throws no shadow"
         return (StageWarning(code="method", message=text),)
     return ()
 
 
-def _warnings(context: StageContext, told: list[Any]) -> tuple[StageWarning, ...]:
-    worst = max(one["error"] for one in told)
+def _warnings(context: StageContext, alternatives: list[Any]) -> tuple[StageWarning, ...]:
+    worst = max(one["error"] for one in alternatives)
     if context.max_error is None or worst <= context.max_error:
         return ()
     text = f"an error of {context.max_error:g} was asked for, {worst:.3f} reached"

@@ -23,7 +23,7 @@ from processing.stages.upright import sky_without_sun, sun_direction
 
 EVIDENCE_FILE = "evidence.npz"
 LEAST_SQUARE = 0.3
-"""Support of the walls' azimuth below which it is told from the boundaries instead."""
+"""Support of the walls' azimuth below which it is taken from the boundaries instead."""
 
 
 @dataclass
@@ -35,12 +35,11 @@ class _Gathered:
 
 
 def run(context: StageContext) -> StageOutput:
-    """Level the panorama, ask the network, and tell the room; a given room (--room) is only checked.
+    """Level the panorama, run the network, and estimate the room; a given room (--room) is only checked.
 
     A picture that shows no room is no failure of the session: the room is left out with the reason.
     """
-    asked = context.parameters
-    assert isinstance(asked, RoomParameters)
+    asked = context.parameters_of(RoomParameters)
     given = None if asked.room is None else read_room(asked.room)
     image: LuminanceImage = context.artifact("calibrate", "indoor")
     gathered = _Gathered()
@@ -53,7 +52,7 @@ def run(context: StageContext) -> StageOutput:
         write_evidence(context.folder / EVIDENCE_FILE, evidence)
         gathered.artifacts["evidence"] = True
         context.progress(0.6, "the room")
-        _tell_room(context, upright, evidence, (given, turned), gathered)
+        _estimate(context, upright, evidence, (given, turned), gathered)
     except NoRoomError as error:
         _refused(error, given, gathered)
     return StageOutput(
@@ -93,7 +92,7 @@ def _evidence(context: StageContext, image: LuminanceImage, turned: Upright, mod
     return replace(evidence, boundary=boundary, source=source)
 
 
-def _tell_room(
+def _estimate(
     context: StageContext,
     image: LuminanceImage,
     evidence: SceneEvidence,
@@ -101,15 +100,14 @@ def _tell_room(
     gathered: _Gathered,
 ) -> None:
     given, turned = known
-    asked = context.parameters
-    assert isinstance(asked, RoomParameters)
+    asked = context.parameters_of(RoomParameters)
     if given is not None:
         gathered.left_out["estimate"] = "the room is given"
         gathered.metrics |= {"source": evidence.source, "confidence": given.confidence, "walls": len(given.floor)}
         gathered.artifacts["room"] = given
         return
     if evidence.boundary is None:
-        raise NoRoomError("the network tells no boundaries", likely="; ".join(evidence.notes) or "an unusual picture")
+        raise NoRoomError("the network shows no boundaries", likely="; ".join(evidence.notes) or "an unusual picture")
     square = turned.manhattan_support >= LEAST_SQUARE
     found = estimate_room(
         image,
@@ -142,7 +140,7 @@ def _metrics(found: RoomEstimate, evidence: SceneEvidence) -> dict[str, Any]:
 
 
 def _refused(error: NoRoomError, given: RoomModel | None, gathered: _Gathered) -> None:
-    """Tell why there is no room; one that is given stands all the same."""
+    """Record why there is no room; one that is given stands all the same."""
     reason = f"{error.code}: {error}"
     for name in ("panorama", "room", "evidence"):
         if name not in gathered.artifacts:
@@ -150,4 +148,4 @@ def _refused(error: NoRoomError, given: RoomModel | None, gathered: _Gathered) -
     if given is not None:
         gathered.artifacts["room"] = given
         gathered.left_out.pop("room", None)
-    gathered.warnings.append(f"no room was told from the panorama: {reason}")
+    gathered.warnings.append(f"no room was estimated from the panorama: {reason}")

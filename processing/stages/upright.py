@@ -32,7 +32,7 @@ def known_room(context: StageContext) -> RoomModel:
 
 
 def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:
-    """Raise `ParameterError` naming both sizes unless a mask has the panorama's."""
+    """Raise `ParameterError` naming both sizes unless a mask (H, W) has the panorama's."""
     panorama = upright_panorama(context).rgb.shape[:2]
     if mask.shape != panorama:
         raise ParameterError(
@@ -42,7 +42,7 @@ def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:
         )
 
 
-# What a session tells of the sun: where it stood when the panorama was taken, and whether the sky had one.
+# What a session records of the sun: where it stood when the panorama was taken, and whether the sky had one.
 
 
 def sun_direction(session: SessionManifest) -> tuple[float, float] | None:

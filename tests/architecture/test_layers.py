@@ -69,8 +69,8 @@ ONLY_IN = {
 }
 BINDS_BOTH = ("processing/commands/demo.py", "processing/api.py")
 """What runs the station and then processing: a command, and the public functions."""
-FRONT_DOOR_ANEW = "processing/batch/child.py"
-"""The program of its own in which a batch runs each session: it is the command line, begun once more."""
+FRONT_DOOR_ANEW = "processing/batch/work.py"
+"""A batch runs each session in a program of its own: the command line, begun once more."""
 LIGHT_AT_IMPORT = ("station.capture.events", "station.commands.views", "processing.commands.process")
 """What command modules may import at once: a plain list of names, and another command module (checked likewise)."""
 MOCKS_FROM_STATION = ("station/capture/rig.py", "station/simulate/")

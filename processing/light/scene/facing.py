@@ -121,3 +121,28 @@ def _likeness(one: Doubles, other: Doubles) -> float:
     a, b = one - one.mean(axis=0), other - other.mean(axis=0)
     spread = np.sqrt((a**2).mean(axis=0) * (b**2).mean(axis=0))
     return float(np.where(spread > 1e-6, (a * b).mean(axis=0) / np.maximum(spread, 1e-6), 0).mean())
+
+
+def facing_without_heading(
+    found: Outdoors, image: LuminanceImage, room: RoomModel, seen: tuple[float, float] | None
+) -> tuple[Outdoors, str]:
+    """Return the light outdoors as it is likely to stand before the windows, and what that rests on."""
+    facing, turn = outdoors_facing(found, image, room)
+    if turn is not None:
+        return facing, (
+            f"the outdoor picture is turned by {math.degrees(turn[0]):.0f} degrees, as the windows show it "
+            f"(likeness {turn[1]:.2f})"
+        )
+    facing, by = facing_sunlight(found, seen)
+    if by is not None:
+        return facing, (
+            f"the outdoor picture is turned by {math.degrees(by):.0f} degrees, so that its sun stands where the "
+            "sunlight in the room comes from"
+        )
+    if found.sun is None:
+        return facing, "the sky may stand before the wrong windows"
+    height = math.degrees(math.asin(min(max(found.sun.direction[2], -1.0), 1.0)))
+    why = "no sunlight in the room shows where it stands"
+    if seen is not None:
+        why = f"it is {height:.0f} degrees high, the sunlight in the room comes from {math.degrees(seen[1]):.0f}"
+    return facing, f"the sun outdoors is left out ({why}), and the sky may stand before the wrong windows"

@@ -89,7 +89,7 @@ def test_the_process_dies_with_its_worker() -> None:
     """The worker here begins a child that would wait for ever, and is killed."""
     lines = (
         "import os, signal, sys",
-        "from processing.batch.child import die_with_parent",
+        "from processing.batch.work import die_with_parent",
         "die_with_parent(int(sys.argv[1]))",
         "print('ready', flush=True)",
         "signal.pause()",

@@ -18,30 +18,28 @@ from hypothesis import strategies as st
 
 from processing.pictures.preview import png_bytes
 from processing.report.data import (
-    FileLine,
-    Picture,
-    Quantity,
-    ReportData,
-    Section,
-    StageLine,
-    Table,
-    WarningLine,
-    number_text,
-    size_text,
-)
-from processing.report.page import build_page, write_page
-from processing.report.widgets import (
     Card,
     Cards,
     Comparison,
+    FileLine,
     Model,
     Models,
+    Picture,
+    Quantity,
+    ReportData,
     Scene,
+    Section,
     Shot,
+    StageLine,
+    Table,
     Viewer,
     ViewerState,
+    WarningLine,
+    number_text,
     safe_json,
+    size_text,
 )
+from processing.report.page import build_page, write_page
 
 PIXEL = png_bytes(np.zeros((1, 1, 3), np.uint8))
 DATA = ReportData(

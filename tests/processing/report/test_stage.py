@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 from processing.report import room_states, states
-from processing.report.relight_section import relight_section
+from processing.report.data import Cards, Comparison, Models, Viewer
 from processing.report.stage import report_data, run, session_facts
+from processing.report.staging import relight_section
 from processing.report.tone import Look
-from processing.report.widgets import Cards, Comparison, Models, Viewer
 from tests.processing.report.made_up import context, darker, picture, results, without
 
 STAGED_XMP = b"compositeSynthetic"
