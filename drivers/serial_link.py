@@ -321,6 +321,6 @@ def find_port(
     raise DeviceNotFoundError(
         f"{what} among the serial ports",
         where="meter",
-        likely="it is off, or it sits on an RS-232 adapter that does not tell what is behind it",
+        likely="it is off, or it sits on an RS-232 adapter that does not show what is behind it",
         advice='name the port in the rig: [meter] port = "/dev/ttyUSB0"',
     )

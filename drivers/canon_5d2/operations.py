@@ -67,7 +67,7 @@ class ObjectRecord:
 
     @property
     def wants_transfer(self) -> bool:
-        """Whether the camera holds it in memory until it is told that the transfer is complete."""
+        """Whether the camera holds it in memory until it hears that the transfer is complete."""
         return self.code in (CanonEvent.REQUEST_OBJECT_TRANSFER, CanonEvent.REQUEST_OBJECT_TRANSFER_DT)
 
 

@@ -1,6 +1,6 @@
 """Konica Minolta luminance meters over serial, in any dialect; a reading has a number only when whole lines say so.
 
-How one answer is told from noise, echoes and the answers to older questions: `drivers.meter.dialogue`. Here: several
+How one answer is kept apart from noise, echoes and late answers: `drivers.meter.dialogue`. Here: several
 samples must agree within a limit, a display that never changes is no measurement, and a lost line is opened once anew.
 What remains is stated in docs/meter-dialects.md.
 """
@@ -96,7 +96,7 @@ class KonicaMinoltaMeter:
         self._equals = 0
         if dialogue is None:
             return
-        with suppress(DeviceError):  # the line may be gone: there is nobody left to tell
+        with suppress(DeviceError):  # the line may be gone: there is nobody left to greet
             dialogue.goodbye()
         dialogue.line.close()
 

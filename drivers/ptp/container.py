@@ -132,7 +132,7 @@ MAX_EVENT_BYTES = HEADER_BYTES + 4 * MAX_EVENT_PARAMETERS
 MAX_EMPTY_TRANSFERS = 8
 
 Admission = Callable[[Header], int | None]
-"""Told the header of a container; returns the largest payload to accept, or None to skip the container."""
+"""Given the header of a container; returns the largest payload to accept, or None to skip the container."""
 
 
 class BulkAssembler:

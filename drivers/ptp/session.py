@@ -88,7 +88,7 @@ class PtpSession(Transactions):
         self._transport.close()
 
     def cancel(self) -> None:
-        """Give up the last operation: tell the camera, wait until it is ready, drop what it still sends.
+        """Give up the last operation: cancel it at the camera, wait until it is ready, drop what it still sends.
 
         `DeviceTimeoutError` where it goes on sending; then `resynchronise`.
         """
@@ -213,9 +213,9 @@ class PtpSession(Transactions):
         if not 0 < size <= MAX_CHUNK_BYTES:
             raise ValueError(f"a chunk is 1 to {MAX_CHUNK_BYTES} bytes, not {size}")
         reply = self.transact(operation, (handle, offset, size), data_in=True, max_data_bytes=size)
-        told = reply.params[0] if operation == Operation.GET_PARTIAL_OBJECT and reply.params else len(reply.data)
-        if told != len(reply.data) or not reply.data:
-            message = f"the camera sent {len(reply.data)} bytes of an object and says {told}"
+        announced = reply.params[0] if operation == Operation.GET_PARTIAL_OBJECT and reply.params else len(reply.data)
+        if announced != len(reply.data) or not reply.data:
+            message = f"the camera sent {len(reply.data)} bytes of an object and says {announced}"
             raise self._named(violation(message, handle=handle, offset=offset, asked_bytes=size))
         return reply.data
 

@@ -185,12 +185,12 @@ class ThetaProperties:
         return value
 
     def number_or_none(self, prop: int) -> int | None:
-        """Return the value of a numeric property, or None where the camera does not tell just now."""
+        """Return the value of a numeric property, or None where the camera does not say just now."""
         value = self._read_or_none(prop)
         return value if isinstance(value, int) else None
 
     def text_or_none(self, prop: int) -> str | None:
-        """Return the value of a text property, or None where the camera does not tell just now."""
+        """Return the value of a text property, or None where the camera does not say just now."""
         value = self._read_or_none(prop)
         return value if isinstance(value, str) else None
 

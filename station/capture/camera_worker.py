@@ -67,7 +67,7 @@ class _Transfer:
 
 
 class CameraWorker:
-    """Runs one camera: `start` it, `tell` it orders, read its notices, `join` it."""
+    """Runs one camera: `start` it, `order` it about, read its notices, `join` it."""
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class CameraWorker:
         """Start the thread."""
         self._thread.start()
 
-    def tell(self, order: Order) -> None:
+    def order(self, order: Order) -> None:
         """Queue an order."""
         self._inbox.put(order)
 
@@ -150,7 +150,7 @@ class CameraWorker:
             return None
 
     def _guarded(self, order: Order | None) -> None:
-        """Carry out an order (None: something useful meanwhile); on a device error recover and tell."""
+        """Carry out an order (None: something useful meanwhile); on a device error recover and report it."""
         stop = order.stop if isinstance(order, SetUp) else self._armed.stop if self._armed else None
         try:
             self._carry_out(order)

@@ -137,7 +137,7 @@ def _judge_value(
 def _judge_date(facts: FrameFacts, expected: ExpectedFrame) -> None:
     """Refuse a frame dated outside its capture.
 
-    The camera's clock shows local time, and its zone is not always told; so whole quarters of an hour (all
+    The camera's clock shows local time, and its zone is not always known; so whole quarters of an hour (all
     zones are multiples of one) are left out of the comparison, within the 14 hours that zones reach.
     """
     taken, offset_s = facts.exif.taken_local, expected.clock_offset_s

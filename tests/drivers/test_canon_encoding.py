@@ -206,6 +206,7 @@ def test_every_third_stop_code_is_the_legal_one_nearest_to_the_formula() -> None
 
 
 def test_half_stop_codes_lie_between_full_stops() -> None:
+    assert len(SHUTTER_CODES_HALF) == 14
     for code, seconds in SHUTTER_CODES_HALF.items():
         assert code % 8 == 4
         assert abs(code - (0x38 + 8 * math.log2(1 / seconds))) < 1.5
@@ -219,6 +220,7 @@ def test_codes_sorted_are_times_sorted_longest_first() -> None:
 
 @pytest.mark.parametrize("table", [SHUTTER_CODES, SHUTTER_CODES_HALF])
 def test_every_shutter_code_round_trips(table: dict[int, float]) -> None:
+    assert len(table) >= 14
     for code, seconds in table.items():
         assert nearest_shutter_code(seconds, table) == code
 
@@ -242,6 +244,7 @@ def test_nearest_is_by_stops_and_skips_what_is_no_time() -> None:
 
 
 def test_iso_and_aperture_codes_round_trip() -> None:
+    assert (len(ISO_CODES), len(APERTURE_CODES)) == (18, 20)
     for code, iso in ISO_CODES.items():
         assert (iso_code(iso), iso_text(code)) == (code, str(iso))
         assert abs(code - (0x48 + 8 * math.log2(iso / 100))) < 1

@@ -79,6 +79,7 @@ def test_f_number_encoding_is_decided_by_the_cameras_list() -> None:
 
 
 def test_every_error_bit_is_named() -> None:
+    assert len(ERROR_INFO_BITS) == 12
     for bit, (text, can_shoot) in ERROR_INFO_BITS.items():
         assert error_texts(bit) == (((), (text,)) if can_shoot else ((text,), ()))
     assert error_texts(0) == ((), ())
