@@ -14,11 +14,7 @@ import serial
 from serial.tools import list_ports as serial_list_ports
 
 from drivers.clock import Clock, Deadline, SystemClock
-from drivers.errors import (
-    DeviceLostError,
-    DeviceNotFoundError,
-    DeviceTimeoutError,
-)
+from drivers.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from drivers.link_errors import open_error
 
 POLL_S = 0.05

@@ -54,13 +54,7 @@ from drivers.canon_5d2.settings import (
     shutter_codes_known,
 )
 from drivers.clock import Clock
-from drivers.errors import (
-    DeviceBusyError,
-    DeviceError,
-    ExposureFailedError,
-    OperationRefusedError,
-    StoreFullError,
-)
+from drivers.errors import DeviceBusyError, DeviceError, ExposureFailedError, OperationRefusedError, StoreFullError
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.pipes import PtpTransport
 

@@ -25,6 +25,7 @@ from drivers.errors import BatteryLowError, DeviceBusyError, DeviceTimeoutError,
 
 MAX_STREAM_BYTES = 256 * 1024
 """The first answer of a 60D is 7.5 kB."""
+# Bounds of draining and of waiting for a busy camera: chosen.
 MAX_DRAIN_POLLS = 200
 DRAIN_LIMIT_S = 5.0
 BUSY_LIMIT_S = 5.0

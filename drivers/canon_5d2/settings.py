@@ -164,11 +164,7 @@ ae_mode_words = _table_words(AE_MODES)
 
 
 def fixed_settings(
-    settings: CameraSettings,
-    remote: CanonRemote,
-    *,
-    sizes_px: Mapping[int, tuple[int, int]],
-    destination: int,
+    settings: CameraSettings, remote: CanonRemote, *, sizes_px: Mapping[int, tuple[int, int]], destination: int
 ) -> tuple[CanonSetting, ...]:
     """Return what a bracket keeps fixed, in the order to make it.
 

@@ -12,18 +12,13 @@ from contextlib import suppress
 from dataclasses import replace
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    BatteryLowError,
-    DeviceError,
-    DeviceLostError,
-    DeviceTimeoutError,
-    ProtocolViolationError,
-)
+from drivers.errors import BatteryLowError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
 from drivers.meter.dialect import Dialect
 from drivers.meter.dialogue import Answer, Dialogue
 from drivers.meter.interface import MeterIdentity, MeterReading, ReadingStatus
 from drivers.serial_link import ByteLine
 
+# Chosen: a greeting is put three times, with pauses.
 CONNECT_LIMIT_S = 20.0
 MAX_SPREAD_FRAC = 0.10
 """Samples that differ more are no measurement of one luminance (two steps of the last digit are always allowed)."""

@@ -129,6 +129,7 @@ def decode(data: bytes) -> Container:
 
 MAX_RESPONSE_BYTES = HEADER_BYTES + 4 * MAX_PARAMETERS
 MAX_EVENT_BYTES = HEADER_BYTES + 4 * MAX_EVENT_PARAMETERS
+# Chosen: cameras send one zero-length packet before or after a phase.
 MAX_EMPTY_TRANSFERS = 8
 
 Admission = Callable[[Header], int | None]

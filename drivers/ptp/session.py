@@ -10,13 +10,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceError,
-    DeviceLostError,
-    DeviceTimeoutError,
-    LinkStallError,
-    ProtocolViolationError,
-)
+from drivers.errors import DeviceError, DeviceLostError, DeviceTimeoutError, LinkStallError, ProtocolViolationError
 from drivers.ptp import datasets
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.container import violation
@@ -40,6 +34,7 @@ ANY_RESPONSE = range(0x2000, 0xB000)
 OPEN_LIMIT_S = 8.0
 """Some cameras need as long to open a session after waking."""
 ALL_STORAGES = 0xFFFFFFFF
+# Chosen: one chunk takes 40 ms at 25 MB/s.
 MAX_CHUNK_BYTES = 1024 * 1024
 MAX_DATASET_BYTES = 256 * 1024
 """Largest DeviceInfo, ObjectInfo and the like; real ones stay below a few kilobytes, handle lists at 40."""

@@ -61,6 +61,7 @@ MODEL = CameraModel(
     ),
 )
 FORMATS: dict[int, FrameFormat] = {ObjectFormat.EXIF_JPEG: FrameFormat.JPEG, ObjectFormat.DNG: FrameFormat.DNG}
+# Waking and working take the camera a few seconds (Ricoh names none): limits chosen.
 WAKE_LIMIT_S = 10.0
 WAKE_PAUSE_S = 1.0
 READY_LIMIT_S = 15.0

@@ -17,6 +17,7 @@ from drivers.ptp.session import PtpEvent
 from drivers.theta_z1.codes import RicohProp
 from drivers.theta_z1.settings import ThetaProperties, error_texts
 
+# A poll stays under the 50 ms of `drivers.camera.Camera` (chosen).
 EVENT_WAIT_S = 0.02
 MAX_EVENTS_A_POLL = 8
 COMPLETE_GRACE_S = 1.0

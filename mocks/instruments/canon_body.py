@@ -24,6 +24,7 @@ from mocks.instruments.ptp.camera import CameraMemory, SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, Property, PropertyTable, Storage, StoredObject
 from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
 
+# Chosen: plausible for the camera's age; no figures are published.
 CANON_TIMING = CameraTiming(release_lag_s=0.075, processing_s=0.6, transfer_bytes_per_s=18e6)
 FIRST_HANDLE = 0x9000_0000
 FIRST_MEMORY_HANDLE = 0x9190_0001

@@ -29,6 +29,7 @@ from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.datasets import StoredObject
 
 END = struct.pack("<II", 8, 0)
+# libgphoto2 camlibs/ptp2.
 NAME_BYTES = 16
 NO_LIST = 1
 WITH_LIST = 3

@@ -27,6 +27,7 @@ from mocks.instruments.theta_properties import (
     theta_properties,
 )
 
+# From a device dump of a Theta Z1.
 STORE_BYTES = 21_055_815_680
 FIRST_HANDLE = 0x62
 """So that the first picture is 64h, after the two folders."""

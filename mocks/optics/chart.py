@@ -40,6 +40,7 @@ _FRAME_ALBEDO, _BOARD_ALBEDO = 0.035, 0.92
 # The room's box, camera at the origin (1.6 m over the floor, 1 m before the wall with the chart).
 _LOW = np.array((-2.0, -2.8, -1.6), dtype=np.float32)
 _HIGH = np.array((2.0, 1.0, 1.0), dtype=np.float32)
+# Lamp and walls: chosen, a plausible small room.
 _LAMP = np.array((0.0, -0.4, 1.0), dtype=np.float32)
 _LAMP_M = 0.6
 _ALBEDO = {"wall": (0.62, 0.60, 0.56), "floor": (0.26, 0.22, 0.18), "ceiling": (0.80, 0.80, 0.79)}

@@ -24,6 +24,7 @@ REFERENCE_SENSOR = Sensor(
     tone=(ToneCurve(contrast=0.30), ToneCurve(contrast=0.35), ToneCurve(contrast=0.40)),
     true_shutter=TrueShutter.NOMINAL,
 )
+# Cells over the height, and weights: chosen, smooth enough for JPEG coding.
 _OCTAVES = ((6, 1.0), (14, 0.35), (40, 0.08))
 _TEXTURE = (6, 0.06)
 """Pixels a cell, and stops: what JPEG coding has to work on, at every size."""

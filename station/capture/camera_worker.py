@@ -16,13 +16,7 @@ from dataclasses import dataclass
 
 from drivers.camera import Camera, CameraSettings, FrameRef, ShutterReadback
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceBusyError,
-    DeviceError,
-    DeviceTimeoutError,
-    ExposureFailedError,
-    ProtocolViolationError,
-)
+from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError, ProtocolViolationError
 from station.capture.events import (
     Broken,
     Exposed,
@@ -45,6 +39,7 @@ from station.capture.intake import Intake
 from station.session.folder import FRAME_CAP_BYTES
 from station.session.session import Side
 
+# Chosen: 40 ms at 25 MB/s, so that an order never waits long.
 CHUNK_BYTES = 1 << 20
 EXPOSING_CHUNK_BYTES = 1 << 18
 """Smaller, because the end of the exposure is noticed only between two chunks."""
@@ -52,6 +47,7 @@ EXPOSURE_GRACE_S = 30.0
 """Readout, processing and announcement of a frame must be over by then (its exposure comes on top)."""
 BUSY_LIMIT_S = 60.0
 """A camera that answers "busy" to a transfer for longer has failed it."""
+# Pauses and periods: chosen.
 BUSY_PAUSE_S = 0.03
 IDLE_WAIT_S = 0.02
 KEEP_ALIVE_S = 5.0
@@ -223,9 +219,7 @@ class CameraWorker:
             if self._backlog and self._camera.can_transfer_while_exposing:
                 self._transfer_chunk(EXPOSING_CHUNK_BYTES)
         raise DeviceTimeoutError(
-            f"no picture within {deadline.limit_s:g} s of the release",
-            where=str(self.side),
-            limit_s=deadline.limit_s,
+            f"no picture within {deadline.limit_s:g} s of the release", where=str(self.side), limit_s=deadline.limit_s
         )
 
     def _transfer_chunk(self, max_bytes: int, *, pause: bool = False) -> None:

@@ -71,12 +71,7 @@ class Capture:
     """
 
     def __init__(
-        self,
-        rig: Rig,
-        plan: BracketPlan,
-        readings: ReadingTaker,
-        request: CaptureRequest,
-        resumed: SessionStore | None,
+        self, rig: Rig, plan: BracketPlan, readings: ReadingTaker, request: CaptureRequest, resumed: SessionStore | None
     ) -> None:
         self._rig = rig
         self._plan = plan

@@ -8,13 +8,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    BatteryLowError,
-    DaylitError,
-    DeviceClaimedError,
-    DevicePermissionError,
-    StoreFullError,
-)
+from drivers.errors import BatteryLowError, DaylitError, DeviceClaimedError, DevicePermissionError, StoreFullError
 from station.capture.bracket import BracketPlan, useless_because
 from station.capture.camera_worker import EXPOSURE_GRACE_S, CameraWorker
 from station.capture.events import (
@@ -200,11 +194,7 @@ class Conductor:
                 continue
             self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
             yield self._event(
-                EventKind.SKIPPED,
-                f"{side} {self._label(stop)} left out: {reason}",
-                side=side,
-                stop=stop,
-                reason=reason,
+                EventKind.SKIPPED, f"{side} {self._label(stop)} left out: {reason}", side=side, stop=stop, reason=reason
             )
         return tuple(needed)
 

