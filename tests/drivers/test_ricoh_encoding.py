@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolViolationError
 from drivers.theta_z1.codes import ERROR_INFO_BITS, SHUTTER_FRACTIONS
 from drivers.theta_z1.settings import Fraction32, error_texts, f_number_code, f_number_codes, nearest_shutter
 
@@ -61,12 +60,6 @@ def test_every_legal_time_is_its_own_nearest() -> None:
 def test_no_time_has_no_nearest(wrong: float) -> None:
     with pytest.raises(ValueError, match="no shutter time"):
         nearest_shutter(wrong, LEGAL)
-
-
-@given(st.binary(max_size=20).filter(lambda b: len(b) != 8))
-def test_other_lengths_are_violations(raw: bytes) -> None:
-    with pytest.raises(ProtocolViolationError):
-        Fraction32.from_bytes(raw)
 
 
 def test_f_number_encoding_is_decided_by_the_cameras_list() -> None:

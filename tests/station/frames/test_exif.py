@@ -183,7 +183,7 @@ def test_zones(said, minutes):
 def test_any_change_gives_facts_or_a_named_problem():
     changed = [facts_or_none(changed_block(seed)) for seed in range(1000)]
     found = [facts for facts in changed if facts is not None]
-    assert 200 < len(found) < 900, "some changes leave sound facts, others are refused"
+    assert 50 < len(found) < 500, "some changes leave sound facts, most are refused"
     assert all(facts.exposure_s is None or 0 < facts.exposure_s <= 3600 for facts in found)
     assert all(facts.make.isprintable() for facts in found)
 
