@@ -11,7 +11,7 @@ the owner can put transfers of earlier frames behind a running exposure::
         ...                                   # read_chunk() of an earlier frame, if can_transfer_while_exposing
     frame = progress.frames[0]
     camera.read_chunk(frame, offset, max_bytes)   # until frame.size_bytes are read
-    camera.finish_frame(frame)                # tell the camera that the frame is safe with us
+    camera.finish_frame(frame)                # the camera may forget the frame: it is safe with us
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class ShutterReadback:
 
 @dataclass(frozen=True)
 class CameraStatus:
-    """State before a bracket; ``None`` where the camera does not tell."""
+    """State before a bracket; ``None`` where the camera does not say."""
 
     battery_frac: float | None
     free_bytes: int | None
@@ -163,7 +163,7 @@ class Camera(Protocol):
         ...
 
     def finish_frame(self, frame: FrameRef) -> None:
-        """Tell the camera that the frame is safe on our side (nothing to do on some)."""
+        """Let the camera know that the frame is safe on our side (nothing to do on some)."""
         ...
 
     def delete(self, frame: FrameRef) -> None:

@@ -140,6 +140,7 @@ class CameraLink:
 
 
 GONE = (Response.INVALID_OBJECT_HANDLE, Response.NO_VALID_OBJECT_INFO)
+# An object of 4 GiB or more (PTP 1.1, ObjectInfo).
 UNKNOWN_SIZE = 0xFFFFFFFF
 
 

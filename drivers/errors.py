@@ -5,7 +5,7 @@
     DaylitError                       base of every error a user can meet
     └─ DeviceError                    exit 3: something is wrong with an instrument or its link
        ├─ DeviceNotFoundError         not plugged in, switched off, or another model
-       ├─ DeviceClaimedError          another program holds it (named where the system tells)
+       ├─ DeviceClaimedError          another program holds it (named where the system says)
        ├─ DevicePermissionError       the operating system refuses access
        ├─ DeviceLostError             it was there and is gone (unplugged, switched off)     → reconnect
        ├─ DeviceTimeoutError          no answer within the limit                             → retry
@@ -19,7 +19,7 @@
        ├─ ExposureFailedError         the shutter was asked to open and no picture came
        └─ UnsupportedError            the instrument cannot do what was asked
 
-``retryable`` tells the caller whether the same call may work later without a person doing anything.
+``retryable`` says whether the same call may work later without a person doing anything.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class DeviceNotFoundError(DeviceError):
 
 
 class DeviceClaimedError(DeviceError):
-    """Another program holds the instrument; ``details['holder']`` names it where the system tells."""
+    """Another program holds the instrument; ``details['holder']`` names it where the system says."""
 
     code = "DEV-002"
 

@@ -14,11 +14,7 @@ import serial
 from serial.tools import list_ports as serial_list_ports
 
 from drivers.clock import Clock, Deadline, SystemClock
-from drivers.errors import (
-    DeviceLostError,
-    DeviceNotFoundError,
-    DeviceTimeoutError,
-)
+from drivers.errors import DeviceLostError, DeviceNotFoundError, DeviceTimeoutError
 from drivers.link_errors import open_error
 
 POLL_S = 0.05
@@ -321,6 +317,6 @@ def find_port(
     raise DeviceNotFoundError(
         f"{what} among the serial ports",
         where="meter",
-        likely="it is off, or it sits on an RS-232 adapter that does not tell what is behind it",
+        likely="it is off, or it sits on an RS-232 adapter that does not show what is behind it",
         advice='name the port in the rig: [meter] port = "/dev/ttyUSB0"',
     )

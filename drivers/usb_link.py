@@ -135,7 +135,7 @@ class UsbLink:
 
         Raises `DeviceNotFoundError`: no such camera, or several and no ``serial``; or no USB library;
         `DeviceClaimedError`: another program holds it; named in the message and in ``details['holder']`` where the
-        system tells; `DevicePermissionError, DeviceLostError`: the system refuses access; the camera vanished
+        system says; `DevicePermissionError, DeviceLostError`: the system refuses access; the camera vanished
         meanwhile; `UnsupportedError`: it has no still-image interface: another USB mode.
         """
         link = cls((vendor_id, product_id), serial, _require_backend(backend), clock)
@@ -237,7 +237,7 @@ class UsbLink:
             if device.is_kernel_driver_active(interface):
                 device.detach_kernel_driver(interface)
         except (usb.core.USBError, NotImplementedError):
-            # Not on this system, or not ours to detach: claiming tells.
+            # Not on this system, or not ours to detach: claiming shows.
             pass
         try:
             usb.util.claim_interface(device, interface)
@@ -270,7 +270,7 @@ class UsbLink:
             rest = rest[sent:]
             if not rest:
                 return
-            # libusb tells a time-out with a part sent by the count alone.
+            # libusb reports a time-out with a part sent by the count alone.
             if not sent or deadline.expired:
                 raise DeviceTimeoutError(f"sending: {len(rest)} bytes were not taken", where=self.name)
 

@@ -54,13 +54,7 @@ from drivers.canon_5d2.settings import (
     shutter_codes_known,
 )
 from drivers.clock import Clock
-from drivers.errors import (
-    DeviceBusyError,
-    DeviceError,
-    ExposureFailedError,
-    OperationRefusedError,
-    StoreFullError,
-)
+from drivers.errors import DeviceBusyError, DeviceError, ExposureFailedError, OperationRefusedError, StoreFullError
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.pipes import PtpTransport
 
@@ -88,7 +82,7 @@ RELEASE_LAG_S = 0.073
 """Full press to shutter opening with the button half pressed: a figure from memory of the data sheet, not confirmed.
 Measure it and put it into the rig file."""
 MIN_SHOTS_FOR_COMPUTER = 100
-"""Below so many shots of room, the camera is told anew how much room the computer has."""
+"""Below so many shots of room, the camera is given anew how much room the computer has."""
 
 
 class Canon5D2:
@@ -172,9 +166,9 @@ class Canon5D2:
         problems = control_problems(self._remote)
         warnings: tuple[str, ...] = ()
         if self._remote.number(CanonProp.AUTO_EXPOSURE_MODE) is None:
-            warnings += ("the camera does not tell where its mode dial stands: it must stand at M",)
+            warnings += ("the camera does not report where its mode dial stands: it must stand at M",)
         if self._remote.number(CanonProp.FOCUS_MODE) is None:
-            warnings += ("the camera does not tell whether its lens is on MF: it must be",)
+            warnings += ("the camera does not report whether its lens is on MF: it must be",)
         battery = self._remote.number(CanonProp.BATTERY_POWER)
         return CameraStatus(
             battery_frac=None if battery is None else BATTERY_FRAC.get(battery),
@@ -187,7 +181,7 @@ class Canon5D2:
         )
 
     def _clock_utc(self) -> datetime | None:
-        """Ask for the clock anew: what the camera told when it was connected is old by now."""
+        """Ask for the clock anew: what the camera reported when it was connected is old by now."""
         if self._remote.ask_anew(CanonProp.CAMERA_TIME) is None:
             return None
         seconds = self._remote.number(CanonProp.CAMERA_TIME)
@@ -236,7 +230,7 @@ class Canon5D2:
         return SettingReadback("exposure mode (dial)", "M", ae_mode_words(raw), raw.hex())
 
     def _remember_card(self) -> None:
-        """Know what is on the card, so that a picture whose announcement is lost can be told from the others."""
+        """Know what is on the card, so that a picture whose announcement is lost can be known from the others."""
         try:
             self._remote.patiently(self._store.remember)
             self._store_known = True

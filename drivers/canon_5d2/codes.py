@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+# As lsusb lists a 5D Mark II; the extension id from its DeviceInfo (libgphoto2 camlibs/ptp2).
 USB_ID = (0x04A9, 0x3199)
 VENDOR_EXTENSION_ID = 0x0000000B
 STORAGE_ID_CF = 0x00010001
@@ -105,6 +106,7 @@ class CanonResponse(IntEnum):
     MEMORY_STATUS_NOT_READY = 0xA106
 
 
+# Values of the EOS properties (libgphoto2 camlibs/ptp2).
 AE_MANUAL = 3
 AE_BULB = 4
 DRIVE_SINGLE = 0
@@ -140,15 +142,12 @@ APERTURE_CODES: dict[int, float] = {
     0x3B: 9, 0x3D: 10, 0x40: 11, 0x43: 13, 0x45: 14, 0x48: 16, 0x4B: 18, 0x4D: 20, 0x50: 22, 0x58: 32,
 }  # fmt: skip
 
+# Codes of an image-format entry (libgphoto2 camlibs/ptp2).
 IMAGE_TYPE_JPEG = 1
 IMAGE_TYPE_RAW = 6
 IMAGE_SIZE_LARGE, IMAGE_SIZE_MEDIUM, IMAGE_SIZE_SMALL = 0, 1, 2
 IMAGE_COMPRESSION_NORMAL, IMAGE_COMPRESSION_FINE, IMAGE_COMPRESSION_RAW = 2, 3, 4
-IMAGE_SIZES_PX = {
-    IMAGE_SIZE_LARGE: (5616, 3744),
-    IMAGE_SIZE_MEDIUM: (4080, 2720),
-    IMAGE_SIZE_SMALL: (2784, 1856),
-}
+IMAGE_SIZES_PX = {IMAGE_SIZE_LARGE: (5616, 3744), IMAGE_SIZE_MEDIUM: (4080, 2720), IMAGE_SIZE_SMALL: (2784, 1856)}
 
 DEVICE_OPERATIONS = (
     0x1014, 0x1015, 0x1016, 0x1001, 0x1002, 0x1003, 0x1006, 0x1004, 0x9101, 0x1005, 0x9102, 0x1007, 0x1008, 0x9103,

@@ -54,7 +54,7 @@ class CanonExposure:
         self._fail_at_s = now_s + 2 * shot.shutter_s + FAIL_AFTER_S
 
     def poll(self, *, wait: bool) -> ExposureProgress:
-        """Let go of the button step by step, and take in what the camera tells; waits for at most 50 ms.
+        """Let go of the button step by step, and take in what the camera reports; waits for at most 50 ms.
 
         Raises `ExposureFailedError`: no picture long after the shutter has closed.
         """
@@ -74,19 +74,19 @@ class CanonExposure:
         return self._expected.complete and not self._remote.pressed
 
     def _poll_once(self) -> None:
-        told = False
+        news = False
         try:
             self._remote.let_go_a_little()
-            told = bool(self._remote.poll())
+            news = bool(self._remote.poll())
         except DeviceBusyError:
             pass  # it exposes; the button and the events wait
         self._take_announced()
         now_s = self._clock.monotonic_s()
-        soon = told or self._remote.pressed or now_s > self._closes_at_s - LONGEST_PAUSE_S
+        soon = news or self._remote.pressed or now_s > self._closes_at_s - LONGEST_PAUSE_S
         self._poll_at_s = now_s + (FIRST_PAUSE_S if soon else LONGEST_PAUSE_S)
 
     def _take_announced(self) -> None:
-        """Take over the objects that the camera has told of."""
+        """Take over the objects that the camera has announced."""
         announced, self._remote.announced = self._remote.announced, []
         while announced:
             try:
@@ -102,7 +102,7 @@ class CanonExposure:
         if frame_format is None or record.handle in known or record.handle in self._seen:
             return
         if record.size_bytes == 0:
-            return  # told again (C187) once it is written, or found on the card when it is overdue
+            return  # announced again (C187) once it is written, or found on the card when it is overdue
         if record.wants_transfer is self._shot.to_card:
             return
         frame = FrameRef(record.handle, record.name, frame_format, record.size_bytes, record.storage_id)

@@ -23,11 +23,10 @@ from drivers.canon_5d2.codes import (
 )
 from drivers.errors import ProtocolViolationError
 
+# Sizes of the GetEvent stream and of an image-format entry (libgphoto2 camlibs/ptp2).
 RECORD_HEADER_BYTES = 8
-NUMBER_RECORD_BYTES = 16
 IMAGE_FILE_BYTES = 16
 MAX_IMAGE_FILES = 2
-END_OF_STREAM = struct.pack("<II", RECORD_HEADER_BYTES, 0)
 IMAGE_FORMAT_PROPS = frozenset({CanonProp.IMAGE_FORMAT, 0xD121, 0xD122, 0xD123})
 """D120 and its twins for CF, SD and PC: their values are structures."""
 
@@ -67,7 +66,7 @@ class ObjectRecord:
 
     @property
     def wants_transfer(self) -> bool:
-        """Whether the camera holds it in memory until it is told that the transfer is complete."""
+        """Whether the camera holds it in memory until it hears that the transfer is complete."""
         return self.code in (CanonEvent.REQUEST_OBJECT_TRANSFER, CanonEvent.REQUEST_OBJECT_TRANSFER_DT)
 
 

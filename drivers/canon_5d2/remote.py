@@ -1,4 +1,4 @@
-"""An EOS camera in remote mode: its properties as its events tell them, its shutter button, its patience.
+"""An EOS camera in remote mode: its properties as its events report them, its shutter button, its patience.
 
 Everything an EOS says comes through GetEvent (9116). Events left undrained make it answer "busy" to whatever else
 it is asked, so every wait here drains between attempts. Source: libgphoto2 (devices.md 3.5 to 3.8).
@@ -25,6 +25,7 @@ from drivers.errors import BatteryLowError, DeviceBusyError, DeviceTimeoutError,
 
 MAX_STREAM_BYTES = 256 * 1024
 """The first answer of a 60D is 7.5 kB."""
+# Bounds of draining and of waiting for a busy camera: chosen.
 MAX_DRAIN_POLLS = 200
 DRAIN_LIMIT_S = 5.0
 BUSY_LIMIT_S = 5.0
@@ -33,8 +34,8 @@ VALUE_LIMIT_S = 3.0
 """A written property is reported back within this time."""
 CONFIRM_LIMIT_S = 1.0
 IDLE_LIMIT_S = 15.0
-TOLD_IDLE_LIMIT_S = 1.0
-"""So long the camera is trusted to tell of its own accord that it is not busy any more; then it is asked."""
+REPORTED_IDLE_LIMIT_S = 1.0
+"""So long the camera is trusted to report of its own accord that it is not busy any more; then it is asked."""
 KEEP_ON_PERIOD_S = 10.0
 HALF_PRESS_LIMIT_S = 8.0
 """With a slow lens the camera may take so long (libgphoto2 names the 5D Mark II)."""
@@ -54,7 +55,7 @@ class CanonRemote:
         self.values: dict[int, bytes] = {}
         self.lists: dict[int, AvailableValues] = {}
         self.announced: list[ObjectRecord] = []
-        """Objects told of and not yet taken over by an exposure."""
+        """Objects announced and not yet taken over by an exposure."""
         self.busy = False
         self._link = link
         self._clock = clock
@@ -64,7 +65,7 @@ class CanonRemote:
         self._shuts_down_soon = False
 
     def forget(self) -> None:
-        """Forget all that the camera has told: it is a new connection."""
+        """Forget all that the camera has reported: it is a new connection."""
         self.values.clear()
         self.lists.clear()
         self.announced.clear()
@@ -73,7 +74,7 @@ class CanonRemote:
         self.busy = self._shuts_down_soon = False
 
     def start(self, busy_limit_s: float = BUSY_LIMIT_S) -> None:
-        """Enter remote and event mode and take over the camera's whole state, which it tells on entering.
+        """Enter remote and event mode and take over the camera's whole state, which it reports on entering.
 
         Events may have been lost before, so event mode is left first where it was on.
         """
@@ -132,7 +133,7 @@ class CanonRemote:
                 pass
 
     def drain(self) -> None:
-        """Poll until the camera has nothing more to tell; `DeviceTimeoutError` where it never stops."""
+        """Poll until the camera has nothing more to report; `DeviceTimeoutError` where it never stops."""
         deadline = Deadline.after(self._clock, DRAIN_LIMIT_S)
         for _ in range(MAX_DRAIN_POLLS):
             if not self.patiently(self.poll):
@@ -140,7 +141,7 @@ class CanonRemote:
             if deadline.expired:
                 break
         raise DeviceTimeoutError(
-            f"still telling events after {deadline.limit_s:g} s",
+            f"still sending events after {deadline.limit_s:g} s",
             where=self._link.name,
             likely="a control of the camera is held or turned",
             advice="let go of the camera, then resume",
@@ -168,7 +169,7 @@ class CanonRemote:
 
     def wait_idle(self, limit_s: float = IDLE_LIMIT_S) -> None:
         """Drain until the camera does not call itself busy; `DeviceBusyError` after ``limit_s``."""
-        deadline = Deadline.after(self._clock, TOLD_IDLE_LIMIT_S)
+        deadline = Deadline.after(self._clock, REPORTED_IDLE_LIMIT_S)
         self.drain()
         while self.busy and not deadline.expired:
             self._clock.sleep(FIRST_PAUSE_S)
@@ -177,7 +178,7 @@ class CanonRemote:
             self.settle(limit_s)
 
     def settle(self, limit_s: float) -> None:
-        """Wait until the camera takes commands, whatever it told before (an "idle" may have been lost).
+        """Wait until the camera takes commands, whatever it reported before (an "idle" may have been lost).
 
         It answers "busy" to ResetUILock while it exposes, and does nothing else to it that we could notice.
         """
@@ -194,7 +195,7 @@ class CanonRemote:
         self.busy = False
 
     def number(self, prop: int) -> int | None:
-        """Return the last reported value of a numeric property, or None where the camera told none."""
+        """Return the last reported value of a numeric property, or None where the camera reported none."""
         return PropValue(prop, self.values[prop]).number if prop in self.values else None
 
     def ensure(self, prop: int, value: bytes) -> bytes:
@@ -214,12 +215,12 @@ class CanonRemote:
         return self.values.get(prop, b"") if prop in self._fresh else b""
 
     def _confirm(self, prop: int) -> bytes:
-        """Return the property as told anew, or as last told where requests are not answered."""
-        told = self.ask_anew(prop)
-        return self.values[prop] if told is None else told
+        """Return the property as reported anew, or as last reported where requests are not answered."""
+        reported = self.ask_anew(prop)
+        return self.values[prop] if reported is None else reported
 
     def ask_anew(self, prop: int) -> bytes | None:
-        """Request a property and return what the camera then tells, or None where it does not answer."""
+        """Request a property and return what the camera then reports, or None where it does not answer."""
         self._fresh.discard(prop)
         try:
             self.patiently(lambda: self.do(CanonOperation.REQUEST_DEVICE_PROP_VALUE, prop))
@@ -229,13 +230,13 @@ class CanonRemote:
         return self.values[prop] if prop in self._fresh else None
 
     def _await(self, prop: int, limit_s: float, value: bytes | None) -> None:
-        """Poll until the property is told anew (and is ``value``, where one is given), at most ``limit_s``."""
+        """Poll until the property is reported anew (and is ``value``, where one is given), at most ``limit_s``."""
         deadline = Deadline.after(self._clock, limit_s)
         while not deadline.expired:
-            told = bool(self.patiently(self.poll))
+            news = bool(self.patiently(self.poll))
             if prop in self._fresh and value in (None, self.values[prop]):
                 return
-            if not told:
+            if not news:
                 self._clock.sleep(FIRST_PAUSE_S)
 
     def keep_on(self) -> None:
@@ -249,7 +250,7 @@ class CanonRemote:
         self.drain()
 
     def offer_space(self) -> None:
-        """Tell the camera that the computer has room for pictures."""
+        """Let the camera know that the computer has room for pictures."""
         self.patiently(lambda: self.do(CanonOperation.PC_HDD_CAPACITY, HOST_CLUSTERS, HOST_CLUSTER_BYTES, 1))
 
     def press_half(self) -> None:
@@ -305,5 +306,5 @@ class CanonRemote:
                 self._pressed.pop()
 
     def transfer_complete(self, handle: int) -> None:
-        """Tell the camera that it may forget a picture that it held for us."""
+        """Allow the camera to forget a picture that it held for us."""
         self.patiently(lambda: self.do(CanonOperation.TRANSFER_COMPLETE, handle))

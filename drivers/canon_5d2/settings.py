@@ -47,7 +47,7 @@ WHITE_BALANCES = {0: "auto", 1: "daylight", 2: "cloudy", 3: "tungsten", 4: "fluo
                   8: "shade", 9: "colour temperature", 0x0A: "PC-1", 0x0B: "PC-2", 0x0C: "PC-3"}  # fmt: skip
 DESTINATIONS = {2: "card", 4: "computer", 6: "card and computer"}
 BATTERY_FRAC = {0: 0.05, 1: 0.5, 2: 1.0, 4: 0.75, 5: 0.25}
-"""D111 -> charge; the camera tells quarters only, and "low" for 0 (libgphoto2)."""
+"""D111 -> charge; the camera reports quarters only, and "low" for 0 (libgphoto2)."""
 
 RELEASE_OK = 0
 RELEASE_RESULTS = {1: "no focus", 3: "the mirror is up", 7: "the card is full", 8: "the card is write-protected"}
@@ -144,7 +144,7 @@ class CanonSetting:
 
 
 def _number_words(words: Callable[[int], str]) -> Callable[[bytes], str]:
-    return lambda raw: words(int.from_bytes(raw, "little")) if raw else "nothing told"
+    return lambda raw: words(int.from_bytes(raw, "little")) if raw else "nothing reported"
 
 
 def _table_words(table: Mapping[int, str]) -> Callable[[bytes], str]:
@@ -164,11 +164,7 @@ ae_mode_words = _table_words(AE_MODES)
 
 
 def fixed_settings(
-    settings: CameraSettings,
-    remote: CanonRemote,
-    *,
-    sizes_px: Mapping[int, tuple[int, int]],
-    destination: int,
+    settings: CameraSettings, remote: CanonRemote, *, sizes_px: Mapping[int, tuple[int, int]], destination: int
 ) -> tuple[CanonSetting, ...]:
     """Return what a bracket keeps fixed, in the order to make it.
 

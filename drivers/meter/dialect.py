@@ -170,6 +170,7 @@ def load_dialect(name_or_path: str) -> Dialect:
         raise DialectError(f"cannot be read: {error}", where=name_or_path) from error
 
 
+# Bounds of a probe: chosen, far above what a meter of this family needs.
 ANSWER_LIMIT_S = 3.0
 AFTER_S = 0.3
 """How long a further line of one answer is waited for."""

@@ -34,7 +34,7 @@ class ReadingStatus(StrEnum):
 
 @dataclass(frozen=True)
 class MeterIdentity:
-    """Who the meter is, as far as it tells; `dialect_verified` is False for an assumed protocol."""
+    """Who the meter is, as far as it says; `dialect_verified` is False for an assumed protocol."""
 
     model: str
     serial: str

@@ -1,6 +1,6 @@
 """Konica Minolta luminance meters over serial, in any dialect; a reading has a number only when whole lines say so.
 
-How one answer is told from noise, echoes and the answers to older questions: `drivers.meter.dialogue`. Here: several
+How one answer is kept apart from noise, echoes and late answers: `drivers.meter.dialogue`. Here: several
 samples must agree within a limit, a display that never changes is no measurement, and a lost line is opened once anew.
 What remains is stated in docs/meter-dialects.md.
 """
@@ -12,18 +12,13 @@ from contextlib import suppress
 from dataclasses import replace
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    BatteryLowError,
-    DeviceError,
-    DeviceLostError,
-    DeviceTimeoutError,
-    ProtocolViolationError,
-)
+from drivers.errors import BatteryLowError, DeviceError, DeviceLostError, DeviceTimeoutError, ProtocolViolationError
 from drivers.meter.dialect import Dialect
 from drivers.meter.dialogue import Answer, Dialogue
 from drivers.meter.interface import MeterIdentity, MeterReading, ReadingStatus
 from drivers.serial_link import ByteLine
 
+# Chosen: a greeting is put three times, with pauses.
 CONNECT_LIMIT_S = 20.0
 MAX_SPREAD_FRAC = 0.10
 """Samples that differ more are no measurement of one luminance (two steps of the last digit are always allowed)."""
@@ -96,7 +91,7 @@ class KonicaMinoltaMeter:
         self._equals = 0
         if dialogue is None:
             return
-        with suppress(DeviceError):  # the line may be gone: there is nobody left to tell
+        with suppress(DeviceError):  # the line may be gone: there is nobody left to greet
             dialogue.goodbye()
         dialogue.line.close()
 

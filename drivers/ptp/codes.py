@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+# USB still-image class 1.0 (PIMA 15740 over USB): container header, parameters, interface class.
 HEADER_BYTES = 12
 UNKNOWN_LENGTH = 0xFFFFFFFF
 MAX_PARAMETERS = 5

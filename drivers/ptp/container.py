@@ -129,10 +129,11 @@ def decode(data: bytes) -> Container:
 
 MAX_RESPONSE_BYTES = HEADER_BYTES + 4 * MAX_PARAMETERS
 MAX_EVENT_BYTES = HEADER_BYTES + 4 * MAX_EVENT_PARAMETERS
+# Chosen: cameras send one zero-length packet before or after a phase.
 MAX_EMPTY_TRANSFERS = 8
 
 Admission = Callable[[Header], int | None]
-"""Told the header of a container; returns the largest payload to accept, or None to skip the container."""
+"""Given the header of a container; returns the largest payload to accept, or None to skip the container."""
 
 
 class BulkAssembler:

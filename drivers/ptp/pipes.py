@@ -60,11 +60,13 @@ class PtpTransport(Protocol):
         ...
 
 
+# A first read holds any response or event; long data go in pieces that a 25 MB/s link fills in 20 ms (chosen).
 FIRST_READ_BYTES = 1024
 MAX_READ_BYTES = 512 * 1024
 MIN_CALL_S = 0.001
 """Shortest limit given to a link: libusb takes zero for "for ever"."""
 DRAIN_QUIET_S = 0.05
+# Bounds against a camera that never stops: chosen.
 MAX_DRAIN_READS = 4096
 MAX_WAITING_EVENTS = 256
 MAX_EVENT_PIECES = 8

@@ -12,20 +12,17 @@ from collections.abc import Callable
 from typing import Protocol
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceError,
-    DeviceLostError,
-    DeviceTimeoutError,
-    LinkStallError,
-)
+from drivers.errors import DeviceError, DeviceLostError, DeviceTimeoutError, LinkStallError
 from drivers.ptp.codes import ClassRequest, Event, Response
 from drivers.ptp.pipes import MIN_CALL_S, BulkPipe, EventPipe, PtpTransport
 
+# Limits of the rungs: chosen so that all together stay under half a minute.
 CANCEL_LIMIT_S = 7.0
 CLASS_RESET_LIMIT_S = 6.0
 PORT_RESET_LIMIT_S = 13.0
 RESYNC_LIMIT_S = CANCEL_LIMIT_S + CLASS_RESET_LIMIT_S + PORT_RESET_LIMIT_S
 """All rungs together; beyond it only the kernel's own waits (resetting a port, clearing a halted endpoint)."""
+# Limits of their steps: chosen.
 DRAIN_LIMIT_S = 1.0
 CONTROL_LIMIT_S = 0.5
 READY_LIMIT_S = 1.5

@@ -10,13 +10,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceError,
-    DeviceLostError,
-    DeviceTimeoutError,
-    LinkStallError,
-    ProtocolViolationError,
-)
+from drivers.errors import DeviceError, DeviceLostError, DeviceTimeoutError, LinkStallError, ProtocolViolationError
 from drivers.ptp import datasets
 from drivers.ptp.codes import Operation, Response
 from drivers.ptp.container import violation
@@ -40,6 +34,7 @@ ANY_RESPONSE = range(0x2000, 0xB000)
 OPEN_LIMIT_S = 8.0
 """Some cameras need as long to open a session after waking."""
 ALL_STORAGES = 0xFFFFFFFF
+# Chosen: one chunk takes 40 ms at 25 MB/s.
 MAX_CHUNK_BYTES = 1024 * 1024
 MAX_DATASET_BYTES = 256 * 1024
 """Largest DeviceInfo, ObjectInfo and the like; real ones stay below a few kilobytes, handle lists at 40."""
@@ -88,7 +83,7 @@ class PtpSession(Transactions):
         self._transport.close()
 
     def cancel(self) -> None:
-        """Give up the last operation: tell the camera, wait until it is ready, drop what it still sends.
+        """Give up the last operation: cancel it at the camera, wait until it is ready, drop what it still sends.
 
         `DeviceTimeoutError` where it goes on sending; then `resynchronise`.
         """
@@ -213,9 +208,9 @@ class PtpSession(Transactions):
         if not 0 < size <= MAX_CHUNK_BYTES:
             raise ValueError(f"a chunk is 1 to {MAX_CHUNK_BYTES} bytes, not {size}")
         reply = self.transact(operation, (handle, offset, size), data_in=True, max_data_bytes=size)
-        told = reply.params[0] if operation == Operation.GET_PARTIAL_OBJECT and reply.params else len(reply.data)
-        if told != len(reply.data) or not reply.data:
-            message = f"the camera sent {len(reply.data)} bytes of an object and says {told}"
+        announced = reply.params[0] if operation == Operation.GET_PARTIAL_OBJECT and reply.params else len(reply.data)
+        if announced != len(reply.data) or not reply.data:
+            message = f"the camera sent {len(reply.data)} bytes of an object and says {announced}"
             raise self._named(violation(message, handle=handle, offset=offset, asked_bytes=size))
         return reply.data
 

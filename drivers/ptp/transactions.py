@@ -66,6 +66,7 @@ def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: s
     return OperationRefusedError(message, where=where, likely=likely, advice=advice, response_code=code, **facts)
 
 
+# Bounds of one transaction: chosen.
 DEFAULT_TIMEOUT_S = 20.0
 MAX_DATA_BYTES = 4 * 1024 * 1024
 MAX_UNANSWERED = 8
@@ -268,11 +269,6 @@ class Transactions:
             self.broken, self._lost = error.message, True
             raise
         return None if event is None else PtpEvent(event.code, event.transaction_id, event.params)
-
-    @property
-    def garbled_events(self) -> int:
-        """Stretches of bytes on the interrupt pipe that were no event and were dropped."""
-        return self._events.garbled
 
     def retry_busy(self, call: Callable[[], T], limit_s: float, first_wait_s: float = 0.05) -> T:
         """Return what ``call`` returns, asking again while the camera is busy.

@@ -61,6 +61,7 @@ MODEL = CameraModel(
     ),
 )
 FORMATS: dict[int, FrameFormat] = {ObjectFormat.EXIF_JPEG: FrameFormat.JPEG, ObjectFormat.DNG: FrameFormat.DNG}
+# Waking and working take the camera a few seconds (Ricoh names none): limits chosen.
 WAKE_LIMIT_S = 10.0
 WAKE_PAUSE_S = 1.0
 READY_LIMIT_S = 15.0
@@ -124,7 +125,7 @@ class ThetaZ1:
         self._store.remember()
 
     def _wait_until_it_takes_settings(self, limit_s: float) -> None:
-        """Wait for a single exposure that older firmware does not tell of: it refuses settings meanwhile."""
+        """Wait for a single exposure that older firmware does not report: it refuses settings meanwhile."""
         if self._properties.has(RicohProp.EXPOSURE_STATUS):
             return
         mode = self._properties.number(Prop.STILL_CAPTURE_MODE)
@@ -161,7 +162,7 @@ class ThetaZ1:
             self._clock.sleep(READY_PAUSE_S)
 
     def _drain_events(self) -> None:
-        """Take events of the past in; pictures that they tell of are none of the next exposure's."""
+        """Take events of the past in; pictures that they announce are none of the next exposure's."""
         for _ in range(MAX_DRAINED_EVENTS):
             event = self._link.session.poll_event(EVENT_DRAIN_WAIT_S)
             if event is None:
@@ -209,7 +210,7 @@ class ThetaZ1:
             date = decode_date(self._properties.text_or_none(Prop.DATE_TIME) or "")
             return None if date is None else date.astimezone(UTC)
         except (ProtocolViolationError, OverflowError):
-            return None  # a clock that was never set is no reason not to shoot; ErrorInfo tells of it
+            return None  # a clock that was never set is no reason not to shoot; ErrorInfo reports it
 
     def _free_space(self) -> tuple[int | None, int | None]:
         session = self._link.session

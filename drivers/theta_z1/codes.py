@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+# As lsusb and DeviceInfo of a Theta Z1 give them.
 USB_ID = (0x05CA, 0x036D)
 VENDOR_EXTENSION_ID = 0x00000006
 STORAGE_ID = 0x00020001
@@ -40,12 +41,12 @@ class RicohOperation(IntEnum):
     """Vendor operations."""
 
     STOP_SELF_TIMER = 0x99A2
-    REBOOT = 0x99AF
 
 
 READABLE_ASLEEP = (0x5001, 0x5002, 0xD407, 0xD801, 0xD80C, 0xD80E, 0xD814, 0xD82C)
 """Properties that still answer while the camera sleeps; all others answer DeviceBusy."""
 
+# Property values of Ricoh's USB API specification.
 WHITE_BALANCE_COLOR_TEMPERATURE = 0x8007
 EXPOSURE_PROGRAM_MANUAL = 1
 STILL_CAPTURE_SINGLE = 1

@@ -17,6 +17,7 @@ from drivers.ptp.session import PtpEvent
 from drivers.theta_z1.codes import RicohProp
 from drivers.theta_z1.settings import ThetaProperties, error_texts
 
+# A poll stays under the 50 ms of `drivers.camera.Camera` (chosen).
 EVENT_WAIT_S = 0.02
 MAX_EVENTS_A_POLL = 8
 COMPLETE_GRACE_S = 1.0
@@ -59,7 +60,7 @@ class ThetaExposure:
         self._fail_at_s = now_s + shot.shutter_s + FAIL_AFTER_S
 
     def poll(self, *, wait: bool) -> ExposureProgress:
-        """Take in what the camera has told; with ``wait`` for up to `EVENT_WAIT_S` of time.
+        """Take in what the camera has announced; with ``wait`` for up to `EVENT_WAIT_S` of time.
 
         Raises `ExposureFailedError, StoreFullError`: no picture long after the shutter has closed.
         """
@@ -125,27 +126,27 @@ class ThetaExposure:
     def _failure(self) -> ExposureFailedError | StoreFullError:
         error_info = self._properties.number_or_none(RicohProp.ERROR_INFO) or 0
         problems, warnings = error_texts(error_info)
-        told = "; ".join((*problems, *warnings))
+        reported = "; ".join((*problems, *warnings))
         facts = {"error_info": error_info, "frames": [f.name for f in self._expected.frames]}
         if self._store_full or error_info & NO_SPACE_BITS:
             return StoreFullError(
                 "the camera's memory is full: the picture was not saved",
                 where=self._link.name,
-                likely=told,
+                likely=reported,
                 advice="delete pictures from the camera, then resume",
                 **facts,
             )
         return ExposureFailedError(
             f"no picture {FAIL_AFTER_S:g} s after the shutter closed",
             where=self._link.name,
-            likely=told or "the camera fell asleep or its shooting stopped",
+            likely=reported or "the camera fell asleep or its shooting stopped",
             advice="resume; if it comes back, switch the camera off and on",
             **facts,
         )
 
 
 def is_ready(properties: ThetaProperties) -> bool:
-    """Whether the camera is neither shooting nor processing, as far as its firmware tells."""
+    """Whether the camera is neither shooting nor processing, as far as its firmware reports."""
     try:
         status = properties.number(RicohProp.CAPTURE_STATUS)
         if properties.has(RicohProp.EXPOSURE_STATUS):

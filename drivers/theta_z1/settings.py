@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from drivers.camera import CameraSettings, SettingReadback
 from drivers.camera_link import CameraLink
 from drivers.clock import Clock
-from drivers.errors import DeviceBusyError, OperationRefusedError, ProtocolViolationError, SettingRefusedError
+from drivers.errors import DeviceBusyError, OperationRefusedError, SettingRefusedError
 from drivers.ptp.codes import DataType, Prop
 from drivers.theta_z1.codes import (
     ERROR_INFO_BITS,
@@ -22,7 +21,6 @@ from drivers.theta_z1.codes import (
     RicohProp,
 )
 
-SHUTTER_BYTES = 8
 F_NUMBER_560 = 560
 """In the enumeration of a camera that counts f-numbers times 100."""
 
@@ -36,28 +34,12 @@ class Fraction32:
 
     @classmethod
     def from_u64(cls, value: int) -> Fraction32:
-        """Split the integer that property D00F carries: numerator in its low half (first on the wire)."""
+        """Split the integer that property D00F carries: LE32 numerator, LE32 denominator on the wire."""
         return cls(value & 0xFFFFFFFF, value >> 32)
 
     def to_u64(self) -> int:
         """Return the integer that property D00F carries."""
         return self.denominator << 32 | self.numerator
-
-    def to_bytes(self) -> bytes:
-        """Return the eight bytes on the wire: LE32 numerator, LE32 denominator."""
-        return struct.pack("<II", self.numerator, self.denominator)
-
-    @classmethod
-    def from_bytes(cls, raw: bytes) -> Fraction32:
-        """Decode eight bytes of the wire; `ProtocolViolationError` for any other length."""
-        if len(raw) != SHUTTER_BYTES:
-            raise ProtocolViolationError(
-                f"a shutter speed of {len(raw)} bytes, not {SHUTTER_BYTES}",
-                where="Theta Z1",
-                likely="the answer was cut",
-                advice="resynchronise and read it again",
-            )
-        return cls(*struct.unpack("<II", raw))
 
     @property
     def is_time(self) -> bool:
@@ -185,12 +167,12 @@ class ThetaProperties:
         return value
 
     def number_or_none(self, prop: int) -> int | None:
-        """Return the value of a numeric property, or None where the camera does not tell just now."""
+        """Return the value of a numeric property, or None where the camera does not say just now."""
         value = self._read_or_none(prop)
         return value if isinstance(value, int) else None
 
     def text_or_none(self, prop: int) -> str | None:
-        """Return the value of a text property, or None where the camera does not tell just now."""
+        """Return the value of a text property, or None where the camera does not say just now."""
         value = self._read_or_none(prop)
         return value if isinstance(value, str) else None
 

@@ -23,7 +23,7 @@ from mocks.worlds.world import meter_luminance_cd_m2, open_world
 SimulatedCamera = SimulatedThetaZ1 | SimulatedCanon5D2
 OPTICS = {"theta_z1": THETA_Z1, "canon_5d2": CANON_5D2}
 Progress: TypeAlias = Callable[[str, int, int], None]
-"""Told what is being made (light, indoor, outdoor), the steps done and the steps in all."""
+"""Called with what is being made (light, indoor, outdoor), the steps done and the steps in all."""
 MEASURING_S = 1.5
 """Of the simulated meter; a real one in AUTO takes 0.7 to 4.3 s."""
 
@@ -143,10 +143,10 @@ def render_shots(
 
     The world's light is made first, so that neither pictures nor the meter's first reading need wait for it.
     """
-    tell = options.on_progress or (lambda _what, _done, _total: None)
-    tell("light", 0, 1)
+    report = options.on_progress or (lambda _what, _done, _total: None)
+    report("light", 0, 1)
     meter_luminance_cd_m2(world, _meter_direction(world))
-    tell("light", 1, 1)
+    report("light", 1, 1)
     found: dict[str, ShotSource] = {}
     for wanted in cameras:
         starts_s = (times_s or {}).get(wanted.kind) or [0.0] * len(stops_s)
@@ -162,8 +162,8 @@ def _meter_direction(world: World) -> Vector:
 
 def _rendered(world: World, wanted: WantedCamera, stops: Mapping[float, float], options: BenchOptions) -> RenderedShots:
     """Return pictures of stops, given with their times."""
-    tell, site = options.on_progress, wanted.optics.site
-    listener = (lambda done, total: tell(str(site), done, total)) if tell else None
+    report, site = options.on_progress, wanted.optics.site
+    listener = (lambda done, total: report(str(site), done, total)) if report else None
     shots = RenderedShots(world, wanted.optics, seed=options.seed, on_progress=listener)
     settings = Exposure(1.0, wanted.iso, wanted.f_number, wanted.color_temperature_k)
     times_s = tuple(stops.values())

@@ -118,7 +118,7 @@ class SimulatedCanon5D2(CanonBody):
         self._focused = bool(fault.number("finds")) if fault else self.options.focus_finds
         self._focusing_until_s += self.timing.focus_s
         points = FOCUS_POINTS_IN_USE if self._focused else 0
-        self.agenda.at(self._focusing_until_s, lambda _due_s: self.tell(_focus_info(points)))
+        self.agenda.at(self._focusing_until_s, lambda _due_s: self.queue_records(_focus_info(points)))
 
     def _press_full(self) -> None:
         if self.full_pressed:
@@ -165,7 +165,7 @@ class SimulatedCanon5D2(CanonBody):
             settings = replace(settings, shutter_s=open_s)
         self._plan = _Plan(self.settings.files, self.settings.number(CanonProp.CAPTURE_DESTINATION))
         self.expose(settings, focusing_s - (open_s or 0.0), open_s)
-        self.tell(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
+        self.queue_records(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
 
     # ---- bulb and autofocus
 
@@ -178,7 +178,7 @@ class SimulatedCanon5D2(CanonBody):
             raise Refusal(CanonResponse.OPERATION_REFUSED)
         self._bulb_since_s = self.clock.monotonic_s()
         self.busy_until_s = float("inf")
-        self.tell(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
+        self.queue_records(canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 1))
         return Answer(params=(RELEASED,))
 
     def _bulb_end(self, _request: Request) -> Answer:
@@ -187,7 +187,7 @@ class SimulatedCanon5D2(CanonBody):
         open_s = self.clock.monotonic_s() - self._bulb_since_s
         self._bulb_since_s = None
         self._open(open_s)
-        self.tell(canon_records.number(CanonEvent.BULB_EXPOSURE_TIME, int(open_s)))
+        self.queue_records(canon_records.number(CanonEvent.BULB_EXPOSURE_TIME, int(open_s)))
         return Answer(params=(RELEASED,))
 
     def _do_af(self, _request: Request) -> Answer:
@@ -245,7 +245,7 @@ class SimulatedCanon5D2(CanonBody):
                 self.computer_bytes = max(0, self.computer_bytes - len(data))
         self.refresh_settings()
         idle = canon_records.number(CanonEvent.CAMERA_STATUS_CHANGED, 0)
-        self.tell(self.settings.value_record(CanonProp.AVAILABLE_SHOTS), *announcements, idle)
+        self.queue_records(self.settings.value_record(CanonProp.AVAILABLE_SHOTS), *announcements, idle)
 
 
 def _focus_info(points: int) -> Record:

@@ -1,7 +1,7 @@
 """The body of a simulated EOS 5D Mark II: modes, settings, event stream, pictures (libgphoto2; a log of a 60D).
 
-What no source tells is chosen here and said so: which operations count as activity for auto power-off (all but
-GetEvent), the codes of refusals that libgphoto2 does not tell apart, that a USB reset drops unfetched pictures as
+What no source says is chosen here and said so: which operations count as activity for auto power-off (all but
+GetEvent), the codes of refusals that libgphoto2 does not distinguish, that a USB reset drops unfetched pictures as
 pulling the cable does, and all times. The shutter button is in `mocks.instruments.canon_5d2`.
 """
 
@@ -20,10 +20,11 @@ from mocks.instruments.canon_records import D11E, D11F, READ_ONLY, CanonOptions,
 from mocks.instruments.exposures import CameraTiming, ShotSource
 from mocks.instruments.faults import FaultKind, FaultSchedule
 from mocks.instruments.ptp import wire as ptp_wire
-from mocks.instruments.ptp.camera import SimulatedCamera
+from mocks.instruments.ptp.camera import CameraMemory, SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, Property, PropertyTable, Storage, StoredObject
 from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
 
+# Chosen: plausible for the camera's age; no figures are published.
 CANON_TIMING = CameraTiming(release_lag_s=0.075, processing_s=0.6, transfer_bytes_per_s=18e6)
 FIRST_HANDLE = 0x9000_0000
 FIRST_MEMORY_HANDLE = 0x9190_0001
@@ -92,8 +93,9 @@ class CanonBody(SimulatedCamera):
             shots,
             clock,
             timing=timing,
-            store=ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100CANON")),
-            properties=PropertyTable(PLAIN_PROPERTIES),
+            memory=CameraMemory(
+                ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100CANON")), PropertyTable(PLAIN_PROPERTIES)
+            ),
             faults=faults,
             seed=seed,
         )
@@ -160,7 +162,7 @@ class CanonBody(SimulatedCamera):
                 self.unplug()
             elif idle_s >= limit_s - SHUTDOWN_WARNING_S and not self._warned:
                 self._warned = True
-                self.tell(canon_records.number(CanonEvent.WILL_SOON_SHUTDOWN, SHUTDOWN_WARNING_S))
+                self.queue_records(canon_records.number(CanonEvent.WILL_SOON_SHUTDOWN, SHUTDOWN_WARNING_S))
 
     def before(self, request: Request) -> None:
         """Note activity, which keeps the camera on."""
@@ -174,7 +176,7 @@ class CanonBody(SimulatedCamera):
 
     # ---- modes and records
 
-    def tell(self, *records: Record) -> None:
+    def queue_records(self, *records: Record) -> None:
         """Queue records for GetEvent, and ask the host on the interrupt pipe to fetch them."""
         if not self.event_mode:
             return
@@ -203,7 +205,7 @@ class CanonBody(SimulatedCamera):
         self.event_mode = request.params[0]
         if began:
             self.refresh_settings()
-            self.tell(*self.settings.first_records())
+            self.queue_records(*self.settings.first_records())
         elif not self.event_mode:
             self.records.clear()
         return Answer()
@@ -256,7 +258,7 @@ class CanonBody(SimulatedCamera):
             raise Refusal(Response.INVALID_PROP_VALUE)
         if self.takes_setting(prop):
             self._take(prop, value)
-        self.tell(*self._consequences(prop))
+        self.queue_records(*self._consequences(prop))
         return Answer()
 
     def _take(self, prop: int, value: canon_records.CanonValue) -> None:
@@ -277,7 +279,7 @@ class CanonBody(SimulatedCamera):
         if prop not in self.settings.values:
             raise Refusal(Response.DEVICE_PROP_NOT_SUPPORTED)
         self.refresh_settings()
-        self.tell(self.settings.value_record(prop))
+        self.queue_records(self.settings.value_record(prop))
         return Answer()
 
     def _pc_capacity(self, request: Request) -> Answer:
@@ -285,7 +287,7 @@ class CanonBody(SimulatedCamera):
         self.computer_bytes = request.params[0] * request.params[1]
         card = canon_records.value_changed(CanonProp.AVAILABLE_SHOTS, self.free_pictures())
         self.settings.values[CanonProp.AVAILABLE_SHOTS] = self.available_shots()
-        self.tell(card, self.settings.value_record(CanonProp.AVAILABLE_SHOTS))
+        self.queue_records(card, self.settings.value_record(CanonProp.AVAILABLE_SHOTS))
         return Answer()
 
     def _get_device_info_ex(self, _request: Request) -> Answer:
@@ -322,7 +324,7 @@ class CanonBody(SimulatedCamera):
             raise Refusal(Response.INVALID_OBJECT_HANDLE)
         answer = super().delete_object(request)
         self.emit(Event.OBJECT_REMOVED, handle)
-        self.tell(canon_records.number(CanonEvent.OBJECT_REMOVED, handle))
+        self.queue_records(canon_records.number(CanonEvent.OBJECT_REMOVED, handle))
         return answer
 
     def _get_object_info_ex(self, request: Request) -> Answer:

@@ -29,6 +29,7 @@ from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.datasets import StoredObject
 
 END = struct.pack("<II", 8, 0)
+# libgphoto2 camlibs/ptp2.
 NAME_BYTES = 16
 NO_LIST = 1
 WITH_LIST = 3
@@ -126,7 +127,7 @@ def transfer_requested(item: StoredObject) -> Record:
     return Record(CanonEvent.REQUEST_OBJECT_TRANSFER, head + _name(item))
 
 
-# The 5D Mark II's settings: values, lists, and the order its first GetEvent tells them in (from a 60D's log).
+# The 5D Mark II's settings: values, lists, and the order its first GetEvent lists them in (from a 60D's log).
 
 
 DESTINATION_BOTH = 6
@@ -249,7 +250,7 @@ class CanonSettings:
         return list_changed(prop, self.choices(prop))
 
     def first_records(self) -> list[Record]:
-        """Return what the first GetEvent tells: all values, then all lists."""
+        """Return what the first GetEvent lists: all values, then all lists."""
         return [*map(self.value_record, FIRST_VALUES), *map(self.list_record, FIRST_LISTS)]
 
 

@@ -7,7 +7,7 @@ import time
 from datetime import UTC, datetime, timedelta
 
 NOMINAL_START = datetime(2023, 5, 19, 15, 54, 0, tzinfo=UTC)
-"""When simulated time begins unless told otherwise (the day of the paper's first session)."""
+"""When simulated time begins unless asked otherwise (the day of the paper's first session)."""
 
 
 class VirtualClock:

@@ -4,7 +4,7 @@
 
     {"kind": "unplug", "operation": 0x101B, "nth": 2, "phase": "data", "byte": 700, "replug_after_s": 2.0}
 
-A fault belongs to one of four moments, told by its kind (an ``unplug`` or ``stall`` of phase ``event`` to the second):
+A fault belongs to one of four moments, by its kind (an ``unplug`` or ``stall`` of phase ``event`` to the second):
 the nth **operation** (any, or of one code), the nth **event** (any, or of one code; records of Canon's GetEvent count
 as events), the nth **shot**, or the nth **setting** written (any, or of one property).
 """

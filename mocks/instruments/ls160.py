@@ -1,6 +1,6 @@
 """The simulated luminance meter: what it hears, what it says, and how it may misbehave.
 
-Written from the instruments' manuals, not from the dialect files that it is to test. A meter is told bytes and gives
+Written from the instruments' manuals, not from the dialect files that it is to test. A meter takes bytes and gives
 back timed pieces of bytes, so that the same instrument serves a pseudo-terminal and a line in memory.
 """
 

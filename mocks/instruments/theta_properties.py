@@ -14,6 +14,7 @@ from drivers.theta_z1.codes import (
 )
 from mocks.instruments.ptp.datasets import Property, u8, u16
 
+# Values as Ricoh's USB API specification lists them.
 AUTO_SHUTTER = 0
 TAKES_COLOR_TEMPERATURE = 0x8007
 ISO_LIMITS = tuple(v for v in ISO_VALUES if v >= 200)

@@ -1,6 +1,6 @@
 """A simulated Ricoh Theta Z1 with the manners of the real one (Ricoh USB API specification; device dumps).
 
-What no source tells is chosen here and said so: the interrupt packet (64 bytes), the answer of settings that the
+What no source says is chosen here and said so: the interrupt packet (64 bytes), the answer of settings that the
 exposure program forbids (InvalidDevicePropValue), which settings survive sleep, and all times.
 """
 
@@ -16,7 +16,7 @@ from drivers.theta_z1.codes import RicohOperation, RicohProp
 from mocks.instruments.exposures import CameraTiming, ShotRequest, ShotSource
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
 from mocks.instruments.ptp import wire as ptp_wire
-from mocks.instruments.ptp.camera import SimulatedCamera
+from mocks.instruments.ptp.camera import CameraMemory, SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, PropertyTable, Storage
 from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
 from mocks.instruments.theta_properties import (
@@ -27,6 +27,7 @@ from mocks.instruments.theta_properties import (
     theta_properties,
 )
 
+# From a device dump of a Theta Z1.
 STORE_BYTES = 21_055_815_680
 FIRST_HANDLE = 0x62
 """So that the first picture is 64h, after the two folders."""
@@ -108,13 +109,13 @@ class SimulatedThetaZ1(SimulatedCamera):
         table = theta_properties(
             f_number_index=options.f_number_index, later_firmware=options.later_firmware, image_sizes=sizes
         )
+        store = ObjectStore(Storage(ricoh_codes.STORAGE_ID, 3, STORE_BYTES), FIRST_HANDLE, ("DCIM", "100RICOH"))
         super().__init__(
             theta_identity(options),
             shots,
             clock,
             timing=timing,
-            store=ObjectStore(Storage(ricoh_codes.STORAGE_ID, 3, STORE_BYTES), FIRST_HANDLE, ("DCIM", "100RICOH")),
-            properties=PropertyTable(table),
+            memory=CameraMemory(store, PropertyTable(table)),
             faults=faults,
             seed=seed,
         )

@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.optics.lenses import EquirectangularLens, EquisolidFisheye, Lens, Size
 from mocks.optics.sensor import Exposure, Sensor, ToneCurve
 from mocks.worlds.light import BrightDisc, Site, Vector, World, luminance_cd_m2, spread_over_disc
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Flags, Floats
 
 # Neighbours that differ by more than this ratio lie on an edge and are sampled more finely.
 _EDGE_RATIO = 1.10
@@ -31,7 +30,7 @@ class Filter:
     tint: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
     def apply(self, radiance: Floats) -> Floats:
-        """Return the filtered light; what a tint would make negative is 0."""
+        """Return the filtered light, shape (..., 3) as ``radiance`` (cd/m2); what a tint would make negative is 0."""
         if self == Filter():
             return radiance.copy()
         matrix = np.array(self.tint, dtype=np.float32) * np.float32(10**-self.density)
@@ -120,7 +119,7 @@ class _Scene:
     component: int | None
 
     def radiance(self, x: Floats, y: Floats, pixel_rad: float) -> Floats:
-        """Return the radiance at picture points, 0 outside the field."""
+        """Return the radiance (broadcast shape of ``x``, ``y``; 3; cd/m2) at picture points, 0 outside the field."""
         directions, seen = self.optics.lens.directions(x, y, self.size)
         if seen.all():
             return self.world.radiance(self.optics.site, directions, pixel_rad, self.component)
@@ -131,7 +130,7 @@ class _Scene:
 
 
 def image_rows(world: World, optics: CameraOptics, size: Size, rows: range, component: int | None = None) -> Floats:
-    """Return rows of the image (len(rows), width, 3) at time 0, of one component or of all, without glare."""
+    """Return rows of the image (H, W, 3), cd/m2 on the sensor, at time 0, of one component or all, without glare."""
     x, y = _centres(size, rows)
     light = scene_rows(world, optics, size, rows, component)
     filtered = optics.filter.apply(light)
@@ -140,7 +139,7 @@ def image_rows(world: World, optics: CameraOptics, size: Size, rows: range, comp
 
 
 def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range, component: int | None = None) -> Floats:
-    """Return rows of pure scene radiance as the pixels average it, bright discs with their exact energy."""
+    """Return rows of scene radiance (H, W, 3), cd/m2, as the pixels average it, bright discs with exact energy."""
     scene = _Scene(world, optics, size, component)
     above, below = max(rows.start - 1, 0), min(rows.stop + 1, size[1])
     coarse = _grid_sampled(scene, range(above, below))
@@ -158,7 +157,7 @@ def scene_rows(world: World, optics: CameraOptics, size: Size, rows: range, comp
 
 
 def veil(image_sum: Floats, solid_angle_sr: float) -> Floats:
-    """Return the mean image (3,) over the field: what glare spreads evenly."""
+    """Return the mean image of shape (3,), cd/m2, over the field: what glare spreads evenly."""
     return np.asarray(image_sum / max(solid_angle_sr, 1e-12), dtype=np.float32)
 
 
@@ -180,7 +179,7 @@ def _grid_sampled(scene: _Scene, rows: range) -> Floats:
     return total / np.float32(count * count)
 
 
-def _edges(light: Floats) -> npt.NDArray[np.bool_]:
+def _edges(light: Floats) -> Flags:
     """Return the pixels that differ much from a neighbour to the right or below, and those neighbours."""
     level = np.log(luminance_cd_m2(light) + np.float32(1e-3))
     limit = np.log(_EDGE_RATIO)
@@ -194,7 +193,7 @@ def _edges(light: Floats) -> npt.NDArray[np.bool_]:
     return edges
 
 
-def _refine(light: Floats, edges: npt.NDArray[np.bool_], scene: _Scene, first_row: int) -> None:
+def _refine(light: Floats, edges: Flags, scene: _Scene, first_row: int) -> None:
     """Sample the pixels on edges again, on a fine grid."""
     row, column = np.nonzero(edges)
     if row.size == 0:

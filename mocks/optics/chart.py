@@ -41,6 +41,7 @@ _FRAME_ALBEDO, _BOARD_ALBEDO = 0.035, 0.92
 # The room's box, camera at the origin (1.6 m over the floor, 1 m before the wall with the chart).
 _LOW = np.array((-2.0, -2.8, -1.6), dtype=np.float32)
 _HIGH = np.array((2.0, 1.0, 1.0), dtype=np.float32)
+# Lamp and walls: chosen, a plausible small room.
 _LAMP = np.array((0.0, -0.4, 1.0), dtype=np.float32)
 _LAMP_M = 0.6
 _ALBEDO = {"wall": (0.62, 0.60, 0.56), "floor": (0.26, 0.22, 0.18), "ceiling": (0.80, 0.80, 0.79)}
@@ -83,7 +84,7 @@ class ChartRoom(OneLight):
         return float(self.patch_luminances_cd_m2[WHITE]) * self.drift.factor(t_s)
 
     def patch_directions(self, site: Site) -> Floats:
-        """Return the directions (24, 3) from a camera to the middles of the patches."""
+        """Return the unit directions, shape (24, 3), from a camera to the middles of the patches."""
         row, column = np.divmod(np.arange(len(PATCHES)), _COLUMNS)
         x, z = (column - (_COLUMNS - 1) / 2) * _PITCH_M, ((_ROWS - 1) / 2 - row) * _PITCH_M
         points = np.stack([x, np.full(x.shape, _HIGH[1]), z], axis=-1)
@@ -91,11 +92,11 @@ class ChartRoom(OneLight):
 
     @property
     def patch_luminances_cd_m2(self) -> Floats:
-        """Luminances (24,) of the patches' middles at time 0, the same for both cameras."""
+        """Luminances, shape (24,), cd/m2, of the patches' middles at time 0, the same for both cameras."""
         return luminance_cd_m2(self.radiance(Site.INDOOR, self.patch_directions(Site.INDOOR)))
 
     def radiance(self, site: Site, directions: Floats, pixel_rad: float = 0.0, component: int | None = None) -> Floats:
-        """Return the radiance of walls, chart and lamp."""
+        """Return the radiance of walls, chart and lamp: cd/m2, of the shape of ``directions`` (..., 3)."""
         way = _turned(np.asarray(directions, dtype=np.float32).reshape(-1, 3), site)
         face, point = _wall_met(way)
         light = self._illuminance_lx(face, point) / np.float32(math.pi)
@@ -109,7 +110,7 @@ class ChartRoom(OneLight):
         return ()
 
     def open_sky(self, site: Site, directions: Floats) -> Floats:
-        """Return 0: the room is closed."""
+        """Return 0 for each direction, shape (...): the room is closed."""
         return np.zeros(directions.shape[:-1], dtype=np.float32)
 
     @cached_property
@@ -169,7 +170,7 @@ def _albedo(face: npt.NDArray[np.intp], point: Floats) -> Floats:
 
 
 def patch_albedos() -> Floats:
-    """Return the patches' linear Rec. 709 reflectances (24, 3), decoded from their sRGB values (IEC 61966-2-1)."""
+    """Return the patches' linear Rec. 709 reflectances, shape (24, 3), from their sRGB values (IEC 61966-2-1)."""
     value = np.array([rgb for _, rgb in PATCHES]) / 255
     return srgb_decoded(value).astype(np.float32)
 

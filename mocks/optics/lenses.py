@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from mocks.worlds.light import Vector
-from processing.ground.arrays import Floats
+from processing.ground.arrays import Doubles, Flags, Floats
 
 Size: TypeAlias = tuple[int, int]
 """Width and height in pixels."""
@@ -23,8 +22,8 @@ Size: TypeAlias = tuple[int, int]
 class Lens(Protocol):
     """How a camera maps directions to its picture."""
 
-    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """Return unit directions (..., 3) of picture points (broadcast), and which points see anything."""
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Flags]:
+        """Return unit directions (..., 3) of points ``x``, ``y`` (pixels, broadcast to shape ...), and which see."""
         ...
 
     def pixel_of(self, direction: Vector, size: Size) -> tuple[float, float] | None:
@@ -36,7 +35,7 @@ class Lens(Protocol):
         ...
 
     def solid_angle_sr(self, x: Floats, y: Floats, size: Size) -> Floats:
-        """Return the solid angle of the pixels around picture points (0 where nothing is seen)."""
+        """Return the solid angle (broadcast shape, sr) of the pixels around ``x``, ``y``; 0 where nothing is seen."""
         ...
 
     def pixel_rad(self, size: Size) -> float:
@@ -44,7 +43,7 @@ class Lens(Protocol):
         ...
 
     def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
-        """Return the transmittance relative to the middle (vignetting), 0 where nothing is seen."""
+        """Return the vignetting (broadcast shape of ``x``, ``y``), 1 in the middle, 0 where nothing is seen."""
         ...
 
 
@@ -59,8 +58,8 @@ class EquirectangularLens:
     yaw_rad: float = 0.0
     vignetting: tuple[float, ...] = (-0.0139, 0.0506, -0.1349)
 
-    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """Return directions; every point sees."""
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Flags]:
+        """Return directions (broadcast shape, 3); every point sees."""
         longitude = (np.asarray(x, dtype=np.float64) / size[0] - 0.5) * (2 * math.pi) + self.yaw_rad
         latitude = (0.5 - np.asarray(y, dtype=np.float64) / size[1]) * math.pi
         flat = np.cos(latitude)
@@ -83,7 +82,7 @@ class EquirectangularLens:
         return range(max(first, 0), min(last + 1, size[1]))
 
     def solid_angle_sr(self, x: Floats, y: Floats, size: Size) -> Floats:
-        """Return exact pixel solid angles; they depend on the row only."""
+        """Return exact pixel solid angles (broadcast shape, sr); they depend on the row only."""
         height = size[1]
         upper = np.sin((0.5 - (np.asarray(y, np.float64) - 0.5) / height) * math.pi)
         lower = np.sin((0.5 - (np.asarray(y, np.float64) + 0.5) / height) * math.pi)
@@ -95,7 +94,7 @@ class EquirectangularLens:
         return math.pi / size[1]
 
     def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
-        """Return the fall-off of whichever fisheye sees the point."""
+        """Return the fall-off (broadcast shape, 0..1) of whichever fisheye sees the point."""
         longitude = (np.asarray(x, np.float32) / size[0] - 0.5) * np.float32(2 * math.pi)
         latitude = (0.5 - np.asarray(y, np.float32) / size[1]) * np.float32(math.pi)
         cos_axis = np.abs(np.cos(latitude) * np.cos(longitude))
@@ -119,8 +118,8 @@ class EquisolidFisheye:
     top_azimuth_rad: float = 0.0
     vignetting: tuple[float, ...] = (0.11, -0.92, 1.38, -0.82)
 
-    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, npt.NDArray[np.bool_]]:
-        """Return directions; points outside the image circle see nothing (their direction is the zenith)."""
+    def directions(self, x: Floats, y: Floats, size: Size) -> tuple[Floats, Flags]:
+        """Return directions (broadcast shape, 3); points outside the image circle see nothing: theirs is the zenith."""
         right, up, r2 = self._plane(x, y, size)
         s2 = r2 / (2 * self._focal_px(size)) ** 2
         seen = s2 <= math.sin(self.half_field_rad / 2) ** 2
@@ -159,7 +158,7 @@ class EquisolidFisheye:
         return range(max(math.floor(row - reach), 0), min(math.ceil(row + reach) + 1, size[1]))
 
     def solid_angle_sr(self, x: Floats, y: Floats, size: Size) -> Floats:
-        """Return f-2 inside the field: an equisolid pixel covers the same solid angle everywhere."""
+        """Return f-2 (broadcast shape, sr) inside the field: an equisolid pixel covers the same everywhere."""
         _, _, r2 = self._plane(x, y, size)
         limit = (2 * self._focal_px(size) * math.sin(self.half_field_rad / 2)) ** 2
         return np.where(r2 <= limit, self._focal_px(size) ** -2, 0).astype(np.float32)
@@ -169,7 +168,7 @@ class EquisolidFisheye:
         return 1 / self._focal_px(size)
 
     def falloff(self, x: Floats, y: Floats, size: Size) -> Floats:
-        """Return the fall-off, 0 outside the field."""
+        """Return the fall-off (broadcast shape, 0..1), 0 outside the field."""
         _, _, r2 = self._plane(x, y, size)
         r2 = r2 / (2 * self._focal_px(size) * math.sin(self.half_field_rad / 2)) ** 2
         return np.where(r2 <= 1, _polynomial(np.minimum(r2, 1), self.vignetting), 0).astype(np.float32)
@@ -177,16 +176,14 @@ class EquisolidFisheye:
     def _focal_px(self, size: Size) -> float:
         return self.focal_length_mm / self.sensor_width_mm * size[0]
 
-    def _plane(
-        self, x: Floats, y: Floats, size: Size
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def _plane(self, x: Floats, y: Floats, size: Size) -> tuple[Doubles, Doubles, Doubles]:
         right, up = np.broadcast_arrays(
             np.asarray(x, dtype=np.float64) - size[0] / 2, size[1] / 2 - np.asarray(y, dtype=np.float64)
         )
         return right, up, right * right + up * up
 
 
-def _polynomial(r: npt.NDArray[np.floating], coefficients: tuple[float, ...]) -> npt.NDArray[np.floating]:
+def _polynomial(r: Floats | Doubles, coefficients: tuple[float, ...]) -> Floats | Doubles:
     """Return 1 + c1 r + c2 r2 + ..."""
     total = np.zeros_like(r)
     for coefficient in reversed(coefficients):

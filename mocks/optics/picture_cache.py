@@ -15,6 +15,7 @@ from platformdirs import user_cache_path
 
 from drivers.errors import DaylitError
 
+# Chosen: three full-size brackets; waits are for another process that renders.
 DEFAULT_LIMIT_BYTES = 2_000_000_000
 _LOCK_LIMIT_S = 300.0
 _IN_USE_S = 120.0

@@ -219,7 +219,7 @@ class RenderedShots:
 
 
 class _Steps:
-    """Counts finished work and tells the listener."""
+    """Counts finished work and calls the listener."""
 
     def __init__(self, total: int, listener: Callable[[int, int], None] | None) -> None:
         self._done, self._total, self._listener = 0, total, listener

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mocks.worlds.light import Vector
-from processing.ground.arrays import Bytes, Floats
+from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.ground.colour import RGB_OF_XYZ
 
 _LUT_SIZE = 65536
@@ -28,8 +28,8 @@ class ToneCurve:
     toe: float = 0.055
     contrast: float = 0.35
 
-    def encode(self, linear: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Return the picture value (0..1) of linear exposure (clipped to 0..1)."""
+    def encode(self, linear: npt.ArrayLike) -> Doubles:
+        """Return the picture value (0..1) of linear exposure (clipped to 0..1), of the same shape."""
         x = np.clip(np.asarray(linear, dtype=np.float64), 0, 1)
         y0 = self.toe / (self.gamma - 1)
         x0 = ((y0 + self.toe) / (1 + self.toe)) ** self.gamma
@@ -37,8 +37,8 @@ class ToneCurve:
         y = np.where(x < x0, x * (y0 / x0), power)
         return np.asarray(y + self.contrast * (y * y * (3 - 2 * y) - y), dtype=np.float64)
 
-    def decode(self, value: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Return the linear exposure (0..1) of a picture value (0..1): the inverse of `encode`."""
+    def decode(self, value: npt.ArrayLike) -> Doubles:
+        """Return the linear exposure (0..1) of a picture value (0..1), of the same shape: inverse of `encode`."""
         grid = np.linspace(0, 1, 20001) ** 3
         return np.interp(np.asarray(value, dtype=np.float64), self.encode(grid), grid)
 
@@ -112,7 +112,7 @@ class Sensor:
         return 1 / self.exposure_gain(exposure)
 
     def mosaic_signal(self, radiance: Floats, exposure: Exposure, rng: np.random.Generator) -> Floats:
-        """Return the noisy signal of each channel (..., 3), 1 at saturation, clipped there, before white balance."""
+        """Return the noisy signal of the shape of ``radiance`` (H, W, 3), 1 at saturation, clipped, not balanced."""
         gain = np.array(self.native_balance) * self.exposure_gain(exposure)
         signal = _times(radiance, gain)
         np.minimum(signal, 4, out=signal)
@@ -123,7 +123,7 @@ class Sensor:
         return np.minimum(signal, 1, out=signal)
 
     def develop(self, signal: Floats, exposure: Exposure) -> Bytes:
-        """Return 8-bit RGB of a mosaic signal: white balance, clip, tone curve."""
+        """Return 8-bit RGB of the shape of ``signal`` (H, W, 3), 0..1: white balance, clip, tone curve."""
         gains = white_balance_gains(exposure.color_temperature_k) / np.array(self.native_balance)
         # All gains are 1 or more at 6500 K, so a saturated sensor ends white, never pink.
         scaled = _times(signal, gains * _LUT_SIZE)
@@ -134,8 +134,8 @@ class Sensor:
         return out
 
 
-def white_balance_gains(color_temperature_k: int) -> npt.NDArray[np.float64]:
-    """Return gains (green 1) that make daylight of a colour temperature neutral; (1, 1, 1) at 6500 K.
+def white_balance_gains(color_temperature_k: int) -> Doubles:
+    """Return gains of shape (3,), green 1, that make daylight of a colour temperature neutral; (1, 1, 1) at 6500 K.
 
     CIE daylight locus (4000 to 25000 K; nearer temperatures are clamped), Rec. 709 primaries.
     """
@@ -143,7 +143,7 @@ def white_balance_gains(color_temperature_k: int) -> npt.NDArray[np.float64]:
     return np.asarray(wanted / wanted[1])
 
 
-def _daylight_rgb(color_temperature_k: float) -> npt.NDArray[np.float64]:
+def _daylight_rgb(color_temperature_k: float) -> Doubles:
     t = min(max(color_temperature_k, 4000), 25000)
     if t <= 7000:
         x = -4.6070e9 / t**3 + 2.9678e6 / t**2 + 0.09911e3 / t + 0.244063
@@ -151,5 +151,5 @@ def _daylight_rgb(color_temperature_k: float) -> npt.NDArray[np.float64]:
         x = -2.0064e9 / t**3 + 1.9018e6 / t**2 + 0.24748e3 / t + 0.237040
     y = -3.0 * x * x + 2.870 * x - 0.275
     xyz = np.array([x / y, 1.0, (1 - x - y) / y])
-    rgb: npt.NDArray[np.float64] = np.array(RGB_OF_XYZ) @ xyz
+    rgb: Doubles = np.array(RGB_OF_XYZ) @ xyz
     return rgb

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from mocks.optics.sensor import Exposure, Sensor, ToneCurve, TrueShutter
 from mocks.worlds.light import luminance_cd_m2
@@ -25,6 +24,7 @@ REFERENCE_SENSOR = Sensor(
     tone=(ToneCurve(contrast=0.30), ToneCurve(contrast=0.35), ToneCurve(contrast=0.40)),
     true_shutter=TrueShutter.NOMINAL,
 )
+# Cells over the height, and weights: chosen, smooth enough for JPEG coding.
 _OCTAVES = ((6, 1.0), (14, 0.35), (40, 0.08))
 _TEXTURE = (6, 0.06)
 """Pixels a cell, and stops: what JPEG coding has to work on, at every size."""
@@ -80,7 +80,7 @@ def synthetic_bracket(
 
 
 def expose(radiance: Floats, shutter_s: float, sensor: Sensor, seed: int, jpeg_quality: int | None = None) -> Bytes:
-    """Return one frame of a radiance picture, in bands so that noise needs little memory."""
+    """Return one frame (H, W, 3) of a radiance picture in cd/m2, in bands so that noise needs little memory."""
     exposure = Exposure(shutter_s, 100, 5.6)
     out = np.empty(radiance.shape, dtype=np.uint8)
     for first in range(0, radiance.shape[0], 256):
@@ -98,7 +98,7 @@ def jpeg_coded(frame: Bytes, quality: int) -> Bytes:
     return np.ascontiguousarray(coded[..., ::-1])
 
 
-def _smooth_field(size: tuple[int, int], rng: np.random.Generator) -> npt.NDArray[np.float32]:
+def _smooth_field(size: tuple[int, int], rng: np.random.Generator) -> Floats:
     """Return noise of a few octaves, about -1..1; its cells are parts of the height, whatever the size."""
     width, height = size
     total = np.zeros((height, width), dtype=np.float32)
@@ -108,7 +108,7 @@ def _smooth_field(size: tuple[int, int], rng: np.random.Generator) -> npt.NDArra
     return total
 
 
-def _texture(size: tuple[int, int], rng: np.random.Generator) -> npt.NDArray[np.float32]:
+def _texture(size: tuple[int, int], rng: np.random.Generator) -> Floats:
     """Return fine texture in decades."""
     width, height = size
     cell_px, stops = _TEXTURE

@@ -16,13 +16,7 @@ from dataclasses import dataclass
 
 from drivers.camera import Camera, CameraSettings, FrameRef, ShutterReadback
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    DeviceBusyError,
-    DeviceError,
-    DeviceTimeoutError,
-    ExposureFailedError,
-    ProtocolViolationError,
-)
+from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError, ProtocolViolationError
 from station.capture.events import (
     Broken,
     Exposed,
@@ -45,6 +39,7 @@ from station.capture.intake import Intake
 from station.session.folder import FRAME_CAP_BYTES
 from station.session.session import Side
 
+# Chosen: 40 ms at 25 MB/s, so that an order never waits long.
 CHUNK_BYTES = 1 << 20
 EXPOSING_CHUNK_BYTES = 1 << 18
 """Smaller, because the end of the exposure is noticed only between two chunks."""
@@ -52,6 +47,7 @@ EXPOSURE_GRACE_S = 30.0
 """Readout, processing and announcement of a frame must be over by then (its exposure comes on top)."""
 BUSY_LIMIT_S = 60.0
 """A camera that answers "busy" to a transfer for longer has failed it."""
+# Pauses and periods: chosen.
 BUSY_PAUSE_S = 0.03
 IDLE_WAIT_S = 0.02
 KEEP_ALIVE_S = 5.0
@@ -67,7 +63,7 @@ class _Transfer:
 
 
 class CameraWorker:
-    """Runs one camera: `start` it, `tell` it orders, read its notices, `join` it."""
+    """Runs one camera: `start` it, `order` it about, read its notices, `join` it."""
 
     def __init__(
         self,
@@ -98,7 +94,7 @@ class CameraWorker:
         """Start the thread."""
         self._thread.start()
 
-    def tell(self, order: Order) -> None:
+    def order(self, order: Order) -> None:
         """Queue an order."""
         self._inbox.put(order)
 
@@ -150,7 +146,7 @@ class CameraWorker:
             return None
 
     def _guarded(self, order: Order | None) -> None:
-        """Carry out an order (None: something useful meanwhile); on a device error recover and tell."""
+        """Carry out an order (None: something useful meanwhile); on a device error recover and report it."""
         stop = order.stop if isinstance(order, SetUp) else self._armed.stop if self._armed else None
         try:
             self._carry_out(order)
@@ -223,9 +219,7 @@ class CameraWorker:
             if self._backlog and self._camera.can_transfer_while_exposing:
                 self._transfer_chunk(EXPOSING_CHUNK_BYTES)
         raise DeviceTimeoutError(
-            f"no picture within {deadline.limit_s:g} s of the release",
-            where=str(self.side),
-            limit_s=deadline.limit_s,
+            f"no picture within {deadline.limit_s:g} s of the release", where=str(self.side), limit_s=deadline.limit_s
         )
 
     def _transfer_chunk(self, max_bytes: int, *, pause: bool = False) -> None:

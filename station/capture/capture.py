@@ -5,7 +5,7 @@
     preflight ── reading ── bracket ──────────────── reading ── manifest
                             pairs, fetched behind    (while the last frames come in)
 
-Everything that counts is durable before it is told: a capture that ends at any instant leaves a session that
+Everything that counts is durable before it is reported: a capture that ends at any instant leaves a session that
 `Capture.resume` completes.
 """
 
@@ -24,7 +24,7 @@ from uuid import uuid4
 from drivers.errors import DeviceError
 from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost
 from station.capture.camera_worker import CameraWorker
-from station.capture.conductor import Conductor, Doubts
+from station.capture.conductor import Conductor, Doubts, Hooks
 from station.capture.events import CaptureEvent, EventKind, Notice
 from station.capture.intake import Intake, ReadingTaker, When, drift_frac
 from station.capture.preflight import Findings, Level, check_rig, require
@@ -71,12 +71,7 @@ class Capture:
     """
 
     def __init__(
-        self,
-        rig: Rig,
-        plan: BracketPlan,
-        readings: ReadingTaker,
-        request: CaptureRequest,
-        resumed: SessionStore | None,
+        self, rig: Rig, plan: BracketPlan, readings: ReadingTaker, request: CaptureRequest, resumed: SessionStore | None
     ) -> None:
         self._rig = rig
         self._plan = plan
@@ -278,8 +273,7 @@ class Capture:
                 self.store,
                 self._rig.clock,
                 max_start_skew_s=self._rig.file.limits.max_start_skew_s,
-                on_last_exposure=self._start_last_reading,
-                doubts=lambda: _doubts(intakes, self._plan.stops_s),
+                hooks=Hooks(self._start_last_reading, lambda: _doubts(intakes, self._plan.stops_s)),
             )
             if self._stop_asked:
                 self._conductor.ask_stop()
@@ -306,7 +300,7 @@ class Capture:
             release_lag_s=camera.release_lag_s if table.release_lag_s is None else table.release_lag_s,
             delete_after=table.delete_after,
         )
-        intake.on_safe = worker.tell
+        intake.on_safe = worker.order
         return worker
 
     def _end(self) -> Iterator[CaptureEvent]:

@@ -5,15 +5,10 @@ from __future__ import annotations
 import queue
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 from drivers.clock import Clock, Deadline
-from drivers.errors import (
-    BatteryLowError,
-    DaylitError,
-    DeviceClaimedError,
-    DevicePermissionError,
-    StoreFullError,
-)
+from drivers.errors import BatteryLowError, DaylitError, DeviceClaimedError, DevicePermissionError, StoreFullError
 from station.capture.bracket import BracketPlan, useless_because
 from station.capture.camera_worker import EXPOSURE_GRACE_S, CameraWorker
 from station.capture.events import (
@@ -44,19 +39,28 @@ LAST_TRANSFERS_LIMIT_S = 300.0
 LEAVE_LIMIT_S = 60.0
 """For a camera's thread to end an exposure or a recovery when nobody listens any more."""
 FIRE_AHEAD_S = 0.008
-"""Both threads are told this long before the shutters are to open, more than a thread takes to wake."""
+"""Both threads get their orders this long before the shutters are to open, more than a thread takes to wake."""
 MAX_RETAKES = 1
 MAX_DEVICE_FAILURES = 2
 """Of one stop: recovered that often, then the stop is named as missing."""
 PUMP_WAIT_S = 0.25
 JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED)
-"""What the store's own records do not tell. The rest would only put disk waits between two exposures."""
+"""What the store's own records do not hold. The rest would only put disk waits between two exposures."""
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
 """Errors after which a retake is useless until somebody acts."""
 
 
 Doubts = dict[tuple[Side, int], str]
 """Frames that do not fit the others of their bracket, and why."""
+
+
+class Hooks(NamedTuple):
+    """What a capture wants to be asked: at the last exposure, and when all frames are in."""
+
+    on_last_exposure: Callable[[], None]
+    """Called when nothing is left to expose, while the last frames come in."""
+    doubts: Callable[[], Doubts]
+    """Returns the frames that only the whole bracket shows to be wrong."""
 
 
 class Conductor:
@@ -71,8 +75,7 @@ class Conductor:
         clock: Clock,
         *,
         max_start_skew_s: float,
-        on_last_exposure: Callable[[], None],
-        doubts: Callable[[], Doubts],
+        hooks: Hooks,
     ) -> None:
         self._plan = plan
         self._workers = workers
@@ -80,8 +83,7 @@ class Conductor:
         self._store = store
         self._clock = clock
         self._max_start_skew_s = max_start_skew_s
-        self._on_last_exposure = on_last_exposure
-        self._doubts = doubts
+        self._on_last_exposure, self._doubts = hooks
         self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
         self._answers: dict[tuple[Side, int], Notice] = {}
         self._set_ahead: dict[Side, int] = {}
@@ -126,7 +128,7 @@ class Conductor:
     def _leave_unheard(self) -> None:
         """Nobody listens any more: no event may be yielded, but no camera may be left in use either."""
         for worker in self._workers.values():
-            worker.tell(Leave(at_once=True))
+            worker.order(Leave(at_once=True))
         for worker in self._workers.values():
             worker.join(LEAVE_LIMIT_S)
 
@@ -160,12 +162,12 @@ class Conductor:
     def _dismiss(self, error: Exception | None) -> Iterator[CaptureEvent]:
         """Let the workers fetch what is exposed and end, bounded; then raise ``error``, or what goes wrong meanwhile.
 
-        The first error is the one that is told; a thread of a camera must be over whatever happens, for its camera
+        The first error is the one that is raised; a thread of a camera must be over whatever happens, for its camera
         is closed next.
         """
         self._stop_asked = True
         for side, worker in self._workers.items():
-            worker.tell(Leave(at_once=side in self.dead))
+            worker.order(Leave(at_once=side in self.dead))
         deadline = Deadline.after(self._clock, LAST_TRANSFERS_LIMIT_S)
         while (self._left != set(self._workers) and not deadline.expired) or not self._notices.empty():
             try:
@@ -178,7 +180,7 @@ class Conductor:
             raise error
 
     def _sides_in_need(self, stop: int, sides: Iterable[Side]) -> Generator[CaptureEvent, None, tuple[Side, ...]]:
-        """Return the sides that need the stop; in an adaptive bracket, after the frames that tell are judged."""
+        """Return the sides that need the stop; in an adaptive bracket, after the frames that decide it are judged."""
         if self._plan.mode == "full":
             return tuple(sides)
         neighbours = [(side, near) for side in sides for near in (stop - 1, stop + 1)]
@@ -192,11 +194,7 @@ class Conductor:
                 continue
             self._store.add_skipped(SkippedStop(side=side, stop=stop, reason=reason))
             yield self._event(
-                EventKind.SKIPPED,
-                f"{side} {self._label(stop)} left out: {reason}",
-                side=side,
-                stop=stop,
-                reason=reason,
+                EventKind.SKIPPED, f"{side} {self._label(stop)} left out: {reason}", side=side, stop=stop, reason=reason
             )
         return tuple(needed)
 
@@ -206,7 +204,7 @@ class Conductor:
         yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera made ready")
         if not all(isinstance(self._answers.get((s, stop)), Ready) for s in sides) or self.dead:
             for side in sides:
-                self._workers[side].tell(StandDown())
+                self._workers[side].order(StandDown())
             yield from self._again(stop, sides)
             return
         for side in sides:
@@ -214,7 +212,7 @@ class Conductor:
         self._released_s = {}
         open_at_s = self._clock.monotonic_s() + FIRE_AHEAD_S + max(self._workers[s].release_lag_s for s in sides)
         for side in sides:
-            self._workers[side].tell(Fire(open_at_s))
+            self._workers[side].order(Fire(open_at_s))
         limit_s = 2 * self._plan.stops_s[stop] + EXPOSURE_GRACE_S + SET_UP_LIMIT_S
         yield from self._pump_until(lambda: self._answered(stop, sides), limit_s, "exposure finished")
         yield from self._judge_start(stop, sides)
@@ -229,13 +227,13 @@ class Conductor:
             if ahead == stop and side in sides:
                 continue
             if ahead is not None:
-                worker.tell(StandDown())
+                worker.order(StandDown())
             if side in sides:
                 self._order_set_up(side, stop)
 
     def _order_set_up(self, side: Side, stop: int) -> None:
         self._answers.pop((side, stop), None)
-        self._workers[side].tell(SetUp(stop, self._plan.stops_s[stop], self._retakes[side, stop]))
+        self._workers[side].order(SetUp(stop, self._plan.stops_s[stop], self._retakes[side, stop]))
 
     def _set_up_ahead(self, notice: Exposed) -> None:
         """A camera that is through sets the next stop while its partner still exposes or saves.

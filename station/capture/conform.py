@@ -19,6 +19,7 @@ from station.capture.bracket import PAPER_STOPS_S
 from station.capture.camera_worker import EXPOSURE_GRACE_S
 from station.session.session import shutter_label
 
+# Chosen: long, usual and short.
 PICTURE_STOPS_S = (1 / 4, 1 / 60, 1 / 1000)
 POLL_LIMIT_S = 1.0
 """A poll may take about 50 ms; ten times that and more is a camera that blocks its thread."""
@@ -127,8 +128,8 @@ def says_who_it_is(bench: CameraBench) -> str:
     return f"{first.manufacturer} {first.model}, serial {first.serial}, firmware {first.firmware}"
 
 
-def tells_its_state(bench: CameraBench) -> str:
-    """Battery, space and clock are plausible where told."""
+def reports_its_state(bench: CameraBench) -> str:
+    """Battery, space and clock are plausible where reported."""
     status = bench.camera.status()
     expect(status.battery_frac is None or 0 <= status.battery_frac <= 1, f"battery {status.battery_frac}")
     expect(status.free_bytes is None or status.free_bytes >= 0, f"free {status.free_bytes} bytes")
@@ -243,7 +244,7 @@ def recovers(bench: CameraBench) -> str:
     return "takes pictures after recover"
 
 
-def deletes_what_it_is_told(bench: CameraBench) -> str:
+def deletes_what_is_asked(bench: CameraBench) -> str:
     """A deleted frame is gone, the others stay; skipped where deleting is not allowed."""
     if not bench.may_delete:
         return "skipped: deleting is not allowed (--delete)"
@@ -268,7 +269,7 @@ def closes_quietly(bench: CameraBench) -> str:
 
 CAMERA_CHECKS: tuple[Callable[[CameraBench], str], ...] = (
     says_who_it_is,
-    tells_its_state,
+    reports_its_state,
     takes_and_reads_back_settings,
     refuses_impossible_settings,
     has_the_bracket,
@@ -276,7 +277,7 @@ CAMERA_CHECKS: tuple[Callable[[CameraBench], str], ...] = (
     gives_the_same_bytes_in_any_chunks,
     transfers_while_exposing_or_says_busy,
     recovers,
-    deletes_what_it_is_told,
+    deletes_what_is_asked,
     closes_quietly,
 )
 

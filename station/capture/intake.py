@@ -253,7 +253,7 @@ class Intake:
         return facts
 
     def _require_jpeg_of(self, shot: Shot, name: str) -> None:
-        """Refuse a raw file whose JPEG does not count: that comes first, and alone tells the exposure."""
+        """Refuse a raw file whose JPEG does not count: that comes first, and alone has the exposure."""
         jpeg = self._store.manifest.frame(shot.side, shot.stop)
         if jpeg is None or jpeg.taken_utc != shot.released_utc:
             raise FrameRejectedError("the JPEG of its exposure does not count", where=name)

@@ -133,7 +133,7 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
 
 
 def clock_offset_s(status: CameraStatus, clock: Clock) -> float | None:
-    """Return the camera's clock minus ours, in seconds, where it tells its time."""
+    """Return the camera's clock minus ours, in seconds, where it reports its time."""
     if status.clock_utc is None:
         return None
     return (status.clock_utc - clock.utc_now()).total_seconds()

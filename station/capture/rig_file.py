@@ -151,9 +151,7 @@ def load_rig(path: Path) -> RigFile:
         return RigFile.model_validate(tomllib.loads(path.read_text("utf-8")))
     except FileNotFoundError as error:
         raise RigError(
-            "there is no such rig file",
-            where=str(path),
-            advice="write one with: daylit doctor --write-rig rig.toml",
+            "there is no such rig file", where=str(path), advice="write one with: daylit doctor --write-rig rig.toml"
         ) from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise RigError(f"cannot be read: {error}", where=str(path), advice="correct the file") from error

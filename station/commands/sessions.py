@@ -34,7 +34,7 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
-@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's, if it tells).")
+@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's, where it says).")
 @click.option(
     "--into",
     type=click.Path(path_type=Path, file_okay=False),

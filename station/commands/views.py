@@ -70,15 +70,15 @@ class Rendering(SilentView):
         columns = (TextColumn("rendering {task.description}"), BarColumn(), TimeElapsedColumn())
         self.bars = Progress(*columns, console=console, transient=True) if console.is_terminal else None
         self._tasks: dict[str, TaskID] = {}
-        self._told: set[str] = set()
+        self._mentioned: set[str] = set()
 
     def __call__(self, what: str, done: int, total: int) -> None:
         """Show a step."""
         words = _RENDERED.get(what, what)
         if self.bars is None:
-            if what not in self._told:
+            if what not in self._mentioned:
                 click.echo(f"rendering {words} (kept for next time) ...", err=True)
-            self._told.add(what)
+            self._mentioned.add(what)
             return
         if what not in self._tasks:
             self._tasks[what] = self.bars.add_task(words)
@@ -137,7 +137,7 @@ def _check_style(event: CaptureEvent) -> str:
 
 
 def _line(event: CaptureEvent) -> str:
-    """Return the text of an event as a terminal shows it, where no field beside it tells the kind."""
+    """Return the text of an event as a terminal shows it, where no field beside it says the kind."""
     if event.kind is EventKind.STOP:
         return f"exposing {event.text}"
     if event.kind is EventKind.WARNING:

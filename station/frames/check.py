@@ -26,22 +26,14 @@ from station.frames.facts import ExpectedFrame, FrameFacts, Reason
 from station.frames.rules import check_order, judge, printable, rejection
 from station.session.session import FrameRecord
 
+# Limits of the worker, chosen: counting every pixel of 22 Mpx takes 0.4 s.
 MEMORY_BYTES = 2 * 2**30
 LIMIT_S = 20.0
 CPU_S = 15
 START_LIMIT_S = 30.0
 MAX_ANSWER_BYTES = 100_000
 RawFormat = Literal["cr2", "dng"]
-_KEPT_VARIABLES = (
-    "PATH",
-    "SYSTEMROOT",
-    "TEMP",
-    "TMP",
-    "TMPDIR",
-    "LD_LIBRARY_PATH",
-    "DYLD_LIBRARY_PATH",
-    "PYTHONHOME",
-)
+_KEPT_VARIABLES = ("PATH", "SYSTEMROOT", "TEMP", "TMP", "TMPDIR", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PYTHONHOME")
 
 
 class _WorkerGoneError(Exception):
@@ -69,10 +61,7 @@ class _Worker:
         self._requests: IO[bytes] = self._process.stdin
         self._answers: queue.Queue[bytes] = queue.Queue()
         self._reader = threading.Thread(
-            target=_read_lines,
-            args=(self._process.stdout, self._answers),
-            daemon=True,
-            name="frame-worker-reader",
+            target=_read_lines, args=(self._process.stdout, self._answers), daemon=True, name="frame-worker-reader"
         )
         self._reader.start()
 
@@ -291,12 +280,4 @@ def _facts(name: str, answer: dict[str, Any]) -> FrameFacts:
         raise rejection(name, Reason.DECODER_DIED, "reading it confused the decoder") from error
 
 
-__all__ = [
-    "ExpectedFrame",
-    "FrameChecker",
-    "FrameFacts",
-    "FrameRejectedError",
-    "Reason",
-    "check_order",
-    "judge",
-]
+__all__ = ["ExpectedFrame", "FrameChecker", "FrameFacts", "FrameRejectedError", "Reason", "check_order", "judge"]

@@ -47,7 +47,7 @@ _COPY_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class ImportRequest:
-    """What to import, and what no file tells.
+    """What to import, and what no file says.
 
     ``shutter_s`` gives the exposure times in the order of the file names, seconds (empty: EXIF's).
     ``readings_cd_m2`` are none, one (before) or two (before and after). ``camera_zone_min`` is the zone of

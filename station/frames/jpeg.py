@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from station.frames.facts import FrameProblemError, Reason
 
+# Chosen: nine times the larger camera's pixels.
 MAX_PIXELS = 200_000_000
 MAX_SEGMENTS = 2_000
 MAX_SCANS = 100

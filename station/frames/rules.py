@@ -17,6 +17,7 @@ F_NUMBER_TOLERANCE = 0.04
 DATE_TOLERANCE_S = 3.0
 """EXIF counts whole seconds, the clocks' offset is known to one, and some cameras date the exposure's end."""
 ZONE_STEP_S = 900.0
+# Chosen: one step of 255, a dim room, and what rounding and JPEG coding change.
 BLACK_MEAN = 1 / 255
 DIM_ROOM_CD_M2 = 1.0
 ORDER_TOLERANCE = 0.01
@@ -86,9 +87,7 @@ def _judge_size(facts: FrameFacts, expected: ExpectedFrame) -> None:
     said = (facts.exif.width_px or facts.width_px, facts.exif.height_px or facts.height_px)
     if expected.require_exif and said != size:
         raise rejection(
-            facts.name,
-            Reason.WRONG_SIZE,
-            f"{size[0]}x{size[1]} pixels, while its EXIF says {said[0]}x{said[1]}",
+            facts.name, Reason.WRONG_SIZE, f"{size[0]}x{size[1]} pixels, while its EXIF says {said[0]}x{said[1]}"
         )
 
 
@@ -137,7 +136,7 @@ def _judge_value(
 def _judge_date(facts: FrameFacts, expected: ExpectedFrame) -> None:
     """Refuse a frame dated outside its capture.
 
-    The camera's clock shows local time, and its zone is not always told; so whole quarters of an hour (all
+    The camera's clock shows local time, and its zone is not always known; so whole quarters of an hour (all
     zones are multiples of one) are left out of the comparison, within the 14 hours that zones reach.
     """
     taken, offset_s = facts.exif.taken_local, expected.clock_offset_s

@@ -31,6 +31,7 @@ from station.frames.jpeg import read_header
 Bytes: TypeAlias = npt.NDArray[np.uint8]
 Circle = Sequence[float]
 
+# Chosen: no frame of either camera comes near.
 MAX_JPEG_BYTES = 256 * 2**20
 MAX_RAW_BYTES = 1_000_000_000
 MAX_OPEN_FILES = 64
@@ -188,7 +189,7 @@ def _inside(shape: tuple[int, ...], rows: range, circle: Circle) -> npt.NDArray[
 
 
 def _picture_digest(small: Bytes, measures: dict[str, Any]) -> str | None:
-    """Return the digest of the small picture; None where too little shows to tell two frames apart."""
+    """Return the digest of the small picture; None where too little shows to distinguish two frames."""
     telling_frac = 1.0 - measures["clipped_frac"] - measures["dark_frac"]
     if telling_frac < TELLING_FRAC or telling_frac * small.shape[0] * small.shape[1] < TELLING_PIXELS:
         return None

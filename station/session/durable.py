@@ -88,10 +88,7 @@ os_calls = OsCalls()
 def disk_error(exc: OSError, path: Path, doing: str) -> ResourceError:
     """Return the typed error of ``exc`` while ``doing`` something with ``path``."""
     kind: type[ResourceError] = DiskError
-    likely, advice = (
-        "the disk is failing, read-only or unplugged",
-        "check the disk and its cable, then resume",
-    )
+    likely, advice = ("the disk is failing, read-only or unplugged", "check the disk and its cable, then resume")
     if exc.errno in _FULL:
         kind = DiskFullError
         likely, advice = "no space or quota left", "free space on this disk, then resume"
@@ -101,10 +98,7 @@ def disk_error(exc: OSError, path: Path, doing: str) -> ResourceError:
     elif exc.errno in (errno.EACCES, errno.EPERM):
         likely, advice = "no permission to write here", "choose a folder you may write to"
     elif exc.errno == errno.EFBIG:
-        likely, advice = (
-            "a limit on the size of files",
-            "lift the limit (ulimit -f) or use another file system",
-        )
+        likely, advice = ("a limit on the size of files", "lift the limit (ulimit -f) or use another file system")
     reason = exc.strerror or str(exc)
     name = errno.errorcode.get(exc.errno or 0, "")
     return kind(f"{doing} failed: {reason}", where=str(path), likely=likely, advice=advice, errno=name)

@@ -21,6 +21,7 @@ from station.session import durable, strict_json
 from station.session.folder import Folder, write_file
 from station.session.session import JOURNAL_NAME
 
+# Chosen: far above what a capture writes.
 MAX_JOURNAL_BYTES = 128 << 20
 MAX_LINE_BYTES = 16 << 20
 _HEAD_BYTES = 18

@@ -14,6 +14,7 @@ from station.session import strict_json
 from station.session.folder import Folder, open_session
 from station.session.session import MANIFEST_NAME, SCHEMA_VERSION, SessionManifest
 
+# Chosen: far above what 99 stops of two cameras need.
 MAX_MANIFEST_BYTES = 16 << 20
 _REMAKE = "if the journal is intact, `daylit verify --repair` restores it"
 
@@ -107,9 +108,7 @@ def load_manifest(path: Path) -> SessionManifest:
         manifest = read_manifest(folder, name)
     if manifest is None:
         raise SessionNotFoundError(
-            f"no {name} here",
-            where=str(folder_path),
-            advice="name a session folder (one that holds session.json)",
+            f"no {name} here", where=str(folder_path), advice="name a session folder (one that holds session.json)"
         )
     return manifest
 
@@ -121,8 +120,5 @@ def manifest_bytes(manifest: SessionManifest) -> bytes:
 
 def schema_text() -> str:
     """Return the JSON schema of session.json, as kept in docs/schemas/session-1.schema.json."""
-    schema = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **SessionManifest.model_json_schema(),
-    }
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **SessionManifest.model_json_schema()}
     return json.dumps(schema, indent=2, sort_keys=True) + "\n"

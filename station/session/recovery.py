@@ -28,7 +28,7 @@ from station.session.session import (
     WarningRecord,
 )
 
-# The state of a session as its journal tells it: a first manifest and what happened since.
+# The state of a session as its journal has it: a first manifest and what happened since.
 
 
 RECORDS: dict[str, tuple[str, type[Model]]] = {

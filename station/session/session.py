@@ -21,8 +21,7 @@ MAX_ROOM_CHARACTERS = 200
 """Of a room's name; its folder takes 60 of them."""
 SafeText = Annotated[str, StringConstraints(max_length=500)]
 FramePath = Annotated[
-    str,
-    StringConstraints(pattern=r"^(indoor|outdoor|rejected)/[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", max_length=120),
+    str, StringConstraints(pattern=r"^(indoor|outdoor|rejected)/[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", max_length=120)
 ]
 PANORAMA_FOLDER = "given"
 PanoramaPath = Annotated[str, StringConstraints(pattern=r"^given/panorama\.(jpg|png|exr|hdr)$")]

@@ -54,15 +54,7 @@ from station.session.session import (
     folder_name,
 )
 
-__all__ = [
-    "FRAME_CAP_BYTES",
-    "FramePart",
-    "Recovery",
-    "SessionStore",
-    "StoredFrame",
-    "frame_name",
-    "load_manifest",
-]
+__all__ = ["FRAME_CAP_BYTES", "FramePart", "Recovery", "SessionStore", "StoredFrame", "frame_name", "load_manifest"]
 _MAX_NAMESAKES = 999
 
 

@@ -9,13 +9,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from station.errors import (
-    IntegrityError,
-    JournalError,
-    ResourceError,
-    SessionError,
-    SessionNotFoundError,
-)
+from station.errors import IntegrityError, JournalError, ResourceError, SessionError, SessionNotFoundError
 from station.session import durable, recovery
 from station.session.durable import LOCK_NAME, SessionLock
 from station.session.folder import PART_PREFIX, READ_BYTES, Folder, open_session, write_file

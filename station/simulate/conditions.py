@@ -31,8 +31,9 @@ COLUMNS = (
 )
 DAYLIGHT_ONLY, WITH_LAMPS = "YES", "With electrical light"
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+# Chosen: far above the paper's list of 137 sessions.
 MAX_BYTES = 4 * 1024 * 1024
-_TOLD = 8
+_MAX_FAULTS_SHOWN = 8
 _FILTER = {"YES": True, "NO": False, "": False}
 _LAMPS = {DAYLIGHT_ONLY: False, "NO": True, WITH_LAMPS: True}
 
@@ -74,9 +75,9 @@ def load_conditions(path: Path) -> list[Condition]:
     if not found and not faults:
         faults.append("no session in it")
     if faults:
-        more = f"; and {len(faults) - _TOLD} more" if len(faults) > _TOLD else ""
+        more = f"; and {len(faults) - _MAX_FAULTS_SHOWN} more" if len(faults) > _MAX_FAULTS_SHOWN else ""
         raise ConditionsError(
-            "; ".join(faults[:_TOLD]) + more,
+            "; ".join(faults[:_MAX_FAULTS_SHOWN]) + more,
             where=str(path),
             advice="correct these cells; docs/formats.md describes the columns",
             faults=faults,

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 TRUTH_FOLDER = "truth"
 _UNFINISHED = ".unfinished"
+# Chosen: shares of the clock's rate that are tried in turn.
 _SLOWER = (1.0, 0.5, 0.2)
 
 
@@ -47,7 +48,7 @@ class DatasetEvent:
     total: int = 0
 
 
-Tell = Callable[[DatasetEvent], None]
+Listener = Callable[[DatasetEvent], None]
 
 
 @dataclass
@@ -67,10 +68,10 @@ class Summary:
         return {"ok": not self.failed, **vars(self), "into": str(self.into), "failed": failed}
 
 
-def simulate(request: DatasetRequest, tell: Tell = lambda _event: None) -> Summary:
+def simulate(request: DatasetRequest, report: Listener = lambda _event: None) -> Summary:
     """Make the sessions of a data set that are not there yet, and their truths.
 
-    A session that fails is told and left out; the next run tries it again.
+    A session that fails is reported and left out; the next run tries it again.
 
     Raises `ConditionsError`: conditions that cannot be right; `SessionExistsError`: the folder holds a data set made
     with other options; `ResourceError`: the disk is full, or refuses.
@@ -83,49 +84,49 @@ def simulate(request: DatasetRequest, tell: Tell = lambda _event: None) -> Summa
         ledger = Ledger(request.into)
         ledger.require_same(request.made_with)
         for draft in drafts:
-            _attempt(draft, request, ledger, summary, tell)
+            _attempt(draft, request, ledger, summary, report)
     summary.seconds = round(time.monotonic() - begun_s, 1)
     return summary
 
 
-def _attempt(draft: Draft, request: DatasetRequest, ledger: Ledger, summary: Summary, tell: Tell) -> None:
+def _attempt(draft: Draft, request: DatasetRequest, ledger: Ledger, summary: Summary, report: Listener) -> None:
     """Make a session, or note why not: one must not end a night's work. A disk that refuses does."""
     unfinished, name = request.into / _UNFINISHED, draft.name
     shutil.rmtree(unfinished, ignore_errors=True)
     try:
         plan = draft.build()
         name = plan.folder
-        new = _make(plan, request, ledger, tell)
+        new = _make(plan, request, ledger, report)
         (summary.made if new else summary.kept).append(name)
     except ResourceError:
         raise
-    except Exception as error:  # noqa: BLE001 (told, with a report)
-        summary.failed[name] = _told(error)
-        tell(DatasetEvent("failed", name, str(summary.failed[name]["message"])))
+    except Exception as error:  # noqa: BLE001 (reported, with its trace)
+        summary.failed[name] = _failure(error)
+        report(DatasetEvent("failed", name, str(summary.failed[name]["message"])))
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
 
 
-def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, tell: Tell) -> bool:
+def _make(plan: Planned, request: DatasetRequest, ledger: Ledger, report: Listener) -> bool:
     """Make what is missing of a session; returns whether the session itself is new."""
     path = request.into / plan.folder
-    tell(DatasetEvent("begun", plan.folder))
+    report(DatasetEvent("begun", plan.folder))
     manifest = _kept(plan, path, request, ledger)
     new = manifest is None
     if manifest is None:
-        manifest = _capture(plan, request, tell)
+        manifest = _capture(plan, request, report)
     ledger.put(ledger_row(plan, manifest, request))
-    tell(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete since an earlier run"))
+    report(DatasetEvent("made" if new else "kept", plan.folder, "" if new else "complete since an earlier run"))
     truth = request.into / TRUTH_FOLDER / plan.folder
     if request.truth and not truth.is_dir():
         from mocks.rooms.truth import make_truth
 
-        tell(DatasetEvent("rendering", plan.folder, "truth"))
+        report(DatasetEvent("rendering", plan.folder, "truth"))
         unfinished = request.into / _UNFINISHED / TRUTH_FOLDER
         make_truth(room_world(plan, request), unfinished, request.truth_rows)
         truth.parent.mkdir(exist_ok=True)
         unfinished.rename(truth)
-        tell(DatasetEvent("truth", plan.folder))
+        report(DatasetEvent("truth", plan.folder))
     return new
 
 
@@ -151,14 +152,14 @@ def _kept(plan: Planned, path: Path, request: DatasetRequest, ledger: Ledger) ->
     return manifest
 
 
-def _capture(plan: Planned, request: DatasetRequest, tell: Tell) -> SessionManifest:
+def _capture(plan: Planned, request: DatasetRequest, report: Listener) -> SessionManifest:
     """Capture a session aside, then give it its name.
 
     What a busy computer spoils (time-outs, shutters that open apart) is taken anew on a slower clock.
     """
     for share in _SLOWER:
         try:
-            manifest, path = _take(plan, request, request.clock_rate * share, tell)
+            manifest, path = _take(plan, request, request.clock_rate * share, report)
         except DeviceError:
             if share == _SLOWER[-1]:
                 raise
@@ -171,33 +172,33 @@ def _capture(plan: Planned, request: DatasetRequest, tell: Tell) -> SessionManif
     raise SessionError(f"missing: {', '.join(manifest.missing)}", where=plan.folder, advice="run it again")
 
 
-def _take(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> tuple[SessionManifest, Path]:
+def _take(plan: Planned, request: DatasetRequest, rate: float, report: Listener) -> tuple[SessionManifest, Path]:
     """Run the station's own capture; returns the session's manifest and where it is."""
     from station.capture.capture import Capture, CaptureRequest
     from station.capture.events import EventKind
 
-    rig = _rig(plan, request, rate, tell)
+    rig = _rig(plan, request, rate, report)
     try:
         job = Capture.new(rig, CaptureRequest(room=plan.name, into=request.into / _UNFINISHED))
         total, done = job.n_stops * len(rig.cameras), 0
         for event in job.events():
             if event.kind is EventKind.SAVED:
                 done += 1
-                tell(DatasetEvent("capturing", plan.folder, "", done, total))
+                report(DatasetEvent("capturing", plan.folder, "", done, total))
         job.store.close()
         return job.store.manifest, job.store.path
     finally:
         rig.close()
 
 
-def _rig(plan: Planned, request: DatasetRequest, rate: float, tell: Tell) -> Rig:
+def _rig(plan: Planned, request: DatasetRequest, rate: float, report: Listener) -> Rig:
     """Return simulated instruments in the room; their time begins when all pictures are there."""
     from mocks.instruments.bench import BenchOptions, make_bench, render_shots
     from mocks.instruments.clock import ScaledClock
     from station.capture.rig import open_simulated_rig, planned_times_s, simulated_rig_file, wanted_cameras
 
     def on_progress(what: str, done: int, total: int) -> None:
-        tell(DatasetEvent("rendering", plan.folder, what, done, total))
+        report(DatasetEvent("rendering", plan.folder, what, done, total))
 
     file = simulated_rig_file(rig_file(plan), request.size)
     cameras, stops_s, times_s = wanted_cameras(file), file.bracket.stops_s(), planned_times_s(file)
@@ -221,13 +222,13 @@ def _only_one(folder: Path) -> Iterator[None]:
             lock.release()
 
 
-def _told(error: Exception) -> dict[str, object]:
+def _failure(error: Exception) -> dict[str, object]:
     """Return an error for the summary; one that is not ours leaves a report."""
     if isinstance(error, DaylitError):
         return {"code": error.code, "message": str(error)}
     from station.errors import write_crash_report
 
-    report = ""
+    trace = ""
     with suppress(OSError):
-        report = str(write_crash_report(error, ["simulate"]))
-    return {"code": "internal", "message": repr(error), "report": report}
+        trace = str(write_crash_report(error, ["simulate"]))
+    return {"code": "internal", "message": repr(error), "report": trace}

@@ -251,6 +251,7 @@ def test_raw_beside_jpeg_in_the_order_of_the_cameras_own_list() -> None:
 
 
 def test_every_third_stop_is_set_by_its_code() -> None:
+    assert len(SHUTTER_CODES) == 55
     dialogue = CanonDialogue().connect()
     for code in sorted(SHUTTER_CODES):
         dialogue.shutter(code)
@@ -588,7 +589,7 @@ def test_camera_that_never_stops_telling_is_given_up() -> None:
         dialogue.poll(told(SHOTS, n))
     camera, _ = dialogue.start()
     camera.connect()
-    with pytest.raises(DeviceError, match="still telling"):
+    with pytest.raises(DeviceError, match="still sending"):
         camera.status()
 
 
@@ -674,14 +675,16 @@ def test_another_camera_after_a_lost_connection_is_refused() -> None:
     assert transport.closed
 
 
-def test_state_that_was_lost_on_the_way_is_told_again() -> None:
+def test_state_that_was_lost_on_the_way_is_reported_again() -> None:
     dialogue = CanonDialogue()
     dialogue.open().ask(0x1001, gives=device_info(0xB, DEVICE_OPERATIONS, (0xD402,), TEXTS))
     dialogue.ask(0x9114, 1).ask(0x9115, 1).poll().ask(0x9115, 0).ask(0x9115, 1)
     dialogue.poll(first_stream(BEFORE)).poll().ask(0x911C).poll().ask(0x9129, 2).ask(0x9129, 1).poll()
     camera, transport = dialogue.prepare().start()
     camera.connect()
-    assert all(r.honoured for r in camera.prepare(PAPER))
+    readbacks = camera.prepare(PAPER)
+    assert len(readbacks) == 8, "the mode dial and seven settings"
+    assert all(r.honoured for r in readbacks)
     transport.assert_finished()
 
 
@@ -696,5 +699,7 @@ def test_unknown_property_is_asked_for_before_it_is_written() -> None:
     dialogue.ask(0x1007, 0xFFFFFFFF, 0, 0, gives=u32_array([0x91000001]))
     camera, transport = dialogue.start()
     camera.connect()
-    assert all(r.honoured for r in camera.prepare(PAPER))
+    readbacks = camera.prepare(PAPER)
+    assert len(readbacks) == 8, "the mode dial and seven settings"
+    assert all(r.honoured for r in readbacks)
     transport.assert_finished()

@@ -20,7 +20,6 @@ from drivers.canon_5d2.codes import (
     CanonProp,
 )
 from drivers.canon_5d2.operations import (
-    END_OF_STREAM,
     JPEG_LARGE_FINE,
     RAW_FULL,
     AvailableValues,
@@ -48,6 +47,7 @@ from drivers.canon_5d2.settings import (
 )
 from drivers.errors import ProtocolViolationError
 
+END_OF_STREAM = bytes.fromhex("08000000 00000000")
 PAPER_STOPS = {4: 0x28, 1: 0x38, 1 / 4: 0x48, 1 / 15: 0x58, 1 / 60: 0x68, 1 / 250: 0x78, 1 / 1000: 0x88,
                1 / 4000: 0x98, 1 / 8000: 0xA0}  # fmt: skip
 
@@ -91,7 +91,6 @@ def test_published_vectors_decode() -> None:
 
 
 def test_empty_poll_is_exactly_the_end_mark() -> None:
-    assert bytes.fromhex("0800000000000000") == END_OF_STREAM
     assert decode_events(END_OF_STREAM) == ()
 
 
@@ -206,6 +205,7 @@ def test_every_third_stop_code_is_the_legal_one_nearest_to_the_formula() -> None
 
 
 def test_half_stop_codes_lie_between_full_stops() -> None:
+    assert len(SHUTTER_CODES_HALF) == 14
     for code, seconds in SHUTTER_CODES_HALF.items():
         assert code % 8 == 4
         assert abs(code - (0x38 + 8 * math.log2(1 / seconds))) < 1.5
@@ -219,6 +219,7 @@ def test_codes_sorted_are_times_sorted_longest_first() -> None:
 
 @pytest.mark.parametrize("table", [SHUTTER_CODES, SHUTTER_CODES_HALF])
 def test_every_shutter_code_round_trips(table: dict[int, float]) -> None:
+    assert len(table) >= 14
     for code, seconds in table.items():
         assert nearest_shutter_code(seconds, table) == code
 
@@ -242,6 +243,7 @@ def test_nearest_is_by_stops_and_skips_what_is_no_time() -> None:
 
 
 def test_iso_and_aperture_codes_round_trip() -> None:
+    assert (len(ISO_CODES), len(APERTURE_CODES)) == (18, 20)
     for code, iso in ISO_CODES.items():
         assert (iso_code(iso), iso_text(code)) == (code, str(iso))
         assert abs(code - (0x48 + 8 * math.log2(iso / 100))) < 1

@@ -424,7 +424,7 @@ def test_garbled_event_is_dropped_and_counted() -> None:
     session, transport = session_on()
     transport.interrupt.extend([b"\xff" * 16, event(0x4002, 1, 1)])
     assert session.poll_event(0.05) == PtpEvent(0x4002, 1, (1,))
-    assert session.garbled_events == 1
+    assert session._events.garbled == 1
 
 
 def test_halted_event_endpoint_is_cleared_and_read_once_more() -> None:

@@ -95,7 +95,7 @@ def test_mutated_frames_are_refused_by_name_or_indistinguishable(tmp_path: Path)
                 continue
             problem = "accepted" if case.must_refuse else misjudged(found, case.data)
             if problem or found.sha256 in originals:
-                lost.append(f"case {number} ({case.kind}): {problem or 'the digest does not tell'}")
+                lost.append(f"case {number} ({case.kind}): {problem or 'the digest does not show it'}")
         deaths = checker.deaths
     grown_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory_before_kb
     left = reasons["left to SHA-256"]
@@ -106,7 +106,7 @@ def test_mutated_frames_are_refused_by_name_or_indistinguishable(tmp_path: Path)
         lost=len(lost),
         seconds=time.monotonic() - began,
         seed=SEED,
-        notes=f"{left} decode and say what was asked: SHA-256 tells them from the original in verify; "
+        notes=f"{left} decode and say what was asked: SHA-256 shows them in verify; "
         f"worker deaths {deaths}; slowest {slowest_s * 1000:.0f} ms",
     )
     assert not lost
@@ -121,6 +121,8 @@ def test_good_frames_pass_the_same_gate(tmp_path: Path) -> None:
     """The negative control: a gate that refuses everything would pass the test above."""
     path = tmp_path / "frame.jpg"
     with FrameChecker() as checker:
-        for data in good_frames():
+        frames = good_frames()
+        assert len(frames) == 4
+        for data in frames:
             path.write_bytes(data)
             assert isinstance(judged(checker, path), FrameFacts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
+from typing import NamedTuple
 
 from drivers.clock import Clock
 from drivers.ptp.codes import ObjectFormat, Operation, Response
@@ -12,6 +13,13 @@ from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.datasets import ANY, ObjectStore, PropertyTable, StoredObject
 from mocks.instruments.ptp.responder import PtpResponder
 from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
+
+
+class CameraMemory(NamedTuple):
+    """What a camera holds: pictures and settings."""
+
+    store: ObjectStore
+    properties: PropertyTable
 
 
 class SimulatedCamera(PtpResponder):
@@ -28,8 +36,7 @@ class SimulatedCamera(PtpResponder):
         clock: Clock,
         *,
         timing: CameraTiming,
-        store: ObjectStore,
-        properties: PropertyTable,
+        memory: CameraMemory,
         faults: FaultSchedule | None,
         seed: int,
     ) -> None:
@@ -38,8 +45,7 @@ class SimulatedCamera(PtpResponder):
             raise ValueError(f"faults without effect on {identity.model}: {', '.join(sorted(useless))}")
         super().__init__(identity, clock, timing, faults, seed)
         self.rules |= self._object_rules() | self._property_rules()
-        self.store = store
-        self.properties = properties
+        self.store, self.properties = memory
         self.darkroom = Darkroom(shots)
         self.zone = UTC
         self.clock_offset_s = 0.0

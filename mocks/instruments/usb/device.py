@@ -14,6 +14,7 @@ from mocks.instruments.ptp.responder import PtpResponder
 from mocks.instruments.ptp.wire import Request
 from mocks.instruments.usb.framing import BULK_PACKET_BYTES, CutError, InPipe, InTransfer, LinkError, frame_answer
 
+# Chosen: nothing that a driver sends comes near.
 MAX_DATA_OUT_BYTES = 1 << 20
 ENDLESS_S = 3600.0
 WAIT_SLICE_S = 0.25

@@ -381,7 +381,7 @@ def test_extended_listings() -> None:
     assert struct.unpack_from("<II", info)[1] == len(CanonEvent)
 
 
-def test_the_lens_and_the_dial_are_told() -> None:
+def test_the_lens_and_the_dial_are_reported() -> None:
     bench = Bench(options=CanonOptions(lens_manual=False, ae_mode=2))
     values = bench.camera.settings.values
     assert (values[CanonProp.FOCUS_MODE], values[CanonProp.AUTO_EXPOSURE_MODE]) == (0, 2)

@@ -85,6 +85,7 @@ def test_pictures_hold_the_luminance_of_every_patch(site):
             range(size[1]),
         )
     )
+    assert len(room.patch_luminances_cd_m2) == len(PATCHES) == 24
     for direction, expected in zip(room.patch_directions(site), room.patch_luminances_cd_m2, strict=True):
         x, y = optics.lens.pixel_of(tuple(direction), size)
         assert image[int(y), int(x)] == pytest.approx(expected, rel=0.01)
@@ -92,6 +93,7 @@ def test_pictures_hold_the_luminance_of_every_patch(site):
 
 def test_both_sites_see_the_same_luminances():
     room = ChartRoom()
+    assert len(room.patch_luminances_cd_m2) == len(PATCHES) == 24
     for site in Site:
         seen = luminance_cd_m2(room.radiance(site, room.patch_directions(site)))
         np.testing.assert_allclose(seen, room.patch_luminances_cd_m2, rtol=1e-5)

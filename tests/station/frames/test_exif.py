@@ -180,18 +180,20 @@ def test_zones(said, minutes):
     assert parse_offset(said) == minutes
 
 
-@settings(max_examples=400, deadline=None)
-@given(st.integers(0, 2**32))
-def test_any_change_gives_facts_or_a_named_problem(seed):
+def test_any_change_gives_facts_or_a_named_problem():
+    changed = [facts_or_none(changed_block(seed)) for seed in range(1000)]
+    found = [facts for facts in changed if facts is not None]
+    assert 50 < len(found) < 500, "some changes leave sound facts, most are refused"
+    assert all(facts.exposure_s is None or 0 < facts.exposure_s <= 3600 for facts in found)
+    assert all(facts.make.isprintable() for facts in found)
+
+
+def changed_block(seed):
     rng = random.Random(seed)
     data = bytearray(exif(0.25).tobytes()[6:])
     for _ in range(rng.randint(1, 8)):
         data[rng.randrange(len(data))] = rng.choice([0, 1, 8, 255, rng.randrange(256)])
-    data = data[: rng.randint(0, len(data))] if rng.random() < 0.2 else data
-    facts = facts_or_none(bytes(data))
-    if facts is not None:
-        assert facts.exposure_s is None or 0 < facts.exposure_s <= 3600
-        assert facts.make.isprintable()
+    return bytes(data[: rng.randint(0, len(data))] if rng.random() < 0.2 else data)
 
 
 @pytest.mark.shared

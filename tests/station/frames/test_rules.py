@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from station.errors import FrameRejectedError
 from station.frames.facts import ExifRecord, ExpectedFrame, FrameFacts, Reason
-from station.frames.rules import check_not_too_dark, check_order, judge, same_stop, seconds_text, stops_between
+from station.frames.rules import check_not_too_dark, check_order, judge, same_stop, seconds_text
 
 NOMINAL = (
     "30 25 20 15 13 10 8 6 5 4 3.2 2.5 2 1.6 1.3 1 0.8 0.6 0.5 0.4 0.3 1/4 1/5 1/6 1/8 1/10 1/13 1/15 1/20 1/25 1/30 "
@@ -78,13 +78,16 @@ def test_real_forms_of_one_stop():
     assert not same_stop(1 / 60, 1 / 50)
 
 
-@given(st.floats(1e-5, 3600), st.floats(1e-5, 3600))
-def test_same_stop_is_mutual_and_narrow(a_s, b_s):
-    if same_stop(a_s, b_s):
-        assert abs(stops_between(a_s, b_s)) < 1 / 3
-    if abs(stops_between(a_s, b_s)) < 0.11:
-        assert same_stop(a_s, b_s)
-        assert same_stop(b_s, a_s)
+@given(st.floats(1e-5, 3600), st.floats(1 / 3, 20))
+def test_times_a_third_of_a_stop_apart_are_two_stops(a_s, stops):
+    assert not same_stop(a_s, a_s * 2**stops)
+    assert not same_stop(a_s * 2**stops, a_s)
+
+
+@given(st.floats(1e-5, 3600), st.floats(-0.11, 0.11))
+def test_times_close_together_are_one_stop(a_s, stops):
+    assert same_stop(a_s, a_s * 2**stops)
+    assert same_stop(a_s * 2**stops, a_s)
 
 
 @pytest.mark.parametrize(

@@ -202,10 +202,13 @@ def test_the_json_test_suite() -> None:
 @needs_shared
 @pytest.mark.shared
 def test_the_handmade_hostile_json() -> None:
-    for file in sorted((DAMAGED / "handmade").glob("*.json")):
+    files = sorted((DAMAGED / "handmade").glob("*.json"))
+    assert files
+    for file in files:
         with pytest.raises(ManifestError):
             load_manifest(file)
     listed = json.loads((DAMAGED / "handmade" / "manifest_traversal.json").read_bytes())
+    assert listed["files"]
     for entry in listed["files"]:
         with pytest.raises(ManifestError):
             parse_manifest(text(frames=[frame(file=entry["path"])]), "session.json")

@@ -117,7 +117,9 @@ def test_the_list_of_what_is_there_has_the_columns_of_the_conditions(made: tuple
     assert tuple(rows[0]) == LEDGER_COLUMNS
     assert [r["session"] for r in rows] == [NAMES[0], NAMES[2], NAMES[1]], "by index"
     again = {c.index: c for c in load_conditions(made[0] / "set" / "dataset.csv")}
-    for asked in load_conditions(made[0] / "conditions.csv"):
+    wanted = load_conditions(made[0] / "conditions.csv")
+    assert len(wanted) == len(again) == 3
+    for asked in wanted:
         found = again[asked.index]
         for same in ("scene", "local", "outdoor_local", "heading_deg", "nd_filter", "lamps_on"):
             assert getattr(found, same) == getattr(asked, same)
@@ -167,7 +169,7 @@ def test_rooms_by_seed_have_their_own_places_and_times(tmp_path: Path) -> None:
         assert abs(off / timedelta(hours=1) - room.moment.longitude_deg / 15) <= 0.5
 
 
-def test_one_that_fails_is_told_and_the_next_run_makes_it(
+def test_one_that_fails_is_reported_and_the_next_run_makes_it(
     copied: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def broken(_plan: Planned, _request: DatasetRequest) -> SimpleRoom:
