@@ -8,10 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from processing.ground.arrays import Doubles
-from processing.layout.furniture.model import Material, Part, Size
-from processing.layout.furniture.solids import Spot, box, leg, square_leg, tube
-from processing.layout.furniture.styles import Style
-from processing.layout.furniture.surface import CREASE_RAD, Solid, box_uv, joined, part_of
+from processing.layout.furniture.model import Material, Part, Size, Style
+from processing.layout.furniture.solids import (
+    CREASE_RAD,
+    Solid,
+    Spot,
+    box,
+    box_uv,
+    joined,
+    leg,
+    part_of,
+    square_leg,
+    tube,
+)
 
 
 @dataclass

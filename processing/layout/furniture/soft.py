@@ -5,8 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from processing.ground.arrays import Doubles
-from processing.layout.furniture.solids import Spot, cleaned, cube_grid, rounded_rectangle, tube
-from processing.layout.furniture.surface import Solid, corner_normals, joined, solid
+from processing.layout.furniture.solids import (
+    Solid,
+    Spot,
+    cleaned,
+    corner_normals,
+    cube_grid,
+    joined,
+    rounded_rectangle,
+    solid,
+    tube,
+)
 
 
 def pad(low: Spot, high: Spot, edge_m: float, puff_m: float | Spot, *, inner: int = 8, steps: int = 3) -> Solid:

@@ -19,7 +19,7 @@ from processing.ground.arrays import Floats
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN
 from processing.layout.furniture.model import FurnitureModel, Part
-from processing.layout.furniture.surface import rotation
+from processing.layout.furniture.solids import rotation
 from processing.layout.models.catalogue import Catalogue
 
 

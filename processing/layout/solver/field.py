@@ -160,7 +160,7 @@ def _offsets(levels: Doubles, depth_m: float) -> Doubles:
     if high < low - 1e-7:
         return np.empty(0)
     steps = np.arange(low, high + 1e-9, OFFSET_M)
-    wanted = np.sort(np.concatenate([levels, levels - depth_m, [0.5 * (low + high), high], steps]))
+    wanted: Doubles = np.sort(np.concatenate([levels, levels - depth_m, [0.5 * (low + high), high], steps]))
     wanted = wanted[(wanted >= low - 1e-9) & (wanted <= high + 1e-9)]
     wanted = wanted[np.concatenate([[True], np.diff(wanted) > 0.02])]
     if len(wanted) > MOST_OFFSETS:

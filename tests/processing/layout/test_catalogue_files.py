@@ -13,9 +13,8 @@ from PIL import Image
 
 from processing.errors import CatalogueError, ModelFileError
 from processing.layout.arrangement import Arrangement, PlacedItem
-from processing.layout.furniture.surface import signed_volume_m3
-from processing.layout.models.catalogue import Catalogue
-from processing.layout.models.catalogue_names import category_of
+from processing.layout.furniture.solids import signed_volume_m3
+from processing.layout.models.catalogue import Catalogue, category_of
 from processing.layout.models.scene_files import in_place, write_arrangement, write_model
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "furniture"
