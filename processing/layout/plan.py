@@ -9,14 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
+import shapely
+from shapely.geometry import LineString, Point, Polygon
+from shapely.ops import nearest_points
 
 from processing.errors import PlanError
 from processing.ground.arrays import Doubles
 from processing.ground.room_model import OpeningKind, RoomModel
 
+TOUCHING_M = 1e-9
+"""Edges nearer than this touch (chosen: rounding of coordinates in metres)."""
 SAME_POINT_M = 1e-4
 """Corners nearer than this are one corner."""
 
@@ -35,13 +41,13 @@ class Repaired:
 
 
 def signed_area(ring: Doubles) -> float:
-    """Return the area in m2, positive where the ring runs counter-clockwise."""
+    """Return the area in m2 of a ring (N, 2) in metres, positive where it runs counter-clockwise."""
     x, y = ring[:, 0], ring[:, 1]
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def repaired_ring(points: Doubles, *, where: str, clockwise: bool = False) -> Repaired:
-    """Return the ring without repeated corners and the right way round.
+    """Return a ring (N, 2), metres, without repeated corners and the right way round.
 
     Raises `PlanError` for fewer than three corners, values that are no numbers, no area, and a ring that crosses or
     touches itself (the two edges and the place are named).
@@ -83,55 +89,24 @@ def _without_repeats(ring: Doubles) -> tuple[list[int], list[str]]:
 
 
 def _refuse_crossings(ring: Doubles, where: str) -> None:
-    count = len(ring)
     ends = np.roll(ring, -1, axis=0)
-    for i in range(count):
-        for j in range(i + 1, count):
-            adjacent = j == i + 1 or (i == 0 and j == count - 1)
-            place = _fold(ring, i, j) if adjacent else _meeting(ring[i], ends[i], ring[j], ends[j])
-            if place is not None:
-                raise PlanError(
-                    f"edge {i} crosses or touches edge {j} at ({place[0]:.3f}, {place[1]:.3f})",
-                    where=where,
-                    likely="corners in the wrong order",
-                    edges=[i, j],
-                    at_m=[round(place[0], 4), round(place[1], 4)],
-                )
-
-
-def _fold(ring: Doubles, i: int, j: int) -> tuple[float, float] | None:
-    """Return the corner where two neighbouring edges run back over each other, or None."""
-    count = len(ring)
-    corner = j if j == i + 1 else i
-    back = ring[corner - 1] - ring[corner]
-    ahead = ring[(corner + 1) % count] - ring[corner]
-    cross = back[0] * ahead[1] - back[1] * ahead[0]
-    lengths = float(np.hypot(*back) * np.hypot(*ahead))
-    if abs(cross) < 1e-9 * lengths and float(back @ ahead) > 0:
-        return float(ring[corner][0]), float(ring[corner][1])
-    return None
-
-
-def _meeting(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> tuple[float, float] | None:
-    """Return a common point of two closed segments, or None."""
-    r, s = b - a, d - c
-    cross = float(r[0] * s[1] - r[1] * s[0])
-    ac = c - a
-    if abs(cross) < 1e-12:
-        if abs(ac[0] * r[1] - ac[1] * r[0]) > 1e-9 * np.hypot(*r):
-            return None
-        along = np.sort(np.array([ac @ r, (d - a) @ r]) / float(r @ r))
-        if along[0] > 1 or along[1] < 0:
-            return None
-        at = a + max(0.0, float(along[0])) * r
-        return float(at[0]), float(at[1])
-    t = float(ac[0] * s[1] - ac[1] * s[0]) / cross
-    u = float(ac[0] * r[1] - ac[1] * r[0]) / cross
-    slack = 1e-12
-    if -slack <= t <= 1 + slack and -slack <= u <= 1 + slack:
-        at = a + t * r
-        return float(at[0]), float(at[1])
-    return None
+    edges = [LineString(pair) for pair in zip(ring, ends, strict=True)]
+    for i, j in combinations(range(len(ring)), 2):
+        if j == i + 1 or (i == 0 and j == len(ring) - 1):
+            # Neighbours share a corner; they fold back where the far end of one lies on the other.
+            far, corner = ((ring[i], ends[j]), ring[j]) if j == i + 1 else ((ends[i], ring[j]), ring[i])
+            met = min(edges[j].distance(Point(far[0])), edges[i].distance(Point(far[1]))) < TOUCHING_M
+        else:
+            met, corner = edges[i].distance(edges[j]) < TOUCHING_M, None
+        if met:
+            at = corner if corner is not None else nearest_points(edges[i], edges[j])[0].coords[0]
+            raise PlanError(
+                f"edge {i} crosses or touches edge {j} at ({at[0]:.3f}, {at[1]:.3f})",
+                where=where,
+                likely="corners in the wrong order",
+                edges=[i, j],
+                at_m=[round(float(at[0]), 4), round(float(at[1]), 4)],
+            )
 
 
 Hinge: TypeAlias = Literal["left", "right", "unknown"]
@@ -203,7 +178,7 @@ class FloorPlan:
         return signed_area(self.corners) + sum(signed_area(hole) for hole in self.holes)
 
     def edge(self, index: int) -> tuple[Doubles, Doubles, float]:
-        """Return an edge's first corner, its unit direction and its length in metres."""
+        """Return an edge's first corner, shape (2,), its unit direction (2,) and its length in metres."""
         start = self.corners[index]
         along = self.corners[(index + 1) % len(self.corners)] - start
         length_m = float(np.hypot(*along))
@@ -221,7 +196,7 @@ def make_plan(
     name: str = "room",
     notes: Sequence[str] = (),
 ) -> FloorPlan:
-    """Return the plan with what can be repaired repaired and noted.
+    """Return the plan with what can be repaired repaired and noted; `corners` (N, 2) and each hole in metres.
 
     Raises `PlanError` for polygons that cross themselves or have no area, openings that are not on their edge, columns
     outside the floor, and heights that no room has.
@@ -229,7 +204,7 @@ def make_plan(
     if not (math.isfinite(ceiling_height_m) and 1.5 <= ceiling_height_m <= 30):
         raise PlanError(f"a ceiling {ceiling_height_m} m high; 1.5 to 30 m can be", where=name)
     floor = repaired_ring(_as_array(corners, name), where=name)
-    told = [*notes, *floor.notes]
+    repairs = [*notes, *floor.notes]
     columns = []
     for index, hole in enumerate(holes):
         column = repaired_ring(
@@ -237,11 +212,11 @@ def make_plan(
         )
         _refuse_outside(floor.ring, column.ring, f"{name}, column {index}")
         columns.append(column.ring)
-        told += [f"column {index}: {note}" for note in column.notes]
+        repairs += [f"column {index}: {note}" for note in column.notes]
     plan = FloorPlan(floor.ring, tuple(columns), float(ceiling_height_m), name=name)
     moved = {old: new for new, old in enumerate(floor.edge_from)}
-    kept_doors = tuple(_placed(plan, door, moved, floor.turned, told) for door in doors)
-    kept_windows = tuple(_placed(plan, window, moved, floor.turned, told) for window in windows)
+    kept_doors = tuple(_placed(plan, door, moved, floor.turned, repairs) for door in doors)
+    kept_windows = tuple(_placed(plan, window, moved, floor.turned, repairs) for window in windows)
     for window in kept_windows:
         _refuse_heights(window, name)
     for x, y in keep_free:
@@ -252,7 +227,7 @@ def make_plan(
         doors=kept_doors,
         windows=kept_windows,
         keep_free=tuple((float(x), float(y)) for x, y in keep_free),
-        notes=tuple(told),
+        notes=tuple(repairs),
     )
 
 
@@ -301,12 +276,7 @@ def _refuse_outside(ring: Doubles, column: Doubles, where: str) -> None:
 
 
 def _inside(ring: Doubles, point: Doubles) -> bool:
-    """Tell whether a point lies inside a ring (even-odd)."""
-    a, b = ring, np.roll(ring, -1, axis=0)
-    spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = a[:, 0] + (point[1] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-    return bool(np.count_nonzero(spans & (x > point[0])) % 2)
+    return bool(shapely.intersects_xy(Polygon(ring), *point))
 
 
 def from_room_model(room: RoomModel, *, keep_camera_free: bool = False, name: str = "room") -> FloorPlan:

@@ -108,7 +108,7 @@ class Judge:
         return Verdict(found, tuple(n for n in range(len(self._ways)) if n not in self._needed))
 
     def passes(self, pieces: Sequence[Piece], *, fits: bool = False) -> bool:
-        """Tell whether no rule is broken; ends at the first that is. `fits`: no need to look for overlaps again."""
+        """Return whether no rule is broken; ends at the first that is. `fits`: no need to look for overlaps again."""
         return next(self._violations(pieces, fits=fits), None) is None
 
     def _violations(self, pieces: Sequence[Piece], *, fits: bool = False) -> Iterator[Violation]:
@@ -176,7 +176,7 @@ def _within(rule: str, what: str, piece: Piece, shape: Polygon, areas: Sequence[
 
 
 def _deep(shape: Any) -> bool:
-    """Tell whether an overlap is more than contact."""
+    """Return whether an overlap is more than contact."""
     return bool(shape.area > 0 and shape.area > DEEP_M * max(shape.length / 2, 1e-3))
 
 

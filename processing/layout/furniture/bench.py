@@ -37,7 +37,7 @@ class Bench:
         self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Doubles | None = None,
         crease_rad: float = float(CREASE_RAD),
     ) -> None:  # fmt: skip
-        """Add a body; its texture's v runs along axis `grain` of it as it was made, or `uv` (m, 3, 2) is taken."""
+        """Add a body; its texture's v runs along axis `grain` of it as made, or `uv` (F, 3, 2) metres is taken."""
         for one in [body] if isinstance(body, Solid) else body:
             place = uv
             if place is None and material.texture is not None:
@@ -55,7 +55,7 @@ class Bench:
         grain: int | None = None,
         steps: int = 1,
     ) -> None:
-        """Add a board or block between two corners; its grain runs along its longest side unless told."""
+        """Add a board or block between two corners; its grain runs along its longest side unless given."""
         if any(h - lo <= 1e-4 for lo, h in zip(low, high, strict=True)):
             return
         run = int(np.argmax(np.subtract(high, low))) if grain is None else grain

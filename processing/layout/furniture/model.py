@@ -51,14 +51,14 @@ class Material:
 
 
 def linear_of_srgb(values: Bytes) -> Floats:
-    """Return linear values in [0, 1] of sRGB bytes."""
+    """Return linear values in [0, 1] of sRGB bytes, the same shape."""
     table = np.arange(256) / 255.0
     table = np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4).astype(np.float32)
     return np.asarray(table[values], dtype=np.float32)
 
 
 def srgb_of_linear(values: npt.ArrayLike) -> Bytes:
-    """Return sRGB bytes of linear values, clipped to [0, 1]; to the nearest of 65,536 levels."""
+    """Return sRGB bytes, the same shape, of linear values, clipped to [0, 1]; to the nearest of 65,536 levels."""
     v = np.clip(np.asarray(values, dtype=np.float32), 0.0, 1.0)
     return np.asarray(_srgb_table()[np.rint(65535 * v).astype(np.uint16)], dtype=np.uint8)
 
@@ -85,7 +85,7 @@ class Part:
     material: Material
 
     def texture_coordinates(self) -> Floats | None:
-        """Return UVs that count textures, whatever the unit of `uv`."""
+        """Return UVs (N, 2) that count textures, whatever the unit of `uv`."""
         if self.uv is None or self.material.texture_m is None:
             return self.uv
         return np.asarray(self.uv / np.array(self.material.texture_m, dtype=np.float32), dtype=np.float32)
@@ -112,12 +112,12 @@ class FurnitureModel:
         return sum(len(part.faces) for part in self.parts)
 
     def bounds(self) -> tuple[Floats, Floats]:
-        """Return the lowest and highest corner."""
+        """Return the lowest and highest corner, each of shape (3,), metres."""
         return bounds_of([part.vertices for part in self.parts])
 
 
 def bounds_of(sets: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return the lowest and highest corner of several sets of points."""
+    """Return the lowest and highest corner, each of shape (3,), of several sets of points (N, 3) in metres."""
     low = np.min([v.min(axis=0) for v in sets], axis=0)
     high = np.max([v.max(axis=0) for v in sets], axis=0)
     return low, high
@@ -133,7 +133,7 @@ LEATHER_M = (0.30, 0.30)
 
 
 def noise(shape: tuple[int, int], wave: tuple[float, float], seed: int) -> Doubles:
-    """Return periodic Gaussian noise of unit deviation; `wave` is its grain in pixels down and across."""
+    """Return periodic Gaussian noise of unit deviation, of the given shape; `wave`: its grain in pixels, down and across."""
     rng = np.random.default_rng(seed)
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     keep = np.exp(-2 * np.pi**2 * ((fy * wave[0] / 2.4) ** 2 + (fx * wave[1] / 2.4) ** 2))

@@ -41,13 +41,13 @@ class Solid:
 
 
 def solid(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
-    """Return a solid whose rest positions are its vertices."""
+    """Return a solid of vertices (N, 3), metres, and faces (F, 3), whose rest positions are its vertices."""
     points = np.asarray(vertices, dtype=np.float64)
     return Solid(points, np.asarray(faces, dtype=np.int64), points)
 
 
 def rotation(axis: str, angle_rad: float) -> Doubles:
-    """Return the matrix of a right-handed turn about x, y or z."""
+    """Return the rotation matrix, shape (3, 3), of a right-handed turn about x, y or z."""
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
     matrix = np.eye(3)
@@ -67,19 +67,19 @@ def joined(solids: list[Solid]) -> Solid:
 
 
 def signed_volume_m3(vertices: Doubles, faces: Int64s) -> float:
-    """Return the volume enclosed; negative where triangles wind inwards."""
+    """Return the volume in m3 that vertices (N, 3) and faces (F, 3) enclose; negative where triangles wind inwards."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def crosses(vertices: Doubles, faces: Int64s) -> Doubles:
-    """Return (m, 3): normals of the faces, as long as twice their area."""
+    """Return (F, 3) normals of faces (F, 3) over vertices (N, 3), as long as twice their area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
 
 def corner_normals(vertices: Doubles, faces: Int64s, crease_rad: float = CREASE_RAD) -> Doubles:
-    """Return (m, 3, 3): each corner's normal, the area-weighted mean of the faces around it within a crease."""
+    """Return (F, 3, 3): each corner's normal, the area-weighted mean of the faces around it within a crease."""
     cross = crosses(vertices, faces)
     unit = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-300)
     corner_vertex = faces.ravel()
@@ -100,7 +100,7 @@ def corner_normals(vertices: Doubles, faces: Int64s, crease_rad: float = CREASE_
 
 
 def box_uv(rest: Doubles, faces: Int64s, grain: int) -> Doubles:
-    """Return (m, 3, 2): the corners' places in metres, seen along the axis each face looks to; v is the grain."""
+    """Return (F, 3, 2): the corners' places in metres, seen along the axis each face looks to; v is the grain."""
     facing = np.argmax(np.abs(crosses(rest, faces)) + np.array([3e-12, 2e-12, 1e-12]), axis=1)
     others = np.array([[a for a in range(3) if a != f] for f in range(3)])[facing]
     swap = others[:, 0] == grain
@@ -113,7 +113,7 @@ def box_uv(rest: Doubles, faces: Int64s, grain: int) -> Doubles:
 
 
 def part_of(body: Solid, material: Material, uv: Doubles | None = None, crease_rad: float = CREASE_RAD) -> Part:
-    """Return a solid as a part: its vertices divided where normals or texture coordinates (m, 3, 2) differ."""
+    """Return a solid as a part: its vertices divided where normals or texture coordinates (F, 3, 2) differ."""
     normals = corner_normals(body.vertices, body.faces, crease_rad).reshape(-1, 3)
     owner = body.faces.ravel()
     columns = [owner, *np.rint(normals.T * 2e4).astype(np.int64)]
@@ -139,7 +139,7 @@ Spot = tuple[float, float, float]
 
 
 def loft(rings: npt.ArrayLike) -> Solid:
-    """Return the skin over (m, n, 3) rings with fans as ends; rings run counter-clockwise seen from the last one.
+    """Return the skin over (M, N, 3) rings with fans as ends; rings run counter-clockwise seen from the last one.
 
     Rings whose points all coincide are fine as ends (a tip).
     """
@@ -160,7 +160,7 @@ def loft(rings: npt.ArrayLike) -> Solid:
 
 
 def cleaned(vertices: Doubles, faces: npt.NDArray[np.int64]) -> Solid:
-    """Return a solid whose coinciding vertices are one and which has no face without area."""
+    """Return a solid of vertices (N, 3), faces (F, 3), coinciding vertices made one, faces without area left out."""
     key = np.rint(vertices * 1e7).astype(np.int64)
     with np.errstate(over="ignore"):
         mixed = key @ np.array([73856093, 19349669000003, 83492791000000007], dtype=np.int64)
@@ -179,7 +179,7 @@ def box(low: Spot, high: Spot, bevel_m: float = 0.003, steps: int = 1) -> Solid:
 
 
 def cube_grid(half: Doubles, r: float, steps: int, inner: int) -> Solid:
-    """Return a box of half extents with edges of radius r, its flat fields divided `inner` times; rest is itself."""
+    """Return a box of half extents, shape (3,), edges of radius r, flat fields divided `inner` times; rest is itself."""
     lattice, faces = _lattice(steps, inner)
     core = half - r
     turn = np.tan(np.pi / 4 * np.linspace(0, 1, steps + 1)) if steps else np.zeros(1)
@@ -228,13 +228,13 @@ def _lattice(steps: int, inner: int) -> tuple[Int64s, Int64s]:
 
 
 def circle(radius_m: float, sides: int, z: float = 0.0, start_rad: float = 0.0) -> Doubles:
-    """Return (sides, 3): a ring about the z axis, counter-clockwise seen from above; extents are exact for 4k sides."""
+    """Return a ring, shape (sides, 3), about z, counter-clockwise seen from above; extents are exact for 4k sides."""
     a = start_rad + 2 * np.pi * np.arange(sides) / sides
     return np.stack([radius_m * np.cos(a), radius_m * np.sin(a), np.full(sides, z)], axis=1)
 
 
 def rounded_rectangle(width_m: float, depth_m: float, radius_m: float, z: float = 0.0, steps: int = 5) -> Doubles:
-    """Return a ring of 4 (steps + 1) points about the z axis."""
+    """Return a ring, shape (4 (steps + 1), 3) in metres, about the z axis."""
     r = min(radius_m, width_m / 2 - 1e-4, depth_m / 2 - 1e-4)
     ring = []
     for k, (sx, sy) in enumerate(((1, 1), (-1, 1), (-1, -1), (1, -1))):
@@ -274,7 +274,7 @@ def vessel(profile: Sequence[tuple[float, float]], wall_m: float, sides: int = 3
 
 
 def tube(path: npt.ArrayLike, radius_m: float | Sequence[float], sides: int = 12, *, closed: bool = False) -> Solid:
-    """Return a round bar along (m, 3) points with slightly rounded ends; a ring where `closed`."""
+    """Return a round bar along (N, 3) points with slightly rounded ends; a ring where `closed`."""
     p = np.asarray(path, dtype=np.float64)
     radii = np.broadcast_to(np.asarray(radius_m, dtype=np.float64), len(p))
     if closed:
@@ -343,7 +343,7 @@ def square_leg(foot: Spot, hip: Spot, foot_m: float, hip_m: float, bevel_m: floa
 
 
 def curve(points: Sequence[Spot], steps: int = 8) -> Doubles:
-    """Return a smooth line through points (Catmull and Rom's)."""
+    """Return a smooth line (N, 3) through points (Catmull and Rom's)."""
     p = np.asarray(points, dtype=np.float64)
     if len(p) < 3:
         return p

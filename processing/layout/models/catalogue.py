@@ -84,7 +84,7 @@ APART = {"desklamp": "desk lamp", "bedside": "bedside", "nightstand": "nightstan
 
 
 def category_of(name: str) -> str:
-    """Return the category that a file's or model's name tells; `other` where it tells none."""
+    """Return the category that a file's or model's name stands for; `other` where it stands for none."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|[^A-Za-z0-9]+", " ", name).lower()
     words = {part for word in spaced.split() for part in APART.get(word, word).split()}
     words |= {word[:-1] for word in words if word.endswith("s") and len(word) > 3}
@@ -114,7 +114,7 @@ class CatalogueEntry:
 
     @property
     def placeable(self) -> bool:
-        """Tell whether the item table has its category, and so its use zones."""
+        """Whether the item table has its category, and so its use zones."""
         return self.category in KINDS
 
     @property
@@ -211,7 +211,7 @@ class Catalogue:
 
     @classmethod
     def at(cls, path: Path) -> Catalogue:
-        """Return the catalogue of a folder of either kind, told by its files."""
+        """Return the catalogue of a folder of either kind, recognised by its files."""
         future = path.is_dir() and any(
             (folder / "model_info.json").is_file()
             for folder in (path, *sorted(p for p in path.iterdir() if p.is_dir()))

@@ -78,11 +78,11 @@ def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[F
     files = _files(path)
     if not files:
         raise CatalogueError(f"no {', '.join(SUFFIXES)} files in it", where=str(path))
-    told = _told(path, files)
+    listed = _listed(path, files)
     licence = _licence(path)
     sources: dict[str, FileSource] = {}
     for file in files:
-        row = told.get(file.resolve(), {})
+        row = listed.get(file.resolve(), {})
         given = _given(row, file.name)
         given = replace(given, unit=unit or given.unit, front=front or given.front)
         own = _licence(file.parent) if file.parent != path else ""
@@ -120,9 +120,9 @@ def _files(root: Path) -> list[Path]:
     return found
 
 
-def _told(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
+def _listed(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
     """Return what `catalog.json` files say, by file; raise `CatalogueError` where one cannot be read."""
-    told: dict[Path, dict[str, Any]] = {}
+    listed: dict[Path, dict[str, Any]] = {}
     for folder in sorted({root, *(f.parent for f in files), *(f.parent.parent for f in files)}):
         catalog = folder / "catalog.json"
         if not folder.is_relative_to(root) or not catalog.is_file():
@@ -138,8 +138,8 @@ def _told(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
         for key, row in rows.items():
             file = row.get("file") or row.get("obj") or row.get("model") or key
             if isinstance(file, str) and "\0" not in file and len(file) < 500:
-                told[(folder / file).resolve()] = row
-    return told
+                listed[(folder / file).resolve()] = row
+    return listed
 
 
 def _given(row: dict[str, Any], where: str) -> Given:
@@ -161,7 +161,7 @@ def _number(value: Any, where: str) -> float:
 
 
 def _category(row: dict[str, Any], name: str) -> tuple[str, tuple[str, ...]]:
-    """Return a model's category, and a note where the one that is told is not understood.
+    """Return a model's category, and a note where the one that is given is not understood.
 
     What `category` says goes first, by its words where it is none of ours; but where it says no more than chair or
     table, the model's own name or the file's may be more exact.

@@ -346,7 +346,7 @@ def _raw_part(mesh: Any) -> tuple[RawPart | None, list[str]]:
 
 
 def _material(visual: Any, notes: list[str], *, textured: bool) -> Material:
-    """Return trimesh's material in our terms; what cannot be told is plain grey."""
+    """Return trimesh's material in our terms; what it does not say is plain grey."""
     given = getattr(visual, "material", None)
     name = _shown(getattr(given, "name", None) or "unnamed")
     if given is None:

@@ -89,7 +89,7 @@ def _winding(vertices: Doubles, faces: Int64s) -> tuple[Flags, bool]:
     part = np.einsum("ij,ij->i", p - middle, np.cross(q - middle, r - middle))
     volume = np.bincount(piece, part, minlength=pieces)
     mostly = np.bincount(piece, turn, minlength=pieces) > 0.5 * np.bincount(piece, minlength=pieces)
-    # Open pieces keep the winding that most of their faces have; closed ones are told by their volume.
+    # Open pieces keep the winding that most of their faces have; closed ones that of a positive volume.
     flip = np.where(odd, mostly, volume < 0)
     return turn ^ flip[piece], not odd.any()
 
@@ -158,7 +158,7 @@ def usual_size(category: str) -> Size:
 
 
 def posed(points: Doubles, category: str, given: Given, *, y_up: bool) -> tuple[Doubles, tuple[str, ...]]:
-    """Return (4, 4), from a file's axes to an item's, and what was guessed or corrected.
+    """Return a transform (4, 4) of points (N, 3), a file's axes to an item's, and what was guessed or corrected.
 
     `points` are all of its vertices; `y_up` says that the format itself has y upwards (glTF).
     """
@@ -217,7 +217,7 @@ def _front_turn(standing: Doubles, category: str, given: Given, notes: list[str]
 
 
 def _across(extent: Doubles, category: str, given: Given) -> bool | None:
-    """Return whether its width lies along y, from its proportions; None where they do not tell."""
+    """Return whether its width lies along y, from its proportions; None where they leave it open."""
     if given.size_m is not None:
         turned, straight = _misfit(extent[[1, 0, 2]], given.size_m), _misfit(extent, given.size_m)
         return None if abs(turned - straight) < 0.05 else turned < straight
@@ -277,5 +277,5 @@ def _scale(extent: Doubles, category: str, given: Given, notes: list[str]) -> Do
         return each * UNITS[best]
     scale = float(np.exp(-ratio.mean()))
     usual = category if category != "other" else "size"
-    notes.append(f"its unit could not be told: scaled by {scale:.4g} to a usual {usual}")
+    notes.append(f"its unit is unknown: scaled by {scale:.4g} to a usual {usual}")
     return each * scale

@@ -103,5 +103,5 @@ def _trimesh(part: Part) -> Any:
 
 
 def y_up(vectors: Floats) -> Floats:
-    """Return (n, 3) vectors of our frame (z up) in glTF's (y up)."""
+    """Return (N, 3) vectors of our frame (z up) in glTF's (y up)."""
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32)

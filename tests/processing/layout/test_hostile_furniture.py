@@ -160,7 +160,7 @@ READ_ALL = """
 import sys
 from pathlib import Path
 from processing.errors import ModelFileError
-from processing.layout.catalogue_folder import FileSource, load_model
+from processing.layout.models.catalogue_folder import FileSource, load_model
 for name in sys.argv[1:]:
     path = Path(name)
     try:
