@@ -224,7 +224,7 @@ class _Model:
                     self.model.add_implication(present, self.turn[k][q])
                 boxes.append(self._box(k, _zone_rect(item, zone.side, deep, q), present))
             self._apart([boxes, *others, self.walls])
-        if free.get("side"):
+        if item.spec.sides_needed is not None and free.get("side"):
             self.model.add(sum(free["side"]) >= min(len(free["side"]), item.spec.sides_needed(self.rules)))
 
     def _nightstand(self, k: int) -> list[tuple[Any, Any]]:

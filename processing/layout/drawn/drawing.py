@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
 from PIL import Image
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
 from shapely.geometry import LineString, MultiPolygon, Polygon
-from shapely.geometry import Point as Spot
 
+from processing.ground.arrays import Doubles
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.layout.drawn.canvas import Area, Line, Point, Shape, Sheet, Text, symbol, write_sheet
 from processing.layout.plan import Door, FloorPlan, Window
@@ -248,7 +250,7 @@ def contact_sheet(pictures: Sequence[Image.Image], width_px: int = 1800) -> Imag
 def routes(
     plan: FloorPlan, solid: Sequence[Polygon], doors: Sequence[Polygon], goals: Sequence[Polygon], width_m: float
 ) -> list[list[Point]]:
-    """Return polylines from the first door's floor to each other door and goal that can be reached."""
+    """Return polylines from the first door's floor to each other door and goal that a path of `width_m` reaches."""
     floor = Polygon(plan.corners, list(plan.holes)).difference(shapely.union_all(list(solid)))
     walk = floor.buffer(-(width_m - 0.001) / 2)
     parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]
@@ -256,57 +258,44 @@ def routes(
     doors = [door for door in doors if part.intersects(door)]
     if not doors:
         return []
-    nodes, tree = _nodes(part)
-    starts = [n for n, p in enumerate(tree) if p.intersects(doors[0])]
-    if not starts:
+    nodes, graph = _grid_graph(part)
+    spots = shapely.points(nodes)
+    starts = np.flatnonzero(shapely.intersects(doors[0], spots))
+    if not len(starts):
         return []
-    middle = doors[0].centroid
-    start = min(starts, key=lambda n: tree[n].distance(middle))
-    costs, before = _shortest(nodes, start)
+    start = starts[np.argmin(shapely.distance(spots[starts], doors[0].centroid))]
+    costs, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
     found = []
     for goal in (*doors[1:], *goals):
-        gaps = shapely.distance(np.array(tree), goal)
-        reached = [n for n in range(len(tree)) if gaps[n] <= width_m / 2 and costs[n] < math.inf]
-        if reached:
-            end = min(reached, key=lambda n: costs[n] + 3 * gaps[n])
-            found.append(_straightened(part, _chain(before, end, tree)))
+        gaps = shapely.distance(spots, goal)
+        totals = np.where(gaps <= width_m / 2, costs + 3 * gaps, math.inf)
+        chain = [int(np.argmin(totals))]
+        if math.isfinite(totals[chain[0]]):
+            while before[chain[-1]] >= 0:
+                chain.append(int(before[chain[-1]]))
+            found.append(_straightened(part, [(float(nodes[n][0]), float(nodes[n][1])) for n in reversed(chain)]))
     return found
 
 
-def _nodes(part: Polygon) -> tuple[dict[tuple[int, int], int], list[Spot]]:
+def _grid_graph(part: Polygon) -> tuple[Doubles, Any]:
+    """Return the grid's points inside a polygon, (N, 2) metres, and the graph of eight neighbours, lengths in cells."""
     x0, y0, x1, y1 = part.bounds
-    columns, rows = int((x1 - x0) / CELL_M) + 1, int((y1 - y0) / CELL_M) + 1
-    xs, ys = np.meshgrid(x0 + CELL_M * (np.arange(columns) + 0.5), y0 + CELL_M * (np.arange(rows) + 0.5))
+    xs, ys = np.meshgrid(
+        np.arange(x0 + CELL_M / 2, x1 + CELL_M, CELL_M), np.arange(y0 + CELL_M / 2, y1 + CELL_M, CELL_M)
+    )
     inside = shapely.contains_xy(part, xs, ys)
-    cells = [(int(i), int(j)) for i, j in np.argwhere(inside)]
-    return {cell: n for n, cell in enumerate(cells)}, [Spot(xs[c], ys[c]) for c in cells]
-
-
-def _shortest(nodes: dict[tuple[int, int], int], start: int) -> tuple[list[float], list[int]]:
-    """Return the length to each node over eight neighbours, and the node before it (Dijkstra)."""
-    cells = list(nodes)
-    costs, before = [math.inf] * len(cells), [-1] * len(cells)
-    costs[start] = 0.0
-    queue = [(0.0, start)]
-    while queue:
-        cost, node = heapq.heappop(queue)
-        if cost > costs[node]:
-            continue
-        i, j = cells[node]
-        for di, dj in ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
-            other = nodes.get((i + di, j + dj))
-            if other is not None and cost + math.hypot(di, dj) < costs[other] - 1e-12:
-                costs[other] = cost + math.hypot(di, dj)
-                before[other] = node
-                heapq.heappush(queue, (costs[other], other))
-    return costs, before
-
-
-def _chain(before: Sequence[int], end: int, points: Sequence[Spot]) -> list[Point]:
-    chain = [end]
-    while before[chain[-1]] >= 0:
-        chain.append(before[chain[-1]])
-    return [(points[n].x, points[n].y) for n in reversed(chain)]
+    number = np.where(inside, np.cumsum(inside).reshape(inside.shape) - 1, -1)
+    rows, columns = inside.shape
+    ends, lengths = [], []
+    for di, dj in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = number[: rows - di, max(0, -dj) : columns - max(0, dj)]
+        b = number[di:, max(0, dj) : columns + min(0, dj)]
+        joined = (a >= 0) & (b >= 0)
+        ends.append(np.stack([a[joined], b[joined]]))
+        lengths.append(np.full(int(joined.sum()), math.hypot(di, dj)))
+    count = int(inside.sum())
+    graph = csr_matrix((np.concatenate(lengths), tuple(np.concatenate(ends, axis=1))), shape=(count, count))
+    return np.stack([xs[inside], ys[inside]], axis=1), graph
 
 
 def _straightened(part: Polygon, chain: list[Point]) -> list[Point]:

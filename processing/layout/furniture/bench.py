@@ -94,9 +94,3 @@ class Bench:
             uv = np.concatenate(places) if len(places) == len(bodies) else None
             parts.append(part_of(fitted, self.materials[key], uv, crease))
         return tuple(parts)
-
-    def fit_error(self) -> float:
-        """Return how far the last stretch to the exact size is from none, as a fraction."""
-        low = np.min([b.vertices.min(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
-        high = np.max([b.vertices.max(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
-        return float(np.abs(np.array(self.size) / (high - low) - 1).max())

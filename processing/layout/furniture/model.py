@@ -133,7 +133,7 @@ LEATHER_M = (0.30, 0.30)
 
 
 def noise(shape: tuple[int, int], wave: tuple[float, float], seed: int) -> Doubles:
-    """Return periodic Gaussian noise of unit deviation, of the given shape; `wave`: its grain in pixels, down and across."""
+    """Return periodic Gaussian noise of unit deviation, of the given shape; `wave`: grain in pixels, down, across."""
     rng = np.random.default_rng(seed)
     fy, fx = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     keep = np.exp(-2 * np.pi**2 * ((fy * wave[0] / 2.4) ** 2 + (fx * wave[1] / 2.4) ** 2))

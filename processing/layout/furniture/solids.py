@@ -179,7 +179,7 @@ def box(low: Spot, high: Spot, bevel_m: float = 0.003, steps: int = 1) -> Solid:
 
 
 def cube_grid(half: Doubles, r: float, steps: int, inner: int) -> Solid:
-    """Return a box of half extents, shape (3,), edges of radius r, flat fields divided `inner` times; rest is itself."""
+    """Return a box of half extents, shape (3,), edges of radius r, flat fields divided `inner` times."""
     lattice, faces = _lattice(steps, inner)
     core = half - r
     turn = np.tan(np.pi / 4 * np.linspace(0, 1, steps + 1)) if steps else np.zeros(1)

@@ -109,7 +109,7 @@ class Floor:
 
     @cached_property
     def clearance(self) -> tuple[Grid, Doubles]:
-        """Return the grid of paths and its cells' squared distances to walls, m2 (-1 outside), shape (rows, columns)."""
+        """Return the grid of paths and cells' squared distances to walls, m2 (-1 outside), shape (rows, columns)."""
         low, high = self.plan.corners.min(axis=0), self.plan.corners.max(axis=0)
         cell = float(np.clip(math.sqrt(float(np.prod(high - low))) / 90, 0.04, 0.2))
         columns, rows = (int(np.ceil((high - low)[i] / cell)) + 1 for i in (0, 1))

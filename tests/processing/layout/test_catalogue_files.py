@@ -75,7 +75,7 @@ def test_unit_given_goes_before_the_guess_and_nonsense_is_scaled_and_said(tmp_pa
     write_obj(tmp_path / "chair.obj", to_y_up(vertices) * 1e6, faces)
     odd = loaded(tmp_path)
     assert odd.size_m[2] == pytest.approx(0.9, rel=0.1)
-    assert any("could not be told" in note for note in odd.notes)
+    assert any("is unknown" in note for note in odd.notes)
     with pytest.raises(CatalogueError, match="unit 'furlong'"):
         Catalogue.folder(tmp_path, unit="furlong")
 
