@@ -111,6 +111,7 @@ def _draw(axes: Axes, shape: Shape, depth: int) -> None:
             x, y, color=shape.stroke, linewidth=width, linestyle=dash, zorder=depth,
             solid_capstyle="round", dash_capstyle="round", solid_joinstyle="round",
         )  # fmt: skip
+        line.set_snap(False)
         axes.add_line(line)
         return
     rings = [Outline([*ring, ring[0]], closed=True) for ring in (shape.rim, *shape.holes)]
@@ -118,6 +119,7 @@ def _draw(axes: Axes, shape: Shape, depth: int) -> None:
         Outline.make_compound_path(*rings), facecolor=shape.fill or "none", edgecolor=shape.stroke or "none",
         linewidth=width if shape.stroke else 0.0, joinstyle="round", zorder=depth,
     )  # fmt: skip
+    patch.set_snap(False)  # rounded to pixels, corners of nearly upright pieces go either way
     axes.add_patch(patch)
 
 
