@@ -54,8 +54,7 @@ def linear_of_srgb(values: Bytes) -> Floats:
     """Return linear values in [0, 1] of sRGB bytes, the same shape."""
     table = np.arange(256) / 255.0
     table = np.where(table <= 0.04045, table / 12.92, ((table + 0.055) / 1.055) ** 2.4).astype(np.float32)
-    linear: Floats = table[values]
-    return linear
+    return np.asarray(table[values], dtype=np.float32)
 
 
 def srgb_of_linear(values: npt.ArrayLike) -> Bytes:

@@ -13,8 +13,8 @@ from processing.layout.solver.poses import Stand
 from processing.layout.solver.search import FIVE, THREE, Final, Rounds, Search
 from processing.layout.solver.units import BIG_M2
 
-# Counts and temperatures are chosen, measured on the even-numbered rooms of `benchmarks arrange`: the share of rooms fully
-# furnished first, then time, then the mean score.
+# Counts and temperatures are chosen, measured on the even-numbered rooms of `benchmarks arrange`: the share of rooms
+# fully furnished first, then time, then the mean score.
 ONE = (Rounds(40, 12, 4, noise=0.5, fractions=THREE, optimistic=False),)
 MANY = (
     Rounds(120, 80, 4, noise=0.3, fractions=THREE, optimistic=False),
