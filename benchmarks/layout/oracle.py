@@ -36,7 +36,7 @@ TURNS = ((0, 1), (-1, 0), (0, -1), (1, 0))
 
 
 @dataclass(frozen=True)
-class Told:
+class OracleAnswer:
     """What the oracle says of a room: `proved` that nothing fits, `by custom` the same for pieces at walls, `found`."""
 
     answer: Answer
@@ -44,16 +44,16 @@ class Told:
     closed_paths: int = 0
 
 
-def ask(plan: FloorPlan, items: Sequence[Item], rules: RuleSet, seconds: float = 20.0) -> Told:
+def ask(plan: FloorPlan, items: Sequence[Item], rules: RuleSet, seconds: float = 20.0) -> OracleAnswer:
     """Return whether all items have a place in a room."""
     start = time.process_time()
     plan = canonical_plan(plan, [])[0]
     steps = np.abs(np.roll(plan.corners, -1, axis=0) - plan.corners).min(axis=1)
     if steps.max() > 1e-4 or plan.holes:
-        return Told("not rectilinear", 0.0)
+        return OracleAnswer("not rectilinear", 0.0)
     for custom in (False, True):
         if _Model(plan, items, rules, slack_mm=-1, custom=custom).solve(seconds / 4) == cp_model.INFEASIBLE:
-            return Told("by custom" if custom else "proved", time.process_time() - start)
+            return OracleAnswer("by custom" if custom else "proved", time.process_time() - start)
     model, judge, closed = _Model(plan, items, rules, slack_mm=1, custom=True), Judge(plan, rules), 0
     while (left := seconds - (time.process_time() - start)) > 0:
         status = model.solve(left)
@@ -61,10 +61,10 @@ def ask(plan: FloorPlan, items: Sequence[Item], rules: RuleSet, seconds: float =
             break
         broken = judge.judge(model.pieces()).violations
         if not broken:
-            return Told("found", time.process_time() - start, closed)
+            return OracleAnswer("found", time.process_time() - start, closed)
         closed += 1
         model.forbid(_to_blame(model, judge))
-    return Told("open", time.process_time() - start, closed)
+    return OracleAnswer("open", time.process_time() - start, closed)
 
 
 def first_solution_s(plan: FloorPlan, items: Sequence[Item], rules: RuleSet, seconds: float = 20.0) -> float | None:
@@ -224,7 +224,7 @@ class _Model:
                     self.model.add_implication(present, self.turn[k][q])
                 boxes.append(self._box(k, _zone_rect(item, zone.side, deep, q), present))
             self._apart([boxes, *others, self.walls])
-        if free.get("side"):
+        if item.spec.sides_needed is not None and free.get("side"):
             self.model.add(sum(free["side"]) >= min(len(free["side"]), item.spec.sides_needed(self.rules)))
 
     def _nightstand(self, k: int) -> list[tuple[Any, Any]]:
@@ -345,4 +345,4 @@ def _zone_rect(item: Item, side: str, deep: int, quarter: int) -> Rect:
     return x0, y0, x1, y1
 
 
-__all__: list[str] = ["Told", "ask", "first_solution_s"]
+__all__: list[str] = ["OracleAnswer", "ask", "first_solution_s"]

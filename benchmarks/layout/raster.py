@@ -143,7 +143,7 @@ class Raster:
         return cv2.connectedComponents((far * CELL_M > radius_m).astype(np.uint8))[1]
 
     def _needed(self) -> set[int]:
-        # Passages that the raster cannot tell from too narrow ones are not asked for.
+        # Passages that the raster cannot distinguish from too narrow ones are not asked for.
         labels = self._parts(self.room, self.rules.path / 2 + HALF_M)
         served = [set(np.unique(labels[way]).tolist()) - {0} for way in self.ways]
         parts = sorted(set().union(*served), key=lambda k: -np.count_nonzero(labels == k))

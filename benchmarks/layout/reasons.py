@@ -47,15 +47,15 @@ def add_answers(rooms: Sequence[tuple[FloorPlan, str, int]], rows: Sequence[dict
     for (plan, use, _), row in zip(rooms, rows, strict=True):
         if not row.get("reasons"):
             continue
-        told = hashlib.sha256(json.dumps([row["key"], row["reasons"], _source()]).encode()).hexdigest()[:16]
-        if told not in known:
+        key = hashlib.sha256(json.dumps([row["key"], row["reasons"], _source()]).encode()).hexdigest()[:16]
+        if key not in known:
             if time.process_time() - start > limit_s:
                 raise TimeoutError("all rooms are done, not all reasons looked at; run again to go on")
-            known[told] = {"key": told, "room": row["room"], **_answers(plan, use, seed)}
+            known[key] = {"key": key, "room": row["room"], **_answers(plan, use, seed)}
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(known[told]) + "\n")
-        row |= {"oracle": known[told]["oracle"], "confirmed": known[told]["confirmed"]}
+                file.write(json.dumps(known[key]) + "\n")
+        row |= {"oracle": known[key]["oracle"], "confirmed": known[key]["confirmed"]}
 
 
 def _source() -> str:
@@ -65,7 +65,7 @@ def _source() -> str:
 def _answers(plan: FloorPlan, use: str, seed: int) -> dict[str, Any]:
     items, rules = set_items(use), built_in_rules().named("tight")
     one = arrange(plan, items, rules, n=1, seed=seed).arrangements[0]
-    missing = {told.id for told in one.not_placed}
+    missing = {piece.id for piece in one.not_placed}
     left = [item for item in items if item.id in missing]
     return {
         "oracle": asdict(ask(plan, items, rules, ORACLE_S)),

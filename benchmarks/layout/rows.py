@@ -50,8 +50,8 @@ def measured(number: int, plan: FloorPlan, use: str, seed: int) -> dict[str, Any
     if plan.area_m2 < MIN_AREA_M2:
         return row
     if not row["complete"]:
-        told = first.not_placed if first else ()
-        row["reasons"] = [f"{n.id}: {n.rule}: {n.reason}" for n in told]
+        left_out = first.not_placed if first else ()
+        row["reasons"] = [f"{n.id}: {n.rule}: {n.reason}" for n in left_out]
     if number % RIVALS_EVERY == 0:
         start = time.process_time()
         count, _ = place_by_trial(plan, items, rules, seed)
@@ -122,7 +122,7 @@ def _digest() -> str:
     """Return a digest of the code that rows depend on: the modules of the solver and of this benchmark in use."""
     used = [m for m in sys.modules if m.startswith(("processing.layout.", "benchmarks.layout"))]
     names = [ROOT / "processing/layout/rules.toml", *(Path(str(sys.modules[m].__file__)) for m in sorted(used))]
-    told = hashlib.sha256()
+    digest = hashlib.sha256()
     for path in names:
-        told.update(path.name.encode() + path.read_bytes())
-    return told.hexdigest()[:12]
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:12]

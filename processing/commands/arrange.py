@@ -81,8 +81,7 @@ def _solve(room: Path, **options: Any) -> Arrangements:
     from processing.api import floor_plan
     from processing.errors import ParameterError
     from processing.layout.arrange import arrange as solve
-    from processing.layout.paper_form import parse_place, placed_by_ratios
-    from processing.layout.pins import parse_pin
+    from processing.layout.given_places import parse_pin, parse_place, placed_by_ratios
 
     if (options["items"] is None) == (options["set_name"] is None):
         raise ParameterError("give either --items or --set")

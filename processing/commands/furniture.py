@@ -83,7 +83,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
       daylit furniture show "bookshelf/white" --size 1.2,0.3,2.1
       daylit furniture show --style black --output black.png
     """
-    from processing.layout.drawn.sheet import model_sheet, two_sides
+    from processing.layout.drawn.thumbnails import model_sheet, two_sides
 
     found = _catalogue(where["catalogue"], where["style"])
     if model is None:

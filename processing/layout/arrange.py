@@ -8,8 +8,8 @@ from functools import cached_property
 
 from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallError
 from processing.layout.arrangement import Arrangement, Arrangements, NotPlaced, PlacedItem
+from processing.layout.given_places import pinned_stands
 from processing.layout.items import Item
-from processing.layout.pins import pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.plan_files import plan_to_mapping
 from processing.layout.rules import Rules, RuleSet, built_in_rules

@@ -69,7 +69,7 @@ class Arrangement(_Strict):
 
     @property
     def complete(self) -> bool:
-        """Tell whether all items asked for are placed."""
+        """Whether all items asked for are placed."""
         return not self.not_placed
 
 

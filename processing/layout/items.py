@@ -31,8 +31,14 @@ class UseZone:
     """
 
     side: Side
-    depth_m: Callable[[RuleSet], float]
-    """The rule set's depth in metres; a depth of 0 asks for nothing."""
+    rule: Callable[[RuleSet], float]
+    """The rule set's depth in metres."""
+    less_m: float = 0.0
+    """Taken off that depth: a dining chair's zone is counted from the table's edge."""
+
+    def depth_m(self, rules: RuleSet) -> float:
+        """Return its depth by a rule set, in metres; 0 or less asks for nothing."""
+        return self.rule(rules) - self.less_m
 
 
 @dataclass(frozen=True)
@@ -99,16 +105,14 @@ _BED_ZONES = (
     UseZone("right", lambda rules: rules.bed_side),
     UseZone("front", lambda rules: rules.bed_foot),
 )
-CHAIR_IN_USE_M = 0.50
-"""A dining chair's zone is counted from the table's edge: less its own depth."""
 
 
 def _bed(name: str, width_m: float, length_m: float, sides_needed: Callable[[RuleSet], int]) -> ItemSpec:
     return ItemSpec(name, (width_m, length_m, 0.85), zones=_BED_ZONES, sides_needed=sides_needed)
 
 
-def _front(depth_m: Callable[[RuleSet], float]) -> tuple[UseZone, ...]:
-    return (UseZone("front", depth_m),)
+def _front(rule: Callable[[RuleSet], float]) -> tuple[UseZone, ...]:
+    return (UseZone("front", rule),)
 
 
 _ALL = (
@@ -131,7 +135,7 @@ _ALL = (
         "dining chair",
         (0.45, 0.50, 0.85),
         placement="free",
-        zones=(UseZone("back", lambda rules: rules.dining_edge - CHAIR_IN_USE_M),),
+        zones=(UseZone("back", lambda rules: rules.dining_edge, less_m=0.50),),
         group_with="dining table",
         bound=True,
     ),

@@ -9,14 +9,105 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Literal, TypeAlias, TypeVar
 
 import numpy as np
+import shapely
+from shapely.geometry import LineString, Point, Polygon
+from shapely.ops import nearest_points
 
 from processing.errors import PlanError
 from processing.ground.arrays import Doubles
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.layout.polygons import repaired_ring, signed_area
+
+TOUCHING_M = 1e-9
+"""Edges nearer than this touch (chosen: rounding of coordinates in metres)."""
+SAME_POINT_M = 1e-4
+"""Corners nearer than this are one corner."""
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """A ring as it should be, and what was done to it."""
+
+    ring: Doubles
+    """(n, 2), counter-clockwise (or clockwise where asked), not closed."""
+    edge_from: tuple[int, ...]
+    """For each edge, the edge of the ring that was given."""
+    turned: bool
+    """The ring was given the other way round, so that edges run backwards now."""
+    notes: tuple[str, ...]
+
+
+def signed_area(ring: Doubles) -> float:
+    """Return the area in m2 of a ring (N, 2) in metres, positive where it runs counter-clockwise."""
+    x, y = ring[:, 0], ring[:, 1]
+    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def repaired_ring(points: Doubles, *, where: str, clockwise: bool = False) -> Repaired:
+    """Return a ring (N, 2), metres, without repeated corners and the right way round.
+
+    Raises `PlanError` for fewer than three corners, values that are no numbers, no area, and a ring that crosses or
+    touches itself (the two edges and the place are named).
+    """
+    ring = np.asarray(points, dtype=np.float64)
+    if ring.ndim != 2 or ring.shape[1:] != (2,) or not np.isfinite(ring).all():
+        raise PlanError("the corners are not pairs of finite numbers", where=where)
+    if len(ring) and np.abs(ring).max() > 1e4:
+        raise PlanError("a corner lies more than 10 km away", where=where, likely="units that are not metres")
+    kept, notes = _without_repeats(ring)
+    edge_from = tuple(kept)
+    ring = ring[kept]
+    if len(ring) < 3:
+        raise PlanError(f"{len(ring)} different corners are no polygon", where=where)
+    _refuse_crossings(ring, where)
+    if abs(signed_area(ring)) < 1e-6:
+        raise PlanError("the polygon has no area", where=where)
+    turned = (signed_area(ring) < 0) != clockwise
+    if turned:
+        ring = ring[::-1].copy()
+        edge_from = (*edge_from[-2::-1], edge_from[-1])
+        notes.append(f"the corners ran {'counter-' if clockwise else ''}clockwise: turned round")
+    return Repaired(np.ascontiguousarray(ring), edge_from, turned, tuple(notes))
+
+
+def _without_repeats(ring: Doubles) -> tuple[list[int], list[str]]:
+    notes: list[str] = []
+    kept: list[int] = []
+    for i in range(len(ring)):
+        if kept and np.hypot(*(ring[i] - ring[kept[-1]])) < SAME_POINT_M:
+            kept[-1] = i  # the edge that goes on from here is the later one's
+            notes.append(f"corner {i} repeats the one before: left out")
+        else:
+            kept.append(i)
+    if len(kept) > 1 and np.hypot(*(ring[kept[-1]] - ring[kept[0]])) < SAME_POINT_M:
+        kept.pop()
+        notes.append("the last corner repeats the first: left out")
+    return kept, notes
+
+
+def _refuse_crossings(ring: Doubles, where: str) -> None:
+    ends = np.roll(ring, -1, axis=0)
+    edges = [LineString(pair) for pair in zip(ring, ends, strict=True)]
+    for i, j in combinations(range(len(ring)), 2):
+        if j == i + 1 or (i == 0 and j == len(ring) - 1):
+            # Neighbours share a corner; they fold back where the far end of one lies on the other.
+            far, corner = ((ring[i], ends[j]), ring[j]) if j == i + 1 else ((ends[i], ring[j]), ring[i])
+            met = min(edges[j].distance(Point(far[0])), edges[i].distance(Point(far[1]))) < TOUCHING_M
+        else:
+            met, corner = edges[i].distance(edges[j]) < TOUCHING_M, None
+        if met:
+            at = corner if corner is not None else nearest_points(edges[i], edges[j])[0].coords[0]
+            raise PlanError(
+                f"edge {i} crosses or touches edge {j} at ({at[0]:.3f}, {at[1]:.3f})",
+                where=where,
+                likely="corners in the wrong order",
+                edges=[i, j],
+                at_m=[round(float(at[0]), 4), round(float(at[1]), 4)],
+            )
+
 
 Hinge: TypeAlias = Literal["left", "right", "unknown"]
 """Where a door hangs, seen from inside the room looking at it."""
@@ -87,7 +178,7 @@ class FloorPlan:
         return signed_area(self.corners) + sum(signed_area(hole) for hole in self.holes)
 
     def edge(self, index: int) -> tuple[Doubles, Doubles, float]:
-        """Return an edge's first corner, its unit direction and its length in metres."""
+        """Return an edge's first corner, shape (2,), its unit direction (2,) and its length in metres."""
         start = self.corners[index]
         along = self.corners[(index + 1) % len(self.corners)] - start
         length_m = float(np.hypot(*along))
@@ -105,7 +196,7 @@ def make_plan(
     name: str = "room",
     notes: Sequence[str] = (),
 ) -> FloorPlan:
-    """Return the plan with what can be repaired repaired and noted.
+    """Return the plan with what can be repaired repaired and noted; `corners` (N, 2) and each hole in metres.
 
     Raises `PlanError` for polygons that cross themselves or have no area, openings that are not on their edge, columns
     outside the floor, and heights that no room has.
@@ -113,7 +204,7 @@ def make_plan(
     if not (math.isfinite(ceiling_height_m) and 1.5 <= ceiling_height_m <= 30):
         raise PlanError(f"a ceiling {ceiling_height_m} m high; 1.5 to 30 m can be", where=name)
     floor = repaired_ring(_as_array(corners, name), where=name)
-    told = [*notes, *floor.notes]
+    repairs = [*notes, *floor.notes]
     columns = []
     for index, hole in enumerate(holes):
         column = repaired_ring(
@@ -121,11 +212,11 @@ def make_plan(
         )
         _refuse_outside(floor.ring, column.ring, f"{name}, column {index}")
         columns.append(column.ring)
-        told += [f"column {index}: {note}" for note in column.notes]
+        repairs += [f"column {index}: {note}" for note in column.notes]
     plan = FloorPlan(floor.ring, tuple(columns), float(ceiling_height_m), name=name)
     moved = {old: new for new, old in enumerate(floor.edge_from)}
-    kept_doors = tuple(_placed(plan, door, moved, floor.turned, told) for door in doors)
-    kept_windows = tuple(_placed(plan, window, moved, floor.turned, told) for window in windows)
+    kept_doors = tuple(_placed(plan, door, moved, floor.turned, repairs) for door in doors)
+    kept_windows = tuple(_placed(plan, window, moved, floor.turned, repairs) for window in windows)
     for window in kept_windows:
         _refuse_heights(window, name)
     for x, y in keep_free:
@@ -136,7 +227,7 @@ def make_plan(
         doors=kept_doors,
         windows=kept_windows,
         keep_free=tuple((float(x), float(y)) for x, y in keep_free),
-        notes=tuple(told),
+        notes=tuple(repairs),
     )
 
 
@@ -185,15 +276,7 @@ def _refuse_outside(ring: Doubles, column: Doubles, where: str) -> None:
 
 
 def _inside(ring: Doubles, point: Doubles) -> bool:
-    """Tell whether a point lies inside a ring (even-odd)."""
-    a, b = ring, np.roll(ring, -1, axis=0)
-    spans = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = a[:, 0] + (point[1] - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-    return bool(np.count_nonzero(spans & (x > point[0])) % 2)
-
-
-# A floor plan from a room's model.
+    return bool(shapely.intersects_xy(Polygon(ring), *point))
 
 
 def from_room_model(room: RoomModel, *, keep_camera_free: bool = False, name: str = "room") -> FloorPlan:

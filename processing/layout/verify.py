@@ -67,8 +67,6 @@ class Verdict:
     """What was found."""
 
     violations: tuple[Violation, ...]
-    unreachable_doors: tuple[int, ...]
-    """Doors that no path of the rule's width reaches even in the empty room: not the furniture's fault."""
 
 
 class Judge:
@@ -104,11 +102,10 @@ class Judge:
 
     def judge(self, pieces: Sequence[Piece]) -> Verdict:
         """Check every hard rule (1 to 6, 8 to 10 of docs/arrangement.md)."""
-        found = tuple(self._violations(pieces))
-        return Verdict(found, tuple(n for n in range(len(self._ways)) if n not in self._needed))
+        return Verdict(tuple(self._violations(pieces)))
 
     def passes(self, pieces: Sequence[Piece], *, fits: bool = False) -> bool:
-        """Tell whether no rule is broken; ends at the first that is. `fits`: no need to look for overlaps again."""
+        """Return whether no rule is broken; ends at the first that is. `fits`: no need to look for overlaps again."""
         return next(self._violations(pieces, fits=fits), None) is None
 
     def _violations(self, pieces: Sequence[Piece], *, fits: bool = False) -> Iterator[Violation]:
@@ -176,7 +173,7 @@ def _within(rule: str, what: str, piece: Piece, shape: Polygon, areas: Sequence[
 
 
 def _deep(shape: Any) -> bool:
-    """Tell whether an overlap is more than contact."""
+    """Return whether an overlap is more than contact."""
     return bool(shape.area > 0 and shape.area > DEEP_M * max(shape.length / 2, 1e-3))
 
 

@@ -11,7 +11,7 @@ from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Floats
 from processing.layout.arrangement import Arrangement, Arrangements
-from processing.layout.furniture.styles import STYLES, style_named
+from processing.layout.furniture.model import STYLES, style_named
 from processing.layout.models.catalogue import Catalogue
 from processing.light.picture.composite import Bare, Staged, differential, ibl
 from processing.light.picture.render import render

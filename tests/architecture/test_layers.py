@@ -53,7 +53,7 @@ ONLY_IN = {
     "jinja2": ("processing/report/",),
     "mitsuba": ("mocks/rooms/light/", "processing/ground/", "processing/light/"),
     "drjit": ("mocks/rooms/light/", "processing/ground/", "processing/light/"),
-    "embreex": ("mocks/rooms/light/", "processing/light/"),
+    "embreex": ("mocks/rooms/light/", "processing/layout/drawn/", "processing/light/"),
     "pyoidn": ("mocks/rooms/light/", "processing/light/"),
     "onnxruntime": ("processing/segmentation/",),
     "ai_edge_litert": ("processing/segmentation/",),

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import shapely
 from PIL import Image
-from shapely.geometry import MultiPolygon, Polygon
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+from shapely.geometry import LineString, MultiPolygon, Polygon
 
+from processing.ground.arrays import Doubles
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
-from processing.layout.drawn.canvas import Area, Line, Point, Shape, Sheet, Text, png_image, write_sheet
-from processing.layout.drawn.routes import routes
-from processing.layout.drawn.symbols import symbol
+from processing.layout.drawn.canvas import Area, Line, Point, Shape, Sheet, Text, symbol, write_sheet
 from processing.layout.plan import Door, FloorPlan, Window
 from processing.layout.plan_files import plan_from_mapping
 from processing.layout.rules import RuleSet, built_in_rules
@@ -23,6 +26,9 @@ INK, WALL, PAPER, ZONE, ROUTE, GREY = "#33383d", "#3b4046", "#ffffff", "#8db4d8"
 FLOOR = "#fbfaf7"
 MARGIN_M = 0.75
 HEAD_M = 0.55
+"""Sizes and colours of the drawing were chosen by eye."""
+CELL_M = 0.08
+"""Cells of the grid on which routes are searched (chosen: a route to a stride's tenth)."""
 
 
 def plan_sheet(
@@ -204,8 +210,8 @@ def _caption(plan: FloorPlan, arrangement: Arrangement, x: float, top: float) ->
     if arrangement.not_placed:
         second += f"   ·   not placed: {', '.join(n.id for n in arrangement.not_placed)}"
     return [
-        Text((x, top - 0.20), first, 0.19, INK, "start"),
-        Text((x, top - 0.43), second, 0.12, GREY, "start"),
+        Text((x, top - 0.20), first, 0.19, INK, "left"),
+        Text((x, top - 0.43), second, 0.12, GREY, "left"),
     ]
 
 
@@ -217,7 +223,7 @@ def write_drawings(result: Arrangements, folder: Path, rules: RuleSet | None = N
     for arrangement in result.arrangements:
         sheet = plan_sheet(plan, arrangement, rules=rules)
         written += write_sheet(sheet, folder / f"layout-{arrangement.rank}")
-        pictures.append(png_image(sheet, 90.0))
+        pictures.append(Image.open(written[-1]).convert("RGB"))
     if pictures:
         path = folder / "contact-sheet.png"
         contact_sheet(pictures).save(path)
@@ -239,3 +245,67 @@ def contact_sheet(pictures: Sequence[Image.Image], width_px: int = 1800) -> Imag
             small, ((number % columns) * w + (w - small.width) // 2, (number // columns) * h + (h - small.height) // 2)
         )
     return sheet
+
+
+def routes(
+    plan: FloorPlan, solid: Sequence[Polygon], doors: Sequence[Polygon], goals: Sequence[Polygon], width_m: float
+) -> list[list[Point]]:
+    """Return polylines from the first door's floor to each other door and goal that a path of `width_m` reaches."""
+    floor = Polygon(plan.corners, list(plan.holes)).difference(shapely.union_all(list(solid)))
+    walk = floor.buffer(-(width_m - 0.001) / 2)
+    parts = list(walk.geoms) if isinstance(walk, MultiPolygon) else [walk]
+    part = max(parts, key=lambda p: (any(p.intersects(d) for d in doors), p.area))
+    doors = [door for door in doors if part.intersects(door)]
+    if not doors:
+        return []
+    nodes, graph = _grid_graph(part)
+    spots = shapely.points(nodes)
+    starts = np.flatnonzero(shapely.intersects(doors[0], spots))
+    if not len(starts):
+        return []
+    start = starts[np.argmin(shapely.distance(spots[starts], doors[0].centroid))]
+    costs, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
+    found = []
+    for goal in (*doors[1:], *goals):
+        gaps = shapely.distance(spots, goal)
+        totals = np.where(gaps <= width_m / 2, costs + 3 * gaps, math.inf)
+        chain = [int(np.argmin(totals))]
+        if math.isfinite(totals[chain[0]]):
+            while before[chain[-1]] >= 0:
+                chain.append(int(before[chain[-1]]))
+            found.append(_straightened(part, [(float(nodes[n][0]), float(nodes[n][1])) for n in reversed(chain)]))
+    return found
+
+
+def _grid_graph(part: Polygon) -> tuple[Doubles, Any]:
+    """Return the grid's points inside a polygon, (N, 2) metres, and the graph of eight neighbours, lengths in cells."""
+    x0, y0, x1, y1 = part.bounds
+    xs, ys = np.meshgrid(
+        np.arange(x0 + CELL_M / 2, x1 + CELL_M, CELL_M), np.arange(y0 + CELL_M / 2, y1 + CELL_M, CELL_M)
+    )
+    inside = shapely.contains_xy(part, xs, ys)
+    number = np.where(inside, np.cumsum(inside).reshape(inside.shape) - 1, -1)
+    rows, columns = inside.shape
+    ends, lengths = [], []
+    for di, dj in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        a = number[: rows - di, max(0, -dj) : columns - max(0, dj)]
+        b = number[di:, max(0, dj) : columns + min(0, dj)]
+        joined = (a >= 0) & (b >= 0)
+        ends.append(np.stack([a[joined], b[joined]]))
+        lengths.append(np.full(int(joined.sum()), math.hypot(di, dj)))
+    count = int(inside.sum())
+    graph = csr_matrix((np.concatenate(lengths), tuple(np.concatenate(ends, axis=1))), shape=(count, count))
+    return np.stack([xs[inside], ys[inside]], axis=1), graph
+
+
+def _straightened(part: Polygon, chain: list[Point]) -> list[Point]:
+    """Return the chain with what can be walked straight made straight."""
+    loose = part.buffer(CELL_M / 2)
+    kept, at = [chain[0]], 0
+    while at < len(chain) - 1:
+        ahead = len(chain) - 1
+        while ahead > at + 1 and not loose.covers(LineString([chain[at], chain[ahead]])):
+            ahead = at + (ahead - at) // 2 if ahead - at > 8 else ahead - 1
+        kept.append(chain[ahead])
+        at = ahead
+    return kept

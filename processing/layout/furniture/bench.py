@@ -8,10 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from processing.ground.arrays import Doubles
-from processing.layout.furniture.model import Material, Part, Size
-from processing.layout.furniture.solids import Spot, box, leg, square_leg, tube
-from processing.layout.furniture.styles import Style
-from processing.layout.furniture.surface import CREASE_RAD, Solid, box_uv, joined, part_of
+from processing.layout.furniture.model import Material, Part, Size, Style
+from processing.layout.furniture.solids import (
+    CREASE_RAD,
+    Solid,
+    Spot,
+    box,
+    box_uv,
+    joined,
+    leg,
+    part_of,
+    square_leg,
+    tube,
+)
 
 
 @dataclass
@@ -28,7 +37,7 @@ class Bench:
         self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Doubles | None = None,
         crease_rad: float = float(CREASE_RAD),
     ) -> None:  # fmt: skip
-        """Add a body; its texture's v runs along axis `grain` of it as it was made, or `uv` (m, 3, 2) is taken."""
+        """Add a body; its texture's v runs along axis `grain` of it as made, or `uv` (F, 3, 2) metres is taken."""
         for one in [body] if isinstance(body, Solid) else body:
             place = uv
             if place is None and material.texture is not None:
@@ -46,7 +55,7 @@ class Bench:
         grain: int | None = None,
         steps: int = 1,
     ) -> None:
-        """Add a board or block between two corners; its grain runs along its longest side unless told."""
+        """Add a board or block between two corners; its grain runs along its longest side unless given."""
         if any(h - lo <= 1e-4 for lo, h in zip(low, high, strict=True)):
             return
         run = int(np.argmax(np.subtract(high, low))) if grain is None else grain
@@ -85,9 +94,3 @@ class Bench:
             uv = np.concatenate(places) if len(places) == len(bodies) else None
             parts.append(part_of(fitted, self.materials[key], uv, crease))
         return tuple(parts)
-
-    def fit_error(self) -> float:
-        """Return how far the last stretch to the exact size is from none, as a fraction."""
-        low = np.min([b.vertices.min(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
-        high = np.max([b.vertices.max(axis=0) for bodies in self.made.values() for b, _ in bodies], axis=0)
-        return float(np.abs(np.array(self.size) / (high - low) - 1).max())

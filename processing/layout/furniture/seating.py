@@ -11,15 +11,17 @@ from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import Material
 from processing.layout.furniture.soft import cushion, pad, pillow, wrinkled
 from processing.layout.furniture.solids import (
+    Solid,
     box,
     curve,
     leg,
     loft,
     rounded_rectangle,
+    signed_volume_m3,
+    solid,
     tube,
     turned_piece,
 )
-from processing.layout.furniture.surface import Solid, signed_volume_m3, solid
 
 # Upholstered seats: the sofa, and the armchair with a wooden frame.
 

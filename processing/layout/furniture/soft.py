@@ -6,8 +6,17 @@ import numpy as np
 
 from processing.ground.arrays import Doubles
 from processing.ground.mesh import band_faces, grid_faces, grid_rim
-from processing.layout.furniture.solids import Spot, cleaned, cube_grid, rounded_rectangle, tube
-from processing.layout.furniture.surface import Solid, corner_normals, joined, solid
+from processing.layout.furniture.solids import (
+    Solid,
+    Spot,
+    cleaned,
+    corner_normals,
+    cube_grid,
+    joined,
+    rounded_rectangle,
+    solid,
+    tube,
+)
 
 
 def pad(low: Spot, high: Spot, edge_m: float, puff_m: float | Spot, *, inner: int = 8, steps: int = 3) -> Solid:
@@ -100,8 +109,12 @@ def pillow(
     return Solid(body.vertices, body.faces, body.rest)
 
 
+FOLD_M = 0.05
+"""Radius at which a cover turns down over an edge (chosen: a quilt's)."""
+
+
 def hanging(
-    width_m: float, length_m: float, drop_m: float, thick_m: float, *, seed: int = 0, round_m: float = 0.05,
+    width_m: float, length_m: float, drop_m: float, thick_m: float, *, seed: int = 0,
     foot_drop_m: float = 0.0, begin_m: float = 0.0, cells: tuple[int, int] = (40, 30),
 ) -> Solid:  # fmt: skip
     """Return a cover lying with its upper middle at z = 0 and hanging down both long sides (and the end at +y).
@@ -111,15 +124,15 @@ def hanging(
     """
     m, n = cells
     rng = np.random.default_rng(seed)
-    flat = width_m / 2 - round_m - 0.5 * thick_m
-    arc = np.pi / 2 * round_m
-    reach = flat + arc + max(drop_m - round_m, 0.0)
+    flat = width_m / 2 - FOLD_M - 0.5 * thick_m
+    arc = np.pi / 2 * FOLD_M
+    reach = flat + arc + max(drop_m - FOLD_M, 0.0)
     s = reach * _spread(np.linspace(-1, 1, m + 1))
-    x, zx, slope = _over_edge(s, flat, round_m)
-    foot_flat = length_m - round_m - 0.5 * thick_m if foot_drop_m > 0 else length_m
-    far = foot_flat + (arc + max(foot_drop_m - round_m, 0.0) if foot_drop_m > 0 else 0.0)
+    x, zx, slope = _over_edge(s, flat, FOLD_M)
+    foot_flat = length_m - FOLD_M - 0.5 * thick_m if foot_drop_m > 0 else length_m
+    far = foot_flat + (arc + max(foot_drop_m - FOLD_M, 0.0) if foot_drop_m > 0 else 0.0)
     t = far * np.linspace(0, 1, n + 1)
-    y, zy, foot_slope = _over_edge(t, foot_flat, round_m) if foot_drop_m > 0 else (t, np.zeros(n + 1), np.zeros(n + 1))
+    y, zy, foot_slope = _over_edge(t, foot_flat, FOLD_M) if foot_drop_m > 0 else (t, np.zeros(n + 1), np.zeros(n + 1))
     gx, gy = np.meshgrid(x, y, indexing="ij")
     gs, gt = np.meshgrid(s * 0.5 / (width_m / 2), t + begin_m, indexing="ij")
     z = (

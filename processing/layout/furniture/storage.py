@@ -8,8 +8,7 @@ import numpy as np
 
 from processing.layout.furniture.bench import Bench
 from processing.layout.furniture.model import Material
-from processing.layout.furniture.solids import box, curve, tube, turned_piece, vessel
-from processing.layout.furniture.surface import Solid, joined
+from processing.layout.furniture.solids import Solid, box, curve, joined, tube, turned_piece, vessel
 
 BOARD_M = 0.019
 GAP_M = 0.004

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,9 +13,88 @@ import numpy as np
 
 from processing.errors import CatalogueError, ModelFileError
 from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model
-from processing.layout.furniture.model import FurnitureModel, Size
-from processing.layout.furniture.styles import STYLES, style_named
+from processing.layout.furniture.model import STYLES, FurnitureModel, Size, style_named
 from processing.layout.items import KINDS, ItemSpec, UseZone
+
+RULES: tuple[tuple[tuple[str, ...], str], ...] = (
+    # The first rule all of whose words are in the name holds; longer descriptions go first.
+    (("kitchen",), "kitchen"),
+    (("bathroom",), "bathroom"),
+    (("bath",), "bathroom"),
+    (("toilet",), "bathroom"),
+    (("bunk",), "bunk bed"),
+    (("bedside",), "nightstand"),
+    (("nightstand",), "nightstand"),
+    (("night", "stand"), "nightstand"),
+    (("cabinet", "bed"), "nightstand"),
+    (("bed", "single"), "single bed"),
+    (("bed", "king"), "king bed"),
+    (("bed",), "bed"),
+    (("tv", "stand"), "tv stand"),
+    (("television", "cabinet"), "tv stand"),
+    (("tv", "cabinet"), "tv stand"),
+    (("television",), "tv"),
+    (("tv",), "tv"),
+    (("bookcase",), "bookshelf"),
+    (("bookshelf",), "bookshelf"),
+    (("shelves",), "bookshelf"),
+    (("shelf",), "bookshelf"),
+    (("books",), "books"),
+    (("wardrobe",), "wardrobe"),
+    (("closet",), "wardrobe"),
+    (("ottoman",), "ottoman"),
+    (("footstool",), "ottoman"),
+    (("stool",), "stool"),
+    (("bench",), "bench"),
+    (("pillow",), "pillow"),
+    (("lamp", "floor"), "floor lamp"),
+    (("lamp",), "lamp"),
+    (("desk", "chair"), "desk chair"),
+    (("office", "chair"), "desk chair"),
+    (("swivel", "chair"), "desk chair"),
+    (("armchair",), "armchair"),
+    (("lounge", "chair"), "armchair"),
+    (("lounge", "design", "chair"), "armchair"),
+    (("relax", "chair"), "armchair"),
+    (("sofa",), "sofa"),
+    (("couch",), "sofa"),
+    (("loveseat",), "sofa"),
+    (("dining", "table"), "dining table"),
+    (("coffee", "table"), "coffee table"),
+    (("tea", "table"), "coffee table"),
+    (("side", "table"), "side table"),
+    (("corner", "table"), "side table"),
+    (("desk",), "desk"),
+    (("chair",), "dining chair"),
+    (("table",), "dining table"),
+    (("sideboard",), "chest"),
+    (("dresser",), "chest"),
+    (("drawer",), "chest"),
+    (("drawers",), "chest"),
+    (("chest",), "chest"),
+    (("cupboard",), "chest"),
+    (("cabinet",), "cabinet"),
+    (("rug",), "rug"),
+    (("carpet",), "rug"),
+    (("plant",), "plant"),
+)
+OTHER = "other"
+APART = {"desklamp": "desk lamp", "bedside": "bedside", "nightstand": "nightstand"}
+"""Words that are written as one and are two."""
+
+
+def category_of(name: str) -> str:
+    """Return the category that a file's or model's name stands for; `other` where it stands for none."""
+    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Za-z])(?=\d)|[^A-Za-z0-9]+", " ", name).lower()
+    words = {part for word in spaced.split() for part in APART.get(word, word).split()}
+    words |= {word[:-1] for word in words if word.endswith("s") and len(word) > 3}
+    words |= {"plant" for word in words if word.endswith("plant")} | {
+        "bed" for word in words if re.match(r"bed(with|double)", word)
+    }
+    for needed, category in RULES:
+        if words.issuperset(needed):
+            return category
+    return OTHER
 
 
 @dataclass(frozen=True)
@@ -34,7 +114,7 @@ class CatalogueEntry:
 
     @property
     def placeable(self) -> bool:
-        """Tell whether the item table has its category, and so its use zones."""
+        """Whether the item table has its category, and so its use zones."""
         return self.category in KINDS
 
     @property
@@ -125,13 +205,13 @@ class Catalogue:
     @classmethod
     def of_3d_future(cls, path: Path) -> Catalogue:
         """Return the models of a 3D-FUTURE folder; raise `CatalogueError` where it has no `model_info.json`."""
-        from processing.layout.models.catalogue_future import future_sources
+        from processing.layout.models.catalogue_folder import future_sources
 
         return cls(str(path.name), future_sources(path))
 
     @classmethod
     def at(cls, path: Path) -> Catalogue:
-        """Return the catalogue of a folder of either kind, told by its files."""
+        """Return the catalogue of a folder of either kind, recognised by its files."""
         future = path.is_dir() and any(
             (folder / "model_info.json").is_file()
             for folder in (path, *sorted(p for p in path.iterdir() if p.is_dir()))

@@ -14,13 +14,11 @@ import numpy as np
 
 from processing.errors import CatalogueError, ModelFileError
 from processing.layout.furniture.model import FurnitureModel, Part, Size
-from processing.layout.furniture.surface import Solid, part_of
+from processing.layout.furniture.solids import Solid, part_of
 from processing.layout.items import KINDS, OTHER_NAMES
-from processing.layout.models.catalogue import CatalogueEntry
-from processing.layout.models.catalogue_names import OTHER, category_of
+from processing.layout.models.catalogue import OTHER, CatalogueEntry, category_of
 from processing.layout.models.mesh_files import SUFFIXES, read_model_file
-from processing.layout.models.mesh_pose import Given, posed
-from processing.layout.models.mesh_repair import Sound, repaired
+from processing.layout.models.mesh_pose import Given, Sound, posed, repaired
 
 MAX_FILES = 20_000
 MAX_DEPTH = 4
@@ -80,11 +78,11 @@ def folder_sources(path: Path, *, unit: str | None, front: str | None) -> list[F
     files = _files(path)
     if not files:
         raise CatalogueError(f"no {', '.join(SUFFIXES)} files in it", where=str(path))
-    told = _told(path, files)
+    listed = _listed(path, files)
     licence = _licence(path)
     sources: dict[str, FileSource] = {}
     for file in files:
-        row = told.get(file.resolve(), {})
+        row = listed.get(file.resolve(), {})
         given = _given(row, file.name)
         given = replace(given, unit=unit or given.unit, front=front or given.front)
         own = _licence(file.parent) if file.parent != path else ""
@@ -122,9 +120,9 @@ def _files(root: Path) -> list[Path]:
     return found
 
 
-def _told(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
+def _listed(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
     """Return what `catalog.json` files say, by file; raise `CatalogueError` where one cannot be read."""
-    told: dict[Path, dict[str, Any]] = {}
+    listed: dict[Path, dict[str, Any]] = {}
     for folder in sorted({root, *(f.parent for f in files), *(f.parent.parent for f in files)}):
         catalog = folder / "catalog.json"
         if not folder.is_relative_to(root) or not catalog.is_file():
@@ -140,8 +138,8 @@ def _told(root: Path, files: list[Path]) -> dict[Path, dict[str, Any]]:
         for key, row in rows.items():
             file = row.get("file") or row.get("obj") or row.get("model") or key
             if isinstance(file, str) and "\0" not in file and len(file) < 500:
-                told[(folder / file).resolve()] = row
-    return told
+                listed[(folder / file).resolve()] = row
+    return listed
 
 
 def _given(row: dict[str, Any], where: str) -> Given:
@@ -163,7 +161,7 @@ def _number(value: Any, where: str) -> float:
 
 
 def _category(row: dict[str, Any], name: str) -> tuple[str, tuple[str, ...]]:
-    """Return a model's category, and a note where the one that is told is not understood.
+    """Return a model's category, and a note where the one that is given is not understood.
 
     What `category` says goes first, by its words where it is none of ours; but where it says no more than chair or
     table, the model's own name or the file's may be more exact.
@@ -282,3 +280,72 @@ def stretched(model: FurnitureModel, size_m: Size) -> FurnitureModel:
         else model.notes
     )
     return replace(model, parts=tuple(parts), size_m=(size_m[0], size_m[1], size_m[2]), notes=said)
+
+
+LICENCE = "3D-FUTURE terms of use (non-commercial research, by agreement)"
+MAX_INFO_BYTES = 256 * 2**20
+CATEGORIES = {
+    "king-size bed": "king bed", "single bed": "single bed", "kids bed": "single bed", "bunk bed": "bunk bed",
+    "bed frame": "bed", "double bed": "bed", "nightstand": "nightstand", "wardrobe": "wardrobe",
+    "drawer chest / corner cabinet": "chest", "children cabinet": "chest",
+    "sideboard / side cabinet / console table": "chest",
+    "bookcase / jewelry armoire": "bookshelf", "shelf": "bookshelf", "tv stand": "tv stand",
+    "coffee table": "coffee table",
+    "corner/side table": "side table", "round end table": "side table", "dining table": "dining table", "desk": "desk",
+    "dressing table": "desk", "dining chair": "dining chair", "lounge chair / cafe chair / office chair": "armchair",
+    "classic chinese chair": "dining chair", "dressing chair": "stool", "folding chair": "dining chair",
+    "armchair": "armchair", "three-seat / multi-seat sofa": "sofa", "three-seat / multi-person sofa": "sofa",
+    "loveseat sofa": "sofa", "l-shaped sofa": "sofa", "lazy sofa": "armchair", "chaise longue sofa": "sofa",
+    "two-seat sofa": "sofa", "footstool / sofastool / bed end stool / stool": "ottoman", "barstool": "stool",
+    "floor lamp": "floor lamp", "wine cabinet": "cabinet", "shoe cabinet": "chest",
+}  # fmt: skip
+"""The data set's own category names (lower case) in our terms; others go by their words."""
+
+
+def future_sources(path: Path) -> list[FileSource]:
+    """Return the models that the folder's `model_info.json` lists and that lie beside it.
+
+    Models are in metres, y up, their fronts at +z. Raises `CatalogueError` where the list is missing or is none.
+    """
+    if not path.is_dir():
+        raise CatalogueError("no such folder", where=str(path))
+    sources: dict[str, FileSource] = {}
+    for info in (path / "model_info.json", *sorted(path.glob("*/model_info.json"))):
+        if info.is_file():
+            for source in _of_list(info, path):
+                sources.setdefault(source.model_id, source)  # the same model in two lists is one model
+    if not sources:
+        raise CatalogueError("no model_info.json, or none of its models lies beside it", where=str(path))
+    return list(sources.values())
+
+
+def _of_list(info: Path, root: Path) -> list[FileSource]:
+    try:
+        rows = json.loads(info.read_bytes()) if info.stat().st_size <= MAX_INFO_BYTES else None
+    except (OSError, ValueError, RecursionError):
+        rows = None
+    if not isinstance(rows, list):
+        raise CatalogueError("model_info.json is no list of models", where=str(info))
+    sources = []
+    for row in rows:
+        name = row.get("model_id") if isinstance(row, dict) else None
+        # A model's name is its folder's: nothing with separators or dots is one.
+        if not isinstance(name, str) or not name.replace("-", "").replace("_", "").isalnum() or len(name) > 100:
+            continue
+        file = next(
+            (f for f in (info.parent / name / n for n in ("raw_model.obj", "normalized_model.obj")) if f.is_file()),
+            None,
+        )
+        if file is not None:
+            raw = file.name == "raw_model.obj"
+            given = Given(unit="m" if raw else None, up="y", front="+z")
+            sources.append(FileSource(name, _future_category(row), file, root, LICENCE, given))
+    return sources
+
+
+def _future_category(row: dict[str, Any]) -> str:
+    for key in ("category", "super-category"):
+        said = str(row.get(key) or "").strip().lower()
+        if said in CATEGORIES:
+            return CATEGORIES[said]
+    return category_of(f"{row.get('category') or ''} {row.get('super-category') or ''}")

@@ -5,11 +5,112 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from processing.errors import CatalogueError
-from processing.ground.arrays import Doubles
+from processing.ground.arrays import Doubles, Flags, Int64s
 from processing.layout.furniture.model import Size
+from processing.layout.furniture.solids import crosses
 from processing.layout.items import KINDS
+from processing.layout.models.mesh_files import RawPart
+
+
+@dataclass(frozen=True, eq=False)
+class Sound:
+    """A part after repair: vertices that coincide are one."""
+
+    vertices: Doubles
+    faces: Int64s
+    uv: Doubles | None
+    """(m, 3, 2), a corner."""
+    closed: bool
+    dropped_nan: int
+    dropped_flat: int
+    turned: int
+    """Faces whose winding was turned."""
+
+
+def repaired(part: RawPart, scale: float) -> Sound | None:
+    """Return a sound copy of a part, or None where nothing is left; `scale` is the whole model's extent."""
+    finite: Flags = np.all(np.isfinite(part.vertices) & (np.abs(part.vertices) < 1e12), axis=1)
+    keep: Flags = np.all(finite[part.faces], axis=1)
+    faces, uv = part.faces[keep], None if part.uv is None else part.uv[part.faces[keep]]
+    vertices = np.where(finite[:, None], part.vertices, 0.0)
+    lost = int((~keep).sum())
+    if not len(faces):
+        return None
+    vertices, place = _merged(vertices, 1e-6 * scale)
+    faces = place[faces]
+    distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
+    solid = distinct & (np.linalg.norm(crosses(vertices, faces), axis=1) > 1e-14 * scale**2)
+    flat = int((~solid).sum())
+    faces, uv = faces[solid], None if uv is None else uv[solid]
+    if not len(faces):
+        return None
+    used, inverse = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], inverse.reshape(-1, 3)
+    turn, closed = _winding(vertices, faces)
+    faces = np.where(turn[:, None], faces[:, ::-1], faces)
+    if uv is not None:
+        uv = np.where(turn[:, None, None], uv[:, ::-1], uv)
+    return Sound(vertices, faces, uv, closed, lost, flat, int(turn.sum()))
+
+
+def _merged(vertices: Doubles, step: float) -> tuple[Doubles, Int64s]:
+    key = np.rint(vertices / max(step, 1e-300)).astype(np.int64)
+    _, first, place = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return vertices[first], place.ravel()
+
+
+def _winding(vertices: Doubles, faces: Int64s) -> tuple[Flags, bool]:
+    """Return which faces to turn so that neighbours agree and closed bodies wind outward, and if all are closed."""
+    count = len(faces)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    owner = np.tile(np.arange(count), 3)
+    forward = edges[:, 0] < edges[:, 1]
+    code = edges.min(axis=1) * len(vertices) + edges.max(axis=1)
+    order = np.argsort(code, kind="stable")
+    code, owner, forward = code[order], owner[order], forward[order]
+    starts = np.flatnonzero(np.concatenate([[True], code[1:] != code[:-1]]))
+    uses = np.diff(np.concatenate([starts, [len(code)]]))
+    pair = starts[uses == 2]
+    a, b, alike = owner[pair], owner[pair + 1], forward[pair] == forward[pair + 1]
+    graph = coo_array((np.ones(len(a)), (a, b)), shape=(count, count)).tocsr()
+    pieces, piece = connected_components(graph, directed=False)
+    turn = _agreeing(graph, pieces, piece, a, b, alike)
+    odd = np.zeros(pieces, dtype=bool)
+    np.logical_or.at(odd, piece[owner], np.repeat(uses != 2, uses))
+    wrong = alike ^ turn[a] ^ turn[b]
+    np.logical_or.at(odd, piece[a[wrong]], True)
+    oriented = np.where(turn[:, None], faces[:, ::-1], faces)
+    p, q, r = (vertices[oriented[:, k]] for k in range(3))
+    middle = vertices.mean(axis=0)
+    part = np.einsum("ij,ij->i", p - middle, np.cross(q - middle, r - middle))
+    volume = np.bincount(piece, part, minlength=pieces)
+    mostly = np.bincount(piece, turn, minlength=pieces) > 0.5 * np.bincount(piece, minlength=pieces)
+    # Open pieces keep the winding that most of their faces have; closed ones that of a positive volume.
+    flip = np.where(odd, mostly, volume < 0)
+    return turn ^ flip[piece], not odd.any()
+
+
+def _agreeing(graph: object, pieces: int, piece: Int64s, a: Int64s, b: Int64s, alike: Flags) -> Flags:
+    """Return the faces to turn so that each agrees with the face it is reached from."""
+    turn = np.zeros(len(piece), dtype=bool)
+    mixed = np.zeros(pieces, dtype=bool)
+    mixed[piece[a[alike]]] = True
+    if not mixed.any():
+        return turn
+    same = {(int(i), int(j)): bool(s) for i, j, s in zip(a, b, alike, strict=True)}
+    first = np.full(pieces, -1)
+    first[piece[::-1]] = np.arange(len(piece))[::-1]
+    for start in first[mixed]:
+        nodes, before = breadth_first_order(graph, int(start), directed=False)
+        for node in nodes[1:]:
+            i, j = int(before[node]), int(node)
+            turn[j] = turn[i] ^ (same[i, j] if (i, j) in same else same[j, i])
+    return turn
+
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 FRONTS = ("+z", "-z", "+x", "-x")
@@ -57,7 +158,7 @@ def usual_size(category: str) -> Size:
 
 
 def posed(points: Doubles, category: str, given: Given, *, y_up: bool) -> tuple[Doubles, tuple[str, ...]]:
-    """Return (4, 4), from a file's axes to an item's, and what was guessed or corrected.
+    """Return a transform (4, 4) of points (N, 3), a file's axes to an item's, and what was guessed or corrected.
 
     `points` are all of its vertices; `y_up` says that the format itself has y upwards (glTF).
     """
@@ -116,7 +217,7 @@ def _front_turn(standing: Doubles, category: str, given: Given, notes: list[str]
 
 
 def _across(extent: Doubles, category: str, given: Given) -> bool | None:
-    """Return whether its width lies along y, from its proportions; None where they do not tell."""
+    """Return whether its width lies along y, from its proportions; None where they leave it open."""
     if given.size_m is not None:
         turned, straight = _misfit(extent[[1, 0, 2]], given.size_m), _misfit(extent, given.size_m)
         return None if abs(turned - straight) < 0.05 else turned < straight
@@ -176,5 +277,5 @@ def _scale(extent: Doubles, category: str, given: Given, notes: list[str]) -> Do
         return each * UNITS[best]
     scale = float(np.exp(-ratio.mean()))
     usual = category if category != "other" else "size"
-    notes.append(f"its unit could not be told: scaled by {scale:.4g} to a usual {usual}")
+    notes.append(f"its unit is unknown: scaled by {scale:.4g} to a usual {usual}")
     return each * scale

@@ -19,7 +19,7 @@ from processing.ground.arrays import Floats
 from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN
 from processing.layout.furniture.model import FurnitureModel, Part
-from processing.layout.furniture.surface import rotation
+from processing.layout.furniture.solids import rotation
 from processing.layout.models.catalogue import Catalogue
 
 
@@ -103,5 +103,5 @@ def _trimesh(part: Part) -> Any:
 
 
 def y_up(vectors: Floats) -> Floats:
-    """Return (n, 3) vectors of our frame (z up) in glTF's (y up)."""
+    """Return (N, 3) vectors of our frame (z up) in glTF's (y up)."""
     return np.column_stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]]).astype(np.float32)

@@ -109,7 +109,7 @@ class Floor:
 
     @cached_property
     def clearance(self) -> tuple[Grid, Doubles]:
-        """Return the grid of paths and its cells' squared distances to the walls, m2 (-1 outside), (rows, columns)."""
+        """Return the grid of paths and cells' squared distances to walls, m2 (-1 outside), shape (rows, columns)."""
         low, high = self.plan.corners.min(axis=0), self.plan.corners.max(axis=0)
         cell = float(np.clip(math.sqrt(float(np.prod(high - low))) / 90, 0.04, 0.2))
         columns, rows = (int(np.ceil((high - low)[i] / cell)) + 1 for i in (0, 1))
@@ -160,7 +160,7 @@ def _offsets(levels: Doubles, depth_m: float) -> Doubles:
     if high < low - 1e-7:
         return np.empty(0)
     steps = np.arange(low, high + 1e-9, OFFSET_M)
-    wanted = np.sort(np.concatenate([levels, levels - depth_m, [0.5 * (low + high), high], steps]))
+    wanted: Doubles = np.sort(np.concatenate([levels, levels - depth_m, [0.5 * (low + high), high], steps]))
     wanted = wanted[(wanted >= low - 1e-9) & (wanted <= high + 1e-9)]
     wanted = wanted[np.concatenate([[True], np.diff(wanted) > 0.02])]
     if len(wanted) > MOST_OFFSETS:

@@ -70,7 +70,7 @@ def extent_in_strip(xs, ys, y0, y1):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def add_forbidden(outlines, count, line, rects, kinds, out, found):  # type: ignore[no-untyped-def]
-    """Append what the first `count` outlines forbid to `out` (M, 2) from row `found`; return how many rows.
+    """Append what the first `count` outlines forbid to `out` (M, 2) from row `found`; return how many.
 
     `outlines`: `Outlines`; `line` (6,), `rects` (R, 6), `kinds` (R,) as in the module's docstring.
     """
@@ -107,7 +107,7 @@ def add_forbidden(outlines, count, line, rects, kinds, out, found):  # type: ign
 
 @njit(cache=True)
 def add_walls(walls, line, rects, out, found):  # type: ignore[no-untyped-def]
-    """Append the intervals that wall segments (W, 4) forbid to every rectangle (R, 6); return how many rows of `out`."""
+    """Append the intervals that wall segments (W, 4) forbid to every rectangle (R, 6); return how many."""
     ox, oy, ux, uy = line[0], line[1], line[2], line[3]
     xs, ys = np.empty(2), np.empty(2)
     for k in range(walls.shape[0]):

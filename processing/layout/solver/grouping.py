@@ -10,6 +10,7 @@ from processing.layout.items import Item
 from processing.layout.rules import RuleSet
 from processing.layout.solver.units import (
     BIG_M2,
+    PLACE_M,
     Member,
     Unit,
     Variant,
@@ -185,7 +186,7 @@ def _tables(left: list[Item], rules: RuleSet, split: int) -> list[Unit]:
     rugs = _take(left, "rug") if split < 2 else []
     table, rug = tables[0], rugs[0] if rugs else None
     keep = len(chairs) if split < 2 else max(0, len(chairs) - split + 1)
-    most = 2 * max(1, int((table.spec.size_m[0] + 1e-9) / 0.61)) + 2
+    most = 2 * max(1, int((table.spec.size_m[0] + 1e-9) / PLACE_M)) + 2
     own = chairs[: min(keep, most)]
     variants = dining(table, own, rug, rules)
     members = [table, *own, *([rug] if rug else [])]

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from processing.errors import RoomTooSmallError
 from processing.layout.arrangement import NotPlaced
 from processing.layout.items import Item
@@ -46,8 +48,9 @@ class _Look:
 
     def search(self) -> Search:
         """Return a search in this room."""
-        keep = [kind not in self.without for kind in self.field.fixed.classes]
-        fixed = Outlines(*(rows[keep] for rows in self.field.fixed))
+        corners, heights, classes = self.field.fixed
+        keep = ~np.isin(classes, self.without)
+        fixed = Outlines(corners[keep], heights[keep], classes[keep])
         rows = [row for stand in self.stands for row in outline_rows(stand, zones=self.zones_of_others)]
         field = replace(self.field, fixed=more_outlines(fixed, rows))
         return Search(field, stood=[anchor(stand) for stand in self.stands])

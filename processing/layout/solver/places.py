@@ -7,18 +7,15 @@ variant on a line), I intervals. Lengths are metres.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from processing.ground.arrays import Doubles, Int64s
-from processing.layout.solver.field import PERSON_M, Field
+from processing.layout.solver.field import Field
 from processing.layout.solver.free_sets import (
-    BODY,
-    RUG,
     SKIN_M,
-    ZONE,
     Outlines,
     add_forbidden,
     add_walls,
@@ -27,7 +24,7 @@ from processing.layout.solver.free_sets import (
     rects_inside,
 )
 from processing.layout.solver.steering import ROLE, Spot, score_spot
-from processing.layout.solver.units import Unit, Variant
+from processing.layout.solver.units import Unit
 from processing.layout.solver.walk_grid import Walk, Words, rect_distance2
 
 KEPT_INTERVALS = 40
@@ -131,7 +128,7 @@ class Work(NamedTuple):
 
 def unit_table(unit: Unit, field: Field) -> UnitTable:
     """Return the table of one unit in a field."""
-    rows = [_rows_of(variant) for variant in unit.variants]
+    rows = [variant.rects() for variant in unit.variants]
     most = max(map(len, rows))
     rects, kinds = np.zeros((len(rows), most, 6)), np.zeros((len(rows), most), dtype=np.int64)
     for v, listed in enumerate(rows):
@@ -144,7 +141,7 @@ def unit_table(unit: Unit, field: Field) -> UnitTable:
         np.array([len(listed) for listed in rows], dtype=np.int64),
         np.array([v.width_m for v in unit.variants]),
         np.array([v.bonus for v in unit.variants]),
-        np.array([[m.x_m, m.y_m, *_front(m.quarters), w / 2, d / 2] for m, (w, d, _) in mains], dtype=np.float64),
+        np.array([[m.x_m, m.y_m, *m.front(), w / 2, d / 2] for m, (w, d, _) in mains], dtype=np.float64),
     )
     # Wall lines are for variants at walls, free lines for those of the depth they were made for.
     depths = sorted({round(v.depth_m, 6) for v in unit.variants if not v.at_wall})
@@ -153,14 +150,14 @@ def unit_table(unit: Unit, field: Field) -> UnitTable:
     own_depths = np.array([-1.0 if v.at_wall else round(v.depth_m, 6) for v in unit.variants])
     lines = np.ascontiguousarray(np.concatenate(groups))
     fixed, counts = standing(field.floor.walls, field.fixed, variants, lines, own_depths[:, None] == line_depths)
-    v, line = np.nonzero(counts >= 0)
-    used = counts[v, line]
+    which, line = np.nonzero(counts >= 0)
+    used = counts[which, line]
     return UnitTable(
         variants,
         lines,
-        np.stack([v, line, np.cumsum(used) - used, used], axis=1).astype(np.int64),
-        fixed[v, line][np.arange(KEPT_INTERVALS) < used[:, None]],
-        np.array([0, len(v)], dtype=np.int64),
+        np.stack([which, line, np.cumsum(used) - used, used], axis=1).astype(np.int64),
+        fixed[which, line][np.arange(KEPT_INTERVALS) < used[:, None]],
+        np.array([0, len(which)], dtype=np.int64),
         np.array([ROLE.get(unit.role, ROLE["small"])], dtype=np.int64),
         np.array([[ROLE[unit.keeps_to], unit.keeps_within_m] if unit.keeps_to else [-1.0, 0.0]]),
         np.array([unit.loss]),
@@ -172,41 +169,16 @@ def joined(tables: Sequence[UnitTable]) -> UnitTable:
     """Return units' tables as one: rows after each other, the numbers in `slots` moved on."""
     most = max(t.variants.rects.shape[1] for t in tables)
 
-    def wide(array: Doubles | Int64s) -> Doubles | Int64s:
+    def wide(array: Any) -> Any:
         return np.pad(array, ((0, 0), (0, most - array.shape[1]), *((0, 0),) * (array.ndim - 2)))
 
-    before = np.cumsum(
-        [[0] * 4, *([len(t.variants.widths), len(t.lines), len(t.intervals), len(t.slots)] for t in tables)], axis=0
-    )
-    slots = [t.slots + np.array([*b[:3], 0]) for t, b in zip(tables, before, strict=False)]
-    rest = [np.concatenate(parts) for parts in zip(*(t.variants[2:] for t in tables), strict=True)]
-    variants = Variants(
-        np.concatenate([wide(t.variants.rects) for t in tables]),
-        np.concatenate([wide(t.variants.kinds) for t in tables]),
-        *rest,
-    )
-    lines, intervals, roles, near, losses, sizes = (
-        np.concatenate([getattr(t, name) for t in tables])
-        for name in ("lines", "intervals", "roles", "near", "losses", "sizes")
-    )
-    return UnitTable(
-        variants, lines, np.concatenate(slots), intervals, before[:, 3].astype(np.int64), roles, near, losses, sizes
-    )
-
-
-def _rows_of(variant: Variant) -> list[tuple[tuple[float, ...], int]]:
-    """Return (x0, x1, y0, y1, low, high) and class of a variant's footprints and zones."""
-    rows: list[tuple[tuple[float, ...], int]] = []
-    for member in variant.members:
-        spec = member.item.spec
-        rows.append(((*member.body(), spec.base_m, spec.top_m), RUG if spec.is_rug else BODY))
-        rows += [((*member.rect(zone), 0.0, PERSON_M), ZONE) for zone in member.zones]
-    return rows
-
-
-def _front(quarters: int) -> tuple[float, float]:
-    """Return where the front of a member turned by right angles points."""
-    return ((0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0))[quarters % 4]
+    sizes = [[len(t.variants.widths), len(t.lines), len(t.intervals), len(t.slots)] for t in tables]
+    before = np.cumsum([[0] * 4, *sizes], axis=0)
+    slots = np.concatenate([t.slots + np.array([*b[:3], 0]) for t, b in zip(tables, before, strict=False)])
+    rects, kinds = (np.concatenate([wide(t.variants[field]) for t in tables]) for field in (0, 1))
+    others = (np.concatenate(parts) for parts in zip(*(t.variants[2:] for t in tables), strict=True))
+    lines, _, intervals, _, *rest = (np.concatenate(parts) for parts in zip(*(t[1:] for t in tables), strict=True))
+    return UnitTable(Variants(rects, kinds, *others), lines, slots, intervals, before[:, 3].astype(np.int64), *rest)
 
 
 @njit(cache=True)

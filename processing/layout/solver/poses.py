@@ -175,7 +175,9 @@ def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:
     turn = np.array([[c, -s], [s, c]])
 
     def snap(points: Doubles) -> Doubles:
-        return np.round((points - frame.origin) @ turn / SNAP_M) * SNAP_M + 0.0
+        """Return points (N, 2) in the frame, rounded."""
+        snapped: Doubles = np.round((points - frame.origin) @ turn / SNAP_M) * SNAP_M + 0.0
+        return snapped
 
     def length(value: float) -> float:
         return round(value / SNAP_M) * SNAP_M

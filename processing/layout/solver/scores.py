@@ -95,7 +95,9 @@ SEATS = ("sofa", "armchair")
 SLIM_M = 0.2
 """Half the width of the walker of the score `walk`."""
 HEAD_ROOM_M = 2.0
+"""What hangs above this is in nobody's way."""
 AT_WALL_M = 0.06
+"""A head this near to a wall stands at it (chosen: a skirting board)."""
 
 
 def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:

@@ -14,12 +14,17 @@ from typing import TypeAlias
 
 from processing.layout.items import Item, UseZone
 from processing.layout.rules import RuleSet
+from processing.layout.solver.field import PERSON_M
+from processing.layout.solver.free_sets import BODY, RUG, ZONE
 
 Rect: TypeAlias = tuple[float, float, float, float]
 """x0, x1, y0, y1 in metres."""
 LEAST_ZONE_M = 1e-6
+"""Use zones less deep than this are none."""
+PLACE_M = 0.61
+"""Width of one place at a dining table (24 in, docs/arrangement.md)."""
 BIG_M2 = 0.25
-"""Footprint of what tells arrangements apart."""
+"""Footprint from which pieces distinguish arrangements."""
 MAIN = ("bed", "single bed", "king bed", "sofa", "dining table", "desk")
 """What rooms are for: left out last."""
 
@@ -48,6 +53,10 @@ class Member:
         width_m, depth_m, _ = self.item.spec.size_m
         return self.rect((-width_m / 2, width_m / 2, -depth_m / 2, depth_m / 2))
 
+    def front(self) -> tuple[float, float]:
+        """Return where its front points in the unit's frame."""
+        return ((0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0))[self.quarters % 4]
+
 
 @dataclass(frozen=True)
 class Variant:
@@ -61,6 +70,15 @@ class Variant:
     at_wall: bool
     bonus: float = 0.0
     """How much better than plain, in units of the search's score."""
+
+    def rects(self) -> list[tuple[tuple[float, ...], int]]:
+        """Return (x0, x1, y0, y1, low, high) and class (`free_sets`) of its footprints and use zones."""
+        rows: list[tuple[tuple[float, ...], int]] = []
+        for member in self.members:
+            spec = member.item.spec
+            rows.append(((*member.body(), spec.base_m, spec.top_m), RUG if spec.is_rug else BODY))
+            rows += [((*member.rect(zone), 0.0, PERSON_M), ZONE) for zone in member.zones]
+        return rows
 
 
 @dataclass(frozen=True)
@@ -215,8 +233,8 @@ def seating(
 
 def dining(table: Item, chairs: Sequence[Item], rug: Item | None, rules: RuleSet) -> list[Variant]:
     """Return a table with its chairs: free in the room, an end at the wall, or a long side at the wall."""
-    length_m, depth_m, _ = table.spec.size_m
-    places = max(1, int((length_m + 1e-9) / 0.61))
+    length_m, _, _ = table.spec.size_m
+    places = max(1, int((length_m + 1e-9) / PLACE_M))
     count, found = len(chairs), []
     for near, far, ends in _seats(count, places):
         if near == 0:
@@ -225,7 +243,6 @@ def dining(table: Item, chairs: Sequence[Item], rug: Item | None, rules: RuleSet
             found.append(_table_set(table, chairs, (near, far, 0, 0), rug, rules, turned=True))
         free = _table_set(table, chairs, (near, far, ends, ends), rug, rules, turned=False)
         found.append(Variant(free.members, free.width_m, free.depth_m, at_wall=False, bonus=0.5 + 0.2 * (near == far)))
-    assert depth_m > 0
     return found
 
 

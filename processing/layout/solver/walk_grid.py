@@ -60,7 +60,8 @@ def packed(cells: Flags) -> Words:
     padded = np.ones((rows, words * WORD), dtype=np.bool_)
     padded[:, :columns] = cells
     as_bytes = np.packbits(padded, axis=1, bitorder="little").reshape(rows, words, 8).astype(np.uint64)
-    return (as_bytes << (8 * np.arange(8, dtype=np.uint64))).sum(axis=2, dtype=np.uint64)
+    bits: Words = (as_bytes << (8 * np.arange(8, dtype=np.uint64))).sum(axis=2, dtype=np.uint64)
+    return bits
 
 
 @njit(cache=True)

@@ -19,9 +19,9 @@ from processing.ground.room_model import RoomModel, starter_room, write_room
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.layout.drawn.drawing import write_drawings
+from processing.layout.given_places import Place, placed_by_ratios
 from processing.layout.items import KINDS as ITEMS
 from processing.layout.items import SETS, parse_items, set_items
-from processing.layout.paper_form import Place, placed_by_ratios
 from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.rules import built_in_rules, read_rules
 from processing.layout.solver.poses import mirrored_plan

@@ -13,9 +13,8 @@ from PIL import Image
 
 from processing.errors import CatalogueError, ModelFileError
 from processing.layout.arrangement import Arrangement, PlacedItem
-from processing.layout.furniture.surface import signed_volume_m3
-from processing.layout.models.catalogue import Catalogue
-from processing.layout.models.catalogue_names import category_of
+from processing.layout.furniture.solids import signed_volume_m3
+from processing.layout.models.catalogue import Catalogue, category_of
 from processing.layout.models.scene_files import in_place, write_arrangement, write_model
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data" / "furniture"
@@ -76,7 +75,7 @@ def test_unit_given_goes_before_the_guess_and_nonsense_is_scaled_and_said(tmp_pa
     write_obj(tmp_path / "chair.obj", to_y_up(vertices) * 1e6, faces)
     odd = loaded(tmp_path)
     assert odd.size_m[2] == pytest.approx(0.9, rel=0.1)
-    assert any("could not be told" in note for note in odd.notes)
+    assert any("is unknown" in note for note in odd.notes)
     with pytest.raises(CatalogueError, match="unit 'furlong'"):
         Catalogue.folder(tmp_path, unit="furlong")
 

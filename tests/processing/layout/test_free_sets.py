@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
-from processing.layout.paper_form import free_region
+from processing.layout.given_places import free_region
 from processing.layout.plan import FloorPlan, make_plan
 from processing.layout.rules import built_in_rules
 from processing.layout.solver.field import Floor, make_field, outlines
@@ -142,6 +142,5 @@ def test_the_region_of_a_free_piece_is_the_rooms_inner_fit() -> None:
     turned = free_region(field, [body], math.pi / 2)
     assert turned.area == pytest.approx((4 - 0.5) * (3 - 1.0))
     column = (np.array([[1.9, 1.4], [2.1, 1.4], [2.1, 1.6], [1.9, 1.6]]), 0.0, 2.0, BODY)
-    assert free_region(make_field(Floor(plan), rules, [column]), [body], 0.0).area == pytest.approx(
-        region.area - 1.2 * 0.7
-    )
+    beside = make_field(Floor(plan), rules, [column])
+    assert free_region(beside, [body], 0.0).area == pytest.approx(region.area - 1.2 * 0.7)

@@ -7,13 +7,12 @@ import pytest
 
 from processing.errors import CatalogueError, ItemError
 from processing.layout.furniture.builtin import BUILT_IN, build_model
-from processing.layout.furniture.model import FurnitureModel
-from processing.layout.furniture.styles import STYLES, noise, wood
-from processing.layout.furniture.surface import signed_volume_m3
+from processing.layout.furniture.model import STYLES, FurnitureModel, noise, wood
+from processing.layout.furniture.solids import signed_volume_m3
 from processing.layout.items import KINDS, ItemSpec
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.models.mesh_files import RawPart
-from processing.layout.models.mesh_repair import repaired
+from processing.layout.models.mesh_pose import repaired
 
 MOST_TRIANGLES = 20_000
 

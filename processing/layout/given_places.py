@@ -1,15 +1,16 @@
-"""The paper's own form of a position (section 5): an item, a floor edge, ratios along and away from it, what it faces.
+"""Places that the user gives: pieces that stand already (pins), and the paper's own form of a position (section 5).
 
-Its ratios run over an edge's length whatever stands there. Ours run over the free set of that edge, so that every pair
-in [0, 1] is a legal position: `away` over the distances at which the item has a place at all, `along` over the places
-at that distance. 0 away is against the edge.
+The paper gives an item, a floor edge, ratios along and away from it, and what it faces. Its ratios run over an edge's
+length whatever stands there. Ours run over the free set of that edge, so that every pair in [0, 1] is a legal position:
+`away` over the distances at which the item has a place at all, `along` over the places at that distance. 0 away is
+against the edge.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,70 @@ from shapely.geometry.base import BaseGeometry
 from processing.errors import PinError
 from processing.ground.arrays import Doubles
 from processing.layout.items import Item
-from processing.layout.pins import pinned_stands
 from processing.layout.plan import FloorPlan
 from processing.layout.rules import RuleSet
 from processing.layout.solver.field import PERSON_M, Field, Floor, Row, make_field
 from processing.layout.solver.free_sets import BODY, MEETS, RUG, SKIN_M, ZONE
-from processing.layout.solver.poses import Pose, outline_rows, wrapped
-from processing.layout.solver.units import zone_choices
+from processing.layout.solver.poses import Pose, Stand, outline_rows, wrapped
+from processing.layout.solver.units import Rect, zone_choices
+
+TOUCH_M2 = 1e-5
+"""Smaller overlaps of use zones with walls and pieces are contact."""
+
+
+def parse_pin(text: str) -> tuple[str, Pose]:
+    """Return (item id, pose) of ``"bed=1.2,0.5,90"`` (x, y in metres, degrees); raise `PinError` for other forms."""
+    name, _, numbers = text.partition("=")
+    try:
+        x, y, degrees = (float(v) for v in numbers.split(","))
+    except ValueError:
+        raise PinError(f"'{text[:60]}' is not ITEM=X,Y,DEGREES") from None
+    if not all(math.isfinite(v) for v in (x, y, degrees)):
+        raise PinError(f"'{text[:60]}' has a number that is none")
+    return name.strip().replace(" ", "-"), (x, y, math.radians(degrees))
+
+
+def pinned_stands(
+    items: Sequence[Item], pins: Mapping[str, Pose], plan: FloorPlan, rules: RuleSet
+) -> tuple[list[Stand], list[Item]]:
+    """Return the pinned pieces in the room's frame, with what stands on them, and the items that are free.
+
+    Raises `PinError` for ids that are not among the items.
+    """
+    known = {item.id: item for item in items}
+    unknown = [name for name in pins if name not in known]
+    if unknown:
+        raise PinError(f"'{unknown[0]}' is not among the items", advice=f"pin one of: {', '.join(known)}")
+    stood = [_stand(known[name], pose) for name, pose in pins.items()]
+    free = [item for item in items if item.id not in pins]
+    for host in list(stood):
+        on_top = next(
+            (i for i in free if i.spec.placement == "on" and i.spec.group_with == host.item.spec.category), None
+        )
+        if on_top is not None:
+            free.remove(on_top)
+            raised = Item(on_top.id, replace(on_top.spec, base_m=host.item.spec.top_m))
+            stood.append(replace(_stand(raised, (host.x_m, host.y_m, host.theta_rad)), group=host.item.id))
+    room = Polygon(plan.corners, list(plan.holes))
+    return [replace(s, zones=_zones(s, stood, room, rules)) for s in stood], free
+
+
+def _stand(item: Item, pose: Pose) -> Stand:
+    return Stand(item, round(pose[0], 6), round(pose[1], 6), round(pose[2], 9), item.id, None, (), pinned=True)
+
+
+def _zones(stand: Stand, others: Sequence[Stand], room: Polygon, rules: RuleSet) -> tuple[Rect, ...]:
+    """Return the first of the use zones' choices that walls and other pinned pieces leave free (else the last)."""
+    choices = zone_choices(stand.item, rules)
+    solid = [Polygon(o.corners()) for o in others if o.group != stand.group and not o.item.spec.is_rug]
+    for zones in choices:
+        shapes = [Polygon(stand.corners(zone)) for zone in zones]
+        if all(
+            s.difference(room).area < TOUCH_M2 and all(s.intersection(o).area < TOUCH_M2 for o in solid) for s in shapes
+        ):
+            return zones
+    return choices[-1]
+
 
 INSIDE_M = 1e-6
 """Positions are taken this far inside the free set, so that rounding cannot carry them out."""

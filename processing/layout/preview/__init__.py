@@ -1,1 +1,0 @@
-"""Quick pictures of furniture for catalogues: soft light and shadow, no bounced light; not the rendering stage."""
