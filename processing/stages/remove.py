@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Flags
+from processing.ground.seam import grown, resized
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
-from processing.ground.seam import grown, resized
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RemoveParameters

@@ -11,9 +11,9 @@ import pytest
 
 from processing.errors import ParameterError
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
-from processing.ground.seam import grown
 from processing.report.sections import remove_section
 from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
