@@ -1,8 +1,8 @@
 """THE table of stages: what is done with a session, in which order, and from what.
 
 Adding a stage is adding a row here, a class in `processing.stages.parameters` and a module in `processing.stages`
-(docs/pipeline.md shows one). Functions and models are named as "module:name" and imported only when they are used, so
-that this table costs nothing. The options of the command line follow from a stage's parameters.
+(docs/reference/pipeline.md shows one). Functions and models are named as "module:name" and imported only when they are
+used, so that this table costs nothing. The options of the command line follow from a stage's parameters.
 Whatever can change a stage's result is in its row: the runner makes the fingerprint of it, and lets the stage see no
 more of the session than that.
 """

@@ -1,6 +1,7 @@
 """Two checkpoints' networks in one file: classes of one, boundaries of the other.
 
-What is learnt last gains one and may lose the other (docs/network.md); the program sees one network all the same.
+What is learnt last gains one and may lose the other (docs/measurements/network.md); the program sees one network all
+the same.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ filling gets below. `room_edge_sharpness`: steepest step across filled edges of 
 furniture rendered into real pictures (`_remove_composites`); `real_smooth_err_pct` of means over some pixels, as the
 loops of a carpet are nobody's to guess. ``_texture``: the texture distance (`_remove_scores`), 0 is alike.
 ``_gain_db``: over the best rival. Rows are kept (`_remove_rows`).
-Published figures are quoted in docs/removal.md.
+Published figures are quoted in docs/reference/removal.md.
 """
 
 from __future__ import annotations

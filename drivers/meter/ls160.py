@@ -2,7 +2,7 @@
 
 How one answer is kept apart from noise, echoes and late answers: `drivers.meter.dialogue`. Here: several
 samples must agree within a limit, a display that never changes is no measurement, and a lost line is opened once anew.
-What remains is stated in docs/meter-dialects.md.
+What remains is stated in docs/reference/meter-dialects.md.
 """
 
 from __future__ import annotations

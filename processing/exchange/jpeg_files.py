@@ -1,4 +1,4 @@
-"""JPEG pictures for people and viewers, with XMP that says what they show (docs/formats.md)."""
+"""JPEG pictures for people and viewers, with XMP that says what they show (docs/reference/files.md)."""
 
 from __future__ import annotations
 

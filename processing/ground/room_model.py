@@ -1,7 +1,7 @@
 """What a room is: a floor polygon with walls, a ceiling, windows and doors; small enough to be corrected by hand.
 
-World axes (docs/coordinates.md): metres, origin on the floor below the camera, x right and y ahead of the panorama's
-centre, z up. Wall i runs from corner i to corner i + 1; along it, distances are measured from corner i.
+World axes (docs/reference/coordinates.md): metres, origin on the floor below the camera, x right and y ahead of the
+panorama's centre, z up. Wall i runs from corner i to corner i + 1; along it, distances are measured from corner i.
 """
 
 from __future__ import annotations

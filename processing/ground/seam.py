@@ -1,7 +1,7 @@
 """Whole panoramas: pictures and masks that go on round the seam and over the poles, measured in angles.
 
 A panorama is equirectangular, W = 2 H: column 0 lies beside column W - 1, all pixels of the first row meet at the
-zenith, those of the last at the nadir (docs/coordinates.md).
+zenith, those of the last at the nadir (docs/reference/coordinates.md).
 """
 
 from __future__ import annotations

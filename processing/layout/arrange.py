@@ -67,7 +67,8 @@ def arrange(
     Raises
     ------
     NoDoorError, RoomTooSmallError, ItemError, PinError
-        See docs/arrangement.md. An item that finds no place is no error: it is in `not_placed`, with the reason.
+        See docs/reference/arrangement.md. An item that finds no place is no error: it is in `not_placed`, with the
+        reason.
     """
     book = book or built_in_rules()
     rules = book.named(rules) if isinstance(rules, str) else rules

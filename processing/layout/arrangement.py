@@ -1,7 +1,7 @@
 """The result: arrangements as data, JSON in and out; what the rendering stage reads.
 
 A piece stands where its local frame (`items.py`: floor middle of its footprint, +y front, z up) is moved by
-x' = R_z(theta) x + t, t in metres of the room's frame (docs/coordinates.md).
+x' = R_z(theta) x + t, t in metres of the room's frame (docs/reference/coordinates.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The room as the solver sees it: a floor polygon with columns, a ceiling, doors, windows and places kept free.
 
 Metres, z up, corners counter-clockwise seen from above; edge i runs from corner i to corner i + 1 with the room to its
-left (docs/coordinates.md). An opening lies on an edge between `start_m` and `end_m` from the edge's first corner.
+left (docs/reference/coordinates.md). An opening lies on an edge between `start_m` and `end_m` from the edge's first
+corner.
 """
 
 from __future__ import annotations

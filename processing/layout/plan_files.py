@@ -1,4 +1,6 @@
-"""Floor plans from files: `plan.json` and the same object a line (`.jsonl`). docs/arrangement.md lists the keys."""
+"""Floor plans from files: `plan.json` and the same object a line (`.jsonl`). docs/reference/arrangement.md lists the
+keys.
+"""
 
 from __future__ import annotations
 

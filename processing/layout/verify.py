@@ -101,7 +101,7 @@ class Judge:
         return next(filter(None, ({n for n, w in enumerate(self._ways) if p.intersects(w)} for p in parts)), set())
 
     def judge(self, pieces: Sequence[Piece]) -> Verdict:
-        """Check every hard rule (1 to 6, 8 to 10 of docs/arrangement.md)."""
+        """Check every hard rule (1 to 6, 8 to 10 of docs/reference/arrangement.md)."""
         return Verdict(tuple(self._violations(pieces)))
 
     def passes(self, pieces: Sequence[Piece], *, fits: bool = False) -> bool:

@@ -1,8 +1,8 @@
 """Pictures as OpenEXR: float32, ZIP, cd/m2 as they are, every field of the picture's type, and nothing else.
 
 ZIP, because its checksums show flipped bits that PIZ and DWA hide. Channels: R, G, B, ``uncertainty`` (float),
-``validity`` and, where it was looked for, ``ghost`` (half: exact for 0 to 255). docs/formats.md lists the attributes.
-The same picture gives the same bytes.
+``validity`` and, where it was looked for, ``ghost`` (half: exact for 0 to 255). docs/reference/files.md lists the
+attributes. The same picture gives the same bytes.
 
 The header of a file is read by ourselves before the library may allocate anything: the library leaves out parts that it
 cannot read without an exception; only the file's own header says how many there should be, how large, and of which

@@ -84,7 +84,7 @@ def furniture_prior(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Fl
     """Return the probability (H, W) of furniture: the network's, what the room says, and unusual colours.
 
     Weights are a logistic regression on simulated rooms of validation seeds and real rooms that may be looked at
-    (docs/detection.md), rounded.
+    (docs/reference/detection.md), rounded.
     """
     share = np.clip(probabilities[SceneClass.FURNITURE], 1e-3, 1 - 1e-3)
     unusual = surface_outliers(probabilities, maps, rgb8)

@@ -1,7 +1,7 @@
 """How sure a room is: what was odd on the way to it, as one probability.
 
 The probability is that of a 3D IoU of at least 0.85 with the true room, by a logistic fit on a few diagnostics
-(docs/room.md says on which rooms; `python -m benchmarks room` measures it on others).
+(docs/reference/room.md says on which rooms; `python -m benchmarks room` measures it on others).
 """
 
 from __future__ import annotations
@@ -172,7 +172,7 @@ def _rival(ranked: list[Hypothesis], chosen: Hypothesis, polygon: Doubles) -> fl
 COEFFICIENTS = {"log2_sigma": -0.49, "ratio_spread": -11.8, "rival": -11.3, "log2_loss": -0.54, "entropy": -4.5}
 INTERCEPT = 2.7
 """Ridge logistic fit on 237 pictures: simulated rooms of validation seeds (cameras in doorways, mirrors, closets,
-tilted, dark and cropped ones among them) and the real ones that may be looked at (docs/room.md)."""
+tilted, dark and cropped ones among them) and the real ones that may be looked at (docs/reference/room.md)."""
 LARGEST_SPREAD = 0.2
 LEAST_SIGMA_DEG, LEAST_LOSS = 0.25, 0.01
 LEAST, MOST = 0.02, 0.98

@@ -212,7 +212,7 @@ def read_contract(path: Path) -> NetworkContract:
         raise SegmenterError(
             f"the network's contract cannot be read: {exc.strerror}",
             where=str(path),
-            advice="put a JSON file of that name beside the network; docs/detection.md has examples",
+            advice="put a JSON file of that name beside the network; docs/reference/detection.md has examples",
         ) from exc
     except strict_json.StrictJsonError as exc:
         raise SegmenterError(str(exc), where=str(path), advice="correct the file") from exc

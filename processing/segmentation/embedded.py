@@ -1,6 +1,7 @@
 """The network that daylit ships: classes and boundaries of an upright panorama, without any download.
 
-It was trained on simulated rooms only (docs/network.md, `training/`). It sees the panorama at 256 x 128, several times:
+It was trained on simulated rooms only (docs/measurements/network.md, `training/`). It sees the panorama at 256 x 128,
+several times:
 turned about the vertical and mirrored, by angles that do not fall on its grid, so that the answers differ and their
 mean is better than each.
 """

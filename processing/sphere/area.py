@@ -216,7 +216,7 @@ def projected_solid_angles(geometry: Geometry, normal: npt.ArrayLike) -> Doubles
 
     The illuminance on a plane with that ``normal`` (3,), of any length, is the sum of these times luminance. Closed
     form per cell, but for those that the plane's own horizon crosses, which are divided finely: 2e-6 of the whole at
-    16 rows, less above (docs/sphere.md).
+    16 rows, less above (docs/reference/sphere.md).
     """
     n = np.asarray(normal, dtype=np.float64)
     if n.shape != (3,) or not np.isfinite(n).all() or not n.any():

@@ -2,7 +2,7 @@
 
 Pixel coordinates are continuous: the first pixel reaches from 0 to 1 and its centre is 0.5; x grows to the right,
 y downwards. World axes: x right, y ahead, z up (right-handed). Longitude is 0 ahead (+y) and grows to the right (+x),
-in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/coordinates.md states all of this.
+in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/reference/coordinates.md states all of this.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from processing.stages.upright import upright_panorama
 
 
 def run(context: StageContext) -> StageOutput:
-    """Write light_figures.json (docs/light.md)."""
+    """Write light_figures.json (docs/reference/light-figures.md)."""
     image = upright_panorama(context)
     facts = context.artifact("calibrate", "calibration")
     room: RoomModel | None = context.optional_artifact("room", "room")

@@ -22,7 +22,7 @@ class Plane:
     """Floor, ceiling or a wall. A texture's column and row grow along ``u_axis`` and ``v_axis`` from ``origin_m``.
 
     Walls are seen from inside, upright: u to the right, v down. The floor is seen from above with +y up the texture
-    (u = +x, v = -y); the ceiling from below (u = +x, v = +y). World axes as in docs/coordinates.md.
+    (u = +x, v = -y); the ceiling from below (u = +x, v = +y). World axes as in docs/reference/coordinates.md.
     """
 
     index: int

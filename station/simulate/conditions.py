@@ -79,7 +79,7 @@ def load_conditions(path: Path) -> list[Condition]:
         raise ConditionsError(
             "; ".join(faults[:_MAX_FAULTS_SHOWN]) + more,
             where=str(path),
-            advice="correct these cells; docs/formats.md describes the columns",
+            advice="correct these cells; docs/reference/files.md describes the columns",
             faults=faults,
         )
     return found

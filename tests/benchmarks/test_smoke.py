@@ -18,8 +18,8 @@ KEYS = {
     "capture": "limit_ratio skew_p99_ms peak_mb help_s",
     "truth": "furnace_err_pct sphere_err_pct form_factor_err_pct daylight_err_pct outdoor_lux_err_pct rooms_ok",
     "response": "rms_stops cpu_s rival_best_rms_stops",
-    "merge": "cpu_ratio_robertson cpu_ratio_debevec median_err_stops p95_err_stops decade_bias_stops jpeg_median_err_stops "
-    "jpeg_p95_err_stops decode_ratio peak_mb coverage68_pct coverage95_pct",
+    "merge": "cpu_ratio_robertson cpu_ratio_debevec median_err_stops p95_err_stops decade_bias_stops "
+    "jpeg_median_err_stops jpeg_p95_err_stops decode_ratio peak_mb coverage68_pct coverage95_pct",
     "photometry": "k1_err_pct k2_err_pct indoor_median_err_pct indoor_p95_err_pct outdoor_lux_err_pct",
     "sphere": "speedup_py360convert remap_ratio uniform_err hemisphere_err sun_energy_err_pct",
     "room": "iou3d_empty_median iou3d_furnished_median corner_err_pct window_iou iou3d_zind_median seconds",

@@ -26,8 +26,8 @@ T = TypeVar("T", int, float)
 WHITE_CODE, MIDDLE_CODE = 255, 128
 """A bracket gives the curve of each channel but for a factor. We choose exposure 1 at code 255, where the curve is
 continued by a few codes: cameras balance their channels so that a saturated sensor comes out white. Of the gauges
-measured on simulated cameras whose channels have tone curves of their own it keeps colours best (docs/calibration.md).
-Where the frames come nowhere near white the gauge is code 128."""
+measured on simulated cameras whose channels have tone curves of their own it keeps colours best
+(docs/reference/calibration.md). Where the frames come nowhere near white the gauge is code 128."""
 LEAST_HIGH = 235
 """Code that the frames must reach in all channels for the white gauge; chosen: 20 codes of extrapolation at most."""
 _PIXELS = 9

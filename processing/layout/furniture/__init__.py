@@ -1,1 +1,1 @@
-"""Built-in furniture: parametric meshes of our own, made to the size that is asked for (docs/furniture.md)."""
+"""Built-in furniture: parametric meshes of our own, made to the size that is asked for (docs/guides/furniture.md)."""

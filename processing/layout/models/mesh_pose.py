@@ -10,8 +10,8 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from processing.errors import CatalogueError
 from processing.ground.arrays import Doubles, Flags, Int64s
+from processing.ground.mesh import crosses
 from processing.layout.furniture.model import Size
-from processing.layout.furniture.solids import crosses
 from processing.layout.items import KINDS
 from processing.layout.models.mesh_files import RawPart
 

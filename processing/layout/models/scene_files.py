@@ -1,7 +1,7 @@
 """Furniture as GLB: one model, or all of an arrangement where it stands.
 
 glTF has y upwards: (x, y, z) of our frame, z up, becomes (x, z, -y). A model's front (+y) so looks to -z, an
-arrangement's room lies as docs/coordinates.md has it.
+arrangement's room lies as docs/reference/coordinates.md has it.
 """
 
 from __future__ import annotations

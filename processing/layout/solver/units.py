@@ -22,7 +22,7 @@ Rect: TypeAlias = tuple[float, float, float, float]
 LEAST_ZONE_M = 1e-6
 """Use zones less deep than this are none."""
 PLACE_M = 0.61
-"""Width of one place at a dining table (24 in, docs/arrangement.md)."""
+"""Width of one place at a dining table (24 in, docs/reference/arrangement.md)."""
 BIG_M2 = 0.25
 """Footprint from which pieces distinguish arrangements."""
 MAIN = ("bed", "single bed", "king bed", "sofa", "dining table", "desk")

@@ -1,6 +1,7 @@
 """What is rendered: flat surfaces with textures, panes of glass, furniture as meshes, and the light outdoors.
 
-World axes and units as in docs/coordinates.md; radiance is linear RGB in cd/m2, irradiance in lx, albedo 0 to 1.
+World axes and units as in docs/reference/coordinates.md; radiance is linear RGB in cd/m2, irradiance in lx, albedo 0
+to 1.
 Light goes from surface to surface as if all were matte (Lambert); what the eye sees of furniture and of glossy floors
 has highlights besides (`highlights`).
 """

@@ -168,7 +168,7 @@ def cleaned(picture: Floats, sight: Sight, *, wraps: bool, quality: str = "high"
 def relative_error(one: Floats, other: Floats, sight: Sight, *, blurred: bool) -> float:
     """Return the relative rms error of the mean of two halves (H, W, 3); where it is cleaned, of neighbours' means.
 
-    Cleaning averages over about as many pixels as `CLEAN_PX` squared: measured, see docs/rendering.md.
+    Cleaning averages over about as many pixels as `CLEAN_PX` squared: measured, see docs/reference/rendering.md.
     """
     solid = sight.solid.reshape(sight.shape)
     if not solid.any():
