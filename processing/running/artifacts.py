@@ -21,8 +21,8 @@ MAX_JSON_BYTES = 64 << 20
 WRITTEN = True
 """Instead of an artifact's value: the stage has written the file."""
 _SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
-_READ_PICTURE = "processing.pictures:read_exr"
-_WRITE_PICTURE = "processing.pictures:write_exr"
+_READ_PICTURE = "processing.pictures.exr:read_exr"
+_WRITE_PICTURE = "processing.pictures.exr:write_exr"
 _READ_MASK = "processing.pictures.masks:read_mask"
 _WRITE_MASK = "processing.pictures.masks:write_mask"
 
