@@ -43,7 +43,7 @@ class ToneCurve:
         return np.interp(np.asarray(value, dtype=np.float64), self.encode(grid), grid)
 
     def table(self) -> Bytes:
-        """Return the 8-bit value of each of 65536 equally spaced exposures."""
+        """Return the 8-bit value, shape (65536,), of equally spaced exposures."""
         return _table(self)
 
 

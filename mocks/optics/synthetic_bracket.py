@@ -91,7 +91,7 @@ def expose(radiance: Floats, shutter_s: float, sensor: Sensor, seed: int, jpeg_q
 
 
 def jpeg_coded(frame: Bytes, quality: int) -> Bytes:
-    """Return the frame after JPEG coding (4:2:0) and decoding."""
+    """Return the frame (H, W, 3), 8-bit sRGB codes, after JPEG coding (4:2:0) and decoding."""
     done, data = cv2.imencode(".jpg", frame[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
     assert done
     coded = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)

@@ -52,7 +52,7 @@ def build(folder: Path, *, split: str, zone: str, as_json: bool, **about: str) -
     from processing.batch.dataset import build as make
     from processing.batch.dataset import summary as sum_up
     from processing.commands.batch import known_zone
-    from processing.commands.numbers import numbers
+    from station.commands.views import numbers
 
     description = Description(version=about.pop("release"), **about)
     train, validation, test = (part / 100 for part in numbers("--split", split, 3, "per cent, such as 70,15,15"))

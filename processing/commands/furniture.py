@@ -143,7 +143,7 @@ def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
 
 
 def _size(text: str | None) -> tuple[float, float, float] | None:
-    from processing.commands.numbers import numbers
+    from station.commands.views import numbers
 
     if text is None:
         return None

@@ -160,7 +160,7 @@ def _weather(room: SessionRoom, kind: str, place: Place) -> Weather:
 
 
 def _site(text: str | None) -> tuple[float, float] | None:
-    from processing.commands.numbers import numbers
+    from station.commands.views import numbers
 
     if text is None:
         return None

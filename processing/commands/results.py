@@ -33,8 +33,8 @@ def inspect(file: Path, at: tuple[str, ...], radius: float, *, as_json: bool) ->
       daylit inspect sessions/2023-05-19T1554Z_coda-320/stages/calibrate/indoor.exr --at 30,-10
       daylit inspect sky.hdr --at 0,90 --radius 5 --json
     """
-    from processing.commands.numbers import numbers
     from processing.exchange.inspection import open_picture, picture_facts, place_facts
+    from station.commands.views import numbers
 
     picture = open_picture(file)
     directions = [numbers("--at", one, 2, "longitude and latitude in degrees") for one in at]

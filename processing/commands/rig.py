@@ -68,8 +68,8 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
 
 def _request(options: dict[str, Any]) -> RigRequest:
     from processing.calibration.response.shutter import ShutterRule
-    from processing.commands.numbers import numbers
     from processing.rig.calibrate import RigRequest
+    from station.commands.views import numbers
 
     first, *rest = options["sessions"]
     chart = options["chart"] or first

@@ -47,10 +47,10 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit view-from sessions/2023-05-19T1554Z_coda-320 --eye 0.5,1,1.6 --panorama --staged 1
     """
     _check(asked)
-    from processing.commands.numbers import numbers
     from processing.light.picture.viewpoint import check_place, seen_from
     from processing.light.solver.irradiance import EFFORTS
     from processing.relighting.session_room import read_session_room
+    from station.commands.views import numbers
 
     eye = list(numbers("--eye", asked["eye"], 3, "metres to the right, ahead and up"))
     geometry = _geometry(asked)
@@ -83,8 +83,8 @@ def _check(asked: dict[str, Any]) -> None:
 
 
 def _geometry(asked: dict[str, Any]) -> Any:
-    from processing.commands.numbers import numbers
     from processing.sphere import Equirectangular, Perspective
+    from station.commands.views import numbers
 
     wide = asked["width"] // 2 * 2
     if asked["panorama"]:

@@ -183,7 +183,7 @@ def scene_glb(scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Byt
     max_texture_px
         Longest side of a texture; larger ones are averaged down.
     lit
-        By surface name, an sRGB picture (h, w, 3) laid out as its albedo: shown instead of it, unlit.
+        By surface name, an sRGB picture (H, W, 3) laid out as its albedo: shown instead of it, unlit.
 
     Raises
     ------
@@ -210,7 +210,7 @@ def scene_glb(scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Byt
 def write_scene_glb(
     path: Path, scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Bytes] | None = None
 ) -> None:
-    """Write `scene_glb` durably."""
+    """Write `scene_glb` durably; ``lit``: by surface name, an sRGB picture (H, W, 3)."""
     write_bytes(path, scene_glb(scene, max_texture_px=max_texture_px, lit=lit))
 
 

@@ -149,7 +149,7 @@ def thin_and_dark(rgb8: Bytes) -> Floats:
 
 
 def painted_disc(rgb8: Bytes) -> float:
-    """Return the radius (rad) of a disc at the nadir without detail, 0 where there is none."""
+    """Return the radius (rad) of a disc without detail at the nadir of a panorama (H, W, 3), 0 where there is none."""
     picture = np.asarray(nadir_picture(rgb8), np.uint8)
     light = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
     mean = cv2.boxFilter(light, -1, (5, 5))

@@ -32,7 +32,7 @@ CCT_RANGE_K = (2000.0, 20000.0)
 
 
 def response_plot(log2_exposure: Doubles, sigma_log2: Doubles, low: Sequence[int], high: Sequence[int]) -> bytes:
-    """Return an SVG of response curves: exposure in stops (3, N) over codes.
+    """Return an SVG of response curves: exposure in stops, shape (3, N), over codes.
 
     ``sigma_log2``: (3, N) standard uncertainty in stops, of which a band shows two. Outside ``low[c]..high[c]`` the
     curve is extrapolated and drawn faintly.

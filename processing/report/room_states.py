@@ -14,8 +14,7 @@ from processing.exchange.jpeg_files import TEXT
 from processing.layout.arrangement import Arrangements
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.report.data import Model, Models, Section
-from processing.report.states import FIELD_DEG, State, comparison, viewer
-from processing.report.tone import Look
+from processing.report.states import FIELD_DEG, Look, State, comparison, viewer
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED, ReportParameters

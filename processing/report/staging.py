@@ -15,8 +15,7 @@ from processing.exchange.jpeg_files import TIMES, jpeg_bytes, labelled
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section
-from processing.report.states import State, small_direction, small_height_px, small_view
-from processing.report.tone import Look
+from processing.report.states import Look, State, small_direction, small_height_px, small_view
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED

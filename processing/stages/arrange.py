@@ -8,9 +8,8 @@ from typing import Any
 from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
-from processing.layout.assumed import Choice, fitting_choice, named_choice, with_door
+from processing.layout.assumed import Choice, broken_rules, fitting_choice, named_choice, with_door
 from processing.layout.drawn.drawing import write_drawings
-from processing.layout.given import broken_rules
 from processing.layout.items import KINDS, Item, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import FloorPlan, from_room_model

@@ -62,7 +62,7 @@ def latitudes(geometry: Equirectangular) -> Doubles:
 
 
 def plane_map(room: RoomModel, geometry: Equirectangular) -> Int16s:
-    """Return `SurfaceMaps.plane` alone."""
+    """Return `SurfaceMaps.plane`, shape (H, W), alone."""
     check_stands(room)
     return _planes(columns_of(room, geometry), latitudes(geometry))
 

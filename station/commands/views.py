@@ -1,14 +1,27 @@
-"""What a user sees of a command at work: the base of all views, and those of a capture."""
+"""What a user sees of a command at work: the base of all views, those of a capture, and options that are numbers."""
 
 from __future__ import annotations
 
 import json
+import math
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import click
 
 from station.capture.events import CaptureEvent, EventKind
+
+
+def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:
+    """Return the numbers of an option's text; `click.UsageError` says how many it takes, and of ``what``."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise click.UsageError(f"{flag} {text[:40]!r}: {count} numbers with commas between, {what}")
+    return values
+
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID

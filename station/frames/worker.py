@@ -156,7 +156,7 @@ def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Bytes:
 
 
 def measure(pixels: Bytes, circle: Circle | None = None) -> dict[str, Any]:
-    """Return brightness measures of an 8-bit picture, band by band so that little memory is needed.
+    """Return brightness measures of an 8-bit picture (H, W, 3), band by band so that little memory is needed.
 
     With ``circle`` (centre column, centre row, radius as fractions of width, height and width) only what lies inside
     counts: around a fisheye's picture all is black.

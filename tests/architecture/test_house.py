@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter, defaultdict
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -26,15 +27,15 @@ MAX_FUNCTION_LINES = 40
 MAX_FOLDER_FILES = 20
 MAX_PARAMETERS = 8
 SMALLEST_OF_ONE_IMPORTER = 60
-MOST_UNEXPLAINED_CONSTANTS = 1000
+MOST_UNEXPLAINED_CONSTANTS = 402
 """Named numbers without a word on where they come from. It may only fall."""
-MOST_TOLD = 60
+MOST_TOLD = 12
 FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py"}
 LINES = {
-    "drivers": 6_800,
-    "station": 9_300,
-    "mocks": 18_600,
-    "processing": 51_000,
+    "drivers": 6_400,
+    "station": 8_900,
+    "mocks": 16_750,
+    "processing": 49_450,
 }
 """The budget of lines of each room."""
 OWN_PROGRAMS = {"__init__", "__main__", "child", "worker"}
@@ -57,6 +58,15 @@ def tree_of(path: Path) -> ast.Module:
 @cache
 def functions(path: Path) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
     return [n for n in ast.walk(tree_of(path)) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+
+
+def public_functions(scope: ast.Module | ast.ClassDef) -> Iterator[ast.FunctionDef]:
+    """Yield the public functions of a module and the public methods of its public classes, not those within others."""
+    for node in scope.body:
+        if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+            yield node
+        elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield from public_functions(node)
 
 
 def function_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
@@ -104,11 +114,13 @@ def test_no_drawer_of_one_function_for_one_caller() -> None:
                     importers[name].add(where(path))
             elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                 importers[node.value.partition(":")[0]].add(where(path) + " by name")
+    entries = "processing/pipeline.py by name"
     small = [
         f"{where(path)}: {path.read_text('utf-8').count(chr(10))} lines, for {next(iter(importers[module]), 'nobody')}"
         for module, path in modules.items()
         if path.stem not in OWN_PROGRAMS and path.parent != ROOT
-        if path.read_text("utf-8").count("\n") < SMALLEST_OF_ONE_IMPORTER and len(importers[module]) <= 1
+        if path.read_text("utf-8").count("\n") < SMALLEST_OF_ONE_IMPORTER
+        if len(importers[module]) <= 1 and importers[module] != {entries}
     ]
     assert not small, "\n".join(small)
 
@@ -127,9 +139,9 @@ def test_functions_take_few_parameters() -> None:
 def test_public_numeric_functions_state_shapes() -> None:
     missing = []
     for path in FILES:
-        for node in functions(path):
+        for node in public_functions(tree_of(path)):
             signature = ast.unparse(node.args) + (ast.unparse(node.returns) if node.returns else "")
-            if node.name.startswith("_") or not _ARRAY.search(signature):
+            if not _ARRAY.search(signature):
                 continue
             if not _SHAPE.search(ast.get_docstring(node) or ""):
                 missing.append(f"{where(path)}:{node.lineno} {node.name}")
@@ -138,7 +150,7 @@ def test_public_numeric_functions_state_shapes() -> None:
 
 def test_array_types_have_one_set_of_names() -> None:
     alias = re.compile(r"^\w+(: TypeAlias)? = (npt\.)?NDArray\[np\.\w+\]$", re.M)
-    ours = {"processing/ground/arrays.py", "station/frames/worker.py"}
+    ours = {"processing/ground/arrays.py", "station/frames/worker.py", "mocks/worlds/light.py"}
     wrong = [where(p) for p in FILES if where(p) not in ours and alias.search(p.read_text("utf-8"))]
     assert not wrong, f"use processing.ground.arrays: {wrong}"
 

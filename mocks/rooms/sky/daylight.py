@@ -11,7 +11,6 @@ import numpy as np
 
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Reals, Vector, luminance_cd_m2
 from processing.ground.arrays import Floats
-from processing.ground.colour import RGB_OF_XYZ
 
 LOWEST_SUN_RAD = math.radians(8)
 
@@ -208,6 +207,11 @@ def overcast_lx(sun_elevation_rad: float) -> float:
 # Colours of sky, sun and clouds as linear RGB (Rec. 709 primaries, white D65) at luminance 1.
 
 
+XYZ_TO_RGB = np.array(
+    [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
+)
+"""Linear RGB of CIE XYZ (Lindbloom, sRGB, D65). Its digits stay: kept light was made with them."""
+
 # Where the three primaries lie in the spectrum (micrometres), and the sun's own colour above the air.
 WAVELENGTHS_UM = (0.610, 0.550, 0.465)
 SUN_ABOVE_AIR_XY = (0.3225, 0.3325)
@@ -253,7 +257,7 @@ def sun(sun_elevation_rad: float, turbidity: float) -> Floats:
 
 def _from_xy(x: Reals, y: Reals) -> Floats:
     xyz = np.stack([x / y, np.ones_like(x), (1 - x - y) / y], axis=-1)
-    rgb = np.maximum(xyz @ np.array(RGB_OF_XYZ).T, 0.0)
+    rgb = np.maximum(xyz @ XYZ_TO_RGB.T, 0.0)
     return np.asarray(rgb / (rgb @ LUMINANCE_WEIGHTS.astype(np.float64))[..., None], dtype=np.float32)
 
 

@@ -228,7 +228,7 @@ def rug(b: Bench) -> None:
 
 
 def rug_pattern(colours: tuple[Colour, Colour, Colour], width_m: float, depth_m: float) -> Bytes:
-    """Return a rug's picture: a bordered field of lozenges between lines, in uneven wool."""
+    """Return a rug's picture (H, W, 3), sRGB: a bordered field of lozenges between lines, in uneven wool."""
     scale = min(400.0, 900.0 / max(width_m, depth_m))
     cols, rows = max(16, round(width_m * scale)), max(16, round(depth_m * scale))
     y, x = np.meshgrid((np.arange(rows) + 0.5) / scale, (np.arange(cols) + 0.5) / scale, indexing="ij")

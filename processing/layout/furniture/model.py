@@ -134,7 +134,9 @@ def _coloured(tone: Doubles, colour: Colour, tint: Colour = (0.0, 0.0, 0.0)) -> 
 
 @lru_cache(maxsize=16)
 def wood(colour: Colour, figure: float = 1.0, seed: int = 3) -> Bytes:
-    """Return wood of a mean colour, the grain running down the picture; `figure` 0 is nearly plain."""
+    """Return a picture (H, W, 3), sRGB, of wood of a mean colour, the grain running down the picture; `figure` 0 is
+    nearly plain.
+    """
     tall, wide = 2 * SIDE, SIDE
     x = np.arange(wide)[None, :] / wide
     warp = 0.10 * noise((tall, wide), (420, 130), seed) + 0.014 * noise((tall, wide), (90, 26), seed + 1)
@@ -150,7 +152,7 @@ def wood(colour: Colour, figure: float = 1.0, seed: int = 3) -> Bytes:
 
 @lru_cache(maxsize=16)
 def cloth(colour: Colour, contrast: float = 1.0, seed: int = 5) -> Bytes:
-    """Return a plain weave of slightly uneven threads, 2.5 mm apart."""
+    """Return a picture (H, W, 3), sRGB, of a plain weave of slightly uneven threads, 2.5 mm apart."""
     threads = 64
     cell = SIDE // threads
     y, x = np.meshgrid(np.arange(SIDE), np.arange(SIDE), indexing="ij")
@@ -170,7 +172,7 @@ def cloth(colour: Colour, contrast: float = 1.0, seed: int = 5) -> Bytes:
 
 @lru_cache(maxsize=16)
 def boucle(colour: Colour, seed: int = 11) -> Bytes:
-    """Return looped yarn: soft knots of several sizes."""
+    """Return a picture (H, W, 3), sRGB, of looped yarn: soft knots of several sizes."""
     knots = noise((SIDE, SIDE), (15, 15), seed) + 0.6 * noise((SIDE, SIDE), (7, 7), seed + 1)
     tone = 0.15 * np.tanh(knots) + 0.015 * noise((SIDE, SIDE), (110, 110), seed + 2)
     return _coloured(tone, colour)
@@ -178,7 +180,7 @@ def boucle(colour: Colour, seed: int = 11) -> Bytes:
 
 @lru_cache(maxsize=8)
 def leather(colour: Colour, seed: int = 17) -> Bytes:
-    """Return smooth leather: faint pores, cloudy dye."""
+    """Return a picture (H, W, 3), sRGB, of smooth leather: faint pores, cloudy dye."""
     pores = np.abs(noise((SIDE, SIDE), (7, 7), seed))
     tone = -0.05 * np.exp(-4 * pores) + 0.07 * noise((SIDE, SIDE), (150, 150), seed + 1)
     return _coloured(tone, colour, (-0.1, 0.05, 0.1))

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from processing.ground.arrays import Doubles, Int64s
+from processing.ground.arrays import Doubles, Int64s, UInt64s
 from processing.layout.solver.field import Field
 from processing.layout.solver.free_sets import (
     SKIN_M,
@@ -25,7 +25,7 @@ from processing.layout.solver.free_sets import (
 )
 from processing.layout.solver.steering import ROLE, Spot, score_spot
 from processing.layout.solver.units import Unit
-from processing.layout.solver.walk_grid import Walk, Words, rect_distance2
+from processing.layout.solver.walk_grid import Walk, rect_distance2
 
 KEPT_INTERVALS = 40
 """Intervals that walls and fixed outlines forbid on a line, at most (chosen: 24 corners make fewer than 20)."""
@@ -97,7 +97,7 @@ class Placed(NamedTuple):
     """(A, 7)."""
     counts: Int64s
     """(2,): outlines and anchors in use."""
-    blocked: Words
+    blocked: UInt64s
     """(rows, words): where no walker's middle can be."""
 
 
@@ -118,9 +118,9 @@ class Work(NamedTuple):
     """(MOST_LEVELS + 1,)."""
     tried: Doubles
     """(24,): places in one interval."""
-    blocked: Words
+    blocked: UInt64s
     """(rows, words): a trial's grid."""
-    flood: Words
+    flood: UInt64s
     """(2, rows, words)."""
     zones: Doubles
     """(N, 4, 2)."""

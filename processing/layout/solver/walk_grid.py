@@ -13,10 +13,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from processing.ground.arrays import Doubles, Flags
+from processing.ground.arrays import Doubles, Flags, UInt64s
 from processing.layout.solver.free_sets import inside_walls
 
 WORD = 64
@@ -27,7 +26,7 @@ MOST_PATCHES = 4
 _ZERO, _ONE, _ALL = np.uint64(0), np.uint64(1), np.uint64(0xFFFFFFFFFFFFFFFF)
 _TOP = np.uint64(63)
 
-Words = npt.NDArray[np.uint64]
+
 """A grid of bits, (rows, words)."""
 
 
@@ -43,7 +42,7 @@ class Walk(NamedTuple):
     """What paths are checked against in the empty room."""
 
     grid: Grid
-    blocked: Words
+    blocked: UInt64s
     """(rows, words): bits of cells where no walker's middle can be."""
     doors: Doubles
     """(D, 4, 2) metres: the floor before each door that has to be reached; none: paths are not looked at."""
@@ -53,14 +52,14 @@ class Walk(NamedTuple):
     """Metres within which a walker's middle serves a use zone."""
 
 
-def packed(cells: Flags) -> Words:
+def packed(cells: Flags) -> UInt64s:
     """Return a grid (rows, columns) as words, shape (rows, words); what is past the last column is set (blocked)."""
     rows, columns = cells.shape
     words = -(-columns // WORD)
     padded = np.ones((rows, words * WORD), dtype=np.bool_)
     padded[:, :columns] = cells
     as_bytes = np.packbits(padded, axis=1, bitorder="little").reshape(rows, words, 8).astype(np.uint64)
-    bits: Words = (as_bytes << (8 * np.arange(8, dtype=np.uint64))).sum(axis=2, dtype=np.uint64)
+    bits: UInt64s = (as_bytes << (8 * np.arange(8, dtype=np.uint64))).sum(axis=2, dtype=np.uint64)
     return bits
 
 

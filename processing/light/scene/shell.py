@@ -33,7 +33,8 @@ def shell_of(
 ) -> tuple[tuple[Surface, ...], tuple[Pane, ...]]:
     """Return the surfaces (floor, ceiling, walls in order, then reveals) and panes of a room.
 
-    ``albedo`` gives each surface's texture by its name (floor, ceiling, wall-0 .., reveal-2-left ..); ``transmittance``
+    ``albedo`` gives each surface's texture, (H, W, 3) reflectances in 0..1, by its name (floor, ceiling, wall-0 ..,
+    reveal-2-left ..); ``transmittance``
     that of each window by its number among the openings (1 where it is not given); ``sheets`` of clear glass let it
     fall with the angle (`scene.Pane`).
 

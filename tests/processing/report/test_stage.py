@@ -16,7 +16,7 @@ from processing.report import room_states, states
 from processing.report.data import Cards, Comparison, Models, Viewer
 from processing.report.stage import report_data, run, session_facts
 from processing.report.staging import relight_section
-from processing.report.tone import Look
+from processing.report.states import Look
 from tests.processing.report.made_up import context, darker, picture, results, without
 
 STAGED_XMP = b"compositeSynthetic"
