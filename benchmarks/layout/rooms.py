@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.shared_data import DATA
 from processing.errors import PlanError
 from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.plan_files import plan_from_mapping
 
-SHARED = Path(os.environ.get("DAYLIT_SHARED", Path(__file__).resolve().parents[3] / "shared")) / "data" / "floorplans"
+SHARED = DATA / "floorplans"
 KINDS = ("slanted", "bay", "column", "corners24")
 
 

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize
 
+from benchmarks.shared_data import DATA
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.outdoor.lens import ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.outdoor import (
@@ -45,7 +46,7 @@ from processing.pictures.radiance import RADIANCE_WEIGHTS, read_radiance_hdr, wr
 from processing.sphere import Fisheye, LensMapping, directions, solid_angles
 from processing.sphere.resampling import resample
 
-FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "brackets" / "canon5d2_8mm_bracket"
+FOLDER = DATA / "brackets" / "canon5d2_8mm_bracket"
 NOMINAL_S = (13.0, 3.2, 0.8, 0.2, 0.05, 0.0125, 1 / 320, 0.0008, 0.0002)
 PUBLISHED_LUX = 900.936
 F_NUMBER, ISO, HDRGEN_K, PHOTOMETRIC_FACTOR = 5.6, 100, 87.0, 1.18

@@ -21,6 +21,7 @@ from typing import Any
 
 import psutil
 
+from benchmarks.shared_data import DATA
 from benchmarks.whole.batch_sessions import ZONE, make_sessions
 from processing.batch.croissant import Description
 from processing.batch.dataset import build, check
@@ -33,7 +34,7 @@ from processing.stages.contract import Quality
 
 UNTIL = os.environ.get("DAYLIT_BATCH_UNTIL", "calibrate")
 ARGUMENTS = ("--quality", "draft", "--until", UNTIL)
-CONDITIONS = Path(__file__).resolve().parents[3] / "shared" / "data" / "paper" / "cali_hdr_summary.csv"
+CONDITIONS = DATA / "paper" / "cali_hdr_summary.csv"
 COUNT = {True: 4, False: 137}
 TIMED = {True: 2, False: 8}
 ALONE = {True: 1, False: 3}

@@ -20,6 +20,7 @@ import OpenEXR
 
 from benchmarks.paired import cost_of
 from benchmarks.seeds import seeds
+from benchmarks.shared_data import DATA
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import PictureFileError
 from processing.pictures.exr import read_exr, read_exr_rgb, write_exr
@@ -29,7 +30,7 @@ from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
 FULL, QUICK = (6720, 3360), (1680, 840)
 CODINGS = ("NO", "ZIPS", "ZIP", "PIZ")
-CORPUS = Path(__file__).resolve().parents[3] / "shared" / "data" / "damaged" / "exr"
+CORPUS = DATA / "damaged" / "exr"
 SUN_CD_M2 = 1.6e9
 
 Figures = dict[str, float]

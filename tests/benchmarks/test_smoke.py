@@ -6,14 +6,13 @@ The figures of such runs mean nothing; that they are there, finite and reached b
 from __future__ import annotations
 
 import importlib
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from benchmarks import form
+from benchmarks.shared_data import DATA
 
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 KEYS = {
     "capture": "limit_ratio skew_p99_ms peak_mb help_s",
     "truth": "furnace_err_pct sphere_err_pct form_factor_err_pct daylight_err_pct outdoor_lux_err_pct rooms_ok",
@@ -64,7 +63,7 @@ def test_the_list_is_whole() -> None:
 
 @pytest.mark.parametrize("name", sorted(KEYS))
 def test_benchmark_runs_and_has_its_keys(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    needed = SHARED / NEEDS.get(name, "")
+    needed = DATA / NEEDS.get(name, "")
     if name in NEEDS and not needed.is_dir():
         pytest.skip(f"shared data {NEEDS[name]} are not beside the checkout")
     for place, value in SMALL.get(name, {}).items():
