@@ -24,7 +24,7 @@ def shared_rooms() -> list[dict[str, Any]]:
     return [
         json.loads(line)
         for name in ("r2v", "ifc", "zind")
-        for line in (SHARED / f"{name}.jsonl").open(encoding="utf-8")
+        for line in (SHARED / f"{name}.jsonl").read_text("utf-8").splitlines()
     ]
 
 

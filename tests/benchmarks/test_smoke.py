@@ -6,12 +6,15 @@ The figures of such runs mean nothing; that they are there, finite and reached b
 from __future__ import annotations
 
 import importlib
+import os
+import sys
 from typing import Any
 
 import pytest
 
-from benchmarks import form
+from benchmarks import form, truth_rooms
 from benchmarks.shared_data import DATA
+from mocks.rooms.model import Use
 
 KEYS = {
     "capture": "limit_ratio skew_p99_ms peak_mb help_s",
@@ -40,34 +43,78 @@ NEEDS = {
     "arrange": "floorplans",
 }
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
-SMALL: dict[str, dict[str, Any]] = {
-    "truth": {
-        "benchmarks.light.truth.QUICK_SPP": {"furnace": 256, "sphere": 256, "form_factor": 1024, "daylight": 256},
-        "benchmarks.light.truth.QUICK_ROOMS": 1,
-    },
-    "files": {"benchmarks.whole.files.QUICK": (168, 84)},
-    "response": {"benchmarks.photometry.response.QUICK_SIZE": (336, 168), "benchmarks.photometry.response.RUNS": 1},
-    "merge": {
-        "benchmarks.photometry.merge.QUICK_SIZE": (336, 168),
-        "benchmarks.photometry.merge.SMALL_SIZE": (336, 168),
-    },
-    "sphere": {"benchmarks.photometry.sphere.QUICK_SUN_SIZES": (100,), "benchmarks.photometry.sphere.WIDTH_PX": 336},
-    "arrange": {"benchmarks.layout.arrange.QUICK_ROOMS": 2},
+LONG = {"batch", "capture", "detect", "end_to_end", "photometry", "remove", "room", "sphere", "truth"}
+"""Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
+ROOM_ROWS = 128
+"""Of the truth panoramas in the place of 512."""
+SMALLER: dict[str, Any] = {
+    "QUICK_ROOMS": 1,
+    "QUICK_HOUSES": 1,
+    "QUICK_GENERATED": 0,
+    "QUICK_SIZE": (336, 168),
+    "SMALL_SIZE": (336, 168),
+    "FULL_SIZE": (672, 336),
+    "QUICK_DIVISOR": 24,
+    "RIG_DIVISOR": 24,
+    "RUNS": 1,
+    "HELP_RUNS": 1,
+    "QUICK_SUN_SIZES": (100,),
+    "QUICK_VIEW_REPEATS": 1,
 }
-"""What is smaller still than in a quick run."""
+"""Constants of any benchmark that make its quick run smaller still."""
+SMALL: dict[str, dict[str, Any]] = {
+    "albedo": {"light.albedo.ROWS": 64, "light.albedo.OUTDOOR_ROWS": 64, "light.albedo.RELIGHT_ROWS": 16},
+    "files": {"whole.files.QUICK": (420, 210)},
+    "response": {"photometry.response.QUICK_SIZE": (840, 420)},
+    "relight": {"light.relight.HEIGHT": 32, "light.relight_photo.QUICK_ROWS": 64},
+    "remove": {"removal.rooms.FULL": (672, 336)},
+    "truth": {
+        "light.truth.QUICK_SPP": {"furnace": 256, "sphere": 256, "form_factor": 1024, "daylight": 256},
+        "light.room_light.POINTS": 4,
+        "light.room_light.RAYS": 64,
+        "light.room_light.SAMPLES": 2**8,
+        "photometry.sky_anchor.SPP": 2**6,
+    },
+}
+"""Constants of one benchmark, below the package `benchmarks`."""
+
+
+def small_truth(seed: int, use: Use | str | None = None, rows: int = ROOM_ROWS, **_kept: Any) -> Any:
+    """Return a room with small panoramas, whatever rows a benchmark wants."""
+    return truth_rooms.truth_of(seed, use, rows=min(rows, ROOM_ROWS))
+
+
+def shrink(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make a benchmark and all that it has imported as small as they can be."""
+    importlib.import_module(form.modules()[name])
+    for module in [m for key, m in sys.modules.items() if key.startswith("benchmarks.") and m is not truth_rooms]:
+        for constant, value in SMALLER.items():
+            if hasattr(module, constant):
+                monkeypatch.setattr(module, constant, value)
+        if hasattr(module, "truth_of"):
+            monkeypatch.setattr(module, "truth_of", small_truth)
+        for listing in ("kept_list", "truth_list"):
+            if hasattr(module, listing):
+                monkeypatch.setattr(
+                    module, listing, lambda split, _count, seed=0, **_: truth_rooms.truth_list(split, 1, seed)
+                )
+    for place, value in SMALL.get(name, {}).items():
+        module_name, _, constant = place.rpartition(".")
+        monkeypatch.setattr(importlib.import_module(f"benchmarks.{module_name}"), constant, value)
 
 
 def test_the_list_is_whole() -> None:
     assert sorted(KEYS) == form.names()
 
 
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", sorted(KEYS))
 def test_benchmark_runs_and_has_its_keys(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if name in LONG and os.environ.get("DAYLIT_TORTURE") != "1":
+        pytest.skip("half a minute of CPU time: set DAYLIT_TORTURE=1, or run make torture")
     needed = DATA / NEEDS.get(name, "")
     if name in NEEDS and not needed.is_dir():
         pytest.skip(f"shared data {NEEDS[name]} are not beside the checkout")
-    for place, value in SMALL.get(name, {}).items():
-        module, _, constant = place.rpartition(".")
-        monkeypatch.setattr(importlib.import_module(module), constant, value)
+    shrink(name, monkeypatch)
     result = form.run_one(name, quick=True, seed=0)
     assert set(KEYS[name].split()) <= set(result["metrics"]), sorted(result["metrics"])
