@@ -179,7 +179,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="materials",
-        version=2,
+        version=3,
         title="estimate materials",
         function="processing.stages.materials:run",
         needs=("calibrate", "room", "detect", "remove"),
@@ -191,7 +191,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="arrange",
-        version=2,
+        version=3,
         title="arrange furniture",
         function="processing.stages.arrange:run",
         needs=("room",),
@@ -212,7 +212,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="render",
-        version=2,
+        version=3,
         title="render staged room",
         function="processing.stages.render:run",
         needs=("calibrate", "room", "detect", "remove", "materials", "arrange"),

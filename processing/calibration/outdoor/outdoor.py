@@ -1,4 +1,4 @@
-"""The outdoor chain: vignetting, the filter's colour, geometry; and each step's inverse.
+"""The outdoor chain: vignetting, the filter's colour, geometry.
 
 The order is the paper's (section 3): (1) vignetting, (2) colour of the ND filter, (3) from the lens's mapping to a
 hemispherical picture for environment mapping; (3) keeps energy, so that a sun half a degree wide keeps its illuminance.
