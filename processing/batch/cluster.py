@@ -6,6 +6,7 @@ may run code on its workers: therefore nothing listens beyond the loopback unles
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 from collections.abc import Iterator
@@ -106,11 +107,14 @@ def _elsewhere(address: str) -> Any:
         return _client(address)
     except Exception as error:  # noqa: BLE001 (Dask refuses an address in many ways, assertions of its own among them)
         why = next(iter(str(error).splitlines()), "") or type(error).__name__
-        raise ClusterError(
-            f"no Dask scheduler answers ({why})",
-            where=address,
-            advice="start `dask scheduler`, and give the address that it shows",
-        ) from None
+    # The half-made client closes itself when it is collected: now, and not while another one is being made, which
+    # holds the lock that closing waits for.
+    gc.collect()
+    raise ClusterError(
+        f"no Dask scheduler answers ({why})",
+        where=address,
+        advice="start `dask scheduler`, and give the address that it shows",
+    )
 
 
 def _here(workers: int, scratch: Path) -> Any:
