@@ -24,6 +24,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from processing.errors import EngineError
+
 SCALAR, LLVM, CUDA = "scalar_rgb", "llvm_ad_rgb", "cuda_ad_rgb"
 OLDEST = 16
 """LLVM 14 and 15 abort with 'Cannot select' on processors with AVX-512."""
@@ -46,10 +48,23 @@ TOLERANCE = 0.02
 
 
 def load_mitsuba(variant: str) -> Any:
-    """Return the module ``mitsuba`` with a variant set; for `LLVM` there must be a `usable_library`."""
+    """Return the module ``mitsuba`` with a variant set; for `LLVM` there must be a `usable_library`.
+
+    Raises `EngineError` where a library of the system that it is built on is missing.
+    """
     if variant == LLVM and (library := usable_library()):
         os.environ[ENVIRONMENT] = str(library)
-    mi: Any = importlib.import_module("mitsuba")
+    try:
+        mi: Any = importlib.import_module("mitsuba")
+    except (ImportError, NameError) as error:
+        # Dr.Jit 1.4 fails with a NameError of its own while it words the ImportError that says what is missing.
+        why = error.__context__ if isinstance(error, NameError) else error
+        raise EngineError(
+            f"Mitsuba cannot be loaded: {why}",
+            where="mitsuba",
+            likely="a system without GCC's libatomic, such as a minimal Debian image",
+            advice="install it (Debian and Ubuntu: `apt install libatomic1`)",
+        ) from error
     mi.set_variant(variant)
     return mi
 
