@@ -47,7 +47,7 @@ class Rows:
         return self._keep and _spent_s() - self._start_s > self._limit_s
 
     def knows(self, key: str, kind: str = "ours") -> bool:
-        """Tell whether a row is there already."""
+        """Return whether a row is there already."""
         return self._full(key, kind) in self._known
 
     def row(self, key: str, make: Callable[[], Any], kind: str = "ours", *, even_late: bool = False) -> Any:
@@ -84,8 +84,11 @@ def _spent_s() -> float:
 
 def _digest(patterns: Iterable[str]) -> str:
     """Return a digest of files, empty for none: such rows outlast every change."""
-    paths = sorted(path for pattern in patterns for path in ROOT.glob(pattern) if path.is_file())
-    told = hashlib.sha256()
-    for path in paths:
-        told.update(path.name.encode() + path.read_bytes())
-    return os.environ.get("DAYLIT_BENCH_ROWS", told.hexdigest()[:12]) if paths else ""
+    found = {pattern: [path for path in ROOT.glob(pattern) if path.is_file()] for pattern in patterns}
+    if gone := [pattern for pattern, paths in found.items() if not paths]:
+        # Rows would outlast changes of code that has moved.
+        raise FileNotFoundError(f"no file of the checkout matches {gone}: say where that code is now")
+    digest = hashlib.sha256()
+    for path in sorted(path for paths in found.values() for path in paths):
+        digest.update(path.name.encode() + path.read_bytes())
+    return os.environ.get("DAYLIT_BENCH_ROWS", digest.hexdigest()[:12]) if found else ""

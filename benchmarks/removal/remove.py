@@ -42,11 +42,8 @@ from benchmarks.removal.plot import remove_plot
 from benchmarks.removal.rivals import SLOW, rivals
 from benchmarks.removal.rooms import full_size_s, plot_cases, rooms
 
-REPEATING = ("near_periodic*", "illumination", "membrane", "blurs", "tone")
-FILLING = (
-    *("fill", "plane_fill", "plain", "skirting", "occlusion", "sources", "kept_sunlight", "mixed_pixels", "regions"),
-    *REPEATING,
-)
+REPEATING = ("near_periodic*", "illumination")
+FILLING = ("fill", "plane_fill", "plain", "sources", *REPEATING)
 """Of processing/removal: how masks are found does not matter here, and to patterns in the plane no room does."""
 SCORES = "benchmarks/removal/scores.py"
 CODE = {

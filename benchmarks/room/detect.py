@@ -54,7 +54,7 @@ from processing.room.opening_sun import find_openings_in_sun
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 
-MASKS = ("masks", "furniture", "edges", "tripod", "sunlight", "shadows")
+MASKS = ("masks", "furniture", "edges", "tripod", "sunlight")
 CODE = {
     "ours": (
         *("processing/room/*.py", "processing/segmentation/*", "processing/surfaces/*.py"),

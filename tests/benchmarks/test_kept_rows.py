@@ -47,3 +47,9 @@ def test_rows_of_rivals_outlast_changes_of_ours(tmp_path: Path, monkeypatch: pyt
     assert not changed.knows("one")
     assert changed.row("one", lambda: 3) == 3
     assert changed.row("one", lambda: pytest.fail("made twice"), "theirs") == 2
+
+
+def test_code_that_has_moved_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DAYLIT_CACHE", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match="gone"):
+        Rows("room", 0, {"ours": ("benchmarks/kept_rows.py", "processing/gone*.py")}, keep=True)
