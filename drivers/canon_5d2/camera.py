@@ -23,11 +23,9 @@ from drivers.camera import (
 )
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
 from drivers.canon_5d2.codes import (
-    DESTINATION_CARD,
-    DESTINATION_PC,
     IMAGE_SIZES_PX,
     SHUTTER_CODES,
-    VENDOR_EXTENSION_ID,
+    VENDOR_EXTENSION_IDS,
     CanonOperation,
     CanonProp,
     CanonResponse,
@@ -60,7 +58,7 @@ from drivers.ptp.pipes import PtpTransport
 
 MODEL = CameraModel(
     WHERE,
-    VENDOR_EXTENSION_ID,
+    VENDOR_EXTENSION_IDS,
     (
         CanonOperation.SET_REMOTE_MODE,
         CanonOperation.SET_EVENT_MODE,
@@ -68,7 +66,6 @@ MODEL = CameraModel(
         CanonOperation.SET_DEVICE_PROP_VALUE_EX,
     ),
 )
-DESTINATION_CODES = {"card": DESTINATION_CARD, "pc": DESTINATION_PC}
 NOT_SUPPORTED = (
     Response.OPERATION_NOT_SUPPORTED,
     Response.PARAMETER_NOT_SUPPORTED,
@@ -108,7 +105,7 @@ class Canon5D2:
         self.can_transfer_while_exposing = True
         self.release_lag_s = RELEASE_LAG_S
         self._clock = clock
-        self._destination = DESTINATION_CODES[destination]
+        self._to_card = destination == "card"
         self._sizes_px = sizes_px
         self._link = CameraLink(open_transport, clock, MODEL)
         self._remote = CanonRemote(self._link, clock)
@@ -213,10 +210,10 @@ class Canon5D2:
         self._remote.let_go()
         self._remote.wait_idle()
         require_controls(self._remote)
-        kept = fixed_settings(settings, self._remote, sizes_px=self._sizes_px, destination=self._destination)
+        kept = fixed_settings(settings, self._remote, sizes_px=self._sizes_px, to_card=self._to_card)
         with self._noticing_a_held_picture():
             readbacks = [self._control_readback(), *(make(self._remote, setting) for setting in kept)]
-        if self._destination == DESTINATION_PC:
+        if not self._to_card:
             self._remote.offer_space()
         else:
             self._remember_card()
@@ -262,7 +259,7 @@ class Canon5D2:
         self._drop_orphans()
         self._remote.keep_on()
         shots = self._remote.number(CanonProp.AVAILABLE_SHOTS)
-        if self._destination == DESTINATION_PC and shots is not None and shots < MIN_SHOTS_FOR_COMPUTER:
+        if not self._to_card and shots is not None and shots < MIN_SHOTS_FOR_COMPUTER:
             self._remote.offer_space()
         if self._one_step_release:
             return
@@ -276,7 +273,7 @@ class Canon5D2:
     def release(self) -> None:
         """Press the button through; `DeviceBusyError` or `OperationRefusedError` where the camera does not take it."""
         limit_s = self._shutter_s + RELEASE_LIMIT_S
-        shot = CanonShot(self._shutter_s, self._formats, to_card=self._destination == DESTINATION_CARD)
+        shot = CanonShot(self._shutter_s, self._formats, to_card=self._to_card)
         store = self._store if self._store_known and shot.to_card else None
         exposure = CanonExposure(self._link, self._remote, store, self._clock, shot)
         with self._noticing_a_held_picture():
@@ -292,7 +289,7 @@ class Canon5D2:
         try:
             yield
         except DeviceBusyError:
-            self._stuck = self._destination == DESTINATION_PC
+            self._stuck = not self._to_card
             raise
 
     def _release_in_one_step(self, limit_s: float) -> None:
@@ -312,7 +309,7 @@ class Canon5D2:
             raise ExposureFailedError("no exposure is running", where=WHERE, advice="release first")
         progress = self._exposure.poll(wait=not self._read_since_poll)
         self._read_since_poll = False
-        if self._destination == DESTINATION_PC:
+        if not self._to_card:
             self._held.update(frame.handle for frame in progress.frames)
         if progress.done:
             self._exposure = None

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-# As lsusb lists a 5D Mark II; the extension id from its DeviceInfo (libgphoto2 camlibs/ptp2).
+# As lsusb lists a 5D Mark II (libgphoto2 camlibs/ptp2).
 USB_ID = (0x04A9, 0x3199)
-VENDOR_EXTENSION_ID = 0x0000000B
+VENDOR_EXTENSION_IDS = (0x00000006, 0x0000000B)
+"""EOS bodies name Microsoft's extension (raw replies of a 60D; reports of 5D Mark II, 550D, 1000D), older Canons their
+own, which libgphoto2 shows for both. Either way the operations at 911xh tell an EOS."""
 STORAGE_ID_CF = 0x00010001
 ENDPOINTS = (0x81, 0x02, 0x83)
 
@@ -112,8 +114,9 @@ AE_BULB = 4
 DRIVE_SINGLE = 0
 FOCUS_MANUAL = 3
 WB_COLOR_TEMPERATURE = 9
-DESTINATION_CARD = 2
 DESTINATION_PC = 4
+"""A bit of D11C: set where pictures go to the computer. What stands for a card differs: 1 on bodies with CompactFlash,
+2 on those with SD (lists of a 5D Mark III and a 60D)."""
 LIST_FORM = 3
 
 SHUTTER_CODES: dict[int, float] = {

@@ -49,7 +49,7 @@ from drivers.theta_z1.settings import (
 
 MODEL = CameraModel(
     "Theta Z1",
-    VENDOR_EXTENSION_ID,
+    (VENDOR_EXTENSION_ID,),
     (
         Operation.GET_OBJECT_HANDLES,
         Operation.GET_OBJECT_INFO,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from drivers.canon_5d2.codes import (
     AE_BULB,
     APERTURE_CODES,
-    DESTINATION_CARD,
     DESTINATION_PC,
     FOCUS_MANUAL,
     IMAGE_SIZES_PX,
@@ -25,7 +24,7 @@ from drivers.canon_5d2.codes import (
 from drivers.ptp.codes import ObjectFormat, Response
 from mocks.instruments import canon_records
 from mocks.instruments.canon_body import CANON_TIMING, CanonBody
-from mocks.instruments.canon_records import BULB_SHUTTER, CanonOptions, ImageFormat, Record
+from mocks.instruments.canon_records import BULB_SHUTTER, CARD, CanonOptions, ImageFormat, Record
 from mocks.instruments.exposures import ShotRequest
 from mocks.instruments.faults import Fault, FaultKind
 from mocks.instruments.ptp.wire import Answer, Refusal, Request, Rule
@@ -60,7 +59,7 @@ class SimulatedCanon5D2(CanonBody):
     _focused = False
     _focusing_until_s = 0.0
     _bulb_since_s: float | None = None
-    _plan = _Plan((), DESTINATION_CARD)
+    _plan = _Plan((), CARD)
 
     def _body_rules(self) -> dict[int, Rule]:
         canon = CanonOperation
@@ -155,7 +154,7 @@ class SimulatedCanon5D2(CanonBody):
         destination = self.settings.number(CanonProp.CAPTURE_DESTINATION)
         if destination != DESTINATION_PC:
             self.refuse_without_room()
-        if destination != DESTINATION_CARD and self.computer_bytes < self.picture_bytes:
+        if destination & DESTINATION_PC and self.computer_bytes < self.picture_bytes:
             raise Refusal(Response.STORE_FULL)
 
     def _open(self, open_s: float | None = None) -> None:
@@ -238,7 +237,7 @@ class SimulatedCanon5D2(CanonBody):
             object_format = ObjectFormat.CANON_CR2 if raw else ObjectFormat.EXIF_JPEG
             if self._plan.destination != DESTINATION_PC:
                 announcements.append(canon_records.object_added(self.keep(name, object_format, data, settings)))
-            if self._plan.destination != DESTINATION_CARD:
+            if self._plan.destination & DESTINATION_PC:
                 size_px = (settings.width_px, settings.height_px)
                 kept = self.remember(name, object_format, data, size_px)
                 announcements.append(canon_records.transfer_requested(kept))

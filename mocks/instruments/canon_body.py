@@ -12,7 +12,7 @@ from collections import deque
 from datetime import UTC, datetime
 
 from drivers.canon_5d2 import codes as canon_codes
-from drivers.canon_5d2.codes import DESTINATION_CARD, CanonEvent, CanonOperation, CanonProp, CanonResponse
+from drivers.canon_5d2.codes import DESTINATION_PC, CanonEvent, CanonOperation, CanonProp, CanonResponse
 from drivers.clock import Clock
 from drivers.ptp.codes import DataType, Event, Operation, Response
 from mocks.instruments import canon_records
@@ -45,7 +45,7 @@ def canon_identity(options: CanonOptions) -> DeviceIdentity:
         usb_id=canon_codes.USB_ID,
         endpoints=canon_codes.ENDPOINTS,
         interrupt_packet_bytes=8,
-        vendor_extension=(canon_codes.VENDOR_EXTENSION_ID, 200),
+        vendor_extension=(6, 200),
         operations=canon_codes.DEVICE_OPERATIONS,
         events=canon_codes.DEVICE_EVENTS,
         properties=canon_codes.DEVICE_PROPERTIES,
@@ -233,7 +233,7 @@ class CanonBody(SimulatedCamera):
 
     def available_shots(self) -> int:
         """Return how many pictures fit where they are going."""
-        if self.settings.number(CanonProp.CAPTURE_DESTINATION) == DESTINATION_CARD:
+        if self.settings.number(CanonProp.CAPTURE_DESTINATION) != DESTINATION_PC:
             return self.free_pictures()
         return self.computer_bytes // self.picture_bytes
 

@@ -11,7 +11,6 @@ from drivers.canon_5d2.codes import (
     AE_BULB,
     AE_MANUAL,
     APERTURE_CODES,
-    DESTINATION_CARD,
     DESTINATION_PC,
     FOCUS_MANUAL,
     IMAGE_COMPRESSION_FINE,
@@ -130,7 +129,8 @@ def transfer_requested(item: StoredObject) -> Record:
 # The 5D Mark II's settings: values, lists, and the order its first GetEvent lists them in (from a 60D's log).
 
 
-DESTINATION_BOTH = 6
+CARD, CARD_AND_PC = 1, 5
+"""Of bodies with CompactFlash, as a 5D Mark III lists them."""
 BULB_SHUTTER = 0x0C
 SHUTTER_PRIORITY, APERTURE_PRIORITY = 1, 2
 ONE_SHOT = 0
@@ -166,7 +166,7 @@ class CanonOptions:
     busy_until_drained: bool = True
     auto_power_off_s: int = 60
     battery_power: int = 2
-    destination: int = DESTINATION_CARD
+    destination: int = CARD
     image_size_px: tuple[int, int] = (5616, 3744)
     card_bytes: int = 16_000_000_000
 
@@ -272,5 +272,5 @@ _FIXED_LISTS: dict[int, tuple[CanonValue, ...]] = {
     CanonProp.COLOR_SPACE: (1, 2),
     CanonProp.ISO_SPEED: (0, *ISO_CODES),
     CanonProp.IMAGE_FORMAT: _image_formats(),
-    CanonProp.CAPTURE_DESTINATION: (DESTINATION_CARD, DESTINATION_PC, DESTINATION_BOTH),
+    CanonProp.CAPTURE_DESTINATION: (CARD, CARD_AND_PC, DESTINATION_PC),
 }

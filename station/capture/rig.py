@@ -96,7 +96,7 @@ def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
 
     # A simulated camera calls its one picture size "large", whatever it is.
     sizes_px = canon_codes.IMAGE_SIZES_PX if backend is None else {canon_codes.IMAGE_SIZE_LARGE: table.size_px}
-    return Canon5D2(open_transport, clock, sizes_px=sizes_px)
+    return Canon5D2(open_transport, clock, destination=table.destination or "card", sizes_px=sizes_px)
 
 
 def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:

@@ -101,7 +101,7 @@ def test_interface_and_device_info() -> None:
     assert (bench.host.bulk_in, bench.host.bulk_out, bench.host.interrupt) == (0x81, 0x02, 0x83)
     assert bench.host.event_packet == 8
     data = bench.host.call(Operation.GET_DEVICE_INFO).data
-    assert data[:11] == bytes.fromhex("6400 0b000000 c800 00 0000")
+    assert data[:11] == bytes.fromhex("6400 06000000 c800 00 0000")
     count = struct.unpack_from("<I", data, 11)[0]
     operations = struct.unpack_from(f"<{count}H", data, 15)
     assert operations == canon_codes.DEVICE_OPERATIONS
@@ -156,7 +156,7 @@ def test_a_real_image_format_record() -> None:
 
 def test_changing_the_destination_answers_as_the_log() -> None:
     bench = Bench(options=CanonOptions(destination=4))
-    assert bench.value(CanonProp.CAPTURE_DESTINATION, 2).code == OK
+    assert bench.value(CanonProp.CAPTURE_DESTINATION, 1).code == OK
     data = bench.stream()
     assert len(data) == 120
     bench.value(CanonProp.CAPTURE_DESTINATION, 4)
@@ -164,7 +164,7 @@ def test_changing_the_destination_answers_as_the_log() -> None:
 
 
 def test_destination_already_set_is_busy() -> None:
-    assert Bench().value(CanonProp.CAPTURE_DESTINATION, 2).code == BUSY
+    assert Bench().value(CanonProp.CAPTURE_DESTINATION, 1).code == BUSY
 
 
 @pytest.mark.parametrize(
