@@ -1,4 +1,4 @@
-"""A simulated Canon EOS 5D Mark II: the body, and its shutter button over USB (half, full, autofocus, bulb)."""
+"""A simulated Canon EOS (5D Mark II by default): the body and its shutter button (half, full, autofocus, bulb)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from drivers.canon_5d2.codes import (
 from drivers.ptp.codes import ObjectFormat, Response
 from mocks.instruments import canon_records
 from mocks.instruments.canon_body import CANON_TIMING, CanonBody
-from mocks.instruments.canon_records import BULB_SHUTTER, CARD, CanonOptions, ImageFormat, Record
+from mocks.instruments.canon_records import BULB_SHUTTER, CanonOptions, ImageFormat, Record
 from mocks.instruments.exposures import ShotRequest
 from mocks.instruments.faults import Fault, FaultKind
 from mocks.instruments.ptp.wire import Answer, Refusal, Request, Rule
@@ -59,7 +59,7 @@ class SimulatedCanon5D2(CanonBody):
     _focused = False
     _focusing_until_s = 0.0
     _bulb_since_s: float | None = None
-    _plan = _Plan((), CARD)
+    _plan = _Plan((), 0)
 
     def _body_rules(self) -> dict[int, Rule]:
         canon = CanonOperation
@@ -216,14 +216,14 @@ class SimulatedCanon5D2(CanonBody):
             taken_local=self.local_now().replace(tzinfo=None, microsecond=0),
             sequence=self.shot_count + 1,
             manufacturer="Canon",
-            model="Canon EOS 5D Mark II",
+            model=self.identity.model,
             serial=self.options.serial,
-            firmware=self.options.firmware,
+            firmware=self.identity.version,
         )
 
     def _size_px(self, size: int) -> tuple[int, int]:
         """Return the pixels of size code 0 L, 1 M, 2 S, in proportion to the large picture of the options."""
-        full, wanted = IMAGE_SIZES_PX[0], IMAGE_SIZES_PX[size]
+        full, wanted = IMAGE_SIZES_PX[0], IMAGE_SIZES_PX.get(size, IMAGE_SIZES_PX[2])
         width_px, height_px = self.options.image_size_px
         return width_px * wanted[0] // full[0], height_px * wanted[1] // full[1]
 

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.camera import Camera, CameraSettings, FrameFormat, FrameRef
 from drivers.canon_5d2.camera import Canon5D2
-from drivers.canon_5d2.codes import DEVICE_OPERATIONS, SHUTTER_CODES
+from drivers.canon_5d2.codes import SHUTTER_CODES
 from drivers.errors import (
     DeviceBusyError,
     DeviceError,
@@ -25,6 +25,7 @@ from drivers.errors import (
     StoreFullError,
     UnsupportedError,
 )
+from mocks.instruments.recorded import recording
 from tests.drivers.dialogue import BUSY, OK, Dialogue, device_info, object_info, u32_array
 from tests.drivers.scripted import (
     ControlIn,
@@ -39,6 +40,7 @@ from tests.drivers.scripted import (
 )
 from tests.drivers.test_canon_encoding import added_record, list_record, record, value_record
 
+DEVICE_OPERATIONS = recording("eos_5d2").codes("operations")
 TEXTS = ("Canon Inc.", "Canon EOS 5D Mark II", "3-1.0.7", "0123456789abcdef0123456789abcdef")
 END = bytes.fromhex("0800000000000000")
 JPEG_L = bytes.fromhex("01000000 10000000 01000000 00000000 03000000")

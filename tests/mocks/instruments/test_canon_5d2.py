@@ -15,6 +15,7 @@ from mocks.instruments.canon_records import object_added, transfer_requested
 from mocks.instruments.clock import VirtualClock
 from mocks.instruments.faults import Fault, FaultSchedule
 from mocks.instruments.ptp.datasets import StoredObject
+from mocks.instruments.recorded import recording
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.instruments.raw_host import RawHost, Reply
 from tests.mocks.optics.shot_sources import TinyShots, exposure_time
@@ -104,7 +105,7 @@ def test_interface_and_device_info() -> None:
     assert data[:11] == bytes.fromhex("6400 06000000 c800 00 0000")
     count = struct.unpack_from("<I", data, 11)[0]
     operations = struct.unpack_from(f"<{count}H", data, 15)
-    assert operations == canon_codes.DEVICE_OPERATIONS
+    assert operations == recording("eos_5d2").codes("operations")
     assert 0x100E not in operations
     assert bench.host.call(0x100E).code == Response.OPERATION_NOT_SUPPORTED
 
