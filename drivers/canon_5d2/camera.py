@@ -12,6 +12,7 @@ from datetime import datetime
 from typing import Literal
 
 from drivers.camera import (
+    BodySetting,
     CameraIdentity,
     CameraSettings,
     CameraStatus,
@@ -22,6 +23,7 @@ from drivers.camera import (
     ShutterReadback,
 )
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
+from drivers.canon_5d2.body import read_body
 from drivers.canon_5d2.codes import (
     IMAGE_SIZES_PX,
     SHUTTER_CODES,
@@ -160,7 +162,10 @@ class Canon5D2:
     def status(self) -> CameraStatus:
         """Return battery, space, clock, and what stands wrong on the camera's controls."""
         self._remote.drain()
+        free_bytes = self._free_bytes()
         problems = control_problems(self._remote)
+        if free_bytes == 0 and self._to_card:
+            problems += ("there is no card in the camera, or it is full",)
         warnings: tuple[str, ...] = ()
         if self._remote.number(CanonProp.AUTO_EXPOSURE_MODE) is None:
             warnings += ("the camera does not report where its mode dial stands: it must stand at M",)
@@ -169,7 +174,7 @@ class Canon5D2:
         battery = self._remote.number(CanonProp.BATTERY_POWER)
         return CameraStatus(
             battery_frac=None if battery is None else BATTERY_FRAC.get(battery),
-            free_bytes=self._free_bytes(),
+            free_bytes=free_bytes,
             free_frames=self._remote.number(CanonProp.AVAILABLE_SHOTS),
             clock_utc=self._clock_utc(),
             ready=not problems and not self._remote.busy and self._exposure is None,
@@ -221,6 +226,11 @@ class Canon5D2:
         self._formats = (FrameFormat.JPEG, FrameFormat.CR2) if settings.keep_raw else (FrameFormat.JPEG,)
         self._learn_shutter_times()
         return tuple(readbacks)
+
+    def body_settings(self) -> tuple[BodySetting, ...]:
+        """Read the settings of the body that no rig file sets; set those with one right value."""
+        self._remote.drain()
+        return read_body(self._remote)
 
     def _control_readback(self) -> SettingReadback:
         raw = self._remote.values.get(CanonProp.AUTO_EXPOSURE_MODE, b"")

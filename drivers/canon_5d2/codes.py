@@ -8,7 +8,7 @@ from enum import IntEnum
 USB_ID = (0x04A9, 0x3199)
 VENDOR_EXTENSION_IDS = (0x00000006, 0x0000000B)
 """EOS bodies name Microsoft's extension (raw replies of a 60D; reports of 5D Mark II, 550D, 1000D), older Canons their
-own, which libgphoto2 shows for both. Either way the operations at 911xh tell an EOS."""
+own, which libgphoto2 shows for both. Either way the operations at 911xh mark an EOS."""
 
 
 class CanonOperation(IntEnum):
@@ -56,6 +56,10 @@ class CanonProp(IntEnum):
     FOCUS_MODE = 0xD108
     WHITE_BALANCE = 0xD109
     COLOR_TEMPERATURE = 0xD10A
+    WB_SHIFT_AB = 0xD10B
+    WB_SHIFT_GM = 0xD10C
+    WB_BRACKET_AB = 0xD10D
+    WB_BRACKET_GM = 0xD10E
     COLOR_SPACE = 0xD10F
     PICTURE_STYLE = 0xD110
     BATTERY_POWER = 0xD111
@@ -66,13 +70,17 @@ class CanonProp(IntEnum):
     AVAILABLE_SHOTS = 0xD11B
     CAPTURE_DESTINATION = 0xD11C
     IMAGE_FORMAT = 0xD120
+    MIRROR_UP_SETTING = 0xD13A
+    HIGHLIGHT_TONE_PRIORITY = 0xD13B
     CUSTOM_FUNCTIONS = 0xD1A0
     SERIAL_NUMBER = 0xD1AF
     EVF_OUTPUT_DEVICE = 0xD1B0
     MIRROR_LOCKUP_STATE = 0xD1BF
+    LIGHTING_OPTIMISER = 0xD1C1
     ARTIST = 0xD1D0
     COPYRIGHT = 0xD1D1
     FOCUS_INFO_EX = 0xD1D3
+    EXPOSURE_BRACKETING = 0xD1D9
 
 
 class CanonEvent(IntEnum):

@@ -221,6 +221,23 @@ _DECODERS: dict[int, Callable[[int, bytes], Record]] = {
 }
 
 
+def decode_custom_functions(raw: bytes) -> dict[int, int]:
+    """Return the single-valued custom functions of D1A0 by id; of what is no such structure, those before the fault."""
+    found: dict[int, int] = {}
+    words = struct.unpack(f"<{len(raw) // 4}I", raw[: len(raw) // 4 * 4])
+    at = 2  # size, number of groups
+    while at + 3 <= len(words):
+        count, at = words[at + 2], at + 3  # of a group: id, size, number of functions
+        for _ in range(min(count, len(words))):
+            if at + 2 > len(words):
+                return found
+            n_values = words[at + 1]
+            if n_values == 1 and at + 2 < len(words):
+                found[words[at]] = words[at + 2]
+            at += 2 + n_values
+    return found
+
+
 def decode_image_format(raw: bytes) -> tuple[ImageFile, ...]:
     """Decode the value of an image-format property (D120): the one or two files that a shot makes.
 

@@ -144,12 +144,13 @@ class CanonSetting:
         return self.describe(self.raw)
 
 
-def _number_words(words: Callable[[int], str]) -> Callable[[bytes], str]:
+def number_words(words: Callable[[int], str]) -> Callable[[bytes], str]:
+    """Return a describer of raw values that are numbers."""
     return lambda raw: words(int.from_bytes(raw, "little")) if raw else "nothing reported"
 
 
 def _table_words(table: Mapping[int, str]) -> Callable[[bytes], str]:
-    return _number_words(lambda code: table.get(code, f"code {code:#x}"))
+    return number_words(lambda code: table.get(code, f"code {code:#x}"))
 
 
 def _format_words(raw: bytes) -> str:
@@ -159,8 +160,8 @@ def _format_words(raw: bytes) -> str:
         return f"bytes {raw[:40].hex()}"
 
 
-iso_words = _number_words(iso_text)
-aperture_words = _number_words(aperture_text)
+iso_words = number_words(iso_text)
+aperture_words = number_words(aperture_text)
 ae_mode_words = _table_words(AE_MODES)
 
 
@@ -184,7 +185,7 @@ def fixed_settings(
         CanonSetting(
             "white balance", CanonProp.WHITE_BALANCE, encode_number(WB_COLOR_TEMPERATURE), _table_words(WHITE_BALANCES)
         ),
-        CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, _number_words(lambda k: f"{k} K")),
+        CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, number_words(lambda k: f"{k} K")),
         CanonSetting("ISO", CanonProp.ISO_SPEED, encode_number(iso), iso_words),
         CanonSetting("aperture", CanonProp.APERTURE, encode_number(aperture), aperture_words),
         CanonSetting(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from drivers.camera import (
+    BodySetting,
     CameraIdentity,
     CameraSettings,
     CameraStatus,
@@ -45,6 +46,7 @@ from drivers.theta_z1.settings import (
     mode_settings,
     nearest_shutter,
     picture_settings,
+    read_body,
 )
 
 MODEL = CameraModel(
@@ -237,6 +239,10 @@ class ThetaZ1:
         self._learn_shutter_times()
         self._store.remember()
         return readbacks
+
+    def body_settings(self) -> tuple[BodySetting, ...]:
+        """Judge the firmware; all else that a bracket depends on is set by `prepare`."""
+        return read_body(self._properties, self._link.info.device_version)
 
     def _apply(self, settings: tuple[Setting, ...]) -> tuple[SettingReadback, ...]:
         readbacks = []

@@ -32,6 +32,18 @@ from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, 
 
 PROFILE_SCHEMA_VERSION = 1  # raised when a field changes its meaning
 MAX_PROFILE_BYTES = 32 << 20  # chosen
+SHAPING = (
+    "picture style",
+    "colour space",
+    "highlight tone priority",
+    "lighting optimiser",
+    "high-ISO noise reduction",
+    "white-balance shift amber-blue",
+    "white-balance shift green-magenta",
+    "stitching",
+    "filter",
+)
+"""Settings of a session's cameras that bend the curve or the colours: a profile holds for what it was measured with."""
 _REL_TOLERANCE = 0.01
 """Of f-numbers: cameras write 5.6 for 5.657."""
 
@@ -50,18 +62,23 @@ class CameraState(Model):
     f_number: Positive | None = None
     iso: Annotated[int, Field(gt=0)] | None = None
     color_temperature_k: Annotated[int, Field(gt=0)] | None = None
+    body: dict[SafeText, SafeText] = Field(default={})
+    """Settings of the body that shape its pictures, by name (`SHAPING`), where the session knows them."""
 
     def differences(self, now: CameraState) -> list[str]:
         """Return in words how ``now`` differs, in what both know."""
         found = []
-        for name in CameraState.model_fields:
+        for name in CameraState.model_fields.keys() - {"body"}:
             mine, theirs = getattr(self, name), getattr(now, name)
             known = mine not in (None, "") and theirs not in (None, "")
             if name == "nd_filter" and bool(mine) != bool(theirs) and self.lens and now.lens:
                 known = True  # no filter is a state of its own where the optics are on record
             if known and not _equal(mine, theirs):
                 found.append(f"{name} is {theirs or 'none'}, in the profile {mine or 'none'}")
-        return found
+        for name in self.body.keys() & now.body.keys():
+            if self.body[name] != now.body[name]:
+                found.append(f"{name} is {now.body[name]}, in the profile {self.body[name]}")
+        return sorted(found)
 
 
 class CameraProfile(Model):
@@ -133,6 +150,9 @@ def camera_state(device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()
         f_number=f_numbers.pop() if len(f_numbers) == 1 else None,
         iso=isos.pop() if len(isos) == 1 else None,
         color_temperature_k=int(temperature) if temperature else None,
+        body={s.name: s.got for s in device.settings if s.name in SHAPING and s.got != "not reported"}
+        if device
+        else {},
     )
 
 

@@ -17,6 +17,16 @@ from station.session.session import MeterTarget, SafeText, Side, Site
 
 MAX_RIG_BYTES = 256 * 1024
 SideKind = Literal["theta_z1", "canon_5d2"]
+Accepted = Literal[
+    "colour space",
+    "picture style",
+    "highlight tone priority",
+    "lighting optimiser",
+    "mirror lock-up",
+    "firmware",
+    "static stitching",
+]
+"""What preflight refuses by these names (`drivers.camera.BodySetting`)."""
 
 
 class _Table(BaseModel):
@@ -50,6 +60,9 @@ class CameraTable(_Table):
         if self.destination is not None and self.kind != "canon_5d2":
             raise ValueError("destination: only a canon_5d2 has one")
         return self
+
+    accept: tuple[Accepted, ...] = ()
+    """Settings of the body that preflight would refuse, and that are to be a warning only."""
 
     def settings(self) -> CameraSettings:
         """Return what the driver is asked to set."""

@@ -187,4 +187,8 @@ def test_disagreements_are_listed() -> None:
     assert len(found) == 1
     assert "5200" in found[0]
     empty = RigProfile(created_utc=NOW)
+    styled = [SettingRecord(name="picture style", asked="", got=got) for got in ("neutral", "standard", "not reported")]
+    states = [camera_state(device.model_copy(update={"settings": (one,)})) for one in styled]
+    assert states[0].differences(states[1]) == ["picture style is standard, in the profile neutral"]
+    assert states[0].differences(states[2]) == states[0].differences(states[0]) == []
     assert profile_matches(empty, Side.INDOOR, None) == ["indoor: the profile has no such camera"]

@@ -16,6 +16,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from drivers.camera import (
+    BodySetting,
     CameraIdentity,
     CameraSettings,
     CameraStatus,
@@ -99,6 +100,9 @@ class FakeCamera:
         self._call("prepare")
         self._settings = settings
         return (SettingReadback("iso", str(settings.iso), str(settings.iso), "00"),)
+
+    def body_settings(self) -> tuple[BodySetting, ...]:
+        return ()
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:
         self._call("set_shutter")
