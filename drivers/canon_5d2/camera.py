@@ -89,7 +89,7 @@ class Canon5D2:
 
     ``open_transport``: opens the link to the camera; called by `connect` and by `recover` after a lost connection.
     ``destination``: ``"card"``: pictures go to the card, and are fetched while the next exposure runs. ``"pc"``: they
-      stay in the camera's memory until fetched, and the camera is busy until then.
+      stay in the camera's memory until fetched, and the camera is busy until then: nothing is hidden behind exposures.
     ``sizes_px``: JPEG size code -> (width, height) in pixels.
     """
 
@@ -104,7 +104,7 @@ class Canon5D2:
         sizes_px: Mapping[int, tuple[int, int]] = IMAGE_SIZES_PX,
     ) -> None:
         self.shutter_times_s: tuple[float, ...] = ()
-        self.can_transfer_while_exposing = True
+        self.can_transfer_while_exposing = destination == "card"
         self.release_lag_s = RELEASE_LAG_S
         self._clock = clock
         self._to_card = destination == "card"
