@@ -105,6 +105,7 @@ class Canon5D2:
     ) -> None:
         self.shutter_times_s: tuple[float, ...] = ()
         self.can_transfer_while_exposing = destination == "card"
+        self.holds_pictures = destination == "pc"
         self.release_lag_s = RELEASE_LAG_S
         self._clock = clock
         self._to_card = destination == "card"

@@ -96,6 +96,7 @@ class ThetaZ1:
     def __init__(self, open_transport: Callable[[], PtpTransport], clock: Clock) -> None:
         self.shutter_times_s: tuple[float, ...] = ()
         self.can_transfer_while_exposing = True
+        self.holds_pictures = False
         self.release_lag_s = RELEASE_LAG_S
         self._clock = clock
         self._link = CameraLink(open_transport, clock, MODEL)
