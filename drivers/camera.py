@@ -148,7 +148,7 @@ class Camera(Protocol):
     ``shutter_times_s``: nominal exposure times the camera offers, longest first; known after `connect`.
     ``can_transfer_while_exposing``: whether ``read_chunk`` may be called while an exposure runs. Drivers start
       optimistic and set it to False when the camera answers "busy" to a transfer during an exposure.
-    ``holds_pictures``: whether it keeps each picture in its memory and is busy until `finish_frame`, for want of a card.
+    ``holds_pictures``: whether it keeps each picture in its memory and is busy until `finish_frame` (no card).
     ``release_lag_s``: time from ``release`` to the shutter opening, as the driver knows it; a rig file may override
       it.
     """
