@@ -77,9 +77,9 @@ class Recording:
             **{name: self.codes(name) for name in CODE_LISTS},
         )
 
-    def codes(self, name: str) -> tuple[int, ...]:
-        """Return one of the lists of DeviceInfo (see `CODE_LISTS`)."""
-        return tuple(_numbers(self.raw["device_info"][name]))
+    def codes(self, name: str, where: str = "device_info") -> tuple[int, ...]:
+        """Return one of the lists of DeviceInfo (see `CODE_LISTS`), or of a Canon's ``device_info_ex``."""
+        return tuple(_numbers(self.raw.get(where, {}).get(name, "")))
 
     def stream(self, which: str = "first") -> tuple[RecordedEvent, ...]:
         """Return a recorded answer to GetEvent, in its order; empty where there is none."""

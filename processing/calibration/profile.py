@@ -28,7 +28,7 @@ from processing.errors import ProfileError
 from station.errors import IntegrityError
 from station.session import strict_json
 from station.session.folder import Folder, write_file
-from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, Side
+from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, SessionManifest, Side
 
 PROFILE_SCHEMA_VERSION = 1  # raised when a field changes its meaning
 MAX_PROFILE_BYTES = 32 << 20  # chosen
@@ -68,17 +68,16 @@ class CameraState(Model):
     def differences(self, now: CameraState) -> list[str]:
         """Return in words how ``now`` differs, in what both know."""
         found = []
-        for name in CameraState.model_fields.keys() - {"body"}:
+        for name in (n for n in CameraState.model_fields if n != "body"):
             mine, theirs = getattr(self, name), getattr(now, name)
             known = mine not in (None, "") and theirs not in (None, "")
             if name == "nd_filter" and bool(mine) != bool(theirs) and self.lens and now.lens:
                 known = True  # no filter is a state of its own where the optics are on record
             if known and not _equal(mine, theirs):
                 found.append(f"{name} is {theirs or 'none'}, in the profile {mine or 'none'}")
-        for name in self.body.keys() & now.body.keys():
-            if self.body[name] != now.body[name]:
-                found.append(f"{name} is {now.body[name]}, in the profile {self.body[name]}")
-        return sorted(found)
+        both = sorted(self.body.keys() & now.body.keys())
+        found += [f"{n} is {now.body[n]}, in the profile {self.body[n]}" for n in both if self.body[n] != now.body[n]]
+        return found
 
 
 class CameraProfile(Model):
@@ -167,6 +166,18 @@ def profile_matches(
     if camera is None:
         return [f"{side}: the profile has no such camera"]
     return [f"{side}: {text}" for text in camera.state.differences(camera_state(device, frames))]
+
+
+def unlike_profile(profile: RigProfile | None, session: SessionManifest) -> list[str]:
+    """Return where a session's cameras disagree with a profile that brings no curve (merging compares those that do)."""
+    found: list[str] = []
+    if profile is None:
+        return found
+    for side, camera in profile.cameras.items():
+        device = next((d for d in session.devices if d.role == side.value), None)
+        if device and camera.response is None:
+            found += profile_matches(profile, side, device, [f for f in session.frames if f.side == side])
+    return found
 
 
 def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str = "") -> K2Record:

@@ -160,41 +160,68 @@ def test_a_format_written_unlisted_would_be_refused_by_the_camera(monkeypatch: p
 
 
 LOOKED_UP = {
-    "SHUTTER_CODES": 0xD102,
-    "SHUTTER_CODES_HALF": 0xD102,
+    **dict.fromkeys(("SHUTTER_CODES", "SHUTTER_CODES_HALF"), 0xD102),
     "ISO_CODES": 0xD103,
     "APERTURE_CODES": 0xD101,
-}
-"""Tables of which only what the camera lists is used (`drivers.canon_5d2.settings`)."""
-IN_A_LIST = {
     "DRIVE_SINGLE": 0xD106,
-    "FOCUS_MANUAL": None,  # a lens switch: reported, never listed; the value of a recorded 60D
     "WB_COLOR_TEMPERATURE": 0xD109,
     "DESTINATION_PC": 0xD11C,
-    "AE_MANUAL": None,  # the dial: reported, never listed
-    "AE_BULB": None,
+    "IMAGE_SIZES_PX": 0xD120,
+    **dict.fromkeys(("IMAGE_TYPE_JPEG", "IMAGE_TYPE_RAW", "IMAGE_SIZE_LARGE"), 0xD120),
+    **dict.fromkeys(("IMAGE_SIZE_MEDIUM", "IMAGE_SIZE_SMALL"), 0xD120),
+    **dict.fromkeys(("IMAGE_COMPRESSION_NORMAL", "IMAGE_COMPRESSION_FINE", "IMAGE_COMPRESSION_RAW"), 0xD120),
 }
-NOT_RECORDED = {
-    **dict.fromkeys(("BULB_START", "BULB_END"), "operations of the 5D Mark II and 1000D only"),
-    **dict.fromkeys(("LENS_COVER", "LOW_BATTERY", "OBJECT_NOT_READY"), "refusals that no recording met"),
+"""Written or offered only where the camera lists the value of this property (`drivers.canon_5d2.settings.make`)."""
+REPORTED = {"AE_MANUAL": "eos_5d3's Tv is 1, a 60D's Av is 2", "AE_BULB": "as AE_MANUAL", "FOCUS_MANUAL": "eos_60d"}
+"""Positions of controls: the camera reports them, nobody writes them."""
+ELSEWHERE = {
+    "CanonEvent.BULB_EXPOSURE_TIME": "libgphoto2; sent after bulb exposures, which are not taken",
+    "CanonEvent.CTG_INFO_CHECK_COMPLETE": "the streams of eos_60d and eos_5d3",
+    "CanonProp.MIRROR_UP_SETTING": "eos_5d3",
+    "CanonProp.HIGHLIGHT_TONE_PRIORITY": "eos_5d3",
+    "CanonResponse": "libgphoto2: no recording met a refusal of Canon's own",
+    "LIST_FORM": "every recorded list",
+    "USB_ID": "eos_5d2",
+    "VENDOR_EXTENSION_IDS": "6: all recordings; 0x0B: what libgphoto2 makes of it",
 }
+"""Where else a constant is from."""
 
 
-def _recorded(name: str) -> tuple[set[int], set[int], set[int]]:
-    """Return the operations, properties and events of a body, as recorded."""
-    body = recording(name)
-    props = {e.prop for e in body.stream() if e.code in (0xC189, 0xC18A)}
-    return set(body.codes("operations")), props, set(body.codes("events")) | {e.code for e in body.stream()}
+def witness(name: str, value: object) -> str:
+    """Return where a constant of `drivers.canon_5d2.codes` is looked up or recorded, or say that it is in neither."""
+    for table in (ELSEWHERE, REPORTED):
+        if found := table.get(name) or table.get(name.partition(".")[0]):
+            return found
+    if name in LOOKED_UP:
+        return f"looked up in the list of {LOOKED_UP[name]:X}"
+    for body in map(recording, recorded_bodies("canon")):
+        both = [*body.codes("operations"), *body.codes("events"), *body.codes("events", "device_info_ex")]
+        both += body.codes("properties", "device_info_ex")
+        if value in both or value in {e.prop for e in body.stream() if e.code in (0xC189, 0xC18A)}:
+            return f"recorded: {body.name}"
+    return ""
 
 
-def test_every_operation_and_property_of_the_canon_driver_is_in_a_recording() -> None:
-    """Those that the 5D Mark II lists itself, and its properties in the stream of a 60D or a 5D Mark III."""
-    own = set(recording("eos_5d2").codes("operations"))
-    assert {op.name for op in canon_codes.CanonOperation if op not in own} == set()
-    streams = [_recorded(name)[1] for name in ("eos_60d", "eos_5d3", "eos_1000d")]
-    text_props = {p for p in canon_codes.CanonProp if p.name in ("OWNER", "ARTIST", "COPYRIGHT", "SERIAL_NUMBER")}
-    missing = {p.name for p in canon_codes.CanonProp if not any(p in props for props in streams)}
-    assert missing <= {p.name for p in text_props}
+def constants() -> dict[str, object]:
+    """Return every constant of the Canon driver's tables, members of enumerations by ``Class.NAME``."""
+    found: dict[str, object] = {}
+    for name, value in vars(canon_codes).items():
+        if isinstance(value, type) and issubclass(value, IntEnum) and value is not IntEnum:
+            found |= {f"{name}.{member.name}": member for member in value}
+        elif name.isupper():
+            found[name] = value
+    return found
+
+
+def test_every_constant_of_the_canon_driver_is_looked_up_or_recorded() -> None:
+    found = {name: witness(name, value) for name, value in constants().items()}
+    assert not [name for name, where in found.items() if not where]
+    assert found["CanonOperation.REMOTE_RELEASE_ON"] == "recorded: eos_5d2"
+    assert found["CanonProp.CAPTURE_DESTINATION"].startswith("recorded: ")
+    assert not {*LOOKED_UP, *REPORTED} - set(constants()), "a name that no constant has"
+    assert not {op.name for op in canon_codes.CanonOperation} - {
+        op.name for op in canon_codes.CanonOperation if op in recording("eos_5d2").codes("operations")
+    }, "an operation that a 5D Mark II does not list"
 
 
 @pytest.mark.parametrize("body", ["eos_60d", "eos_5d3"])
@@ -202,18 +229,16 @@ def test_values_that_the_driver_writes_are_listed_by_real_bodies(body: str) -> N
     stream = b"".join(e.encode() for e in recording(body).stream()) + END
     lists = {r.prop: r for r in decode_events(stream) if isinstance(r, AvailableValues)}
     numbers = {p: r.numbers for p, r in lists.items()} | recording(body).dial_at_m()
-    for name, prop in LOOKED_UP.items():
-        table = getattr(canon_codes, name)
-        assert table.keys() & set(numbers[prop]) or name == "SHUTTER_CODES_HALF", name
-        if name == "SHUTTER_CODES":
-            assert set(numbers[prop]) <= table.keys(), "a real body has a shutter time that the driver does not know"
-    for name, prop in IN_A_LIST.items():
-        assert prop is None or getattr(canon_codes, name) in numbers[prop], name
+    for name in ("SHUTTER_CODES", "ISO_CODES", "APERTURE_CODES"):
+        assert getattr(canon_codes, name).keys() & set(numbers[LOOKED_UP[name]]), name
+    assert set(numbers[0xD102]) <= canon_codes.SHUTTER_CODES.keys(), "a time that the driver does not know"
+    for name in ("DRIVE_SINGLE", "WB_COLOR_TEMPERATURE", "DESTINATION_PC"):
+        assert getattr(canon_codes, name) in numbers[LOOKED_UP[name]], name
     files = {f for formats in lists[0xD120].formats for f in formats}
     assert {(f.file_type, f.size, f.compression) for f in files} >= {(1, 0, 3), (6, 0, 4)}
 
 
-def test_every_property_of_the_theta_driver_is_recorded_or_specified() -> None:
+def test_every_property_of_the_theta_driver_is_recorded_or_asked_for() -> None:
     """Recorded: in DeviceInfo of firmware 1.50.1. Later ones are asked for before use (`ThetaProperties.has`)."""
     props = set(recording("theta_z1").codes("properties"))
     later = {p.name for p in ricoh_codes.RicohProp if p not in props}
@@ -221,10 +246,3 @@ def test_every_property_of_the_theta_driver_is_recorded_or_specified() -> None:
     assert set(recording("theta_z1").codes("operations")) >= set(ricoh_codes.RicohOperation)
     answered = recording("theta_z1").raw["answered_while_busy"]
     assert re.search(r"list 0 1 ", answered[f"{ricoh_codes.RicohProp.SLEEP_MODE:04X}"]), "awake, asleep: as the driver"
-
-
-def test_records_of_the_driver_are_in_a_recorded_stream_or_listed_by_devices() -> None:
-    seen = set().union(*(_recorded(name)[2] for name in recorded_bodies("canon")))
-    decoded = {canon_codes.CanonEvent.PROP_VALUE_CHANGED, canon_codes.CanonEvent.AVAIL_LIST_CHANGED}
-    assert seen >= decoded | {canon_codes.CanonEvent.REQUEST_GET_EVENT, canon_codes.CanonEvent.CTG_INFO_CHECK_COMPLETE}
-    assert issubclass(canon_codes.CanonEvent, IntEnum)
