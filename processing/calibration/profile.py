@@ -169,7 +169,7 @@ def profile_matches(
 
 
 def unlike_profile(profile: RigProfile | None, session: SessionManifest) -> list[str]:
-    """Return where a session's cameras disagree with a profile that brings no curve (merging compares those that do)."""
+    """Return where cameras disagree with a profile that brings no curve of theirs (merging compares those that do)."""
     found: list[str] = []
     if profile is None:
         return found
