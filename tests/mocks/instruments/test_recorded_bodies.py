@@ -19,12 +19,15 @@ from drivers.canon_5d2 import settings as canon_settings
 from drivers.canon_5d2.camera import Canon5D2
 from drivers.canon_5d2.operations import AvailableValues, decode_events, encode_number
 from drivers.errors import DeviceBusyError, SettingRefusedError, UnsupportedError
+from drivers.ptp.codes import Response
 from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.camera import ThetaZ1
 from drivers.usb_link import UsbLink
+from mocks.instruments import canon_records
 from mocks.instruments.canon_5d2 import SimulatedCanon5D2
 from mocks.instruments.canon_records import END, CanonOptions
 from mocks.instruments.clock import VirtualClock
+from mocks.instruments.ptp.wire import Request
 from mocks.instruments.recorded import recorded_bodies, recording
 from mocks.instruments.theta_z1 import SimulatedThetaZ1, ThetaOptions
 from mocks.instruments.usb.bus import SimulatedUsbBackend
@@ -78,6 +81,20 @@ def test_the_first_answer_is_the_recorded_one_to_the_byte(name: str) -> None:
     stream = b"".join(e.encode() for e in body.stream()) + END
     assert len(stream) == body.raw["events"].get("first_bytes", len(stream))
     assert len(decode_events(stream)) == len(body.stream())
+
+
+def test_a_change_of_destination_is_answered_as_recorded() -> None:
+    recorded = recording("eos_60d").stream("to_card")
+    assert len(decode_events(b"".join(e.encode() for e in recording("eos_60d").stream("to_computer")) + END)) == 9
+    camera, device, _ = canon("eos_60d", destination="card")
+    camera.connect()
+    device.settings.values[canon_codes.CanonProp.CAPTURE_DESTINATION] = canon_codes.DESTINATION_PC
+    data = canon_records.value_changed(canon_codes.CanonProp.CAPTURE_DESTINATION, 2).payload
+    answer = device.rules[canon_codes.CanonOperation.SET_DEVICE_PROP_VALUE_EX].handler(
+        Request(canon_codes.CanonOperation.SET_DEVICE_PROP_VALUE_EX, 9, (), (8 + 4).to_bytes(4, "little") + data)
+    )
+    assert answer.code == Response.OK
+    assert [r.payload[:4] for r in device.records] == [e.payload[:4] for e in recorded]
 
 
 @pytest.mark.parametrize("destination", ["card", "pc"])
