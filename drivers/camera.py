@@ -70,6 +70,33 @@ class SettingReadback:
         return self.asked == self.got
 
 
+NOT_REPORTED = "not reported"
+"""Of a setting of the body that the camera says nothing of."""
+
+
+class Verdict(StrEnum):
+    """What becomes of a setting of the body that no rig file sets."""
+
+    OK = "ok"
+    SET = "set"
+    """It was changed to what a bracket needs."""
+    RECORDED = "recorded"
+    """It may be what it is; the session keeps it."""
+    REFUSED = "refused"
+    """It spoils a bracket, and only a person at the camera can change it."""
+
+
+@dataclass(frozen=True)
+class BodySetting:
+    """One setting of the body as it now is, and what becomes of it; ``reason`` says why it is set or refused."""
+
+    name: str
+    got: str
+    raw: str
+    verdict: Verdict
+    reason: str = ""
+
+
 @dataclass(frozen=True)
 class ShutterReadback:
     """Exposure time asked, and the nearest the camera has, as read back (nominal, seconds)."""
@@ -121,6 +148,7 @@ class Camera(Protocol):
     ``shutter_times_s``: nominal exposure times the camera offers, longest first; known after `connect`.
     ``can_transfer_while_exposing``: whether ``read_chunk`` may be called while an exposure runs. Drivers start
       optimistic and set it to False when the camera answers "busy" to a transfer during an exposure.
+    ``holds_pictures``: whether it keeps each picture in its memory and is busy until `finish_frame` (no card).
     ``release_lag_s``: time from ``release`` to the shutter opening, as the driver knows it; a rig file may override
       it.
     """
@@ -128,6 +156,7 @@ class Camera(Protocol):
     kind: str
     shutter_times_s: tuple[float, ...]
     can_transfer_while_exposing: bool
+    holds_pictures: bool
     release_lag_s: float
 
     def connect(self) -> CameraIdentity:
@@ -140,6 +169,10 @@ class Camera(Protocol):
 
     def prepare(self, settings: CameraSettings) -> tuple[SettingReadback, ...]:
         """Make all fixed settings and read each back; `SettingRefusedError` where one does not take."""
+        ...
+
+    def body_settings(self) -> tuple[BodySetting, ...]:
+        """Read the settings of the body that no rig file sets, after `prepare`; set those with one right value."""
         ...
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:

@@ -22,7 +22,7 @@ class CameraModel:
     """What a camera must say of itself before it is spoken to any further."""
 
     name: str
-    vendor_extension_id: int
+    vendor_extension_ids: Collection[int]
     required_operations: Collection[int]
 
 
@@ -80,10 +80,10 @@ class CameraLink:
         return info
 
     def _check(self, info: DeviceInfo) -> None:
-        if info.vendor_extension_id != self._model.vendor_extension_id:
+        if info.vendor_extension_id not in self._model.vendor_extension_ids:
+            known = " or ".join(f"{i:#x}" for i in self._model.vendor_extension_ids)
             raise UnsupportedError(
-                f"{info.model!r} speaks PTP extension {info.vendor_extension_id:#x}, "
-                f"not {self._model.vendor_extension_id:#x}",
+                f"{info.model!r} speaks PTP extension {info.vendor_extension_id:#x}, not {known}",
                 where=self._model.name,
                 likely="another camera, or the camera is in another USB mode",
                 advice="connect the camera that the rig file names, in its still-picture (MTP/PTP) mode",

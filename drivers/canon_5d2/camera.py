@@ -12,6 +12,7 @@ from datetime import datetime
 from typing import Literal
 
 from drivers.camera import (
+    BodySetting,
     CameraIdentity,
     CameraSettings,
     CameraStatus,
@@ -22,12 +23,11 @@ from drivers.camera import (
     ShutterReadback,
 )
 from drivers.camera_link import CameraLink, CameraModel, FrameStore
+from drivers.canon_5d2.body import read_body
 from drivers.canon_5d2.codes import (
-    DESTINATION_CARD,
-    DESTINATION_PC,
     IMAGE_SIZES_PX,
     SHUTTER_CODES,
-    VENDOR_EXTENSION_ID,
+    VENDOR_EXTENSION_IDS,
     CanonOperation,
     CanonProp,
     CanonResponse,
@@ -60,7 +60,7 @@ from drivers.ptp.pipes import PtpTransport
 
 MODEL = CameraModel(
     WHERE,
-    VENDOR_EXTENSION_ID,
+    VENDOR_EXTENSION_IDS,
     (
         CanonOperation.SET_REMOTE_MODE,
         CanonOperation.SET_EVENT_MODE,
@@ -68,7 +68,6 @@ MODEL = CameraModel(
         CanonOperation.SET_DEVICE_PROP_VALUE_EX,
     ),
 )
-DESTINATION_CODES = {"card": DESTINATION_CARD, "pc": DESTINATION_PC}
 NOT_SUPPORTED = (
     Response.OPERATION_NOT_SUPPORTED,
     Response.PARAMETER_NOT_SUPPORTED,
@@ -90,7 +89,7 @@ class Canon5D2:
 
     ``open_transport``: opens the link to the camera; called by `connect` and by `recover` after a lost connection.
     ``destination``: ``"card"``: pictures go to the card, and are fetched while the next exposure runs. ``"pc"``: they
-      stay in the camera's memory until fetched, and the camera is busy until then.
+      stay in the camera's memory until fetched, and the camera is busy until then: nothing is hidden behind exposures.
     ``sizes_px``: JPEG size code -> (width, height) in pixels.
     """
 
@@ -105,10 +104,11 @@ class Canon5D2:
         sizes_px: Mapping[int, tuple[int, int]] = IMAGE_SIZES_PX,
     ) -> None:
         self.shutter_times_s: tuple[float, ...] = ()
-        self.can_transfer_while_exposing = True
+        self.can_transfer_while_exposing = destination == "card"
+        self.holds_pictures = destination == "pc"
         self.release_lag_s = RELEASE_LAG_S
         self._clock = clock
-        self._destination = DESTINATION_CODES[destination]
+        self._to_card = destination == "card"
         self._sizes_px = sizes_px
         self._link = CameraLink(open_transport, clock, MODEL)
         self._remote = CanonRemote(self._link, clock)
@@ -163,7 +163,10 @@ class Canon5D2:
     def status(self) -> CameraStatus:
         """Return battery, space, clock, and what stands wrong on the camera's controls."""
         self._remote.drain()
+        free_bytes = self._free_bytes()
         problems = control_problems(self._remote)
+        if free_bytes == 0 and self._to_card:
+            problems += ("there is no card in the camera, or it is full",)
         warnings: tuple[str, ...] = ()
         if self._remote.number(CanonProp.AUTO_EXPOSURE_MODE) is None:
             warnings += ("the camera does not report where its mode dial stands: it must stand at M",)
@@ -172,7 +175,7 @@ class Canon5D2:
         battery = self._remote.number(CanonProp.BATTERY_POWER)
         return CameraStatus(
             battery_frac=None if battery is None else BATTERY_FRAC.get(battery),
-            free_bytes=self._free_bytes(),
+            free_bytes=free_bytes,
             free_frames=self._remote.number(CanonProp.AVAILABLE_SHOTS),
             clock_utc=self._clock_utc(),
             ready=not problems and not self._remote.busy and self._exposure is None,
@@ -213,10 +216,10 @@ class Canon5D2:
         self._remote.let_go()
         self._remote.wait_idle()
         require_controls(self._remote)
-        kept = fixed_settings(settings, self._remote, sizes_px=self._sizes_px, destination=self._destination)
+        kept = fixed_settings(settings, self._remote, sizes_px=self._sizes_px, to_card=self._to_card)
         with self._noticing_a_held_picture():
             readbacks = [self._control_readback(), *(make(self._remote, setting) for setting in kept)]
-        if self._destination == DESTINATION_PC:
+        if not self._to_card:
             self._remote.offer_space()
         else:
             self._remember_card()
@@ -224,6 +227,11 @@ class Canon5D2:
         self._formats = (FrameFormat.JPEG, FrameFormat.CR2) if settings.keep_raw else (FrameFormat.JPEG,)
         self._learn_shutter_times()
         return tuple(readbacks)
+
+    def body_settings(self) -> tuple[BodySetting, ...]:
+        """Read the settings of the body that no rig file sets; set those with one right value."""
+        self._remote.drain()
+        return read_body(self._remote)
 
     def _control_readback(self) -> SettingReadback:
         raw = self._remote.values.get(CanonProp.AUTO_EXPOSURE_MODE, b"")
@@ -262,7 +270,7 @@ class Canon5D2:
         self._drop_orphans()
         self._remote.keep_on()
         shots = self._remote.number(CanonProp.AVAILABLE_SHOTS)
-        if self._destination == DESTINATION_PC and shots is not None and shots < MIN_SHOTS_FOR_COMPUTER:
+        if not self._to_card and shots is not None and shots < MIN_SHOTS_FOR_COMPUTER:
             self._remote.offer_space()
         if self._one_step_release:
             return
@@ -276,7 +284,7 @@ class Canon5D2:
     def release(self) -> None:
         """Press the button through; `DeviceBusyError` or `OperationRefusedError` where the camera does not take it."""
         limit_s = self._shutter_s + RELEASE_LIMIT_S
-        shot = CanonShot(self._shutter_s, self._formats, to_card=self._destination == DESTINATION_CARD)
+        shot = CanonShot(self._shutter_s, self._formats, to_card=self._to_card)
         store = self._store if self._store_known and shot.to_card else None
         exposure = CanonExposure(self._link, self._remote, store, self._clock, shot)
         with self._noticing_a_held_picture():
@@ -292,7 +300,7 @@ class Canon5D2:
         try:
             yield
         except DeviceBusyError:
-            self._stuck = self._destination == DESTINATION_PC
+            self._stuck = not self._to_card
             raise
 
     def _release_in_one_step(self, limit_s: float) -> None:
@@ -312,7 +320,7 @@ class Canon5D2:
             raise ExposureFailedError("no exposure is running", where=WHERE, advice="release first")
         progress = self._exposure.poll(wait=not self._read_since_poll)
         self._read_since_poll = False
-        if self._destination == DESTINATION_PC:
+        if not self._to_card:
             self._held.update(frame.handle for frame in progress.frames)
         if progress.done:
             self._exposure = None

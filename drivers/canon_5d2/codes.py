@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-# As lsusb lists a 5D Mark II; the extension id from its DeviceInfo (libgphoto2 camlibs/ptp2).
+# As lsusb lists a 5D Mark II (libgphoto2 camlibs/ptp2).
 USB_ID = (0x04A9, 0x3199)
-VENDOR_EXTENSION_ID = 0x0000000B
-STORAGE_ID_CF = 0x00010001
-ENDPOINTS = (0x81, 0x02, 0x83)
+VENDOR_EXTENSION_IDS = (0x00000006, 0x0000000B)
+"""EOS bodies name Microsoft's extension (raw replies of a 60D; reports of 5D Mark II, 550D, 1000D), older Canons their
+own, which libgphoto2 shows for both. Either way the operations at 911xh mark an EOS."""
 
 
 class CanonOperation(IntEnum):
@@ -56,6 +56,10 @@ class CanonProp(IntEnum):
     FOCUS_MODE = 0xD108
     WHITE_BALANCE = 0xD109
     COLOR_TEMPERATURE = 0xD10A
+    WB_SHIFT_AB = 0xD10B
+    WB_SHIFT_GM = 0xD10C
+    WB_BRACKET_AB = 0xD10D
+    WB_BRACKET_GM = 0xD10E
     COLOR_SPACE = 0xD10F
     PICTURE_STYLE = 0xD110
     BATTERY_POWER = 0xD111
@@ -66,12 +70,17 @@ class CanonProp(IntEnum):
     AVAILABLE_SHOTS = 0xD11B
     CAPTURE_DESTINATION = 0xD11C
     IMAGE_FORMAT = 0xD120
+    MIRROR_UP_SETTING = 0xD13A
+    HIGHLIGHT_TONE_PRIORITY = 0xD13B
+    CUSTOM_FUNCTIONS = 0xD1A0
     SERIAL_NUMBER = 0xD1AF
     EVF_OUTPUT_DEVICE = 0xD1B0
     MIRROR_LOCKUP_STATE = 0xD1BF
+    LIGHTING_OPTIMISER = 0xD1C1
     ARTIST = 0xD1D0
     COPYRIGHT = 0xD1D1
     FOCUS_INFO_EX = 0xD1D3
+    EXPOSURE_BRACKETING = 0xD1D9
 
 
 class CanonEvent(IntEnum):
@@ -112,8 +121,9 @@ AE_BULB = 4
 DRIVE_SINGLE = 0
 FOCUS_MANUAL = 3
 WB_COLOR_TEMPERATURE = 9
-DESTINATION_CARD = 2
 DESTINATION_PC = 4
+"""A bit of D11C: set where pictures go to the computer. What stands for a card differs: 1 on bodies with CompactFlash,
+2 on those with SD (lists of a 5D Mark III and a 60D)."""
 LIST_FORM = 3
 
 SHUTTER_CODES: dict[int, float] = {
@@ -148,18 +158,3 @@ IMAGE_TYPE_RAW = 6
 IMAGE_SIZE_LARGE, IMAGE_SIZE_MEDIUM, IMAGE_SIZE_SMALL = 0, 1, 2
 IMAGE_COMPRESSION_NORMAL, IMAGE_COMPRESSION_FINE, IMAGE_COMPRESSION_RAW = 2, 3, 4
 IMAGE_SIZES_PX = {IMAGE_SIZE_LARGE: (5616, 3744), IMAGE_SIZE_MEDIUM: (4080, 2720), IMAGE_SIZE_SMALL: (2784, 1856)}
-
-DEVICE_OPERATIONS = (
-    0x1014, 0x1015, 0x1016, 0x1001, 0x1002, 0x1003, 0x1006, 0x1004, 0x9101, 0x1005, 0x9102, 0x1007, 0x1008, 0x9103,
-    0x1009, 0x9104, 0x100A, 0x101B, 0x9107, 0x100C, 0x100D, 0x100B, 0x9105, 0x100F, 0x9106, 0x9110, 0x9127, 0x910B,
-    0x9108, 0x9109, 0x910C, 0x910E, 0x910F, 0x9125, 0x9126, 0x9115, 0x9114, 0x9113, 0x9116, 0x9117, 0x9120, 0x91F0,
-    0x9118, 0x9121, 0x91F1, 0x911D, 0x910A, 0x911B, 0x911C, 0x911E, 0x911A, 0x9153, 0x9154, 0x9160, 0x9155, 0x9157,
-    0x9158, 0x9159, 0x915A, 0x911F, 0x91FE, 0x91FF, 0x9128, 0x9129, 0x9801, 0x9802, 0x9803, 0x9804, 0x9805,
-    *range(0x91C0, 0x91CD), 0x91CE, 0x91CF, *range(0x91E1, 0x91EE), 0x91F2, 0x91F3, 0x91F4, 0x91F7, 0x9122, 0x9123,
-    0x9124, 0x91F5, 0x91F6, 0x9052, 0x9053, *range(0x9057, 0x905B), 0x905F,
-)  # fmt: skip
-"""As a real 5D Mark II lists them: InitiateCapture (100E) is not among them."""
-DEVICE_EVENTS = (0x4009, 0x4004, 0x4005, 0x4003, 0x4002, 0x4007, 0xC101)
-DEVICE_PROPERTIES = (0xD402, 0xD407, 0xD406)
-CAPTURE_FORMATS = (0x3801,)
-IMAGE_FORMATS = (0x3001, 0x3002, 0x3006, 0x300A, 0x3008, 0x3801, 0xB101, 0xB103, 0xBF02, 0x3800, 0xB104)

@@ -29,6 +29,7 @@ IMAGE_FILE_BYTES = 16
 MAX_IMAGE_FILES = 2
 IMAGE_FORMAT_PROPS = frozenset({CanonProp.IMAGE_FORMAT, 0xD121, 0xD122, 0xD123})
 """D120 and its twins for CF, SD and PC: their values are structures."""
+OUR_PROPS = frozenset(map(int, CanonProp))
 
 
 @dataclass(frozen=True)
@@ -162,17 +163,20 @@ def _decode_available(_code: int, record: bytes) -> AvailableValues:
     if prop in IMAGE_FORMAT_PROPS:
         return AvailableValues(prop, formats=_decode_format_list(record, count))
     if len(record) != 20 + 4 * count:
-        raise _violation(f"a list of {count} values in a record of {len(record)} bytes", record, 0)
+        if prop in OUR_PROPS:
+            raise _violation(f"a list of {count} values in a record of {len(record)} bytes", record, 0)
+        return AvailableValues(prop)  # of structures: a 5D Mark III lists its D17D so
     return AvailableValues(prop, numbers=_words(record, 20, count))
 
 
 def _decode_format_list(record: bytes, count: int) -> tuple[tuple[ImageFile, ...], ...]:
+    """Return the formats of a list; bytes of zero may follow the last (a 1000D sends such a word)."""
     formats = []
     at = 20
     for _ in range(min(count, len(record))):
         files, at = _take_image_format(record, at)
         formats.append(files)
-    if len(formats) != count or at != len(record):
+    if len(formats) != count or any(record[at:]):
         raise _violation(f"a list of {count} image formats does not fill its record", record, 0)
     return tuple(formats)
 
@@ -215,6 +219,23 @@ _DECODERS: dict[int, Callable[[int, bytes], Record]] = {
     CanonEvent.BULB_EXPOSURE_TIME: _decode_number,
     CanonEvent.CTG_INFO_CHECK_COMPLETE: _decode_number,
 }
+
+
+def decode_custom_functions(raw: bytes) -> dict[int, int]:
+    """Return the single-valued custom functions of D1A0 by id; of what is no such structure, those before the fault."""
+    found: dict[int, int] = {}
+    words = struct.unpack(f"<{len(raw) // 4}I", raw[: len(raw) // 4 * 4])
+    at = 2  # size, number of groups
+    while at + 3 <= len(words):
+        count, at = words[at + 2], at + 3  # of a group: id, size, number of functions
+        for _ in range(min(count, len(words))):
+            if at + 2 > len(words):
+                return found
+            n_values = words[at + 1]
+            if n_values == 1 and at + 2 < len(words):
+                found[words[at]] = words[at + 2]
+            at += 2 + n_values
+    return found
 
 
 def decode_image_format(raw: bytes) -> tuple[ImageFile, ...]:

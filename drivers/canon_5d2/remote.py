@@ -10,13 +10,14 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from drivers.camera_link import CameraLink
-from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonResponse
+from drivers.canon_5d2.codes import CanonEvent, CanonOperation, CanonProp, CanonResponse
 from drivers.canon_5d2.operations import (
     AvailableValues,
     NumberRecord,
     ObjectRecord,
     PropValue,
     Record,
+    decode_custom_functions,
     decode_events,
     encode_property,
 )
@@ -54,6 +55,8 @@ class CanonRemote:
     def __init__(self, link: CameraLink, clock: Clock) -> None:
         self.values: dict[int, bytes] = {}
         self.lists: dict[int, AvailableValues] = {}
+        self.functions: dict[int, int] = {}
+        """Custom functions by id, of all their groups."""
         self.announced: list[ObjectRecord] = []
         """Objects announced and not yet taken over by an exposure."""
         self.busy = False
@@ -68,6 +71,7 @@ class CanonRemote:
         """Forget all that the camera has reported: it is a new connection."""
         self.values.clear()
         self.lists.clear()
+        self.functions.clear()
         self.announced.clear()
         self._fresh.clear()
         self._pressed.clear()
@@ -120,6 +124,8 @@ class CanonRemote:
         match record:
             case PropValue(prop, raw):
                 self.values[prop] = raw
+                if prop == CanonProp.CUSTOM_FUNCTIONS:
+                    self.functions |= decode_custom_functions(raw)  # a 60D sends one record a group
                 self._fresh.add(prop)
             case AvailableValues(prop):
                 self.lists[prop] = record

@@ -12,6 +12,7 @@ from drivers.camera import CameraSettings, SettingReadback
 from drivers.canon_5d2.codes import (
     AE_MANUAL,
     APERTURE_CODES,
+    DESTINATION_PC,
     DRIVE_SINGLE,
     FOCUS_MANUAL,
     IMAGE_COMPRESSION_FINE,
@@ -45,7 +46,7 @@ AE_MODES = {0: "P", 1: "Tv", 2: "Av", 3: "M", 4: "B", 5: "A-DEP", 7: "C1", 9: "g
 DRIVE_MODES = {0: "single", 1: "continuous", 4: "fast", 5: "slow", 0x10: "self-timer 10 s", 0x11: "self-timer 2 s"}
 WHITE_BALANCES = {0: "auto", 1: "daylight", 2: "cloudy", 3: "tungsten", 4: "fluorescent", 5: "flash", 6: "manual",
                   8: "shade", 9: "colour temperature", 0x0A: "PC-1", 0x0B: "PC-2", 0x0C: "PC-3"}  # fmt: skip
-DESTINATIONS = {2: "card", 4: "computer", 6: "card and computer"}
+DESTINATIONS = {1: "card", 2: "card", 4: "computer", 5: "card and computer", 6: "card and computer"}
 BATTERY_FRAC = {0: 0.05, 1: 0.5, 2: 1.0, 4: 0.75, 5: 0.25}
 """D111 -> charge; the camera reports quarters only, and "low" for 0 (libgphoto2)."""
 
@@ -143,12 +144,13 @@ class CanonSetting:
         return self.describe(self.raw)
 
 
-def _number_words(words: Callable[[int], str]) -> Callable[[bytes], str]:
+def number_words(words: Callable[[int], str]) -> Callable[[bytes], str]:
+    """Return a describer of raw values that are numbers."""
     return lambda raw: words(int.from_bytes(raw, "little")) if raw else "nothing reported"
 
 
 def _table_words(table: Mapping[int, str]) -> Callable[[bytes], str]:
-    return _number_words(lambda code: table.get(code, f"code {code:#x}"))
+    return number_words(lambda code: table.get(code, f"code {code:#x}"))
 
 
 def _format_words(raw: bytes) -> str:
@@ -158,13 +160,13 @@ def _format_words(raw: bytes) -> str:
         return f"bytes {raw[:40].hex()}"
 
 
-iso_words = _number_words(iso_text)
-aperture_words = _number_words(aperture_text)
+iso_words = number_words(iso_text)
+aperture_words = number_words(aperture_text)
 ae_mode_words = _table_words(AE_MODES)
 
 
 def fixed_settings(
-    settings: CameraSettings, remote: CanonRemote, *, sizes_px: Mapping[int, tuple[int, int]], destination: int
+    settings: CameraSettings, remote: CanonRemote, *, sizes_px: Mapping[int, tuple[int, int]], to_card: bool
 ) -> tuple[CanonSetting, ...]:
     """Return what a bracket keeps fixed, in the order to make it.
 
@@ -183,11 +185,14 @@ def fixed_settings(
         CanonSetting(
             "white balance", CanonProp.WHITE_BALANCE, encode_number(WB_COLOR_TEMPERATURE), _table_words(WHITE_BALANCES)
         ),
-        CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, _number_words(lambda k: f"{k} K")),
+        CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, number_words(lambda k: f"{k} K")),
         CanonSetting("ISO", CanonProp.ISO_SPEED, encode_number(iso), iso_words),
         CanonSetting("aperture", CanonProp.APERTURE, encode_number(aperture), aperture_words),
         CanonSetting(
-            "destination", CanonProp.CAPTURE_DESTINATION, encode_number(destination), _table_words(DESTINATIONS)
+            "destination",
+            CanonProp.CAPTURE_DESTINATION,
+            _destination(remote, to_card=to_card),
+            _table_words(DESTINATIONS),
         ),
     )
 
@@ -208,6 +213,18 @@ def _image_format(
     return next((f for f in formats if sorted(f) == sorted(wanted)), wanted)
 
 
+def _destination(remote: CanonRemote, *, to_card: bool) -> bytes:
+    """Return where pictures go: the computer, or the first value listed that is not (also) the computer's."""
+    if not to_card:
+        return encode_number(DESTINATION_PC)
+    listed = remote.lists.get(CanonProp.CAPTURE_DESTINATION)
+    codes = (*(listed.numbers if listed else ()), remote.number(CanonProp.CAPTURE_DESTINATION) or DESTINATION_PC)
+    code = next((c for c in codes if not c & DESTINATION_PC), None)
+    if code is None:
+        raise refused("destination", "card", "only: computer (is there a card in the camera?)")
+    return encode_number(code)
+
+
 def refused(name: str, asked: object, got: object, **details: Any) -> SettingRefusedError:
     """Return the error for a setting that the camera does not take."""
     return SettingRefusedError(
@@ -223,8 +240,13 @@ def refused(name: str, asked: object, got: object, **details: Any) -> SettingRef
 
 
 def make(remote: CanonRemote, setting: CanonSetting) -> SettingReadback:
-    """Make one setting and return what the camera reports; `SettingRefusedError` where it is something else."""
-    _require_listed(remote, setting)
+    """Make one setting and return what the camera reports; `SettingRefusedError` where it is something else.
+
+    A value that the camera does not list is never written: an image format that a 5D Mark II did not list has locked
+    it for good (Magic Lantern's a1ex, reproduced; ERR70).
+    """
+    if remote.values.get(setting.prop) != setting.raw:
+        _require_listed(remote, setting)
     try:
         got = remote.ensure(setting.prop, setting.raw)
     except OperationRefusedError as error:
@@ -236,10 +258,11 @@ def make(remote: CanonRemote, setting: CanonSetting) -> SettingReadback:
 
 def _require_listed(remote: CanonRemote, setting: CanonSetting) -> None:
     listed = remote.lists.get(setting.prop)
-    if listed is None or not listed.numbers or int.from_bytes(setting.raw, "little") in listed.numbers:
-        return
-    offered = ", ".join(setting.describe(encode_number(n)) for n in listed.numbers)
-    raise refused(setting.name, setting.text, f"only: {offered}")
+    values = [encode_number(n) for n in listed.numbers] if listed else []
+    values += [encode_image_format(f) for f in listed.formats] if listed else []
+    if setting.raw not in values:
+        offered = ", ".join(setting.describe(v) for v in values) or "no values at all just now"
+        raise refused(setting.name, setting.text, f"only: {offered}")
 
 
 def require_kept(remote: CanonRemote, setting: CanonSetting) -> None:

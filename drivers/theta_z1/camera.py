@@ -9,6 +9,7 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from drivers.camera import (
+    BodySetting,
     CameraIdentity,
     CameraSettings,
     CameraStatus,
@@ -45,11 +46,12 @@ from drivers.theta_z1.settings import (
     mode_settings,
     nearest_shutter,
     picture_settings,
+    read_body,
 )
 
 MODEL = CameraModel(
     "Theta Z1",
-    VENDOR_EXTENSION_ID,
+    (VENDOR_EXTENSION_ID,),
     (
         Operation.GET_OBJECT_HANDLES,
         Operation.GET_OBJECT_INFO,
@@ -94,6 +96,7 @@ class ThetaZ1:
     def __init__(self, open_transport: Callable[[], PtpTransport], clock: Clock) -> None:
         self.shutter_times_s: tuple[float, ...] = ()
         self.can_transfer_while_exposing = True
+        self.holds_pictures = False
         self.release_lag_s = RELEASE_LAG_S
         self._clock = clock
         self._link = CameraLink(open_transport, clock, MODEL)
@@ -237,6 +240,10 @@ class ThetaZ1:
         self._learn_shutter_times()
         self._store.remember()
         return readbacks
+
+    def body_settings(self) -> tuple[BodySetting, ...]:
+        """Judge the firmware; all else that a bracket depends on is set by `prepare`."""
+        return read_body(self._properties, self._link.info.device_version)
 
     def _apply(self, settings: tuple[Setting, ...]) -> tuple[SettingReadback, ...]:
         readbacks = []

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
-from drivers.camera import CameraSettings, SettingReadback
+from drivers.camera import BodySetting, CameraSettings, SettingReadback, Verdict
 from drivers.camera_link import CameraLink
 from drivers.clock import Clock
 from drivers.errors import DeviceBusyError, OperationRefusedError, SettingRefusedError
@@ -236,6 +236,7 @@ def mode_settings() -> tuple[Setting, ...]:
         Setting("sleep", RicohProp.SLEEP_DELAY, 0, "never"),
         Setting("automatic power off", RicohProp.AUTO_POWER_OFF_DELAY, 0, "never"),
         Setting("capture mode", Prop.STILL_CAPTURE_MODE, STILL_CAPTURE_SINGLE, "single"),
+        Setting("function", RicohProp.FUNCTION, 0, "normal", optional=True),  # "My setting" would bring its own values
         Setting("self-timer", Prop.CAPTURE_DELAY, 0, "off", optional=True),
         # Any filter would force the exposure program back to automatic.
         Setting("filter", RicohProp.FILTER, 0, "off"),
@@ -261,6 +262,37 @@ def picture_settings(settings: CameraSettings, f_number: int) -> tuple[Setting, 
         Setting("colour temperature", RicohProp.COLOR_TEMPERATURE, kelvin, f"{kelvin} K"),
         Setting("f-number", Prop.F_NUMBER, f_number, f"f/{settings.f_number:g}"),
         Setting("ISO", Prop.EXPOSURE_INDEX, iso, str(iso)),
+    )
+
+
+STOPS_SHOOTING = ((2, 30, 1), (3, 0))
+"""Firmware that stops taking pictures over USB after 0 to 20 minutes (theta-api-specs issue 34; 2.11.1 does not)."""
+
+
+def read_body(properties: ThetaProperties, firmware: str) -> tuple[BodySetting, ...]:
+    """Return what a bracket depends on and only another firmware can change."""
+    version = tuple(int(part) if part.isdigit() else 0 for part in firmware.split("."))
+    stops = any(version[: len(bad)] == bad for bad in STOPS_SHOOTING)
+    why = (
+        "it stops taking pictures within minutes (2.30.1 and 3.0): install 2.11.1 or a later one than 3.0"
+        if stops
+        else ""
+    )
+    static = properties.has(RicohProp.IMAGE_STITCHING)
+    unfit = (
+        ""
+        if static
+        else "it stitches each frame anew, so that frames do not lie on each other: install 2.10.1 or later"
+    )
+    return (
+        BodySetting("firmware", firmware, firmware, Verdict.REFUSED if stops else Verdict.OK, why),
+        BodySetting(
+            "static stitching",
+            "yes" if static else "no",
+            str(int(static)),
+            Verdict.OK if static else Verdict.REFUSED,
+            unfit,
+        ),
     )
 
 

@@ -1,4 +1,4 @@
-"""A simulated Canon EOS 5D Mark II: the body, and its shutter button over USB (half, full, autofocus, bulb)."""
+"""A simulated Canon EOS (5D Mark II by default): the body and its shutter button (half, full, autofocus, bulb)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from drivers.canon_5d2.codes import (
     AE_BULB,
     APERTURE_CODES,
-    DESTINATION_CARD,
     DESTINATION_PC,
     FOCUS_MANUAL,
     IMAGE_SIZES_PX,
@@ -60,7 +59,7 @@ class SimulatedCanon5D2(CanonBody):
     _focused = False
     _focusing_until_s = 0.0
     _bulb_since_s: float | None = None
-    _plan = _Plan((), DESTINATION_CARD)
+    _plan = _Plan((), 0)
 
     def _body_rules(self) -> dict[int, Rule]:
         canon = CanonOperation
@@ -155,7 +154,7 @@ class SimulatedCanon5D2(CanonBody):
         destination = self.settings.number(CanonProp.CAPTURE_DESTINATION)
         if destination != DESTINATION_PC:
             self.refuse_without_room()
-        if destination != DESTINATION_CARD and self.computer_bytes < self.picture_bytes:
+        if destination & DESTINATION_PC and self.computer_bytes < self.picture_bytes:
             raise Refusal(Response.STORE_FULL)
 
     def _open(self, open_s: float | None = None) -> None:
@@ -217,14 +216,14 @@ class SimulatedCanon5D2(CanonBody):
             taken_local=self.local_now().replace(tzinfo=None, microsecond=0),
             sequence=self.shot_count + 1,
             manufacturer="Canon",
-            model="Canon EOS 5D Mark II",
+            model=self.identity.model,
             serial=self.options.serial,
-            firmware=self.options.firmware,
+            firmware=self.identity.version,
         )
 
     def _size_px(self, size: int) -> tuple[int, int]:
         """Return the pixels of size code 0 L, 1 M, 2 S, in proportion to the large picture of the options."""
-        full, wanted = IMAGE_SIZES_PX[0], IMAGE_SIZES_PX[size]
+        full, wanted = IMAGE_SIZES_PX[0], IMAGE_SIZES_PX.get(size, IMAGE_SIZES_PX[2])
         width_px, height_px = self.options.image_size_px
         return width_px * wanted[0] // full[0], height_px * wanted[1] // full[1]
 
@@ -238,7 +237,7 @@ class SimulatedCanon5D2(CanonBody):
             object_format = ObjectFormat.CANON_CR2 if raw else ObjectFormat.EXIF_JPEG
             if self._plan.destination != DESTINATION_PC:
                 announcements.append(canon_records.object_added(self.keep(name, object_format, data, settings)))
-            if self._plan.destination != DESTINATION_CARD:
+            if self._plan.destination & DESTINATION_PC:
                 size_px = (settings.width_px, settings.height_px)
                 kept = self.remember(name, object_format, data, size_px)
                 announcements.append(canon_records.transfer_requested(kept))

@@ -1,4 +1,4 @@
-"""The body of a simulated EOS 5D Mark II: modes, settings, event stream, pictures (libgphoto2; a log of a 60D).
+"""The body of a simulated EOS, generated from a recording of a real one: modes, settings, event stream, pictures.
 
 What no source says is chosen here and said so: which operations count as activity for auto power-off (all but
 GetEvent), the codes of refusals that libgphoto2 does not distinguish, that a USB reset drops unfetched pictures as
@@ -12,7 +12,7 @@ from collections import deque
 from datetime import UTC, datetime
 
 from drivers.canon_5d2 import codes as canon_codes
-from drivers.canon_5d2.codes import DESTINATION_CARD, CanonEvent, CanonOperation, CanonProp, CanonResponse
+from drivers.canon_5d2.codes import DESTINATION_PC, CanonEvent, CanonOperation, CanonProp, CanonResponse
 from drivers.clock import Clock
 from drivers.ptp.codes import DataType, Event, Operation, Response
 from mocks.instruments import canon_records
@@ -23,6 +23,7 @@ from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.camera import CameraMemory, SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, Property, PropertyTable, Storage, StoredObject
 from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
+from mocks.instruments.recorded import recording
 
 # Chosen: plausible for the camera's age; no figures are published.
 CANON_TIMING = CameraTiming(release_lag_s=0.075, processing_s=0.6, transfer_bytes_per_s=18e6)
@@ -31,32 +32,20 @@ FIRST_MEMORY_HANDLE = 0x9190_0001
 SHUTDOWN_WARNING_S = 10
 EMPTY_BATTERY, LOW_BATTERY_PERCENT = 0, 20
 FIRST_RECORD_CODE = 0xC180
-MODEL = "Canon EOS 5D Mark II"
 PLAIN_PROPERTIES = (
-    Property(0xD402, DataType.STRING, MODEL, writable=True),
+    Property(0xD402, DataType.STRING, "Canon EOS"),
     Property(0xD407, DataType.UINT32, 1),
-    Property(0xD406, DataType.STRING, "", writable=True),
+    Property(0xD406, DataType.STRING, "Unknown Initiator", writable=True),
+    Property(0xD303, DataType.UINT8, 1),
+    Property(0x5001, DataType.UINT8, 50, choices=(100, 0, 75, 0, 50)),
 )
+"""As a 60D describes them, but for its name."""
 
 
 def canon_identity(options: CanonOptions) -> DeviceIdentity:
     """Return the camera's USB identity and DeviceInfo."""
-    return DeviceIdentity(
-        usb_id=canon_codes.USB_ID,
-        endpoints=canon_codes.ENDPOINTS,
-        interrupt_packet_bytes=8,
-        vendor_extension=(canon_codes.VENDOR_EXTENSION_ID, 200),
-        operations=canon_codes.DEVICE_OPERATIONS,
-        events=canon_codes.DEVICE_EVENTS,
-        properties=canon_codes.DEVICE_PROPERTIES,
-        capture_formats=canon_codes.CAPTURE_FORMATS,
-        image_formats=canon_codes.IMAGE_FORMATS,
-        manufacturer="Canon Inc.",
-        model=MODEL,
-        version=options.firmware,
-        serial=options.serial,
-        serial_on_usb=False,
-    )
+    who = recording(options.body)
+    return who.identity(version=options.firmware, serial=options.serial, interrupt_packet_bytes=8, serial_on_usb=False)
 
 
 class CanonBody(SimulatedCamera):
@@ -87,15 +76,16 @@ class CanonBody(SimulatedCamera):
         self._next_memory_handle = FIRST_MEMORY_HANDLE
         self._last_active_s = clock.monotonic_s()
         self._warned = False
-        storage = Storage(canon_codes.STORAGE_ID_CF, 4, options.card_bytes, "CF")
+        card = recording(options.body).raw["storage"]
+        storage = Storage(card["id"], card["type"], options.card_bytes, card["description"], "", card["free_images"])
+        identity = canon_identity(options)
+        plain = (p for p in PLAIN_PROPERTIES if p.code in identity.properties)
         super().__init__(
-            canon_identity(options),
+            identity,
             shots,
             clock,
             timing=timing,
-            memory=CameraMemory(
-                ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100CANON")), PropertyTable(PLAIN_PROPERTIES)
-            ),
+            memory=CameraMemory(ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100CANON")), PropertyTable(plain)),
             faults=faults,
             seed=seed,
         )
@@ -233,7 +223,7 @@ class CanonBody(SimulatedCamera):
 
     def available_shots(self) -> int:
         """Return how many pictures fit where they are going."""
-        if self.settings.number(CanonProp.CAPTURE_DESTINATION) == DESTINATION_CARD:
+        if self.settings.number(CanonProp.CAPTURE_DESTINATION) != DESTINATION_PC:
             return self.free_pictures()
         return self.computer_bytes // self.picture_bytes
 

@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
 from drivers.canon_5d2.codes import (
     AE_BULB,
     AE_MANUAL,
-    APERTURE_CODES,
-    DESTINATION_CARD,
-    DESTINATION_PC,
     FOCUS_MANUAL,
-    IMAGE_COMPRESSION_FINE,
-    IMAGE_COMPRESSION_NORMAL,
-    IMAGE_COMPRESSION_RAW,
-    IMAGE_TYPE_JPEG,
-    IMAGE_TYPE_RAW,
-    ISO_CODES,
     SHUTTER_CODES,
     CanonEvent,
     CanonProp,
@@ -27,6 +18,7 @@ from drivers.canon_5d2.codes import (
 from mocks.instruments.faults import Fault
 from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.datasets import StoredObject
+from mocks.instruments.recorded import RecordedEvent, recording
 
 END = struct.pack("<II", 8, 0)
 # libgphoto2 camlibs/ptp2.
@@ -36,7 +28,8 @@ WITH_LIST = 3
 
 ImageFormat = tuple[tuple[int, int, int], ...]
 """One or two files: (type, size, compression)."""
-CanonValue = int | str | ImageFormat
+CanonValue = int | str | bytes | ImageFormat
+IMAGE_FORMATS = (0xD120, 0xD121, 0xD122, 0xD123)
 
 
 @dataclass(frozen=True)
@@ -83,13 +76,12 @@ def value_bytes(value: CanonValue) -> bytes:
         return struct.pack("<I", value)
     if isinstance(value, str):
         return value.encode("ascii") + b"\0"
-    return image_format(value)
+    return value if isinstance(value, bytes) else image_format(value)
 
 
-def value_changed(prop: int, value: CanonValue | bytes) -> Record:
+def value_changed(prop: int, value: CanonValue) -> Record:
     """Return C189."""
-    body = value if isinstance(value, bytes) else value_bytes(value)
-    return Record(CanonEvent.PROP_VALUE_CHANGED, struct.pack("<I", prop) + body)
+    return Record(CanonEvent.PROP_VALUE_CHANGED, struct.pack("<I", prop) + value_bytes(value))
 
 
 def list_changed(prop: int, choices: Iterable[CanonValue]) -> Record:
@@ -127,83 +119,77 @@ def transfer_requested(item: StoredObject) -> Record:
     return Record(CanonEvent.REQUEST_OBJECT_TRANSFER, head + _name(item))
 
 
-# The 5D Mark II's settings: values, lists, and the order its first GetEvent lists them in (from a 60D's log).
+# The settings of a body: values, lists, and the order of its first GetEvent, from its recording.
 
 
-DESTINATION_BOTH = 6
 BULB_SHUTTER = 0x0C
 SHUTTER_PRIORITY, APERTURE_PRIORITY = 1, 2
 ONE_SHOT = 0
-WIDEST_CODE, NARROWEST_CODE = 0x25, 0x50
-"""The outdoor lens: f/3.5 to f/22."""
 D11E, D11F = 0xD11E, 0xD11F
-MODEL_ID_5D2 = 0x80000218
-
-FIRST_VALUES = (
-    0xD105, 0xD108, 0xD106, 0xD107, 0xD109, 0xD10A, 0xD10F, 0xD11B, 0xD114, 0xD116, 0xD110, 0xD101, 0xD102, 0xD103,
-    0xD104, 0xD111, 0xD113, 0xD120, 0xD11C, D11E, D11F, 0xD1B0, 0xD1BF,
-)  # fmt: skip
-"""Properties of the first reply, in its order; strings come only when asked for with 9127."""
-FIRST_LISTS = (0xD105, 0xD108, 0xD106, 0xD107, 0xD109, 0xD10A, 0xD10F, 0xD101, 0xD102, 0xD103, 0xD104, 0xD120, 0xD11C)
-READ_ONLY = frozenset({0xD105, 0xD111, 0xD116, 0xD11B, 0xD1AF, 0xD1BF, D11E, D11F})
+READ_ONLY = frozenset({0xD105, 0xD111, 0xD116, 0xD11B, 0xD1A0, 0xD1AF, 0xD1BF, D11E, D11F})
+TEXTS = (CanonProp.OWNER, CanonProp.ARTIST, CanonProp.COPYRIGHT)
+"""Not in the first reply: they come only when asked for with 9127."""
 
 
 @dataclass(frozen=True)
 class CanonOptions:
-    """The camera's switches and menus. ``ae_mode`` is the dial (3 = M, 4 = bulb); ``lens_manual`` the lens switch.
+    """The camera's switches and menus; what is None is as the ``body`` (the name of a recording) was recorded.
 
-    ``busy_until_drained``: answer busy to settings and releases while the host has not fetched all events.
-    ``honours_no_af``: parameter 2 of RemoteReleaseOn keeps a lens on AF from focusing. ``battery_power`` is the code
-    of D111 (2 full; codes from libgphoto2). ``image_size_px`` of large pictures may be smaller than life, for speed.
+    ``ae_mode`` is the dial (3 = M, 4 = bulb); ``lens_manual`` the lens switch. ``busy_until_drained``: answer busy to
+    settings and releases while the host has not fetched all events. ``honours_no_af``: parameter 2 of RemoteReleaseOn
+    keeps a lens on AF from focusing. ``battery_power`` is the code of D111 (2 full; codes from libgphoto2).
+    ``values`` and ``custom_functions`` change what is recorded: (property or function, value). ``image_size_px`` of
+    large pictures may be smaller than life, for speed.
     """
 
+    body: str = "eos_5d2"
     serial: str = "0123456789abcdef0123456789abcdef"
-    firmware: str = "3-1.0.7"
-    ae_mode: int = AE_MANUAL
+    firmware: str = ""
+    ae_mode: int | None = AE_MANUAL
     lens_manual: bool = True
     focus_finds: bool = True
     honours_no_af: bool = True
     busy_until_drained: bool = True
-    auto_power_off_s: int = 60
+    auto_power_off_s: int | None = None
     battery_power: int = 2
-    destination: int = DESTINATION_CARD
+    destination: int | None = None
+    values: tuple[tuple[int, int], ...] = ()
+    custom_functions: tuple[tuple[int, int], ...] = ()
     image_size_px: tuple[int, int] = (5616, 3744)
     card_bytes: int = 16_000_000_000
 
 
 class CanonSettings:
-    """Values by property code."""
+    """Values by property code, and the lists of what each can be."""
 
     def __init__(self, options: CanonOptions) -> None:
-        self.values: dict[int, CanonValue] = {
+        self.values: dict[int, CanonValue] = dict.fromkeys(TEXTS, "")
+        self.values[CanonProp.SERIAL_NUMBER] = options.serial
+        body = recording(options.body)
+        self._first = tuple(_with_functions(e, dict(options.custom_functions)) for e in body.events)
+        self._lists: dict[int, tuple[CanonValue, ...]] = {}
+        for event in self._first:
+            if event.code == CanonEvent.PROP_VALUE_CHANGED:
+                self.values[event.prop] = _parsed(event.prop, event.body)
+            elif event.code == CanonEvent.AVAIL_LIST_CHANGED:
+                self._lists[event.prop] = tuple(_listed(event.prop, event.body))
+        self._lists |= body.dial_at_m()
+        # No recording with the dial at M has its shutter list: third stops stand in.
+        self._lists[CanonProp.SHUTTER_SPEED] = self._lists.get(CanonProp.SHUTTER_SPEED) or tuple(SHUTTER_CODES)
+        self._turn(options)
+
+    def _turn(self, options: CanonOptions) -> None:
+        turned = {
             CanonProp.AUTO_EXPOSURE_MODE: options.ae_mode,
             CanonProp.FOCUS_MODE: FOCUS_MANUAL if options.lens_manual else ONE_SHOT,
-            CanonProp.DRIVE_MODE: 0,
-            CanonProp.METERING_MODE: 3,
-            CanonProp.WHITE_BALANCE: 0,
-            CanonProp.COLOR_TEMPERATURE: 5200,
-            CanonProp.COLOR_SPACE: 1,
-            CanonProp.AVAILABLE_SHOTS: 0,
             CanonProp.AUTO_POWER_OFF: options.auto_power_off_s,
-            CanonProp.MODEL_ID: MODEL_ID_5D2,
-            CanonProp.PICTURE_STYLE: 0x81,
-            CanonProp.APERTURE: 0x38,
-            CanonProp.SHUTTER_SPEED: BULB_SHUTTER if options.ae_mode == AE_BULB else 0x70,
-            CanonProp.ISO_SPEED: 0x48,
-            CanonProp.EXP_COMPENSATION: 0,
-            CanonProp.BATTERY_POWER: options.battery_power,
-            CanonProp.CAMERA_TIME: 0,
-            CanonProp.IMAGE_FORMAT: ((IMAGE_TYPE_JPEG, 0, IMAGE_COMPRESSION_FINE),),
             CanonProp.CAPTURE_DESTINATION: options.destination,
-            D11E: 0,
-            D11F: 0,
-            CanonProp.EVF_OUTPUT_DEVICE: 0,
-            CanonProp.MIRROR_LOCKUP_STATE: 0,
-            CanonProp.OWNER: "",
-            CanonProp.ARTIST: "",
-            CanonProp.COPYRIGHT: "",
-            CanonProp.SERIAL_NUMBER: options.serial,
+            CanonProp.BATTERY_POWER: options.battery_power,
+            **dict(options.values),
         }
+        self.values |= {prop: value for prop, value in turned.items() if value is not None}
+        if options.ae_mode == AE_BULB:
+            self.values[CanonProp.SHUTTER_SPEED] = BULB_SHUTTER
 
     def number(self, prop: int) -> int:
         """Return the value of a numeric property."""
@@ -221,12 +207,11 @@ class CanonSettings:
     def choices(self, prop: int) -> tuple[CanonValue, ...]:
         """Return the list of a property in the present mode; empty: none."""
         mode = self.number(CanonProp.AUTO_EXPOSURE_MODE)
-        if prop == CanonProp.SHUTTER_SPEED:
-            return tuple(SHUTTER_CODES) if mode in (AE_MANUAL, SHUTTER_PRIORITY) else ()
-        if prop == CanonProp.APERTURE:
-            open_to_host = mode in (AE_MANUAL, APERTURE_PRIORITY, AE_BULB)
-            return tuple(c for c in APERTURE_CODES if WIDEST_CODE <= c <= NARROWEST_CODE) if open_to_host else ()
-        return _FIXED_LISTS.get(prop, ())
+        if prop == CanonProp.SHUTTER_SPEED and mode not in (AE_MANUAL, SHUTTER_PRIORITY):
+            return ()
+        if prop == CanonProp.APERTURE and mode not in (AE_MANUAL, APERTURE_PRIORITY, AE_BULB):
+            return ()
+        return self._lists.get(prop, ())
 
     def parse(self, prop: int, data: bytes) -> CanonValue:
         """Return the value that ``data`` of a 9110 is; `BadBytesError` where it has another form."""
@@ -239,38 +224,48 @@ class CanonSettings:
             if not data.endswith(b"\0") or not data.isascii():
                 raise ptp_wire.BadBytesError("string without NUL")
             return data.rstrip(b"\0").decode("ascii")
-        return parse_image_format(data)
+        return parse_image_format(data) if isinstance(old, tuple) else data
 
     def value_record(self, prop: int) -> Record:
         """Return C189 of a property."""
         return value_changed(prop, self.values[prop])
 
-    def list_record(self, prop: int) -> Record:
-        """Return C18A of a property."""
-        return list_changed(prop, self.choices(prop))
-
     def first_records(self) -> list[Record]:
-        """Return what the first GetEvent lists: all values, then all lists."""
-        return [*map(self.value_record, FIRST_VALUES), *map(self.list_record, FIRST_LISTS)]
+        """Return the answer to the first GetEvent: as recorded, with the values and lists of now."""
+        return [self._as_now(event) for event in self._first]
+
+    def _as_now(self, event: RecordedEvent) -> Record:
+        if event.code == CanonEvent.PROP_VALUE_CHANGED and event.prop != CanonProp.CUSTOM_FUNCTIONS:
+            return self.value_record(event.prop)
+        if event.code == CanonEvent.AVAIL_LIST_CHANGED and event.prop in (CanonProp.SHUTTER_SPEED, CanonProp.APERTURE):
+            return list_changed(event.prop, self.choices(event.prop))
+        return Record(event.code, event.payload)
 
 
-def _image_formats() -> tuple[ImageFormat, ...]:
-    jpegs = [
-        (IMAGE_TYPE_JPEG, size, compression)
-        for size in (0, 1, 2)
-        for compression in (IMAGE_COMPRESSION_FINE, IMAGE_COMPRESSION_NORMAL)
-    ]
-    raw = (IMAGE_TYPE_RAW, 0, IMAGE_COMPRESSION_RAW)
-    return (*((jpeg,) for jpeg in jpegs), *((raw, jpeg) for jpeg in jpegs), (raw,))
+def _parsed(prop: int, body: bytes) -> CanonValue:
+    if prop in IMAGE_FORMATS:
+        return parse_image_format(body)
+    return int.from_bytes(body, "little") if len(body) == 4 else body
 
 
-_FIXED_LISTS: dict[int, tuple[CanonValue, ...]] = {
-    CanonProp.DRIVE_MODE: (0, 1, 4, 0x10, 0x11),
-    CanonProp.METERING_MODE: (3, 4, 1, 5),
-    CanonProp.WHITE_BALANCE: (0, 1, 8, 2, 3, 4, 5, 6, 9),
-    CanonProp.COLOR_TEMPERATURE: tuple(range(2500, 10001, 100)),
-    CanonProp.COLOR_SPACE: (1, 2),
-    CanonProp.ISO_SPEED: (0, *ISO_CODES),
-    CanonProp.IMAGE_FORMAT: _image_formats(),
-    CanonProp.CAPTURE_DESTINATION: (DESTINATION_CARD, DESTINATION_PC, DESTINATION_BOTH),
-}
+def _listed(prop: int, body: bytes) -> Iterator[CanonValue]:
+    """Yield the list of a C18A: form, count, values; structures of unknown layout are none."""
+    form, count = struct.unpack_from("<II", body)
+    if form != WITH_LIST:
+        return
+    at = 8
+    for _ in range(count if prop in IMAGE_FORMATS or len(body) == 8 + 4 * count else 0):
+        size = 4 + 16 * int.from_bytes(body[at : at + 4], "little") if prop in IMAGE_FORMATS else 4
+        yield _parsed(prop, body[at : at + size])
+        at += size
+
+
+def _with_functions(event: RecordedEvent, wanted: Mapping[int, int]) -> RecordedEvent:
+    """Return the event with other values of custom functions, where it holds them: (id, 1, value) as u32."""
+    if event.code != CanonEvent.PROP_VALUE_CHANGED or event.prop != CanonProp.CUSTOM_FUNCTIONS:
+        return event
+    words = list(struct.unpack(f"<{len(event.payload) // 4}I", event.payload))
+    for at in range(len(words) - 2):
+        if words[at] in wanted and words[at + 1] == 1:
+            words[at + 2] = wanted[words[at]]
+    return RecordedEvent(event.code, struct.pack(f"<{len(words)}I", *words))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from drivers.ptp.codes import DataType, Prop
 from drivers.theta_z1.codes import (
-    DEVICE_PROPERTIES,
     F_NUMBER_INDEX,
     F_NUMBER_TIMES_100,
     ISO_AUTO,
@@ -37,17 +36,17 @@ def shutter_fraction(value: int) -> tuple[int, int]:
     return value & 0xFFFFFFFF, value >> 32
 
 
-def theta_properties(*, f_number_index: bool, later_firmware: bool, image_sizes: tuple[str, ...]) -> list[Property]:
-    """Return every property, in the defaults the camera wakes with.
+def theta_properties(listed: tuple[int, ...], *, f_number_index: bool, image_sizes: tuple[str, ...]) -> list[Property]:
+    """Return the properties that DeviceInfo lists, in the defaults the camera wakes with.
 
-    Properties that the specification does not explain are there, read-only and 0.
+    Those that neither the recording nor the specification explains are there, read-only and 0.
     """
     f_numbers = tuple(F_NUMBER_INDEX if f_number_index else F_NUMBER_TIMES_100)
     known = [*_standard(f_numbers, image_sizes), *_vendor()]
-    if later_firmware:
-        known += [u8(RicohProp.EXPOSURE_STATUS, 0, writable=False), u8(RicohProp.MODE_MEMORY, 0, 0, 1)]
-    explained = {p.code for p in known}
-    return known + [u8(code, 0, writable=False) for code in DEVICE_PROPERTIES if code not in explained]
+    known += [u8(RicohProp.EXPOSURE_STATUS, 0, writable=False), u8(RicohProp.MODE_MEMORY, 0, 0, 1)]
+    known += [u8(0xD814, 0, 0, 1), u8(0xD82C, 2, 1, 2, 3)]  # as recorded; the specification does not name them
+    explained = {p.code: p for p in known}
+    return [explained.get(code) or u8(code, 0, writable=False) for code in listed]
 
 
 def _standard(f_numbers: tuple[int, ...], image_sizes: tuple[str, ...]) -> list[Property]:

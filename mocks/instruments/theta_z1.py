@@ -6,6 +6,7 @@ exposure program forbids (InvalidDevicePropValue), which settings survive sleep,
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -19,6 +20,7 @@ from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.camera import CameraMemory, SimulatedCamera
 from mocks.instruments.ptp.datasets import ObjectStore, PropertyTable, Storage
 from mocks.instruments.ptp.wire import Answer, DeviceIdentity, Refusal, Request, Rule
+from mocks.instruments.recorded import recording
 from mocks.instruments.theta_properties import (
     AUTO_SHUTTER,
     LATER_PROPERTIES,
@@ -27,8 +29,10 @@ from mocks.instruments.theta_properties import (
     theta_properties,
 )
 
-# From a device dump of a Theta Z1.
-STORE_BYTES = 21_055_815_680
+RECORDING = recording("theta_z1")
+STITCHING_FIRMWARE = (2, 10, 1)
+"""The first with static stitching (Ricoh's USB API specification)."""
+READABLE_WHILE_BUSY = tuple(int(code, 16) for code in RECORDING.raw["answered_while_busy"])
 FIRST_HANDLE = 0x62
 """So that the first picture is 64h, after the two folders."""
 THETA_TIMING = CameraTiming(release_lag_s=0.12, processing_s=0.9, transfer_bytes_per_s=25e6)
@@ -55,37 +59,36 @@ ERROR_NO_MEMORY = 0x00000001
 class ThetaOptions:
     """What differs between cameras and firmwares. ``f_number_index``: 1..3 instead of F x 100 (sources disagree).
 
-    ``later_firmware`` adds ExposureStatus and ModeMemory. ``image_size_px`` may be smaller than life, for speed.
+    ``firmware``: static stitching is there from 2.10.1 on; ``later_firmware`` adds ExposureStatus and ModeMemory.
+    ``busy_as_recorded``: it begins as the recorded camera was: SleepMode reads 0, and yet most properties answer busy;
+    ``cured_by_waking``: whether writing SleepMode = 0 ends this, which no recording shows. ``image_size_px`` may be
+    smaller than life, for speed.
     """
 
     serial: str = "10010001"
-    firmware: str = "1.50.1"
+    firmware: str = "2.11.1"
     f_number_index: bool = False
     later_firmware: bool = False
     image_size_px: tuple[int, int] = (6720, 3360)
     battery_percent: int = 90
     error_info: int = 0
     asleep: bool = False
+    busy_as_recorded: bool = False
+    cured_by_waking: bool = True
     interrupt_packet_bytes: int = 64
 
 
 def theta_identity(options: ThetaOptions) -> DeviceIdentity:
     """Return the Theta's USB identity and DeviceInfo."""
-    return DeviceIdentity(
-        usb_id=ricoh_codes.USB_ID,
-        endpoints=ricoh_codes.ENDPOINTS,
-        interrupt_packet_bytes=options.interrupt_packet_bytes,
-        vendor_extension=(ricoh_codes.VENDOR_EXTENSION_ID, 110),
-        operations=ricoh_codes.DEVICE_OPERATIONS,
-        events=ricoh_codes.DEVICE_EVENTS,
-        properties=ricoh_codes.DEVICE_PROPERTIES + (LATER_PROPERTIES if options.later_firmware else ()),
-        capture_formats=(),
-        image_formats=ricoh_codes.IMAGE_FORMATS,
-        manufacturer="Ricoh Company, Ltd.",
-        model="RICOH THETA Z1",
+    identity = RECORDING.identity(
         version=options.firmware,
         serial=options.serial,
+        interrupt_packet_bytes=options.interrupt_packet_bytes,
+        serial_on_usb=True,
     )
+    stitches = tuple(map(int, options.firmware.split("."))) >= STITCHING_FIRMWARE
+    added = (RicohProp.IMAGE_STITCHING,) * stitches + LATER_PROPERTIES * options.later_firmware
+    return replace(identity, properties=identity.properties + added)
 
 
 class SimulatedThetaZ1(SimulatedCamera):
@@ -106,12 +109,13 @@ class SimulatedThetaZ1(SimulatedCamera):
         self.options = options
         size = "{}x{}".format(*options.image_size_px)
         sizes = (size, "3840x1920", "1920x960")
-        table = theta_properties(
-            f_number_index=options.f_number_index, later_firmware=options.later_firmware, image_sizes=sizes
-        )
-        store = ObjectStore(Storage(ricoh_codes.STORAGE_ID, 3, STORE_BYTES), FIRST_HANDLE, ("DCIM", "100RICOH"))
+        identity = theta_identity(options)
+        table = theta_properties(identity.properties, f_number_index=options.f_number_index, image_sizes=sizes)
+        recorded = RECORDING.raw["storage"]
+        storage = Storage(recorded["id"], recorded["type"], recorded["capacity_bytes"])
+        store = ObjectStore(storage, FIRST_HANDLE, ("DCIM", "100RICOH"))
         super().__init__(
-            theta_identity(options),
+            identity,
             shots,
             clock,
             timing=timing,
@@ -126,7 +130,7 @@ class SimulatedThetaZ1(SimulatedCamera):
             RicohOperation.STOP_SELF_TIMER: Rule(self._stop_self_timer),
         }
         self._last_active_s = clock.monotonic_s()
-        self._waking_until_s = 0.0
+        self._waking_until_s = math.inf if options.busy_as_recorded else 0.0
         self._self_timer_until_s = 0.0
         self._capture_transaction = 0
         if options.asleep:
@@ -169,7 +173,7 @@ class SimulatedThetaZ1(SimulatedCamera):
             Operation.GET_DEVICE_PROP_VALUE,
             Operation.SET_DEVICE_PROP_VALUE,
         )
-        readable = request.operation in prop_operations and request.param(0) in ricoh_codes.READABLE_ASLEEP
+        readable = request.operation in prop_operations and request.param(0) in READABLE_WHILE_BUSY
         always = (Operation.GET_DEVICE_INFO, Operation.OPEN_SESSION, Operation.CLOSE_SESSION)
         if not readable and request.operation not in always:
             raise Refusal(Response.DEVICE_BUSY)
@@ -236,7 +240,7 @@ class SimulatedThetaZ1(SimulatedCamera):
     def _set_sleep_mode(self, *, asleep: bool) -> None:
         if asleep and not self.asleep:
             self.fall_asleep()
-        elif not asleep and self.asleep:
+        elif not asleep and (self.asleep or (self._waking_until_s == math.inf and self.options.cured_by_waking)):
             self.properties.values[RicohProp.SLEEP_MODE] = 0
             self._waking_until_s = self.clock.monotonic_s() + self.timing.wake_s
 

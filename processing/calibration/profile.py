@@ -28,10 +28,22 @@ from processing.errors import ProfileError
 from station.errors import IntegrityError
 from station.session import strict_json
 from station.session.folder import Folder, write_file
-from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, Side
+from station.session.session import DeviceRecord, FrameRecord, Model, SafeText, SessionManifest, Side
 
 PROFILE_SCHEMA_VERSION = 1  # raised when a field changes its meaning
 MAX_PROFILE_BYTES = 32 << 20  # chosen
+SHAPING = (
+    "picture style",
+    "colour space",
+    "highlight tone priority",
+    "lighting optimiser",
+    "high-ISO noise reduction",
+    "white-balance shift amber-blue",
+    "white-balance shift green-magenta",
+    "stitching",
+    "filter",
+)
+"""Settings of a session's cameras that bend the curve or the colours: a profile holds for what it was measured with."""
 _REL_TOLERANCE = 0.01
 """Of f-numbers: cameras write 5.6 for 5.657."""
 
@@ -50,17 +62,21 @@ class CameraState(Model):
     f_number: Positive | None = None
     iso: Annotated[int, Field(gt=0)] | None = None
     color_temperature_k: Annotated[int, Field(gt=0)] | None = None
+    body: dict[SafeText, SafeText] = Field(default={})
+    """Settings of the body that shape its pictures, by name (`SHAPING`), where the session knows them."""
 
     def differences(self, now: CameraState) -> list[str]:
         """Return in words how ``now`` differs, in what both know."""
         found = []
-        for name in CameraState.model_fields:
+        for name in (n for n in CameraState.model_fields if n != "body"):
             mine, theirs = getattr(self, name), getattr(now, name)
             known = mine not in (None, "") and theirs not in (None, "")
             if name == "nd_filter" and bool(mine) != bool(theirs) and self.lens and now.lens:
                 known = True  # no filter is a state of its own where the optics are on record
             if known and not _equal(mine, theirs):
                 found.append(f"{name} is {theirs or 'none'}, in the profile {mine or 'none'}")
+        both = sorted(self.body.keys() & now.body.keys())
+        found += [f"{n} is {now.body[n]}, in the profile {self.body[n]}" for n in both if self.body[n] != now.body[n]]
         return found
 
 
@@ -133,6 +149,9 @@ def camera_state(device: DeviceRecord | None, frames: Sequence[FrameRecord] = ()
         f_number=f_numbers.pop() if len(f_numbers) == 1 else None,
         iso=isos.pop() if len(isos) == 1 else None,
         color_temperature_k=int(temperature) if temperature else None,
+        body={s.name: s.got for s in device.settings if s.name in SHAPING and s.got != "not reported"}
+        if device
+        else {},
     )
 
 
@@ -147,6 +166,18 @@ def profile_matches(
     if camera is None:
         return [f"{side}: the profile has no such camera"]
     return [f"{side}: {text}" for text in camera.state.differences(camera_state(device, frames))]
+
+
+def unlike_profile(profile: RigProfile | None, session: SessionManifest) -> list[str]:
+    """Return where cameras disagree with a profile that brings no curve of theirs (merging compares those that do)."""
+    found: list[str] = []
+    if profile is None:
+        return found
+    for side, camera in profile.cameras.items():
+        device = next((d for d in session.devices if d.role == side.value), None)
+        if device and camera.response is None:
+            found += profile_matches(profile, side, device, [f for f in session.frames if f.side == side])
+    return found
 
 
 def require_k2(profile: RigProfile, states: dict[Side, CameraState], where: str = "") -> K2Record:

@@ -130,7 +130,7 @@ def _world(world: str | None, picture: Path | None, sky: Path | None) -> tuple[s
 
 
 def _captured(
-    world: str, size: str, room: str, into: Path, *, as_json: bool, rate: float = 1.0, **changes: object
+    world: str, size: str, room: str, into: Path, *, as_json: bool, rate: float = 1.0, **changes: Any
 ) -> tuple[Path, SessionManifest, bool]:
     """Capture and verify one session; return its folder, its manifest, and whether it is whole."""
     from station.capture.capture import Capture, CaptureRequest

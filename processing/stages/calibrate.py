@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from processing.calibration.outdoor.session_sky import calibrate_outdoor, why_no_scale
-from processing.calibration.profile import load_profile
+from processing.calibration.profile import load_profile, unlike_profile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated
 from processing.calibration.scale.photometry import PLANES, illuminances
@@ -50,7 +50,8 @@ def run(context: StageContext) -> StageOutput:
             left_out["outdoor"] = str(error)
     sides = {"indoor": indoor} | ({"outdoor": outdoor} if outdoor else {})
     facts = {name: side.facts for name, side in sides.items()}
-    warnings = [(name, text) for name, side in sides.items() for text in side.warnings]
+    warnings = [("profile", text) for text in unlike_profile(profile, context.session)]
+    warnings += [(name, text) for name, side in sides.items() for text in side.warnings]
     if sky is not None and outdoor is None:
         warnings.append(("outdoor", f"there is no outdoor picture in cd/m2: {left_out['outdoor']}"))
     return StageOutput(

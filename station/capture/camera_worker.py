@@ -174,12 +174,26 @@ class CameraWorker:
                 self._safe.append(order)  # an armed camera is left alone until it has fired
 
     def _set_up(self, order: SetUp) -> None:
+        if self._camera.holds_pictures:
+            self._fetch_what_is_held()
         while self._safe:
             self._finish(self._safe.popleft())
         self._shutter = self._camera.set_shutter(order.shutter_s)
         self._camera.arm()
         self._armed = order
         self._put(Ready(self.side, order.stop))
+
+    def _fetch_what_is_held(self) -> None:
+        """Fetch the last picture of a camera that keeps it in its memory, and is busy until it is safe here."""
+        while self._backlog:
+            self._transfer_chunk(CHUNK_BYTES, pause=True)
+        self._intake.wait_idle()
+        others: list[Order] = []
+        while not self._inbox.empty():
+            order = self._inbox.get()
+            self._safe.append(order) if isinstance(order, Safe) else others.append(order)
+        for order in others:
+            self._inbox.put(order)
 
     def _expose(self, order: SetUp, open_at_s: float) -> None:
         self._clock.sleep(open_at_s - self.release_lag_s - self._clock.monotonic_s())

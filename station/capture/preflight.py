@@ -14,7 +14,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from drivers.camera import Camera, CameraIdentity, CameraStatus, SettingReadback
+from drivers.camera import (
+    NOT_REPORTED,
+    BodySetting,
+    Camera,
+    CameraIdentity,
+    CameraStatus,
+    SettingReadback,
+    Verdict,
+)
 from drivers.clock import Clock
 from drivers.errors import DaylitError, DeviceError
 from station.capture.rig import Rig
@@ -119,6 +127,7 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
     try:
         identity = camera.connect()
         settings = camera.prepare(table.settings())
+        body = camera.body_settings()
         status = camera.status()
     except DaylitError as error:
         return Findings((Check(Level.FAIL, str(side), error.message, error.advice, error),), ())
@@ -126,9 +135,10 @@ def _check_camera(side: Side, camera: Camera, rig: Rig) -> Findings:
     checks = [
         Check(Level.OK, str(side), f"{identity.model} {identity.serial} (firmware {identity.firmware})"),
         *_setting_checks(side, settings),
+        *_body_checks(side, body, table.accept),
         *_status_checks(side, status, offset_s, rig.file.limits),
     ]
-    device = _camera_record(side, table, identity, settings, offset_s, simulated=rig.simulated)
+    device = _camera_record(side, table, identity, (*settings, *map(_kept, body)), offset_s, simulated=rig.simulated)
     return Findings(tuple(checks), (device,))
 
 
@@ -145,6 +155,26 @@ def _setting_checks(side: Side, settings: Sequence[SettingReadback]) -> list[Che
         for s in settings
         if not s.honoured
     ]
+
+
+def _body_checks(side: Side, body: Sequence[BodySetting], accepted: Sequence[str]) -> Iterator[Check]:
+    """Yield what the body's own settings do to a bracket: refusals, what was changed, what nobody can see from here."""
+    for setting in body:
+        name, text = f"{side} {setting.name}", f"{setting.got}: {setting.reason}"
+        if setting.verdict is Verdict.REFUSED and setting.name not in accepted:
+            advice = f'change it on the camera, or accept it in the rig file: accept = ["{setting.name}"]'
+            yield Check(Level.FAIL, name, text, advice)
+        elif setting.reason:
+            yield Check(Level.WARN, name, text)
+    if unseen := [s.name for s in body if s.got == NOT_REPORTED]:
+        text = f"the camera does not report: {', '.join(unseen)}"
+        yield Check(Level.WARN, f"{side} settings", text, "look at them on the camera (docs/guides/hardware.md)")
+
+
+def _kept(setting: BodySetting) -> SettingReadback:
+    """Return a setting of the body as the session keeps it: nothing was asked but where it was set."""
+    asked = setting.got if setting.verdict is Verdict.SET else ""
+    return SettingReadback(setting.name, asked, setting.got, setting.raw)
 
 
 def _status_checks(side: Side, status: CameraStatus, offset_s: float | None, limits: LimitsTable) -> list[Check]:

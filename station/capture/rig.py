@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING
 from drivers.camera import Camera
 from drivers.clock import Clock, SystemClock
 from drivers.meter.interface import Meter
-from station.capture.rig_file import CameraTable, RigFile
+from station.capture.links import Links
+from station.capture.rig_file import CameraTable, MeterTable, RigFile
 from station.errors import RigError
 from station.session.session import Side
 
 if TYPE_CHECKING:
+    from drivers.ptp.pipes import PtpTransport
     from mocks.instruments.bench import SimulatedBench, WantedCamera
 
 
@@ -42,18 +44,18 @@ class Rig:
             action()
 
 
-def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
+def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = None) -> Rig:
     """Return a rig of real instruments; nothing is opened before `Camera.connect` and `Meter.connect`.
 
     Raises `RigError`: A meter dialect that does not exist.
     """
-    clock = clock or SystemClock()
-    cameras = {side: _camera(table, None, clock) for side, table in file.cameras().items()}
-    meter = meter_on_port(file.meter.dialect, file.meter.port, clock) if file.meter else None
+    clock, links = clock or SystemClock(), links or Links()
+    cameras = {side: _camera(side, table, None, clock, links) for side, table in file.cameras().items()}
+    meter = _meter(file.meter, file.meter.port, clock, links) if file.meter else None
     return Rig(file, cameras, meter, clock)
 
 
-def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
+def open_simulated_rig(file: RigFile, bench: SimulatedBench, links: Links | None = None) -> Rig:
     """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks.
 
     The meter looks where the bench's meter does, unless the rig file says otherwise.
@@ -62,10 +64,9 @@ def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
         meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
         file = file.model_copy(update={"meter": meter_table})
     file = file.model_copy(update=_as_measured(file, bench))
-    cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
-    meter = None
-    if file.meter is not None:
-        meter = meter_on_port(file.meter.dialect, bench.meter_port, bench.clock)
+    backend, clock, links = bench.usb_backend, bench.clock, links or Links(simulated=True)
+    cameras = {side: _camera(side, table, backend, clock, links) for side, table in file.cameras().items()}
+    meter = _meter(file.meter, bench.meter_port, clock, links) if file.meter is not None else None
     return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
 
 
@@ -78,15 +79,18 @@ def _as_measured(file: RigFile, bench: SimulatedBench) -> dict[str, object]:
     }
 
 
-def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
+def _camera(side: Side, table: CameraTable, backend: object | None, clock: Clock, links: Links) -> Camera:
     from drivers.canon_5d2 import codes as canon_codes
     from drivers.theta_z1 import codes as ricoh_codes
     from drivers.usb_link import UsbLink
 
     vendor_id, product_id = ricoh_codes.USB_ID if table.kind == "theta_z1" else canon_codes.USB_ID
 
-    def open_transport() -> UsbLink:
-        return UsbLink.open(vendor_id, product_id, serial=table.serial or None, backend=backend, clock=clock)
+    def open_transport() -> PtpTransport:
+        serial = table.serial or None
+        return links.camera(
+            side, lambda: UsbLink.open(vendor_id, product_id, serial=serial, backend=backend, clock=clock)
+        )
 
     if table.kind == "theta_z1":
         from drivers.theta_z1.camera import ThetaZ1
@@ -95,11 +99,16 @@ def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
     from drivers.canon_5d2.camera import Canon5D2
 
     # A simulated camera calls its one picture size "large", whatever it is.
-    sizes_px = canon_codes.IMAGE_SIZES_PX if backend is None else {canon_codes.IMAGE_SIZE_LARGE: table.size_px}
-    return Canon5D2(open_transport, clock, sizes_px=sizes_px)
+    real = backend is None and not links.simulated
+    sizes_px = canon_codes.IMAGE_SIZES_PX if real else {canon_codes.IMAGE_SIZE_LARGE: table.size_px}
+    return Canon5D2(open_transport, clock, destination=table.destination or "card", sizes_px=sizes_px)
 
 
-def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
+def _meter(table: MeterTable, port: str, clock: Clock, links: Links) -> Meter:
+    return meter_on_port(table.dialect, port, clock, links)
+
+
+def meter_on_port(dialect_name: str, port: str, clock: Clock, links: Links | None = None) -> Meter:
     """Return the meter of a dialect on a serial port; ``"auto"`` looks for its USB ids each time it connects.
 
     Raises `DialectError`: no such dialect, or a file that is none.
@@ -109,8 +118,9 @@ def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
     from drivers.serial_link import PortOpener
 
     dialect = load_dialect(dialect_name)
-    open_line = PortOpener(port, dialect.port.settings(), usb_ids=dialect.usb_ids, clock=clock)
-    return KonicaMinoltaMeter(open_line, dialect, clock)
+    settings, opener = dialect.port.settings(), links or Links()
+    open_line = PortOpener(port, settings, usb_ids=dialect.usb_ids, clock=clock)
+    return KonicaMinoltaMeter(lambda: opener.meter(open_line, str(settings)), dialect, clock)
 
 
 _SIMULATED_PREFLIGHT_S = 1.0
@@ -126,6 +136,7 @@ def open_named_rig(
     rate: float = 1.0,
     on_progress: Callable[[str, int, int], None] | None = None,
     in_its_place: bool = False,
+    record: Path | None = None,
     **changes: object,
 ) -> Rig:
     """Return the rig of a file, or simulated instruments looking at the world named ``simulate``.
@@ -133,17 +144,29 @@ def open_named_rig(
     Without a file, simulated instruments are those of the paper. ``size`` is a key of `SIZE_STEPS` (simulated only);
     ``rate``: how much faster than life simulated time runs;
     ``on_progress`` hears what is being rendered, steps done and steps in all; ``in_its_place``: the rig stands where a
-    generated room does, at its time, and knows its heading, so that the sun is where it should be; ``changes`` replace
-    tables of the rig file (``outdoor=None``).
+    generated room does, at its time, and knows its heading, so that the sun is where it should be; ``record``: write
+    a transcript of all links there (`drivers.transcript`); ``simulate`` may be ``recorded:FILE``: such a transcript is
+    replayed; ``changes`` replace tables of the rig file (``outdoor=None``).
 
-    Raises `RigError`: no rig file, or one that cannot be right.
+    Raises `RigError`: no rig file, or one that cannot be right; `ResourceError`: the transcript cannot be written.
     """
+    from station.capture.links import RECORDED, open_links, replayed_links
     from station.capture.rig_file import PAPER_RIG, load_rig
 
+    if simulate and simulate.startswith(RECORDED):
+        links, file = replayed_links(Path(simulate.removeprefix(RECORDED)))
+        rig = open_rig(file.model_copy(update=changes), None, links)
+        rig.simulated = True
+        return rig
     file = PAPER_RIG if simulate and path is None else load_rig(find_rig_file(path))
     file = file.model_copy(update=changes)
+    clock: Clock
     if not simulate:
-        return open_rig(file)
+        clock = SystemClock()
+        links = open_links(record, file, clock, simulated=False)
+        rig = open_rig(file, clock, links)
+        rig.on_close.append(links.close)
+        return rig
     from mocks.instruments.bench import BenchOptions, make_bench
     from mocks.instruments.clock import ScaledClock
 
@@ -154,7 +177,10 @@ def open_named_rig(
     clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
     options = BenchOptions(clock=clock, on_progress=on_progress)
     bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
-    return open_simulated_rig(file, bench)
+    links = open_links(record, file, clock, simulated=True)
+    rig = open_simulated_rig(file, bench, links)
+    rig.on_close.append(links.close)
+    return rig
 
 
 def _place_of(simulate: str) -> tuple[dict[str, object], datetime | None]:

@@ -6,9 +6,9 @@ import math
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from drivers.camera import CameraSettings
 from station.capture.bracket import PAPER_STOPS_S, parse_shutter
@@ -17,6 +17,16 @@ from station.session.session import MeterTarget, SafeText, Side, Site
 
 MAX_RIG_BYTES = 256 * 1024
 SideKind = Literal["theta_z1", "canon_5d2"]
+Accepted = Literal[
+    "colour space",
+    "picture style",
+    "highlight tone priority",
+    "lighting optimiser",
+    "mirror lock-up",
+    "firmware",
+    "static stitching",
+]
+"""What preflight refuses by these names (`drivers.camera.BodySetting`)."""
 
 
 class _Table(BaseModel):
@@ -36,12 +46,23 @@ class CameraTable(_Table):
     keep_raw: bool = False
     delete_after: bool = False
     """Delete each frame from the camera once it is safe here."""
+    destination: Literal["card", "pc"] | None = None
+    """Of a Canon: where pictures go until they are fetched; empty: the card."""
     release_lag_s: Annotated[float, Field(ge=0, le=2)] | None = None
     """Release to shutter opening; empty: the driver's own figure."""
     lens: SafeText = ""
     nd_filter: SafeText = ""
     image_circle: tuple[float, float, float] | None = None
     """Of a fisheye: centre column, row and radius as fractions of width, height and width; what is outside is black."""
+
+    @model_validator(mode="after")
+    def _no_key_without_effect(self) -> Self:
+        if self.destination is not None and self.kind != "canon_5d2":
+            raise ValueError("destination: only a canon_5d2 has one")
+        return self
+
+    accept: tuple[Accepted, ...] = ()
+    """Settings of the body that preflight would refuse, and that are to be a warning only."""
 
     def settings(self) -> CameraSettings:
         """Return what the driver is asked to set."""

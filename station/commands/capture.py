@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     "--simulate",
     metavar="WORLD",
     help="Simulated instruments looking at: room, bedroom-7 (living, dining, office, empty; any seed), chart, "
-    "uniform:100, or INDOOR.hdr,OUTDOOR.hdr.",
+    "uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE, replayed from --record.",
 )
 @click.option(
     "--size",
@@ -61,6 +61,12 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     metavar="SESSION",
     help="Complete a partial session; repeat its --rig or --simulate, --only, --no-meter.",
+)
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write every byte of the links there (to send in).",
 )
 @click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, one a line (always so when not on a terminal).")
@@ -91,7 +97,12 @@ def capture(**options: Any) -> int:
 def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
     from station.errors import UsageError
 
-    if options["size"] != "full" and not options["simulate"]:
+    if _is_replay(options) and (given := [name for name in ("rig_path", "record") if options[name]]):
+        names = ", ".join("--rig" if name == "rig_path" else f"--{name}" for name in given)
+        raise UsageError(
+            f"a transcript has its own rig, and is one: {names}", where="--simulate", advice="leave it out"
+        )
+    if options["size"] != "full" and (not options["simulate"] or _is_replay(options)):
         raise UsageError("only simulated cameras have other sizes", where="--size", advice="set size_px in the rig")
     if options["resume_path"] is None:
         return
@@ -251,17 +262,23 @@ def _need_camera(file: RigFile, options: dict[str, Any]) -> None:
         )
 
 
+def _is_replay(options: dict[str, Any]) -> bool:
+    return str(options["simulate"] or "").startswith("recorded:")
+
+
 def _open_rig(options: dict[str, Any]) -> Rig:
     from station.capture.rig import open_named_rig
 
     _rig_file(options)  # refuses a rig without a camera
     path, world, changes = options["rig_path"], options["simulate"], _changes(options)
-    if world is None:
-        return open_named_rig(path, None, **changes)
+    if world is None or _is_replay(options):
+        return open_named_rig(path, world, record=options["record"], **changes)
     from station.commands.views import Rendering
 
     with Rendering() as rendering:
-        return open_named_rig(path, world, size=options["size"], on_progress=rendering, **changes)
+        return open_named_rig(
+            path, world, size=options["size"], on_progress=rendering, record=options["record"], **changes
+        )
 
 
 def _dry_run(options: dict[str, Any]) -> int:

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.camera import Camera, CameraSettings, FrameFormat, FrameRef
 from drivers.canon_5d2.camera import Canon5D2
-from drivers.canon_5d2.codes import DEVICE_OPERATIONS, SHUTTER_CODES
+from drivers.canon_5d2.codes import SHUTTER_CODES
 from drivers.errors import (
     DeviceBusyError,
     DeviceError,
@@ -25,6 +25,7 @@ from drivers.errors import (
     StoreFullError,
     UnsupportedError,
 )
+from mocks.instruments.recorded import recording
 from tests.drivers.dialogue import BUSY, OK, Dialogue, device_info, object_info, u32_array
 from tests.drivers.scripted import (
     ControlIn,
@@ -39,6 +40,7 @@ from tests.drivers.scripted import (
 )
 from tests.drivers.test_canon_encoding import added_record, list_record, record, value_record
 
+DEVICE_OPERATIONS = recording("eos_5d2").codes("operations")
 TEXTS = ("Canon Inc.", "Canon EOS 5D Mark II", "3-1.0.7", "0123456789abcdef0123456789abcdef")
 END = bytes.fromhex("0800000000000000")
 JPEG_L = bytes.fromhex("01000000 10000000 01000000 00000000 03000000")
@@ -70,12 +72,13 @@ def wants_transfer(handle: int, size: int, name: str, ofc: int = 0x3801) -> byte
     return record(0xC186, struct.pack("<5I", handle, ofc, 0, size, 0) + name.encode().ljust(16, b"\0"))
 
 
-def first_stream(before: dict[int, int]) -> bytes:
+def first_stream(before: dict[int, int], destinations: Sequence[int] = (2, 4)) -> bytes:
     """As a 60D begins: all values, then all lists."""
     values = b"".join(value_record(p, v) for p, v in before.items()) + told(FORMAT, RAW_JPEG_L)
     formats = struct.pack("<III", FORMAT, 3, 2) + JPEG_L + RAW_JPEG_L
     lists = list_record(SHUTTER, [0x0C, *sorted(SHUTTER_CODES)]) + list_record(ISO, [0x48, 0x50, 0x58])
-    lists += list_record(APERTURE, [0x30, 0x38, 0x40, 0x48]) + list_record(DESTINATION, [2, 4])
+    lists += list_record(APERTURE, [0x30, 0x38, 0x40, 0x48]) + list_record(DESTINATION, destinations)
+    lists += list_record(DRIVE, [0, 1]) + list_record(WB, [0, 9]) + list_record(KELVIN, [5200, 6500])
     return values + lists + record(0xC18A, formats) + list_record(0xD113, [], form=1)
 
 
@@ -92,11 +95,17 @@ class CanonDialogue(Dialogue):
         self.ask(0x9116, gives=b"".join(records) + END)
         return self
 
-    def connect(self, operations: Sequence[int] = DEVICE_OPERATIONS) -> Self:
+    def connect(
+        self,
+        operations: Sequence[int] = DEVICE_OPERATIONS,
+        *,
+        extension: int = 6,
+        destinations: Sequence[int] = (2, 4),
+    ) -> Self:
         self.open()
-        self.ask(0x1001, gives=device_info(0xB, operations, (0xD402,), TEXTS))
+        self.ask(0x1001, gives=device_info(extension, operations, (0xD402,), TEXTS))
         self.ask(0x9114, 1).ask(0x9115, 1)
-        self.poll(first_stream(self.before)).poll().ask(0x911C).poll()
+        self.poll(first_stream(self.before, destinations)).poll().ask(0x911C).poll()
         self.ask(0x9129, 2).ask(0x9129, 1)
         return self.poll()
 
@@ -306,13 +315,14 @@ def test_dial_turned_during_the_bracket_is_found() -> None:
         ({"f_number": 15}, "aperture"),
         ({"width_px": 5000}, "5616x3744"),
         ({"f_number": 22}, r"only: f/5\.6, f/8, f/11, f/16"),
+        ({"width_px": 4080, "height_px": 2720}, r"asked JPEG M fine, got only: JPEG L fine, JPEG L fine \+ RAW L"),
     ],
 )
 def test_what_the_camera_has_not_is_refused_by_name(changes: dict[str, float], words: str) -> None:
     dialogue = CanonDialogue().connect().poll()
-    if changes == {"f_number": 22}:
-        for prop in (DRIVE, FORMAT, WB, KELVIN, ISO):
-            dialogue.ensure(prop, WANTED[prop])
+    before = {"f_number": (DRIVE, FORMAT, WB, KELVIN, ISO), "height_px": (DRIVE,)}
+    for prop in before.get(list(changes)[-1], ()) if changes != {"f_number": 15} else ():
+        dialogue.ensure(prop, WANTED[prop])
     camera, transport = dialogue.start()
     camera.connect()
     settings = {"iso": 200, "f_number": 16, "color_temperature_k": 6500, "width_px": 5616, "height_px": 3744}
@@ -603,11 +613,41 @@ def test_garbled_event_stream_is_a_violation() -> None:
 
 def test_another_kind_of_camera_is_refused_and_let_go() -> None:
     dialogue = CanonDialogue()
-    dialogue.open().ask(0x1001, gives=device_info(6, DEVICE_OPERATIONS, (), TEXTS)).ask(0x1003)
+    dialogue.open().ask(0x1001, gives=device_info(4, DEVICE_OPERATIONS, (), TEXTS)).ask(0x1003)
     camera, transport = dialogue.start()
-    with pytest.raises(UnsupportedError, match="extension 0x6, not 0xb"):
+    with pytest.raises(UnsupportedError, match="extension 0x4, not 0x6 or 0xb"):
         camera.connect()
     assert transport.closed
+
+
+def test_microsofts_extension_without_canons_operations_is_no_eos() -> None:
+    dialogue = CanonDialogue()
+    dialogue.open().ask(0x1001, gives=device_info(6, (0x1001, 0x100E), (), TEXTS)).ask(0x1003)
+    camera, _ = dialogue.start()
+    with pytest.raises(UnsupportedError, match="lacks the operations 0x9110"):
+        camera.connect()
+
+
+@pytest.mark.parametrize(("extension", "listed", "card"), [(6, (1, 5, 4), 1), (0xB, (2, 4, 6), 2), (6, (2, 6, 4), 2)])
+def test_the_card_is_what_the_camera_lists_beside_the_computer(
+    extension: int, listed: tuple[int, ...], card: int
+) -> None:
+    """Lists of a 5D Mark III, a 60D and a 70D (libgphoto2); the camera stands at "computer" before."""
+    dialogue = CanonDialogue(xD11C=4).connect(extension=extension, destinations=listed).prepare(xD11C=card)
+    camera, transport = dialogue.start()
+    camera.connect()
+    readback = {r.name: r for r in camera.prepare(PAPER)}["destination"]
+    assert (readback.got, readback.raw) == ("card", card.to_bytes(4, "little").hex())
+    transport.assert_finished()
+
+
+def test_no_card_listed_is_no_card() -> None:
+    dialogue = CanonDialogue(xD11C=4).connect(destinations=(4,)).poll()
+    camera, transport = dialogue.start()
+    camera.connect()
+    with pytest.raises(SettingRefusedError, match="asked card, got only: computer"):
+        camera.prepare(PAPER)
+    transport.assert_finished()
 
 
 def test_everything_raises_typed_errors_before_connect() -> None:

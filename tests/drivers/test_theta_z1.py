@@ -41,9 +41,9 @@ OPERATIONS = (
     0x101B,
 )
 PROPERTIES = (0x5001, 0x5002, 0x5003, 0x5005, 0x5007, 0x500E, 0x500F, 0x5011, 0x5012, 0x5013, 0xD006, 0xD00F, 0xD803,
-              0xD808, 0xD80B, 0xD80E, 0xD813, 0xD81B, 0xD825, 0xD827, 0xD834, 0xD83E)  # fmt: skip
+              0xD808, 0xD80B, 0xD80E, 0xD813, 0xD81B, 0xD824, 0xD825, 0xD827, 0xD834, 0xD83E)  # fmt: skip
 TEXTS = ("Ricoh Company, Ltd.", "RICOH THETA Z1", "2.20.3", "10012345")
-LENGTHS = {0x5001: "B", 0xD808: "B", 0xD80B: "B", 0xD80E: "B", 0xD825: "B", 0xD827: "B", 0xD83E: "B",
+LENGTHS = {0x5001: "B", 0xD808: "B", 0xD80B: "B", 0xD80E: "B", 0xD824: "B", 0xD825: "B", 0xD827: "B", 0xD83E: "B",
            0x5012: "I", 0xD006: "I", 0xD81B: "I", 0xD00F: "Q"}  # fmt: skip
 """Properties that are no u16."""
 PAPER = CameraSettings(iso=100, f_number=5.6, color_temperature_k=6500, width_px=6720, height_px=3360)
@@ -100,7 +100,7 @@ class ThetaDialogue(Dialogue):
 
     def modes(self) -> Self:
         self.wake().ready().get(0xD803, 180).get(0xD81B, 64800)
-        self.set(0xD803, 0).set(0xD81B, 0).set(0x5013, 1).set(0x5012, 0).set(0xD80B, 0)
+        self.set(0xD803, 0).set(0xD81B, 0).set(0x5013, 1).set(0xD824, 0).set(0x5012, 0).set(0xD80B, 0)
         return self.set(0x500E, 1)
 
     def prepare(self, *, f_numbers: Sequence[int] = (0, 210, 350, 560), f_number: int = 560, raw: int = 0) -> Self:

@@ -53,6 +53,8 @@ class Storage:
     capacity_bytes: int
     description: str = ""
     label: str = ""
+    free_images: int | None = None
+    """What it says of free pictures, where that is no count (EOS: FFFFFFFF)."""
 
 
 class ObjectStore:
@@ -103,7 +105,8 @@ class ObjectStore:
     def info(self, *, free_bytes: int, free_pictures: int, read_only: bool) -> bytes:
         """Return the StorageInfo dataset."""
         head = struct.pack("<HHH", self.storage.kind, 3, 1 if read_only else 0)
-        sizes = struct.pack("<QQI", self.storage.capacity_bytes, free_bytes, free_pictures)
+        pictures = free_pictures if self.storage.free_images is None else self.storage.free_images
+        sizes = struct.pack("<QQI", self.storage.capacity_bytes, free_bytes, pictures)
         return head + sizes + ptp_wire.string(self.storage.description) + ptp_wire.string(self.storage.label)
 
 

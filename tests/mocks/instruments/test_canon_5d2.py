@@ -15,6 +15,7 @@ from mocks.instruments.canon_records import object_added, transfer_requested
 from mocks.instruments.clock import VirtualClock
 from mocks.instruments.faults import Fault, FaultSchedule
 from mocks.instruments.ptp.datasets import StoredObject
+from mocks.instruments.recorded import recording
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.instruments.raw_host import RawHost, Reply
 from tests.mocks.optics.shot_sources import TinyShots, exposure_time
@@ -101,10 +102,10 @@ def test_interface_and_device_info() -> None:
     assert (bench.host.bulk_in, bench.host.bulk_out, bench.host.interrupt) == (0x81, 0x02, 0x83)
     assert bench.host.event_packet == 8
     data = bench.host.call(Operation.GET_DEVICE_INFO).data
-    assert data[:11] == bytes.fromhex("6400 0b000000 c800 00 0000")
+    assert data[:11] == bytes.fromhex("6400 06000000 c800 00 0000")
     count = struct.unpack_from("<I", data, 11)[0]
     operations = struct.unpack_from(f"<{count}H", data, 15)
-    assert operations == canon_codes.DEVICE_OPERATIONS
+    assert operations == recording("eos_5d2").codes("operations")
     assert 0x100E not in operations
     assert bench.host.call(0x100E).code == Response.OPERATION_NOT_SUPPORTED
 
@@ -156,7 +157,7 @@ def test_a_real_image_format_record() -> None:
 
 def test_changing_the_destination_answers_as_the_log() -> None:
     bench = Bench(options=CanonOptions(destination=4))
-    assert bench.value(CanonProp.CAPTURE_DESTINATION, 2).code == OK
+    assert bench.value(CanonProp.CAPTURE_DESTINATION, 1).code == OK
     data = bench.stream()
     assert len(data) == 120
     bench.value(CanonProp.CAPTURE_DESTINATION, 4)
@@ -164,7 +165,7 @@ def test_changing_the_destination_answers_as_the_log() -> None:
 
 
 def test_destination_already_set_is_busy() -> None:
-    assert Bench().value(CanonProp.CAPTURE_DESTINATION, 2).code == BUSY
+    assert Bench().value(CanonProp.CAPTURE_DESTINATION, 1).code == BUSY
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,13 @@ from drivers.theta_z1 import codes as ricoh_codes
 from drivers.theta_z1.codes import RicohProp
 from mocks.instruments.clock import VirtualClock
 from mocks.instruments.faults import Fault, FaultSchedule
-from mocks.instruments.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
+from mocks.instruments.theta_z1 import (
+    READABLE_WHILE_BUSY,
+    RECORDING,
+    THETA_TIMING,
+    SimulatedThetaZ1,
+    ThetaOptions,
+)
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from tests.mocks.instruments.raw_host import RawHost
 from tests.mocks.optics.shot_sources import TinyShots, exposure_time
@@ -95,7 +101,7 @@ def test_device_info_begins_and_ends_as_the_dump() -> None:
     data = Bench(open_session=False).host.call(Operation.GET_DEVICE_INFO).data
     assert data[:11] == bytes.fromhex("6400 06000000 6e00 00 0000")
     operations = struct.unpack_from("<I", data, 11)[0]
-    assert struct.unpack_from(f"<{operations}H", data, 15) == ricoh_codes.DEVICE_OPERATIONS
+    assert struct.unpack_from(f"<{operations}H", data, 15) == RECORDING.codes("operations")
     assert data.endswith("10010001\0".encode("utf-16-le"))
 
 
@@ -155,8 +161,8 @@ def test_sleep_delay_is_rounded_up() -> None:
 def test_asleep_most_properties_are_busy_until_it_is_woken() -> None:
     bench = Bench(options=ThetaOptions(asleep=True))
     describe = Operation.GET_DEVICE_PROP_DESC
-    codes = {p: bench.host.call(describe, p).code for p in ricoh_codes.DEVICE_PROPERTIES}
-    assert {p for p, code in codes.items() if code == OK} == set(ricoh_codes.READABLE_ASLEEP)
+    codes = {p: bench.host.call(describe, p).code for p in RECORDING.codes("properties")}
+    assert {p for p, code in codes.items() if code == OK} == set(READABLE_WHILE_BUSY)
     assert set(codes.values()) == {OK, BUSY}
     assert bench.host.call(Operation.INITIATE_CAPTURE, 0, 0).code == BUSY
     assert set_raw(bench, RicohProp.SLEEP_MODE, "00") == OK

@@ -21,6 +21,7 @@ from processing.calibration.profile import (
     profile_matches,
     require_k2,
     save_profile,
+    unlike_profile,
 )
 from processing.calibration.profile_records import (
     LensRecord,
@@ -36,7 +37,7 @@ from processing.calibration.response.shutter import ShutterRule
 from processing.calibration.scale.vignetting import Vignetting
 from processing.errors import ProfileError
 from processing.sphere import LensMapping
-from station.session.session import DeviceRecord, SettingRecord, Side
+from station.session.session import DeviceRecord, SessionManifest, SettingRecord, Side
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
 INDOOR = CameraState(kind="theta_z1", model="RICOH THETA Z1", serial="1", f_number=5.6, iso=100)
@@ -187,4 +188,13 @@ def test_disagreements_are_listed() -> None:
     assert len(found) == 1
     assert "5200" in found[0]
     empty = RigProfile(created_utc=NOW)
+    styled = [SettingRecord(name="picture style", asked="", got=got) for got in ("neutral", "standard", "not reported")]
+    states = [camera_state(device.model_copy(update={"settings": (one,)})) for one in styled]
+    assert states[0].differences(states[1]) == ["picture style is standard, in the profile neutral"]
+    assert states[0].differences(states[2]) == states[0].differences(states[0]) == []
+    bare = CameraProfile(side=Side.OUTDOOR, state=states[0], created_utc=NOW)
+    session = SessionManifest.model_construct(devices=(device.model_copy(update={"settings": styled[1:2]}),), frames=())
+    warned = unlike_profile(RigProfile(created_utc=NOW, cameras={Side.OUTDOOR: bare}), session)
+    assert warned == ["outdoor: picture style is standard, in the profile neutral"]
+    assert unlike_profile(profile(), session) == unlike_profile(None, session) == []
     assert profile_matches(empty, Side.INDOOR, None) == ["indoor: the profile has no such camera"]

@@ -16,6 +16,7 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from drivers.camera import (
+    BodySetting,
     CameraIdentity,
     CameraSettings,
     CameraStatus,
@@ -69,6 +70,7 @@ class FakeCamera:
     spoil: Callable[[int, float, bytes], bytes] = lambda shot, shutter_s, data: data
     shutter_times_s: tuple[float, ...] = (4, 1, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
     can_transfer_while_exposing: bool = True
+    holds_pictures: bool = False
     calls: Counter[str] = field(default_factory=Counter)
     opened_s: list[tuple[float, float]] = field(default_factory=list)
     safe: list[int] = field(default_factory=list)
@@ -99,6 +101,9 @@ class FakeCamera:
         self._call("prepare")
         self._settings = settings
         return (SettingReadback("iso", str(settings.iso), str(settings.iso), "00"),)
+
+    def body_settings(self) -> tuple[BodySetting, ...]:
+        return ()
 
     def set_shutter(self, shutter_s: float) -> ShutterReadback:
         self._call("set_shutter")

@@ -22,6 +22,9 @@ from station.commands.views import printable
         ["--resume", "S", "--target", "0,0"],
         ["--resume", "S", "--dry-run"],
         ["kitchen", "--size", "half"],
+        ["kitchen", "--simulate", "recorded:t.jsonl", "--size", "half"],
+        ["kitchen", "--simulate", "recorded:t.jsonl", "--rig", "rig.toml"],
+        ["kitchen", "--simulate", "recorded:t.jsonl", "--record", "again.jsonl"],
     ],
 )
 def test_options_that_would_do_nothing_are_refused(

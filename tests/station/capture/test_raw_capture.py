@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.camera import ExposureProgress, FrameFormat, FrameRef
+from drivers.camera import ExposureProgress, FrameFormat, FrameRef, ShutterReadback
 from drivers.clock import SystemClock
-from drivers.errors import DeviceError, DeviceTimeoutError
+from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError
 from station.capture.capture import Capture
 from station.session.session import SessionManifest, SessionStatus, Side
 from station.session.store import SessionStore
@@ -124,3 +124,33 @@ def resume(path: Path) -> SessionManifest:
 def events_of(store: SessionStore) -> Iterator[object]:
     # Other light, as later in the day: the same picture twice would be a repeat.
     yield from Capture.resume(make_rig(RawCamera(SystemClock(), gain=25.0), indoor=RAW_TABLE), store).events()
+
+
+@dataclass
+class HoldingCamera(FakeCamera):
+    """A fake without a card: it keeps its last picture, and is busy until that was fetched and is safe."""
+
+    holds_pictures: bool = True
+    can_transfer_while_exposing: bool = False
+    held: int = 0
+
+    def set_shutter(self, shutter_s: float) -> ShutterReadback:
+        if self.held:
+            raise DeviceBusyError("a picture waits to be fetched", where="fake")
+        return super().set_shutter(shutter_s)
+
+    def release(self) -> None:
+        self.held += 1
+        super().release()
+
+    def finish_frame(self, frame: FrameRef) -> None:
+        super().finish_frame(frame)
+        self.held -= 1
+
+
+def test_a_camera_that_holds_its_pictures_is_never_asked_while_busy(tmp_path: Path) -> None:
+    camera = HoldingCamera(SystemClock())
+    manifest, _, events = run(make_rig(camera), tmp_path)
+    assert manifest.status is SessionStatus.COMPLETE
+    assert not [e for e in events if e.kind == "recovering"]
+    assert (camera.recovered, camera.held) == (0, 0)

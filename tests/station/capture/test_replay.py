@@ -1,0 +1,117 @@
+"""Transcripts replayed as instruments: what passed on the instrument passes on its transcript, with the same frames."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from drivers.canon_5d2.camera import Canon5D2
+from drivers.clock import Clock
+from drivers.errors import DeviceTimeoutError, ProtocolViolationError
+from drivers.ptp.codes import Response
+from drivers.ptp.pipes import PtpTransport
+from drivers.replay import ReplayedLine, ReplayedTransport
+from drivers.theta_z1.camera import ThetaZ1
+from drivers.transcript import Entry, RecordedTransport, Transcript, read_transcript
+from drivers.usb_link import UsbLink
+from mocks.instruments.canon_5d2 import SimulatedCanon5D2
+from mocks.instruments.canon_records import CanonOptions
+from mocks.instruments.clock import VirtualClock
+from mocks.instruments.theta_z1 import SimulatedThetaZ1
+from mocks.instruments.usb.bus import SimulatedUsbBackend
+from station.capture.conform import CameraBench, Outcome, run_camera
+from station.capture.links import open_links, replayed_links
+from station.capture.rig_file import PAPER_RIG
+from station.errors import ResourceError
+from tests.mocks.instruments.test_recorded_bodies import PAPER, THETA
+from tests.mocks.optics.shot_sources import TinyShots
+
+KINDS = ["canon, card", "canon, pc", "theta"]
+
+
+def driver(kind: str, link: PtpTransport, clock: Clock) -> CameraBench:
+    if kind == "theta":
+        return CameraBench(ThetaZ1(lambda: link, clock), THETA, clock, may_delete=True)
+    camera = Canon5D2(lambda: link, clock, destination="pc" if kind == "canon, pc" else "card")
+    return CameraBench(camera, PAPER, clock, may_delete=True)
+
+
+def record(kind: str, path: Path) -> list[Outcome]:
+    """Run the conformance suite on a simulated camera and keep the transcript."""
+    clock = VirtualClock()
+    device = SimulatedThetaZ1(TinyShots(), clock) if kind == "theta" else SimulatedCanon5D2(
+        TinyShots(), clock, options=CanonOptions()
+    )  # fmt: skip
+    backend = SimulatedUsbBackend([device], clock)
+    with path.open("w") as file:
+        transcript = Transcript(file, clock)
+        bench = driver(kind, None, clock)  # type: ignore[arg-type]
+
+        def opened() -> PtpTransport:
+            return RecordedTransport(
+                UsbLink.open(*device.identity.usb_id, backend=backend, clock=clock), transcript, "it"
+            )
+
+        bench.camera._link._open_transport = opened  # type: ignore[attr-defined]
+        return list(run_camera(bench))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_conformance_suite_passes_on_its_own_transcript(kind: str, tmp_path: Path) -> None:
+    first = record(kind, tmp_path / "t.jsonl")
+    assert all(o.passed for o in first), first
+    clock = VirtualClock()
+    link = ReplayedTransport(read_transcript(tmp_path / "t.jsonl"), clock, "it")
+    second = list(run_camera(driver(kind, link, clock)))
+    assert [(o.name, o.passed) for o in second] == [(o.name, True) for o in first], second
+    said = {o.name: o.detail for o in first}
+    for name in ("says_who_it_is", "takes_and_reads_back_settings", "reports_its_body", "has_the_bracket"):
+        assert {o.name: o.detail for o in second}[name] == said[name]
+    assert link.unknown == 0
+
+
+def test_what_the_transcript_has_not_is_refused_not_invented(tmp_path: Path) -> None:
+    record("theta", tmp_path / "t.jsonl")
+    clock = VirtualClock()
+    link = ReplayedTransport(read_transcript(tmp_path / "t.jsonl"), clock, "it")
+    link.write(struct.pack("<IHHI", 12, 1, 0x1013, 7), 1.0)  # PowerDown
+    assert link.read(512, 1.0) == struct.pack("<IHHI", 12, 3, Response.INVALID_PARAMETER, 7)
+    assert link.unknown == 1
+    with pytest.raises(DeviceTimeoutError):
+        link.read(512, 1.0)
+    assert link.read_event(0.1) is None
+
+
+def test_a_line_answers_as_late_as_it_did() -> None:
+    entries = [
+        Entry(0.0, "meter", "out", b"MES\r\n"), Entry(1.5, "meter", "in", b"OK00,c  1.5\r\n"),
+        Entry(2.0, "meter", "out", b"MES\r\n"), Entry(2.1, "meter", "in", b"ER02\r\n"),
+    ]  # fmt: skip
+    clock = VirtualClock()
+    line = ReplayedLine(entries, clock, "meter")
+    lines = []
+    for _ in range(3):  # the last answer stands for all that come after it
+        start_s = clock.monotonic_s()
+        line.write(b"MES\r\n", 1.0)
+        lines.append((line.read_line(b"\r\n", 80, 5.0), round(clock.monotonic_s() - start_s, 6)))
+    assert lines == [(b"OK00,c  1.5", 1.5), (b"ER02", 0.1), (b"ER02", 0.1)]
+    line.write(b"IDDR\r\n", 1.0)
+    with pytest.raises(DeviceTimeoutError):
+        line.read_line(b"\r\n", 80, 5.0)
+
+
+def test_a_transcript_knows_its_rig_but_not_its_place(tmp_path: Path) -> None:
+    path, clock = tmp_path / "t.jsonl.gz", VirtualClock()
+    links = open_links(path, PAPER_RIG.model_copy(update={"heading_deg": 12.0}), clock, simulated=False)
+    links.close()
+    again, rig = replayed_links(path)
+    assert (rig.indoor, rig.outdoor, rig.meter) == (None, None, None), "none of them is in it"
+    assert rig.heading_deg is None
+    assert not again.simulated
+    with pytest.raises(ResourceError, match="cannot be written"):
+        open_links(path, PAPER_RIG, clock, simulated=False)
+    (tmp_path / "other.jsonl").write_text('{"t": 0, "who": "meter", "way": "open"}\n')
+    with pytest.raises(ProtocolViolationError, match="does not begin with the rig"):
+        replayed_links(tmp_path / "other.jsonl")
