@@ -8,7 +8,8 @@ from drivers.errors import DeviceClaimedError, DeviceLostError
 from drivers.meter.dialect import HARMLESS, MAX_ANSWER_BYTES, SHIPPED, Exchange, load_dialect, probe, transcript_lines
 from drivers.serial_link import PortSettings
 from mocks.instruments.clock import VirtualClock
-from mocks.instruments.ls160 import Piece, SimulatedMeter
+from mocks.instruments.ls160 import SimulatedMeter
+from mocks.instruments.serial_port import Piece
 from tests.drivers.memory_line import MemoryLine
 
 DIALECTS = tuple(load_dialect(name) for name in SHIPPED)
@@ -17,6 +18,8 @@ SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)
 
 class Unknown:
     """A meter nobody has documented: it answers in several lines, or never ends."""
+
+    line_end = b"\r\n"
 
     def __init__(self) -> None:
         self.heard: list[bytes] = []

@@ -32,7 +32,8 @@ from drivers.serial_link import (
     find_port,
     list_ports,
 )
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SerialPort, SimulatedMeter
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import Piece, SerialPort
 
 IDS = [(0x132B, 0x210D)]
 SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)
@@ -40,6 +41,8 @@ SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)
 
 class Parrot:
     """Says back what it hears, and more on request."""
+
+    line_end = b"\r\n"
 
     def hear(self, line: bytes, now_s: float) -> list[Piece]:
         if line == b"slow":

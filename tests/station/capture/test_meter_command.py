@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 import daylit
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SerialPort, SimulatedMeter
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import SerialPort
 
 Plug = Callable[..., str]
 
