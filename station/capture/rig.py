@@ -49,7 +49,7 @@ def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
     """
     clock = clock or SystemClock()
     cameras = {side: _camera(table, None, clock) for side, table in file.cameras().items()}
-    meter = meter_on_port(file.meter.dialect, file.meter.port, clock) if file.meter else None
+    meter = meter_on_port(file.meter.dialect, file.meter.port, clock) if file.meter and file.meter.is_read else None
     return Rig(file, cameras, meter, clock)
 
 
@@ -64,7 +64,7 @@ def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
     file = file.model_copy(update=_as_measured(file, bench))
     cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
     meter = None
-    if file.meter is not None:
+    if file.meter is not None and file.meter.is_read:
         meter = meter_on_port(file.meter.dialect, bench.meter_port, bench.clock)
     return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
 
@@ -199,7 +199,7 @@ def planned_times_s(file: RigFile) -> dict[str, tuple[float, ...]]:
     stops_s = file.bracket.stops_s()
     plan = plan_bracket(stops_s, file.bracket.mode, tuple(tables))
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
-    start_s = _SIMULATED_PREFLIGHT_S + (TYPICAL_READING_S if file.meter else 0.0)
+    start_s = _SIMULATED_PREFLIGHT_S + (TYPICAL_READING_S if file.meter and file.meter.is_read else 0.0)
     starts = {}
     for row in estimate_bracket(plan, costs).rows:
         starts[row.asked_s] = start_s
