@@ -138,8 +138,8 @@ _TAKEN, _OFFSET, _TAKEN_OFFSET, _TAKEN_SUBSECOND = 0x9003, 0x9010, 0x9011, 0x929
 _WIDTH, _HEIGHT, _WHITE_BALANCE, _SERIAL = 0xA002, 0xA003, 0xA403, 0xA431
 
 
-def read_exif(block: bytes) -> ExifRecord:
-    """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is).
+def read_exif(block: bytes | mmap.mmap) -> ExifRecord:
+    """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is) or of a raw file, whole.
 
     Raises `FrameProblemError`: ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range,
     overlapping or repeated, or a value that cannot be (1/0 s, month 13).

@@ -93,7 +93,9 @@ def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str,
             raise FrameProblemError(Reason.NOT_RAW, "an empty file")
         with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as raw:
             check_raw(raw, format_)
-            return {"size_bytes": len(raw), "sha256": hashlib.sha256(raw).hexdigest()}
+            exif, exif_problem = _exif(raw)
+            digest = hashlib.sha256(raw).hexdigest()
+            return {"size_bytes": len(raw), "sha256": digest, "exif": exif, "exif_problem": exif_problem}
 
 
 def _open_flags() -> int:
@@ -128,7 +130,7 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
     }
 
 
-def _exif(block: bytes | None) -> tuple[dict[str, Any], str]:
+def _exif(block: bytes | mmap.mmap | None) -> tuple[dict[str, Any], str]:
     """Return the EXIF facts and what is wrong with them; whether that matters is the asker's choice."""
     if block is None:
         return {}, "no EXIF"
