@@ -5,12 +5,41 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
-from drivers.transcript import Entry
 from mocks.instruments.serial_port import Piece
 
 CLOSES = ("open", "close")
 """Entries that end an exchange."""
+
+
+class Entry(Protocol):
+    """What is needed of an entry of a transcript (`drivers.transcript.Entry`)."""
+
+    @property
+    def t_s(self) -> float:
+        """Seconds from the transcript's beginning."""
+        ...
+
+    @property
+    def who(self) -> str:
+        """Which instrument."""
+        ...
+
+    @property
+    def way(self) -> str:
+        """``out`` and ``in`` carry bytes."""
+        ...
+
+    @property
+    def data(self) -> bytes:
+        """What went over the line."""
+        ...
+
+    @property
+    def error(self) -> str:
+        """Code of a failed call."""
+        ...
 
 
 @dataclass(frozen=True)

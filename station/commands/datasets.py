@@ -8,20 +8,9 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import click
 
-from station.commands.sessions import parse_site, parse_zone, summary
-from station.errors import UsageError
-from station.frames.check import FrameChecker
-from station.frames.dataset_import import (
-    DatasetPlan,
-    DatasetRequest,
-    Outcome,
-    doubt_error,
-    import_dataset,
-    plan_dataset,
-)
-
 if TYPE_CHECKING:
     from station.frames.dataset import Pair
+    from station.frames.dataset_import import DatasetPlan, DatasetRequest, Outcome
 
 NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading")
 """Options that say something of one room only."""
@@ -29,24 +18,10 @@ NOT_OF_A_TREE = ("room", "indoor", "outdoor", "readings", "target", "heading")
 
 def import_tree(options: dict[str, Any]) -> int:
     """Import a tree; returns 0 when every bracket is a complete session, else 4."""
-    from station.capture.bracket import parse_shutter
+    from station.frames.check import FrameChecker
+    from station.frames.dataset_import import doubt_error, import_dataset, plan_dataset
 
-    if given := [name for name in NOT_OF_A_TREE if options[name] not in (None, ())]:
-        advice = "leave it out, or import one room"
-        raise UsageError(
-            f"{given[0].replace('_', '-')} says something of one room only", where="--dataset", advice=advice
-        )
-    request = DatasetRequest(
-        root=options["dataset"],
-        into=options["into"],
-        table=options["table"],
-        lost_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
-        site=parse_site(options["site"]),
-        zone=_zone(options["zone"]),
-        only=options["only"],
-        raw=options["raw"],
-        strict=options["strict"],
-    )
+    request = _request(options)
     with FrameChecker() as checker:
         plan = plan_dataset(request, checker)
         if not plan.pairs and plan.doubts:
@@ -58,21 +33,49 @@ def import_tree(options: dict[str, Any]) -> int:
             outcomes.append(outcome)
             if not options["as_json"]:
                 click.echo(_line(outcome))
+    return _show_end(plan, outcomes, as_json=options["as_json"])
+
+
+def _request(options: dict[str, Any]) -> DatasetRequest:
+    from station.capture.bracket import parse_shutter
+    from station.commands.sessions import parse_site
+    from station.errors import UsageError
+    from station.frames.dataset_import import DatasetRequest
+
+    if given := [name for name in NOT_OF_A_TREE if options[name] not in (None, ())]:
+        text = f"{given[0].replace('_', '-')} says something of one room only"
+        raise UsageError(text, where="--dataset", advice="leave it out, or import one room")
+    return DatasetRequest(
+        root=options["dataset"],
+        into=options["into"],
+        table=options["table"],
+        lost_s=tuple(parse_shutter(s) for s in options["shutter"].split(",")) if options["shutter"] else (),
+        site=parse_site(options["site"]),
+        zone=_zone(options["zone"]),
+        only=options["only"],
+        raw=options["raw"],
+        strict=options["strict"],
+    )
+
+
+def _show_end(plan: DatasetPlan, outcomes: list[Outcome], *, as_json: bool) -> int:
     whole = all(o.error is None and (o.report is None or not o.report.manifest.missing) for o in outcomes)
-    if options["as_json"]:
-        click.echo(
-            json.dumps({"ok": whole and not plan.doubts, **_facts(plan), "brackets": [_dict(o) for o in outcomes]})
-        )
+    ok = whole and not plan.doubts
+    if as_json:
+        click.echo(json.dumps({"ok": ok, **_facts(plan), "brackets": [_dict(o) for o in outcomes]}))
     else:
         _show_doubts(plan)
         made = sum(o.report is not None for o in outcomes)
         there = sum(o.report is None and o.error is None for o in outcomes)
         failed = sum(o.error is not None for o in outcomes)
         click.echo(f"{made} sessions made, {there} were there, {failed} failed, {len(plan.doubts)} not decided")
-    return 0 if whole and not plan.doubts else 4
+    return 0 if ok else 4
 
 
 def _zone(text: str | None) -> ZoneInfo | int | None:
+    from station.commands.sessions import parse_zone
+    from station.errors import UsageError
+
     if text is None or text[:1] in "+-":
         return parse_zone(text)
     try:
@@ -93,6 +96,8 @@ def _sides(pair: Pair) -> str:
 
 
 def _dict(outcome: Outcome) -> dict[str, Any]:
+    from station.commands.sessions import summary
+
     found: dict[str, Any] = {"name": outcome.pair.main.name, "folders": _folders(outcome.pair)}
     if outcome.report is not None:
         return found | summary(outcome.report)

@@ -13,6 +13,7 @@ from station.frames.rules import printable, rejection
 from station.session.session import Side
 
 MAX_FRAMES = 99
+"""A stop's number has two digits in a frame's name."""
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 RAW_SUFFIXES = (".dng", ".cr2")
 
