@@ -24,7 +24,7 @@ FramePath = Annotated[
     str, StringConstraints(pattern=r"^(indoor|outdoor|rejected)/[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", max_length=120)
 ]
 PANORAMA_FOLDER = "given"
-PanoramaPath = Annotated[str, StringConstraints(pattern=r"^given/panorama\.(jpg|png|exr|hdr)$")]
+PanoramaPath = Annotated[str, StringConstraints(pattern=r"^given/panorama\.(jpg|png|tif|webp|avif|heic|exr|hdr)$")]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 PositiveSeconds = Annotated[float, Field(gt=0, le=3600)]
@@ -126,7 +126,7 @@ class PanoramaRecord(Model):
     """One whole panorama that was given instead of brackets: no exposure times, no meter."""
 
     file: PanoramaPath
-    format: Literal["jpeg", "png", "exr", "hdr"]
+    format: Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
     size_bytes: Annotated[int, Field(gt=0, le=1_000_000_000)]
     sha256: Sha256
     width_px: Annotated[int, Field(gt=0, le=65_536)]
