@@ -1,6 +1,6 @@
 """Any ordinary picture as RGB codes: JPEG, PNG, TIFF, WebP, AVIF, HEIC; grey, palette, CMYK, 16 bits, opaque alpha.
 
-Frames of a bracket are read more strictly (`processing.pictures.frames`), which does all of it that is RGB already. What
+Frames of a bracket are read more strictly (`processing.pictures.frames`), which does all that is RGB already. What
 has no single meaning as a picture of light, transparency above all, is refused with what to do.
 """
 

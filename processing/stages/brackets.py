@@ -48,13 +48,13 @@ class SideBracket:
 
 
 def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> SideBracket | None:
-    """Return a side's JPEG frames, None where the session has none.
+    """Return a side's pictures (JPEG, PNG, TIFF), None where the session has none.
 
     Raises `BracketError` for frames of different settings: only the time may differ within a bracket.
     """
-    from processing.pictures.frames import jpeg_frame
+    from processing.pictures.frames import frame_of
 
-    found = [frame for frame in manifest.frames if frame.side == side and frame.format == "jpeg"]
+    found = [frame for frame in manifest.frames if frame.side == side and not frame.is_raw]
     if not found:
         return None
     records = tuple(sorted(found, key=lambda frame: frame.stop))
@@ -68,7 +68,7 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
                 advice="capture the bracket anew, or leave frames out when importing",
             )
     device = next((device for device in manifest.devices if device.role == side.value), None)
-    frames = tuple(jpeg_frame(session_path / record.file, record.file) for record in records)
+    frames = tuple(frame_of(session_path / record.file, record.file) for record in records)
     return SideBracket(side, records, frames, device)
 
 

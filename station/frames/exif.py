@@ -226,6 +226,8 @@ def parse_offset(text: str) -> int | None:
 # Chosen: the smallest raw file of our cameras has megabytes and a handful of directories.
 MIN_SIZE_BYTES = 100_000
 MAX_DIRECTORIES = 16
+_BITS = 258
+"""Bits a channel, TIFF 6.0."""
 _STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = 273, 279, 324, 325, 330, 0xC612
 """TIFF 6.0; EP's SubIFDs; DNG specification."""
 
@@ -250,6 +252,24 @@ def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
         raise FrameProblemError(Reason.DAMAGED, "no picture in any directory")
     if furthest > len(data):
         raise FrameProblemError(Reason.TRUNCATED, f"picture data to byte {furthest} of {len(data)}")
+
+
+def check_tiff(data: bytes) -> bytes:
+    """Return the bytes of a TIFF picture, in which EXIF is looked for, once its strips are found to lie inside.
+
+    Raises `FrameProblemError`: ``damaged``, ``truncated``, or ``unsupported`` for more than 8 bits a channel.
+    """
+    reader = TiffReader(data, Reason.DAMAGED)
+    first = reader.directory(reader.first_at)
+    furthest = _furthest(reader, first)
+    if furthest == 0:
+        raise reader.problem("no picture in its first directory")
+    if furthest > len(data):
+        raise FrameProblemError(Reason.TRUNCATED, f"picture data to byte {furthest} of {len(data)}")
+    bits = first.entries.get(_BITS)
+    if bits is not None and max(reader.integers(bits, 8)) > 8:
+        raise FrameProblemError(Reason.UNSUPPORTED, "more than 8 bits a channel: brackets are merged from 8 bits")
+    return data
 
 
 def _directories(reader: TiffReader) -> list[Directory]:

@@ -15,6 +15,8 @@ from station.session.session import Side
 MAX_FRAMES = 99
 """A stop's number has two digits in a frame's name."""
 JPEG_SUFFIXES = (".jpg", ".jpeg")
+LOSSLESS_SUFFIXES = (".png", ".tif", ".tiff")
+"""Taken where a folder has no JPEGs: film scans, other programs' exports."""
 RAW_SUFFIXES = (".dng", ".cr2")
 
 
@@ -32,8 +34,12 @@ def has_suffix(path: Path, suffixes: Collection[str]) -> bool:
 
 
 def sort_entries(entries: Sequence[Path], folder: Path, *, raw: bool) -> tuple[list[Path], dict[str, Path], list[str]]:
-    """Return the JPEGs by name, the raw files by their names without suffix, and the names of everything else."""
+    """Return the pictures by name, the raw files by their names without suffix, and the names of everything else.
+
+    The pictures are the JPEGs, or PNGs and TIFFs where there are none.
+    """
     files = [path for path in entries if has_suffix(path, JPEG_SUFFIXES)]
+    files = files or [path for path in entries if has_suffix(path, LOSSLESS_SUFFIXES)]
     raws = {path.stem.lower(): path for path in entries if raw and has_suffix(path, RAW_SUFFIXES)}
     if len(files) > MAX_FRAMES:
         raise UsageError(

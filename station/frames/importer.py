@@ -20,7 +20,7 @@ from station.errors import (
     UsageError,
     software_versions,
 )
-from station.frames.check import FrameChecker
+from station.frames.check import FrameChecker, picture_format
 from station.frames.facts import FrameFacts, Reason
 from station.frames.import_files import inspect_files, list_folder, raw_only, sort_entries
 from station.frames.import_plan import Candidate, Refusal, join_stops, plan_side, refusal, stop_of
@@ -257,7 +257,12 @@ def _copy(
         "taken_utc": _taken_utc(candidate, zone_min),
     }
     size = {"width_px": facts.width_px, "height_px": facts.height_px, "statistics": facts.statistics}
-    _copy_file(store, candidate.path, facts, {**shot, **size, "exif_s": facts.exif.exposure_s, "format": "jpeg"})
+    _copy_file(
+        store,
+        candidate.path,
+        facts,
+        {**shot, **size, "exif_s": facts.exif.exposure_s, "format": picture_format(candidate.path)},
+    )
     if candidate.raw is not None:
         raw = candidate.raw
         _copy_file(store, raw.path, raw.facts, {**shot, "exif_s": raw.facts.exif.exposure_s, "format": raw.format})
