@@ -26,8 +26,7 @@ import numpy.typing as npt
 
 from station.frames.exif import check_raw, check_tiff, read_exif
 from station.frames.facts import FrameProblemError, Reason
-from station.frames.jpeg import read_header
-from station.frames.png import read_png
+from station.frames.jpeg import read_header, read_png
 
 Bytes: TypeAlias = npt.NDArray[np.uint8]
 Circle = Sequence[float]
