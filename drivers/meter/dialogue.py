@@ -29,6 +29,9 @@ QUIET_S = 0.05
 # Chosen: a line of 64 characters takes 0.15 s at 4800 baud.
 DRAIN_LIMIT_S = 0.5
 WRITE_LIMIT_S = 2.0
+EARLY_S = 0.5
+"""A meter that can say "still measuring" announces whole seconds, rounded up: asked so much earlier, as the public
+programs for the CS-200 do."""
 DONE_LATE_S = 2.0
 """Chosen: the line that says "done" may come so much later than announced."""
 MAX_PAUSE_S = 30.0
@@ -157,7 +160,8 @@ class Dialogue:
     def _wait(self, step: Step, answer: Answer, deadline: Deadline) -> Answer:
         """Wait as long as the answer asks for, or until the line comes that says "done"; returns its error, if any."""
         if not step.done:
-            self._clock.sleep(min(answer.wait_s, deadline.remaining_s))
+            early_s = EARLY_S if self._dialect.busy else 0.0
+            self._clock.sleep(min(max(0.0, answer.wait_s - early_s), deadline.remaining_s))
             return answer
         limit = Deadline.after(self._clock, min(answer.wait_s + DONE_LATE_S, deadline.remaining_s))
         said = self._listen(Step(send=step.send, expect=step.done), limit)

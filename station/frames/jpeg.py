@@ -247,6 +247,8 @@ def read_png(data: bytes) -> bytes | None:
             raise FrameProblemError(Reason.DAMAGED, f"the checksum of chunk {number} is wrong")
         if number == 0 and (kind != b"IHDR" or length != 13):
             raise FrameProblemError(Reason.DAMAGED, "its first chunk is no header")
+        if number == 0 and int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big") > MAX_PIXELS:
+            raise FrameProblemError(Reason.TOO_LARGE, f"its header says more than {MAX_PIXELS:,} pixels")
         if kind == b"eXIf":
             exif = data[at + 8 : end - 4]
         if kind == b"IEND":
