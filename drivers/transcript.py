@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO, TypeVar
+from typing import IO, Any, TypeVar
 
 from drivers.clock import Clock
 from drivers.errors import DeviceError, ProtocolViolationError
@@ -42,7 +42,7 @@ class Entry:
 class Transcript:
     """Writes a transcript; safe to share between threads. Each line is on disk when the call returns."""
 
-    def __init__(self, file: TextIO, clock: Clock) -> None:
+    def __init__(self, file: IO[str], clock: Clock) -> None:
         self._file = file
         self._clock = clock
         self._start_s = clock.monotonic_s()
