@@ -56,6 +56,9 @@ class PortInfo:
     vendor_id: int | None
     product_id: int | None
     serial: str
+    product: str = ""
+    manufacturer: str = ""
+    location: str = ""
 
 
 class ByteLine(Protocol):
@@ -243,6 +246,9 @@ def list_ports() -> list[PortInfo]:
             vendor_id=p.vid,
             product_id=p.pid,
             serial=p.serial_number or "",
+            product=p.product or "",
+            manufacturer=p.manufacturer or "",
+            location=p.location or "",
         )
         for p in sorted(serial_list_ports.comports(), key=lambda p: str(p.device))
     ]

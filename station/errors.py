@@ -91,6 +91,12 @@ class IncompleteBracketError(SessionError):
     code = "SES-009"
 
 
+class AmbiguousImportError(SessionError):
+    """Files that could belong to more than one session, or to none (``details``: paths)."""
+
+    code = "SES-010"
+
+
 class ResourceError(DaylitError):
     """The computer cannot go on."""
 

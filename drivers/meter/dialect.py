@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -18,12 +16,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from drivers.clock import Clock
-from drivers.errors import DaylitError, DeviceError, DeviceTimeoutError
+from drivers.errors import DaylitError
 from drivers.meter.interface import ReadingStatus
-from drivers.serial_link import ByteLine, PortSettings
+from drivers.serial_link import PortSettings
 
-SHIPPED = ("ls100", "cs100a", "ls160")
+SHIPPED = ("ls100", "cs100a", "ls160", "cs2000", "ca410")
 MAX_DIALECT_BYTES = 64 * 1024
 JUDGED = ("unit", "mode", "calibration", "state")
 """Groups that can turn a number into no luminance: whoever reads them must say what they mean."""
@@ -63,8 +60,10 @@ class Step(_Table):
     send: Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[ -~]+$")]
     expect: str
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 5.0
+    done: str = ""
+    """A further line that comes by itself when the work is done (regular expression); it may be missing."""
 
-    @field_validator("expect")
+    @field_validator("expect", "done")
     @classmethod
     def _compiles(cls, expect: str) -> str:
         try:
@@ -107,6 +106,10 @@ class Dialect(_Table):
     """Whole error lines (regular expressions) -> what they mean."""
     ask_again: tuple[str, ...] = ()
     """Error lines that say that the question did not arrive well: it is put again."""
+    busy: tuple[str, ...] = ()
+    """Error lines that say "still measuring": the question is put again after a pause, for so long at most."""
+    busy_pause_s: Annotated[float, Field(ge=0.05, le=5)] = 0.3
+    busy_limit_s: Annotated[float, Field(gt=0, le=120)] = 30.0
     range_cd_m2: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 
     @field_validator("measure")
@@ -134,8 +137,9 @@ class Dialect(_Table):
             raise ValueError(f"meanings of {sorted(silent)} are missing")
         if self.confirm and "value" not in self.confirm.pattern.groupindex:
             raise ValueError("confirm must have a group 'value'")
-        if unknown := [text for text in self.ask_again if not any(p.fullmatch(text) for p, _ in self.error_patterns)]:
-            raise ValueError(f"ask_again names {unknown}, which errors does not know")
+        named = (*self.ask_again, *self.busy)
+        if unknown := [text for text in named if not any(p.fullmatch(text) for p, _ in self.error_patterns)]:
+            raise ValueError(f"ask_again and busy name {unknown}, which errors does not know")
         if self.range_cd_m2[0] >= self.range_cd_m2[1]:
             raise ValueError("range_cd_m2 is upside down")
         return self
@@ -170,79 +174,3 @@ def load_dialect(name_or_path: str) -> Dialect:
         ) from error
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise DialectError(f"cannot be read: {error}", where=name_or_path) from error
-
-
-# Bounds of a probe: chosen, far above what a meter of this family needs.
-ANSWER_LIMIT_S = 3.0
-AFTER_S = 0.3
-"""How long a further line of one answer is waited for."""
-QUIET_S = 0.05
-MAX_LINE_BYTES = 256
-MAX_ANSWER_BYTES = 1024
-HARMLESS = ("RMT,1", "IDDR", "MDS,04", "RMT,0")
-"""Enter remote mode, ask for identity, set absolute mode, leave remote mode: nothing is measured, stored or erased."""
-
-
-@dataclass(frozen=True)
-class Exchange:
-    """One question of a probe, all that came back, and the seconds to the end of its last whole line."""
-
-    settings: PortSettings
-    sent: bytes
-    received: bytes
-    seconds: float
-    note: str = ""
-
-
-def probe(
-    open_line: Callable[[PortSettings], ByteLine], dialects: tuple[Dialect, ...], clock: Clock
-) -> Iterator[Exchange]:
-    """Ask the harmless questions at the port settings of each dialect; yields every exchange as it happens."""
-    for settings in dict.fromkeys(d.port.settings() for d in dialects):
-        try:
-            line = open_line(settings)
-        except DeviceError as error:
-            yield Exchange(settings, b"", b"", 0.0, note=str(error))
-            continue
-        try:
-            for question in HARMLESS:
-                yield _exchange(line, settings, (question + "\r\n").encode(), clock)
-        except DeviceError as error:
-            yield Exchange(settings, b"", b"", 0.0, note=str(error))
-        finally:
-            line.close()
-
-
-def _exchange(line: ByteLine, settings: PortSettings, question: bytes, clock: Clock) -> Exchange:
-    """Ask, and take down all that comes until the line falls silent."""
-    unasked = line.drain(QUIET_S, 0.5)
-    start_s = clock.monotonic_s()
-    line.write(question, 2.0)
-    received, limit_s, took_s, note = b"", ANSWER_LIMIT_S, ANSWER_LIMIT_S, f"{unasked} bytes before" if unasked else ""
-    while len(received) < MAX_ANSWER_BYTES:
-        try:
-            received += line.read_line(b"\n", MAX_LINE_BYTES, limit_s) + b"\n"
-        except DeviceTimeoutError as error:
-            partial = bytes.fromhex(str(error.details.get("partial", "")))
-            received += partial
-            note += ", no end of line" if partial else ""
-            break
-        took_s, limit_s = clock.monotonic_s() - start_s, AFTER_S
-    return Exchange(settings, question, received, took_s, note.strip(", "))
-
-
-def transcript_lines(exchanges: Iterator[Exchange], port: str) -> Iterator[str]:
-    """Return the transcript, line by line: times, hex and ASCII; it holds no names of people or computers."""
-    yield f"daylit meter transcript, port {port}"
-    settings: PortSettings | None = None
-    for exchange in exchanges:
-        if exchange.settings != settings:
-            settings = exchange.settings
-            yield f"# {settings.baud} baud, {settings.data_bits} {settings.parity} {settings.stop_bits}"
-        yield f"> {exchange.sent.hex(' ')}  {_ascii(exchange.sent)}"
-        answer = f"< {exchange.received.hex(' ')}  {_ascii(exchange.received)}" if exchange.received else "< (nothing)"
-        yield f"{answer}  after {exchange.seconds:.3f} s {exchange.note}".rstrip()
-
-
-def _ascii(data: bytes) -> str:
-    return "".join(chr(b) if 32 <= b < 127 else "." for b in data)

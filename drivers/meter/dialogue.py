@@ -29,10 +29,15 @@ QUIET_S = 0.05
 # Chosen: a line of 64 characters takes 0.15 s at 4800 baud.
 DRAIN_LIMIT_S = 0.5
 WRITE_LIMIT_S = 2.0
+EARLY_S = 0.5
+"""A meter that can say "still measuring" announces whole seconds, rounded up: asked so much earlier, as the public
+programs for the CS-200 do."""
+DONE_LATE_S = 2.0
+"""Chosen: the line that says "done" may come so much later than announced."""
 MAX_PAUSE_S = 30.0
 """No meter is believed that asks for a longer wait."""
 SHOWN_CHARACTERS = 120
-_NUMBER = re.compile(r" *(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})? *")
+_NUMBER = re.compile(r" *\+?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})? *")
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,8 @@ class Answer:
     """Whether the same question may have a better answer (silence, noise, a question the meter misheard)."""
     silent: bool = False
     """The time was over before a whole line had come."""
+    busy: bool = False
+    """The meter is still measuring: the same question later."""
 
     @property
     def ok(self) -> bool:
@@ -97,7 +104,18 @@ class Dialogue:
         return answer
 
     def ask(self, step: Step, deadline: Deadline) -> Answer:
-        """Put one question; a dialogue that may be out of step is fenced before."""
+        """Put one question, anew while the meter is busy; a dialogue that may be out of step is fenced before."""
+        patience = self._patience(deadline)
+        while True:
+            answer = self._ask_once(step, deadline)
+            if not answer.busy or patience.expired:
+                return answer
+            self._clock.sleep(min(self._dialect.busy_pause_s, patience.remaining_s))
+
+    def _patience(self, deadline: Deadline) -> Deadline:
+        return Deadline.after(self._clock, min(self._dialect.busy_limit_s, deadline.remaining_s))
+
+    def _ask_once(self, step: Step, deadline: Deadline) -> Answer:
         self._pause(deadline)
         if self.line.drain(0.0, DRAIN_LIMIT_S):
             self._in_step = False  # nobody asked for what was there
@@ -124,9 +142,10 @@ class Dialogue:
         answer = Answer(ReadingStatus.NO_ANSWER)
         for step in self._dialect.measure:
             answer = self.ask(step, deadline)
+            if answer.ok:
+                answer = self._wait(step, answer, deadline)
             if not answer.ok:
                 return answer
-            self._clock.sleep(min(answer.wait_s, deadline.remaining_s))
         if self._dialect.confirm is None:
             return answer
         again = self.ask(self._dialect.confirm, deadline)
@@ -138,6 +157,16 @@ class Dialogue:
             return replace(again, status=ReadingStatus.GARBLED, detail=detail, ask_again=True)
         return answer
 
+    def _wait(self, step: Step, answer: Answer, deadline: Deadline) -> Answer:
+        """Wait as long as the answer asks for, or until the line comes that says "done"; returns its error, if any."""
+        if not step.done:
+            early_s = EARLY_S if self._dialect.busy else 0.0
+            self._clock.sleep(min(max(0.0, answer.wait_s - early_s), deadline.remaining_s))
+            return answer
+        limit = Deadline.after(self._clock, min(answer.wait_s + DONE_LATE_S, deadline.remaining_s))
+        said = self._listen(Step(send=step.send, expect=step.done), limit)
+        return answer if said.ok or said.silent else said
+
     def _fence(self, deadline: Deadline) -> Answer:
         """Put the harmless question and drop everything up to its answer.
 
@@ -147,10 +176,18 @@ class Dialogue:
         self._in_step = False
         self.line.drain(QUIET_S, DRAIN_LIMIT_S)
         self.line.write(self._encode(step), WRITE_LIMIT_S)
-        limit = Deadline.after(self._clock, min(step.timeout_s, deadline.remaining_s))
+        limit, patience = (
+            Deadline.after(self._clock, min(step.timeout_s, deadline.remaining_s)),
+            self._patience(deadline),
+        )
         best = Answer(ReadingStatus.NO_ANSWER, detail="no time left", ask_again=True)
         while True:
             answer = self._listen(step, limit)
+            if answer.busy and not patience.expired:
+                self._clock.sleep(min(self._dialect.busy_pause_s, patience.remaining_s))
+                self.line.write(self._encode(step), WRITE_LIMIT_S)
+                limit = Deadline.after(self._clock, min(step.timeout_s, deadline.remaining_s))
+                continue
             if answer.ok and not dict(answer.groups).get("tail"):
                 self._in_step = True
                 return answer
@@ -182,14 +219,16 @@ def interpret(dialect: Dialect, step: Step, raw: bytes) -> Answer:
     """Return what a line (without its end) means as the answer to ``step``; anything but the exact form is garbled."""
     if len(raw) > dialect.max_line_bytes:
         return _garbled(raw, "the line is too long")
-    try:
-        text = raw.decode("ascii")
-    except UnicodeDecodeError:
+    if not raw.isascii():
         return _garbled(raw, "not ASCII")
+    # Some meters with a line end of one character send the other half of CR LF, too.
+    text = raw.decode("ascii")
+    text = text.strip("\r\n") if len(dialect.line_end) == 1 else text
     for pattern, status in dialect.error_patterns:
         if pattern.fullmatch(text):
-            again = text in dialect.ask_again
-            return Answer(status, shown(raw), detail=f"the meter says {text}", ask_again=again)
+            detail = f"the meter says {text}{', still measuring' if text in dialect.busy else ''}"
+            again, busy = text in dialect.ask_again, text in dialect.busy
+            return Answer(status, shown(raw), detail=detail, ask_again=again, busy=busy)
     found = step.pattern.fullmatch(text)
     if found is None:
         return _garbled(raw, "not of the form expected")

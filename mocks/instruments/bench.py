@@ -11,7 +11,8 @@ from drivers.clock import Clock, SystemClock
 from mocks.instruments.canon_5d2 import CANON_TIMING, CanonOptions, SimulatedCanon5D2
 from mocks.instruments.exposures import CameraTiming, ShotSource
 from mocks.instruments.faults import FaultSchedule
-from mocks.instruments.ls160 import MeterFault, SerialPort, SimulatedMeter
+from mocks.instruments.ls160 import MeterFault, SimulatedMeter
+from mocks.instruments.serial_port import SerialPort
 from mocks.instruments.theta_z1 import THETA_TIMING, SimulatedThetaZ1, ThetaOptions
 from mocks.instruments.usb.bus import SimulatedUsbBackend
 from mocks.optics.camera import CANON_5D2, THETA_Z1, CameraOptics, Filter

@@ -25,7 +25,6 @@ SPHERE_WORLD = "uniform:2000"
 QUICK_SIZE, QUICK_RATE, QUICK_QUALITY = "quarter", 8.0, "draft"
 """What --quick is: smaller pictures, shutters faster than life, draft quality."""
 GENERATED = "bedroom-7"
-PHOTOGRAPHS = (".jpg", ".jpeg", ".png")
 
 
 @click.command()
@@ -106,7 +105,7 @@ def _photograph(world: str | None, picture: Path | None, sky: Path | None, asked
     if sky is not None and picture is None:
         raise UsageError("--sky goes with --room", where="daylit demo", advice="give the HDR panorama of a room too")
     if picture is None or sky is not None:
-        if sky is not None and picture is not None and picture.suffix.lower() in PHOTOGRAPHS:
+        if sky is not None and picture is not None and picture.suffix.lower() not in (".hdr", ".exr"):
             raise UsageError(
                 f"{picture.name} is a photograph: cameras cannot photograph it again",
                 where="--room",

@@ -175,9 +175,9 @@ def jpeg_frame(source: Path | str | bytes, name: str | None = None) -> JpegFrame
 
 
 def lossless_frame(path: Path | str, name: str | None = None) -> LosslessFrame:
-    """Return a frame of an RGB TIFF or PNG: 16 bits are linear, 8 bits need a response curve.
+    """Return a frame of a TIFF or PNG, grey or RGB: 16 bits are linear, 8 bits need a response curve.
 
-    Checksums of a PNG and the strips of a TIFF are checked when it is decoded.
+    An alpha channel must be opaque. Checksums of a PNG and the strips of a TIFF are checked when it is decoded.
     """
     path = Path(path)
     where = name or path.name
@@ -232,9 +232,33 @@ def _lossless_pixels(path: Path, name: str) -> Codes:
         raise _damaged(name, str(error)) from error
     if pixels is None:
         raise _damaged(name, "it cannot be decoded")
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype not in (np.uint8, np.uint16):
-        raise PictureFileError(f"it holds {pixels.dtype} of shape {pixels.shape}, not RGB of 8 or 16 bits", where=name)
-    return _contiguous(pixels[..., ::-1])
+    if pixels.dtype not in (np.uint8, np.uint16) or pixels.ndim not in (2, 3) or pixels.shape[2:] not in _CHANNELS:
+        raise PictureFileError(
+            f"it holds {pixels.dtype} of shape {pixels.shape}, not grey or RGB of 8 or 16 bits",
+            where=name,
+            advice="light in decimal numbers: save it as OpenEXR (.exr); else as RGB of 8 or 16 bits",
+        )
+    if pixels.ndim == 2 or pixels.shape[2] == 1:
+        return _contiguous(np.repeat(pixels.reshape(*pixels.shape[:2], 1), 3, axis=2))
+    if pixels.shape[2] == 4:
+        refuse_alpha(_contiguous(pixels[..., 3]), name)
+    return _contiguous(pixels[..., 2::-1])
+
+
+_CHANNELS = ((), (1,), (3,), (4,))
+"""Behind height and width: grey, RGB, RGB with alpha."""
+
+
+def refuse_alpha(alpha: Codes, name: str) -> None:
+    """Let an alpha channel (H, W) of nothing but opaque pixels pass; `PictureFileError` for any other."""
+    opaque = np.iinfo(alpha.dtype).max
+    if int(alpha.min()) < opaque:
+        share = float((alpha < opaque).mean())
+        raise PictureFileError(
+            f"{share:.1%} of it are transparent: what is behind is not known",
+            where=name,
+            advice="save it without transparency (flatten it, or switch 'film transparent' off)",
+        )
 
 
 def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
@@ -276,6 +300,11 @@ def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
             warnings.simplefilter("error")
             with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
                 size = image.size
+                if image.mode == "CMYK":
+                    advice = "save it as RGB"
+                    raise PictureFileError(
+                        "it has four colours (CMYK), which no camera records", where=name, advice=advice
+                    )
                 if image.format == "PNG":
                     image.verify()
                 else:

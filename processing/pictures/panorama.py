@@ -22,8 +22,9 @@ from processing.errors import PanoramaError, PictureFileError
 from processing.ground.arrays import Floats
 from processing.ground.colour import linear_of_srgb, luminance_cd_m2
 from processing.pictures.exr import read_exr, read_exr_rgb, read_header
-from processing.pictures.frames import Codes, frame_of
+from processing.pictures.frames import Codes
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity
+from processing.pictures.photographs import KINDS, pillow_formats, read_codes
 from processing.pictures.radiance import read_radiance_hdr
 from processing.sphere import Equirectangular
 
@@ -48,13 +49,13 @@ class PhotoTags:
 
 
 def read_tags(path: Path) -> PhotoTags:
-    """Return the tags of a JPEG or PNG; what cannot be read counts as not said (the pixels are checked elsewhere)."""
+    """Return the tags of a photograph; what cannot be read counts as not said (the pixels are checked elsewhere)."""
     from PIL import Image
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            with Image.open(path, formats=("JPEG", "PNG")) as image:
+            with Image.open(path, formats=pillow_formats()) as image:
                 profile = image.info.get("icc_profile") or b""
                 packet = image.info.get("xmp") or image.info.get("XML:com.adobe.xmp") or b""
                 orientation = image.getexif().get(_ORIENTATION, 1)
@@ -125,8 +126,8 @@ def to_srgb(codes: Codes, tags: PhotoTags) -> tuple[Codes, tuple[str, ...]]:
     return np.asarray(turned, np.uint8), (f"converted from {name!r} to sRGB",)
 
 
-Format = Literal["jpeg", "png", "exr", "hdr"]
-FORMATS: dict[str, Format] = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png", ".exr": "exr", ".hdr": "hdr"}
+Format = Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
+FORMATS: dict[str, Format] = {**KINDS, ".exr": "exr", ".hdr": "hdr"}
 WHITE = 100.0
 """Relative units of a photograph's white."""
 MIDDLE = 20.0
@@ -163,7 +164,8 @@ def panorama_format(path: Path) -> Format:
         raise PanoramaError(
             f"panoramas are not read from {path.suffix or 'files without an ending'}",
             where=path.name,
-            advice="give a JPEG, a PNG (8 or 16 bits), an OpenEXR (.exr) or a Radiance picture (.hdr)",
+            advice="give a JPEG, PNG, TIFF, WebP, AVIF, HEIC, OpenEXR (.exr) or Radiance picture (.hdr); of a raw "
+            "file, what its camera's program exports",
         )
     return kind
 
@@ -174,7 +176,7 @@ def read_panorama(path: Path, *, k1: float | None = None) -> GivenPanorama:
     Raises `PictureFileError` for damage and `PanoramaError` for what is no whole equirectangular panorama.
     """
     kind = panorama_format(path)
-    found = _photograph(path) if kind in ("jpeg", "png") else _light(path, kind)
+    found = _light(path, kind) if kind in ("exr", "hdr") else _photograph(path)
     height, width = found.image.rgb.shape[:2]
     _check_shape(width, height, path.name)
     _check_not_two_circles(found.image.rgb, path.name)
@@ -199,9 +201,9 @@ def _scaled(found: GivenPanorama, k1: float | None) -> GivenPanorama:
 
 def _photograph(path: Path) -> GivenPanorama:
     tags = check_tags(path)
-    frame = frame_of(path)
-    _check_shape(*frame.size_px, path.name)
-    codes, notes = to_srgb(frame.decode(), tags)
+    codes, said, is_srgb = read_codes(path)
+    _check_shape(codes.shape[1], codes.shape[0], path.name)
+    codes, notes = (codes, ()) if is_srgb else to_srgb(codes, tags)
     top = float(np.iinfo(codes.dtype).max)
     rgb = linear_of_srgb(codes)
     brightest = codes.max(axis=2)
@@ -217,7 +219,7 @@ def _photograph(path: Path) -> GivenPanorama:
         absolute=False,
     )
     source = f"{8 * codes.itemsize}-bit {path.suffix[1:].upper()}, through the inverse of the sRGB curve"
-    return GivenPanorama(image, source, WHITE, _share(validity == Validity.CLIPPED), notes)
+    return GivenPanorama(image, source, WHITE, _share(validity == Validity.CLIPPED), (*said, *notes))
 
 
 def _light(path: Path, kind: Format) -> GivenPanorama:

@@ -152,7 +152,7 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     found += _remove(context)
     for side in Side:
         if side.value in response:
-            frames = [frame for frame in context.session.frames if frame.side is side and frame.format == "jpeg"]
+            frames = [frame for frame in context.session.frames if frame.side is side and not frame.is_raw]
             found.append(
                 camera_section(side, response[side.value], metrics[side.value], (context.session_path, frames))
             )

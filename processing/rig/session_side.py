@@ -75,7 +75,7 @@ def read_side(path: Path, side: Side) -> SessionSide | None:
     """
     manifest = load_manifest(path)
     records = sorted(
-        (f for f in manifest.frames if f.side is side and f.format == "jpeg"), key=lambda f: f.camera_s, reverse=True
+        (f for f in manifest.frames if f.side is side and not f.is_raw), key=lambda f: f.camera_s, reverse=True
     )
     if not records:
         return None

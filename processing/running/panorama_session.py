@@ -21,7 +21,8 @@ from station.session.session import (
 )
 from station.session.store import SessionStore, load_manifest
 
-ENDINGS = {"jpeg": "jpg", "png": "png", "exr": "exr", "hdr": "hdr"}
+ENDINGS = {"jpeg": "jpg", "tiff": "tif"}
+"""Where they are not the format's name."""
 MAX_FILE_BYTES = 1 << 30
 
 
@@ -40,7 +41,7 @@ def panorama_session(
     height, width = given.image.rgb.shape[:2]
     kind = panorama_format(path)
     record = PanoramaRecord(
-        file=f"{PANORAMA_FOLDER}/panorama.{ENDINGS[kind]}",
+        file=f"{PANORAMA_FOLDER}/panorama.{ENDINGS.get(kind, kind)}",
         format=kind,
         size_bytes=len(data),
         sha256=hashlib.sha256(data).hexdigest(),

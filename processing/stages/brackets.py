@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 DECODERS = 2
 COARSE_PX = 800
+PANORAMA_CAMERAS = ("THETA", "INSTA360")
+"""In the model that EXIF names."""
 USUAL_CIRCLE = (0.5, 0.5, 1 / 3)
 """Fills the height of the usual frame."""
 
@@ -46,13 +48,13 @@ class SideBracket:
 
 
 def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> SideBracket | None:
-    """Return a side's JPEG frames, None where the session has none.
+    """Return a side's pictures (JPEG, PNG, TIFF), None where the session has none.
 
     Raises `BracketError` for frames of different settings: only the time may differ within a bracket.
     """
-    from processing.pictures.frames import jpeg_frame
+    from processing.pictures.frames import frame_of
 
-    found = [frame for frame in manifest.frames if frame.side == side and frame.format == "jpeg"]
+    found = [frame for frame in manifest.frames if frame.side == side and not frame.is_raw]
     if not found:
         return None
     records = tuple(sorted(found, key=lambda frame: frame.stop))
@@ -66,7 +68,7 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
                 advice="capture the bracket anew, or leave frames out when importing",
             )
     device = next((device for device in manifest.devices if device.role == side.value), None)
-    frames = tuple(jpeg_frame(session_path / record.file, record.file) for record in records)
+    frames = tuple(frame_of(session_path / record.file, record.file) for record in records)
     return SideBracket(side, records, frames, device)
 
 
@@ -88,10 +90,12 @@ def coarse(frames: Sequence[FrameSource]) -> Reduce:
 def merge_geometry(bracket: SideBracket, rig: dict[str, object]) -> Geometry:
     """Return what the camera's picture shows before calibration: a panorama, or a circle of which only the size counts.
 
-    The outdoor mapping and field are those of the common fisheye lens until the stage calibrate puts the lens in.
+    The outdoor mapping and field are those of the common fisheye lens until the stage calibrate puts the lens in. An
+    outdoor picture of a panorama camera, twice as wide as high, is a panorama, taken from behind the glass.
     """
     width_px, height_px = bracket.size_px
-    if bracket.side is Side.INDOOR:
+    model = bracket.device.model.upper() if bracket.device else ""
+    if bracket.side is Side.INDOOR or (width_px == 2 * height_px and any(name in model for name in PANORAMA_CAMERAS)):
         return Equirectangular(width_px, height_px)
     circle = stated_circle(rig) or USUAL_CIRCLE
     centre_px = (circle[0] * width_px, circle[1] * height_px)

@@ -40,7 +40,7 @@ def run(context: StageContext) -> StageOutput:
     outdoor: Calibrated | None = None
     if sky is None:
         left_out["outdoor"] = "the stage merge made no outdoor picture"
-    elif reason := why_no_scale(context.session, asked, profile):
+    elif reason := why_no_scale(context.session, asked, profile, sky):
         left_out["outdoor"] = reason
     else:
         context.progress(0.3, "outdoor chain")

@@ -51,7 +51,7 @@ def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = No
     """
     clock, links = clock or SystemClock(), links or Links()
     cameras = {side: _camera(side, table, None, clock, links) for side, table in file.cameras().items()}
-    meter = _meter(file.meter, file.meter.port, clock, links) if file.meter else None
+    meter = _meter(file.meter, file.meter.port, clock, links) if file.meter and file.meter.is_read else None
     return Rig(file, cameras, meter, clock)
 
 
@@ -66,7 +66,7 @@ def open_simulated_rig(file: RigFile, bench: SimulatedBench, links: Links | None
     file = file.model_copy(update=_as_measured(file, bench))
     backend, clock, links = bench.usb_backend, bench.clock, links or Links(simulated=True)
     cameras = {side: _camera(side, table, backend, clock, links) for side, table in file.cameras().items()}
-    meter = _meter(file.meter, bench.meter_port, clock, links) if file.meter is not None else None
+    meter = _meter(file.meter, bench.meter_port, clock, links) if file.meter and file.meter.is_read else None
     return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
 
 
@@ -225,7 +225,7 @@ def planned_times_s(file: RigFile) -> dict[str, tuple[float, ...]]:
     stops_s = file.bracket.stops_s()
     plan = plan_bracket(stops_s, file.bracket.mode, tuple(tables))
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
-    start_s = _SIMULATED_PREFLIGHT_S + (TYPICAL_READING_S if file.meter else 0.0)
+    start_s = _SIMULATED_PREFLIGHT_S + (TYPICAL_READING_S if file.meter and file.meter.is_read else 0.0)
     starts = {}
     for row in estimate_bracket(plan, costs).rows:
         starts[row.asked_s] = start_s

@@ -27,6 +27,8 @@ Accepted = Literal[
     "static stitching",
 ]
 """What preflight refuses by these names (`drivers.camera.BodySetting`)."""
+TYPED = "typed"
+"""In place of a dialect: the meter is not read over a line."""
 
 
 class _Table(BaseModel):
@@ -80,13 +82,25 @@ class CameraTable(_Table):
 class MeterTable(_Table):
     """``[meter]``: the luminance meter."""
 
-    dialect: str = "ls160"
-    """Name of a shipped dialect (ls160 is assumed, not verified) or the path of your own file."""
+    dialect: str = TYPED
+    """"typed": a person types what the display shows (--reading). Else the name of a shipped dialect (see
+    docs/reference/meter-dialects.md for what is assumed) or the path of your own file."""
     port: str = "auto"
     samples: Annotated[int, Field(ge=1, le=50)] = 3
     timeout_s: Annotated[float, Field(gt=0, le=120)] = 20.0
     target_deg: tuple[Annotated[float, Field(ge=-180, le=180)], Annotated[float, Field(ge=-90, le=90)]] | None = None
     """Where it looks, in the indoor panorama: longitude (right of centre), latitude (up)."""
+
+    @model_validator(mode="after")
+    def _a_port_needs_a_dialect(self) -> Self:
+        if self.dialect == TYPED and self.port != "auto":
+            raise ValueError("port is given, but no dialect: name it (daylit meter probe finds it), or leave port out")
+        return self
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the meter is read over its line."""
+        return self.dialect != TYPED
 
     def target(self) -> MeterTarget | None:
         """Return the target in radians."""
@@ -156,7 +170,7 @@ PAPER_OUTDOOR = CameraTable(
     nd_filter="ND 3.0",
     image_circle=(0.5, 0.5, 0.314),
 )
-PAPER_RIG = RigFile(indoor=PAPER_INDOOR, outdoor=PAPER_OUTDOOR, meter=MeterTable())
+PAPER_RIG = RigFile(indoor=PAPER_INDOOR, outdoor=PAPER_OUTDOOR, meter=MeterTable(dialect="ls160"))
 """The rig of the paper: its cameras, settings and stops."""
 
 

@@ -234,18 +234,20 @@ def _changes(options: dict[str, Any]) -> dict[str, Any]:
     changes: dict[str, Any] = {}
     if options["only"]:
         changes["outdoor" if options["only"] == "indoor" else "indoor"] = None
-    if options["no_meter"] or options["readings"]:
+    if options["no_meter"]:
         changes["meter"] = None
     return changes
 
 
 def _rig_file(options: dict[str, Any]) -> RigFile:
     from station.capture.rig import find_rig_file
-    from station.capture.rig_file import PAPER_RIG, load_rig
+    from station.capture.rig_file import PAPER_RIG, TYPED, load_rig
 
     simulated = options["simulate"] and options["rig_path"] is None
     file = PAPER_RIG if simulated else load_rig(find_rig_file(options["rig_path"]))
     file = file.model_copy(update=_changes(options))
+    if options["readings"] and file.meter:  # where it looks is still the rig's
+        file = file.model_copy(update={"meter": file.meter.model_copy(update={"dialect": TYPED})})
     _need_camera(file, options)
     return file
 
@@ -269,8 +271,9 @@ def _is_replay(options: dict[str, Any]) -> bool:
 def _open_rig(options: dict[str, Any]) -> Rig:
     from station.capture.rig import open_named_rig
 
-    _rig_file(options)  # refuses a rig without a camera
-    path, world, changes = options["rig_path"], options["simulate"], _changes(options)
+    file = _rig_file(options)  # refuses a rig without a camera
+    changes = _changes(options) | ({"meter": file.meter} if options["readings"] else {})
+    path, world = options["rig_path"], options["simulate"]
     if world is None or _is_replay(options):
         return open_named_rig(path, world, record=options["record"], **changes)
     from station.commands.views import Rendering
@@ -291,7 +294,9 @@ def _dry_run(options: dict[str, Any]) -> int:
     mode: Literal["full", "adaptive"] = options["bracket"] or file.bracket.mode
     plan = plan_bracket(stops, mode, tuple(tables))
     costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
-    estimate = estimate_bracket(plan, costs, reading_s=(TYPICAL_READING_S,) * 2 if file.meter else ())
+    estimate = estimate_bracket(
+        plan, costs, reading_s=(TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()
+    )
     if options["as_json"]:
         rows = [vars(row) | {"sides": list(row.sides)} for row in estimate.rows]
         totals = {k: v for k, v in vars(estimate).items() if k != "rows"}

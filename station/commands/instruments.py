@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 if TYPE_CHECKING:
+    from drivers.clock import Clock
+    from drivers.serial_link import ByteLine, PortSettings
+    from drivers.transcript import Transcript
     from station.capture.conform import Outcome
     from station.capture.preflight import Check
     from station.capture.rig import Rig
@@ -223,43 +226,61 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
 
 @meter.command()
 @click.argument("transcript", type=click.Path(path_type=Path))
-@click.option("--port", required=True, help="Serial port, e.g. /dev/ttyACM0 or COM3.")
+@click.option("--port", default="auto", show_default=True, help="Serial port, e.g. /dev/ttyACM0 or COM3.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object instead of lines on the screen.")
 def probe(transcript: Path, port: str, *, as_json: bool) -> int:
-    """Ask a meter harmless questions in every dialect and write TRANSCRIPT, to be sent in.
+    """Ask a meter the questions of all its siblings, write TRANSCRIPT, to be sent in, and say which dialect fits.
+
+    One to four minutes. It measures what the meter looks at, and changes nothing for good.
 
     \b
-    Example: daylit meter probe transcript.txt --port /dev/ttyACM0
+    Example: daylit meter probe transcript.jsonl --port /dev/ttyACM0
     Exit code: 0 something answered · 3 nothing did.
     """
     from drivers.clock import SystemClock
-    from drivers.meter.dialect import SHIPPED, Exchange, load_dialect, transcript_lines
-    from drivers.meter.dialect import probe as ask
-    from drivers.serial_link import PortSettings, SerialLink
+    from drivers.meter.dialect import SHIPPED, load_dialect
+    from drivers.meter.probe import Exchange, try_dialects
+    from drivers.meter.probe import probe as ask
+    from drivers.serial_link import find_port
+    from drivers.transcript import Transcript
     from station.errors import UsageError
 
     clock = SystemClock()
     dialects = tuple(load_dialect(name) for name in SHIPPED)
-    answered: list[Exchange] = []
-
-    def open_line(settings: PortSettings) -> SerialLink:
-        return SerialLink.open(port, settings, clock=clock)
-
-    def watched() -> Iterator[Exchange]:
-        for exchange in ask(open_line, dialects, clock):
-            if exchange.received:
-                answered.append(exchange)
-            yield exchange
-
+    where = find_port({ids for d in dialects for ids in d.usb_ids}) if port == "auto" else port
     if transcript.exists():
         raise UsageError("is already there", where=str(transcript), advice="choose another name")
+    exchanges: list[Exchange] = []
     with transcript.open("x", encoding="utf-8") as file:
-        for line in transcript_lines(watched(), port):
-            file.write(line + "\n")
-            if not as_json:
-                click.echo(line)
+        open_line = _recorded_port(where, Transcript(file, clock), clock)
+        for exchange in ask(open_line, clock):
+            exchanges.append(exchange)
+            if not as_json and (exchange.received or exchange.note):
+                click.echo(str(exchange))
+        trials = list(try_dialects(open_line, dialects, exchanges, clock))
+    answers = sum(bool(e.received) for e in exchanges)
     if as_json:
-        click.echo(json.dumps({"ok": bool(answered), "answers": len(answered), "transcript": str(transcript)}))
+        fits = [{"dialect": t.dialect.name, "luminance_cd_m2": t.luminance_cd_m2, "detail": t.detail} for t in trials]
+        click.echo(json.dumps({"ok": answers > 0, "answers": answers, "fits": fits, "transcript": str(transcript)}))
     else:
-        click.echo(f"{len(answered)} answers; please send {transcript} in")
-    return 0 if answered else 3
+        for trial in trials:
+            number = f"{trial.luminance_cd_m2:g} cd/m2" if trial.luminance_cd_m2 is not None else trial.detail
+            click.echo(f'fits: [meter] dialect = "{trial.dialect.name}" gives {number}; does the display show that?')
+        click.echo(f"{answers} answers, {len(trials)} dialects fit; please send {transcript} in")
+    return 0 if answers else 3
+
+
+def _recorded_port(port: str, record: Transcript, clock: Clock) -> Callable[[PortSettings], ByteLine]:
+    """Return what opens the port so that all that passes is written down, its USB descriptors first."""
+    from drivers.serial_link import SerialLink, list_ports
+    from drivers.transcript import RecordedLine
+
+    for info in list_ports():
+        if port in (info.device, info.stable_name):
+            record.write("meter", "note", info={k: v for k, v in vars(info).items() if v not in ("", None)})
+
+    def open_line(settings: PortSettings) -> ByteLine:
+        words = f"{settings.baud} {settings.data_bits}{settings.parity[0].upper()}{settings.stop_bits}"
+        return RecordedLine(SerialLink.open(port, settings, clock=clock), record, "meter", words)
+
+    return open_line

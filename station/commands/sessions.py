@@ -19,7 +19,12 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 
 
 @click.command()
-@click.argument("room")
+@click.argument("room", required=False)
+@click.option("--dataset", type=_FOLDER, help="A tree of bracket folders, in place of ROOM: many sessions at once.")
+@click.option("--table", type=click.Path(path_type=Path, dir_okay=False), help="CSV with its readings (--dataset).")
+@click.option("--only", metavar="TEXT", default="", help="Only brackets with this in their name (--dataset).")
+@click.option("--dry-run", is_flag=True, help="Say what would become of a --dataset, and end.")
+@click.option("--raw/--no-raw", default=True, show_default=True, help="Copy the raw file beside each JPEG, too.")
 @click.option("--indoor", type=_FOLDER, help="Folder with the JPEGs of the room.")
 @click.option("--outdoor", type=_FOLDER, help="Folder with the JPEGs of the sky.")
 @click.option("--shutter", metavar="S,S,...", help="Exposure times in order of the file names (default: EXIF's).")
@@ -34,7 +39,7 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--target", metavar="LON,LAT", help="Where the meter looked in the panorama, degrees.")
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
-@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's, where it says).")
+@click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's); --dataset: or its name.")
 @click.option(
     "--into",
     type=click.Path(path_type=Path, file_okay=False),
@@ -51,13 +56,23 @@ def import_session(**options: Any) -> int:
     Examples:
       daylit import coda-320 --indoor theta --outdoor canon --reading 34.63
       daylit import attic --indoor attic --shutter 4,1,1/4,1/15 --site 40.44,-79.99 --heading 120
+      daylit import --dataset Cali-HDR --table summary.csv --zone America/New_York --site 40.44,-79.99
     """
     from station.capture.bracket import parse_shutter
     from station.commands.capture import parse_target
+    from station.errors import UsageError
     from station.frames.importer import ImportRequest
     from station.frames.importer import import_session as run_import
     from station.session.session import SessionStatus, Side
 
+    if options["dataset"] is not None:
+        from station.commands.datasets import import_tree
+
+        return import_tree(options)
+    if options["room"] is None:
+        raise UsageError("which room?", where="import", advice="daylit import ROOM --indoor FOLDER")
+    if given := [name for name in ("table", "only", "dry_run") if options[name]]:
+        raise UsageError(f"--{given[0].replace('_', '-')} goes with --dataset", where="import", advice="leave it out")
     folders = {Side.INDOOR: options["indoor"], Side.OUTDOOR: options["outdoor"]}
     heading_deg = options["heading"]
     request = ImportRequest(
@@ -71,6 +86,7 @@ def import_session(**options: Any) -> int:
         target=parse_target(options["target"]),
         camera_zone_min=parse_zone(options["zone"]),
         strict=options["strict"],
+        raw=options["raw"],
     )
     report = run_import(request)
     if options["as_json"]:

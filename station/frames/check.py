@@ -36,6 +36,12 @@ RawFormat = Literal["cr2", "dng"]
 _KEPT_VARIABLES = ("PATH", "SYSTEMROOT", "TEMP", "TMP", "TMPDIR", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PYTHONHOME")
 
 
+def picture_format(path: Path) -> Literal["jpeg", "png", "tiff"]:
+    """Return what a picture is by its name; whatever else it says: a JPEG."""
+    suffix = path.suffix.lower()
+    return "png" if suffix == ".png" else "tiff" if suffix in (".tif", ".tiff") else "jpeg"
+
+
 class _WorkerGoneError(Exception):
     """The worker ended, or answered nonsense, while it had a file in hand."""
 
@@ -186,11 +192,13 @@ class FrameChecker:
     def inspect(
         self, path: Path, *, exact: bool = False, name: str = "", circle: tuple[float, float, float] | None = None
     ) -> FrameFacts:
-        """Return the facts of a JPEG that is whole; raises as `check`, but holds it against nothing.
+        """Return the facts of a picture that is whole; raises as `check`, but holds it against nothing.
 
-        ``circle``: see `ExpectedFrame.image_circle`.
+        By its name it is a PNG, a TIFF, or else a JPEG. ``circle``: see `ExpectedFrame.image_circle`.
         """
-        return self._inspect(path, name, {"format": "jpeg", "exact": exact, "circle": circle})
+        return self._inspect(
+            path, name, {"format": picture_format(Path(name) if name else path), "exact": exact, "circle": circle}
+        )
 
     def verify_frame(self, path: Path, record: FrameRecord) -> str | None:
         """Say what is wrong with a frame of a session, or None: a `station.session.verify.FrameCheck`.
@@ -208,10 +216,10 @@ class FrameChecker:
             light_expected=False,
         )
         try:
-            if record.format == "jpeg":
-                self.check(path, expected)
-            else:
+            if record.format == "cr2" or record.format == "dng":
                 self.check_raw(path, record.format)
+            else:
+                self.check(path, expected)
         except FrameRejectedError as error:
             return error.message
         return None

@@ -138,8 +138,8 @@ _TAKEN, _OFFSET, _TAKEN_OFFSET, _TAKEN_SUBSECOND = 0x9003, 0x9010, 0x9011, 0x929
 _WIDTH, _HEIGHT, _WHITE_BALANCE, _SERIAL = 0xA002, 0xA003, 0xA403, 0xA431
 
 
-def read_exif(block: bytes) -> ExifRecord:
-    """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is).
+def read_exif(block: bytes | mmap.mmap) -> ExifRecord:
+    """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is) or of a raw file, whole.
 
     Raises `FrameProblemError`: ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range,
     overlapping or repeated, or a value that cannot be (1/0 s, month 13).
@@ -226,6 +226,8 @@ def parse_offset(text: str) -> int | None:
 # Chosen: the smallest raw file of our cameras has megabytes and a handful of directories.
 MIN_SIZE_BYTES = 100_000
 MAX_DIRECTORIES = 16
+_BITS = 258
+"""Bits a channel, TIFF 6.0."""
 _STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = 273, 279, 324, 325, 330, 0xC612
 """TIFF 6.0; EP's SubIFDs; DNG specification."""
 
@@ -250,6 +252,24 @@ def check_raw(data: bytes | mmap.mmap, format_: str) -> None:
         raise FrameProblemError(Reason.DAMAGED, "no picture in any directory")
     if furthest > len(data):
         raise FrameProblemError(Reason.TRUNCATED, f"picture data to byte {furthest} of {len(data)}")
+
+
+def check_tiff(data: bytes) -> bytes:
+    """Return the bytes of a TIFF picture, in which EXIF is looked for, once its strips are found to lie inside.
+
+    Raises `FrameProblemError`: ``damaged``, ``truncated``, or ``unsupported`` for more than 8 bits a channel.
+    """
+    reader = TiffReader(data, Reason.DAMAGED)
+    first = reader.directory(reader.first_at)
+    furthest = _furthest(reader, first)
+    if furthest == 0:
+        raise reader.problem("no picture in its first directory")
+    if furthest > len(data):
+        raise FrameProblemError(Reason.TRUNCATED, f"picture data to byte {furthest} of {len(data)}")
+    bits = first.entries.get(_BITS)
+    if bits is not None and max(reader.integers(bits, 8)) > 8:
+        raise FrameProblemError(Reason.UNSUPPORTED, "more than 8 bits a channel: brackets are merged from 8 bits")
+    return data
 
 
 def _directories(reader: TiffReader) -> list[Directory]:

@@ -12,9 +12,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from station.errors import FrameRejectedError
-from station.frames.facts import ExpectedFrame, FrameFacts, Reason
+from station.frames.facts import ExifRecord, ExpectedFrame, FrameFacts, Reason
 from station.frames.rules import check_order, judge, rejection, same_stop, seconds_text
 from station.session.session import Side
+
+
+@dataclass(frozen=True)
+class RawCompanion:
+    """The raw file of the same shot."""
+
+    path: Path
+    facts: FrameFacts
+
+    @property
+    def format(self) -> str:
+        """Return "dng" or "cr2"."""
+        return self.path.suffix[1:].lower()
 
 
 @dataclass(frozen=True)
@@ -24,6 +37,12 @@ class Candidate:
     path: Path
     facts: FrameFacts
     time_s: float | None
+    raw: RawCompanion | None = None
+
+    @property
+    def exif(self) -> ExifRecord:
+        """Return the JPEG's EXIF, or the raw file's where the JPEG has lost it."""
+        return self.raw.facts.exif if self.raw and self.facts.exif_problem else self.facts.exif
 
 
 @dataclass(frozen=True)
@@ -67,8 +86,8 @@ def plan_side(side: Side, candidates: Sequence[Candidate]) -> tuple[list[Candida
             sieve.refuse(candidate, _no_time(candidate))
     _keep_most(sieve, Reason.WRONG_SIZE, _size, "pixels")
     _keep_most(sieve, Reason.WRONG_CAMERA, _camera, "taken by")
-    _keep_most(sieve, Reason.WRONG_ISO, lambda c: c.facts.exif.iso, "ISO")
-    _keep_most(sieve, Reason.WRONG_F_NUMBER, lambda c: c.facts.exif.f_number, "F-number")
+    _keep_most(sieve, Reason.WRONG_ISO, lambda c: c.exif.iso, "ISO")
+    _keep_most(sieve, Reason.WRONG_F_NUMBER, lambda c: c.exif.f_number, "F-number")
     _judge_each(sieve)
     _keep_order(sieve)
     return sorted(sieve.kept, key=_time, reverse=True), sieve.refused
@@ -91,7 +110,7 @@ def _size(candidate: Candidate) -> str:
 
 
 def _camera(candidate: Candidate) -> str:
-    exif = candidate.facts.exif
+    exif = candidate.exif
     return " ".join(part for part in (exif.make, exif.model, exif.serial) if part) or "an unnamed camera"
 
 

@@ -1,14 +1,15 @@
-"""A session from plain folders of JPEGs: every file checked, copied durably, and the folders left as they
-are."""
+"""A session from plain folders of JPEGs, their raw files beside them: every file checked, copied durably, and the
+folders left as they are."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 from drivers.clock import Clock, SystemClock
@@ -16,14 +17,14 @@ from station.capture.intake import drift_frac
 from station.errors import (
     FrameRejectedError,
     IncompleteBracketError,
-    SessionNotFoundError,
     UsageError,
     software_versions,
 )
-from station.frames.check import FrameChecker
-from station.frames.facts import Reason
+from station.frames.check import FrameChecker, picture_format
+from station.frames.facts import FrameFacts, Reason
+from station.frames.import_files import inspect_files, list_folder, raw_only, sort_entries
 from station.frames.import_plan import Candidate, Refusal, join_stops, plan_side, refusal, stop_of
-from station.frames.rules import printable, rejection
+from station.frames.rules import rejection
 from station.session.session import (
     MAX_ROOM_CHARACTERS,
     BracketRecord,
@@ -40,8 +41,6 @@ from station.session.session import (
 )
 from station.session.store import SessionStore
 
-MAX_FRAMES = 99
-JPEG_SUFFIXES = (".jpg", ".jpeg")
 _COPY_BYTES = 1 << 20
 
 
@@ -52,12 +51,24 @@ class ImportRequest:
     ``shutter_s`` gives the exposure times in the order of the file names, seconds (empty: EXIF's).
     ``readings_cd_m2`` are none, one (before) or two (before and after). ``camera_zone_min`` is the zone of
     the cameras' clocks, minutes east of UTC (None: unknown, unless EXIF says). ``strict`` refuses the import
-    when any file is refused.
+    when any file is refused. ``files`` are taken instead of all that is in a side's folder; ``devices`` is what
+    is known of the cameras (fields of `DeviceRecord`), ``notes`` what else is worth a warning. ``raw``: raw files
+    of the same name as a JPEG are copied, too.
     """
 
     room: str
     folders: Mapping[Side, Path]
     into: Path
+    files: Mapping[Side, Sequence[Path]] = field(default_factory=dict)
+    devices: Mapping[Side, Mapping[str, str]] = field(default_factory=dict)
+    notes: Sequence[WarningRecord] = ()
+    raw: bool = True
+    lost_s: tuple[float, ...] = ()
+    """Exposure times of the files, in the order of their names, for those that say none themselves."""
+    whole: bool = False
+    """Make no session if a side has no usable frame."""
+    kinds: Mapping[str, str] = field(default_factory=dict)
+    """Kind of camera (`DeviceRecord.kind`) by the model that EXIF names."""
     shutter_s: tuple[float, ...] = ()
     readings_cd_m2: tuple[float, ...] = ()
     site: Site = field(default_factory=Site)
@@ -104,7 +115,7 @@ def import_session(
     found = _sort_files(request, checker)
     if request.strict and found.refused:
         raise _strict_error(found.refused)
-    if not any(found.frames.values()):
+    if not any(found.frames.values()) or (request.whole and not all(found.frames.values())):
         raise _nothing_error(found)
     with SessionStore.create(request.into, _manifest(request, found, clock), clock=clock) as store:
         refused = (*found.refused, *_fill(store, request, found, clock))
@@ -127,6 +138,8 @@ def _nothing_error(found: _Sorted) -> IncompleteBracketError:
         others = f" (and {len(found.refused) - 1} more)" if len(found.refused) > 1 else ""
         message += f": {first.side}/{first.name}: {first.message}{others}"
         advice = "correct what is named (--shutter has one time a file, in the order of the file names)"
+        if all(r.reason == Reason.UNSUPPORTED for r in found.refused):
+            advice = "export JPEGs of the same names beside the raw files"
     return IncompleteBracketError(
         message,
         where="import",
@@ -145,28 +158,19 @@ def _sort_files(request: ImportRequest, checker: FrameChecker) -> _Sorted:
     refused: list[Refusal] = []
     ignored: list[str] = []
     for side, folder in request.folders.items():
-        files, others = _list_files(folder)
+        entries = sorted(request.files[side]) if side in request.files else list_folder(folder)
+        files, raws, others = sort_entries(entries, folder, raw=request.raw)
         ignored += [f"{side}/{name}" for name in others]
-        candidates, unreadable = _inspect(side, files, _times(request, side, files), checker)
+        candidates, unreadable = inspect_files(side, files, _times(request, side, files), checker, raws)
+        unreadable += raw_only(side, files, raws, checker)
+        if len(request.lost_s) == len(files):
+            said = dict(zip(files, request.lost_s, strict=True))
+            candidates = [replace(c, time_s=c.time_s or said[c.path]) for c in candidates]
         frames[side], misfits = plan_side(side, candidates)
         refused += [*unreadable, *misfits]
     known_s = [c.time_s for c in itertools.chain(*frames.values()) if c.time_s is not None]
     known_s += [r.time_s for r in refused if r.time_s is not None]
     return _Sorted(frames, tuple(refused), tuple(ignored), join_stops(known_s))
-
-
-def _list_files(folder: Path) -> tuple[list[Path], list[str]]:
-    """Return the JPEGs of a folder by name, and the names of everything else in it."""
-    try:
-        entries = sorted(folder.iterdir(), key=lambda path: path.name)
-    except OSError as error:
-        raise SessionNotFoundError(f"cannot be listed: {error.strerror}", where=str(folder)) from error
-    files = [path for path in entries if path.suffix.lower() in JPEG_SUFFIXES and not path.is_dir()]
-    if len(files) > MAX_FRAMES:
-        raise UsageError(
-            f"{len(files)} JPEGs, a bracket has at most {MAX_FRAMES}", where=str(folder), advice="sort the folder"
-        )
-    return files, [printable(path.name) for path in entries if path not in files]
 
 
 def _times(request: ImportRequest, side: Side, files: Sequence[Path]) -> Sequence[float | None]:
@@ -181,21 +185,6 @@ def _times(request: ImportRequest, side: Side, files: Sequence[Path]) -> Sequenc
     return request.shutter_s
 
 
-def _inspect(
-    side: Side, files: Sequence[Path], times_s: Sequence[float | None], checker: FrameChecker
-) -> tuple[list[Candidate], list[Refusal]]:
-    candidates: list[Candidate] = []
-    refused: list[Refusal] = []
-    for path, typed_s in zip(files, times_s, strict=True):
-        try:
-            facts = checker.inspect(path.resolve(), name=path.name)
-        except FrameRejectedError as error:
-            refused.append(refusal(side, printable(path.name), error, typed_s))
-        else:
-            candidates.append(Candidate(path, facts, typed_s or facts.exif.exposure_s))
-    return candidates, refused
-
-
 def _manifest(request: ImportRequest, found: _Sorted, clock: Clock) -> SessionManifest:
     n_readings = len(request.readings_cd_m2)
     if n_readings > 2:
@@ -208,16 +197,22 @@ def _manifest(request: ImportRequest, found: _Sorted, clock: Clock) -> SessionMa
         software=software_versions(),
         site=request.site,
         heading_rad=request.heading_rad,
-        bracket=BracketRecord(mode="imported", stops_s=found.stops_s, sides=sides),
-        devices=tuple(_device(side, found.frames[side]) for side in sides if found.frames[side]),
+        bracket=BracketRecord(
+            mode="imported",
+            stops_s=found.stops_s,
+            sides=sides,
+            raw_sides=tuple(s for s in sides if found.frames[s] and all(c.raw for c in found.frames[s])),
+        ),
+        devices=tuple(_device(side, found.frames[side], request) for side in sides if found.frames[side]),
         target=request.target,
         readings_planned=0 if n_readings == 0 else 1 if n_readings == 1 else 2,
     )
 
 
-def _device(side: Side, frames: Sequence[Candidate]) -> DeviceRecord:
-    exif = frames[0].facts.exif
-    return DeviceRecord(role=side.value, kind="imported", manufacturer=exif.make, model=exif.model, serial=exif.serial)
+def _device(side: Side, frames: Sequence[Candidate], request: ImportRequest) -> DeviceRecord:
+    exif, kind = frames[0].exif, request.kinds.get(frames[0].exif.model, "imported")
+    found = {"kind": kind, "manufacturer": exif.make, "model": exif.model, "serial": exif.serial}
+    return DeviceRecord.model_validate({"role": side.value, **found, **request.devices.get(side, {})})
 
 
 def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Clock) -> list[Refusal]:
@@ -248,55 +243,60 @@ def _fill(store: SessionStore, request: ImportRequest, found: _Sorted, clock: Cl
 def _copy(
     store: SessionStore, side: Side, candidate: Candidate, stops_s: Sequence[float], zone_min: int | None
 ) -> None:
-    """Copy one file into the session, make sure that it is what was checked, and acknowledge it."""
+    """Copy a JPEG and its raw file into the session, make sure that they are what was checked, and acknowledge them."""
     facts, time_s = candidate.facts, candidate.time_s
     assert time_s is not None
     stop = stop_of(stops_s, time_s)
-    part = store.begin_frame(side, stop, stops_s[stop])
+    shot = {
+        "side": side,
+        "stop": stop,
+        "asked_s": stops_s[stop],
+        "camera_s": time_s,
+        "iso": candidate.exif.iso,
+        "f_number": candidate.exif.f_number,
+        "taken_utc": _taken_utc(candidate, zone_min),
+    }
+    size = {"width_px": facts.width_px, "height_px": facts.height_px, "statistics": facts.statistics}
+    _copy_file(
+        store,
+        candidate.path,
+        facts,
+        {**shot, **size, "exif_s": facts.exif.exposure_s, "format": picture_format(candidate.path)},
+    )
+    if candidate.raw is not None:
+        raw = candidate.raw
+        _copy_file(store, raw.path, raw.facts, {**shot, "exif_s": raw.facts.exif.exposure_s, "format": raw.format})
+
+
+def _copy_file(store: SessionStore, path: Path, facts: FrameFacts, record: Mapping[str, Any]) -> None:
+    side, stop, format_ = record["side"], record["stop"], record["format"]
+    part = store.begin_frame(side, stop, record["asked_s"], format_)
     try:
-        for chunk in _chunks(candidate):
+        for chunk in _chunks(path, facts.name):
             part.write(chunk)
         stored = part.commit()
     finally:
         part.abort()
-    record = FrameRecord(
-        side=side,
-        stop=stop,
-        file=stored.file,
-        size_bytes=stored.size_bytes,
-        sha256=stored.sha256,
-        asked_s=stops_s[stop],
-        camera_s=time_s,
-        exif_s=facts.exif.exposure_s,
-        iso=facts.exif.iso,
-        f_number=facts.exif.f_number,
-        width_px=facts.width_px,
-        height_px=facts.height_px,
-        taken_utc=_taken_utc(candidate, zone_min),
-        camera_name=facts.name,
-        statistics=facts.statistics,
-    )
-    store.add_frame(record)
+    what = {"file": stored.file, "size_bytes": stored.size_bytes, "sha256": stored.sha256, "camera_name": facts.name}
+    store.add_frame(FrameRecord.model_validate({**record, **what}))
     if stored.sha256 != facts.sha256:
         message = "changed while it was imported"
-        store.withdraw_frame(side, stop, "jpeg", message)
+        store.withdraw_frame(side, stop, format_, message)
         raise rejection(facts.name, Reason.DAMAGED, message, "import again")
 
 
-def _chunks(candidate: Candidate) -> Iterator[bytes]:
+def _chunks(path: Path, name: str) -> Iterator[bytes]:
     try:
-        with candidate.path.open("rb") as file:
+        with path.open("rb") as file:
             while chunk := file.read(_COPY_BYTES):
                 yield chunk
     except OSError as error:
-        raise rejection(
-            candidate.facts.name, Reason.NOT_A_FILE, f"cannot be read any more: {error.strerror}"
-        ) from error
+        raise rejection(name, Reason.NOT_A_FILE, f"cannot be read any more: {error.strerror}") from error
 
 
 def _taken_utc(candidate: Candidate, zone_min: int | None) -> datetime | None:
     """Return the moment of the frame by the camera's clock, where its zone is known."""
-    taken, told_min = candidate.facts.exif.taken_local, candidate.facts.exif.offset_min
+    taken, told_min = candidate.exif.taken_local, candidate.exif.offset_min
     zone_min = told_min if zone_min is None else zone_min
     if taken is None or zone_min is None:
         return None
@@ -332,9 +332,11 @@ def _warnings(request: ImportRequest, found: _Sorted) -> Iterator[WarningRecord]
         yield WarningRecord(code="one_side", message=f"{next(iter(found.frames))} only")
     for side, frames in found.frames.items():
         for candidate in frames:
-            notes = [*candidate.facts.notes, candidate.facts.exif_problem]
+            lost = candidate.facts.exif_problem
+            notes = [*candidate.facts.notes, f"{lost}: the raw file's is taken" if lost and candidate.raw else lost]
             for note in filter(None, notes):
                 yield WarningRecord(code="frame_note", message=f"{side}/{candidate.facts.name}: {note}"[:500])
+    yield from request.notes
     if found.ignored:
         names = ", ".join(found.ignored)
-        yield WarningRecord(code="ignored_files", message=f"not JPEGs, left out: {names}"[:500])
+        yield WarningRecord(code="ignored_files", message=f"not frames, left out: {names}"[:500])

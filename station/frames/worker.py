@@ -24,9 +24,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from station.frames.exif import check_raw, read_exif
+from station.frames.exif import check_raw, check_tiff, read_exif
 from station.frames.facts import FrameProblemError, Reason
-from station.frames.jpeg import read_header
+from station.frames.jpeg import read_header, read_png
 
 Bytes: TypeAlias = npt.NDArray[np.uint8]
 Circle = Sequence[float]
@@ -81,7 +81,7 @@ def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str,
     descriptor = os.open(path, _open_flags())
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
-        limit_bytes = MAX_JPEG_BYTES if format_ == "jpeg" else MAX_RAW_BYTES
+        limit_bytes = MAX_JPEG_BYTES if format_ in ("jpeg", "png", "tiff") else MAX_RAW_BYTES
         if not stat.S_ISREG(status.st_mode):
             raise FrameProblemError(Reason.NOT_A_FILE, "not an ordinary file")
         if status.st_size > limit_bytes:
@@ -89,11 +89,15 @@ def inspect(request: dict[str, Any], complaints: Callable[[], str]) -> dict[str,
         if format_ == "jpeg":
             data = file.read(status.st_size)
             return _inspect_jpeg(data, request["exact"], request.get("circle"), complaints)
+        if format_ in ("png", "tiff"):
+            return _inspect_lossless(file.read(status.st_size), format_, request.get("circle"), complaints)
         if status.st_size == 0:
             raise FrameProblemError(Reason.NOT_RAW, "an empty file")
         with mmap.mmap(descriptor, 0, access=mmap.ACCESS_READ) as raw:
             check_raw(raw, format_)
-            return {"size_bytes": len(raw), "sha256": hashlib.sha256(raw).hexdigest()}
+            exif, exif_problem = _exif(raw)
+            digest = hashlib.sha256(raw).hexdigest()
+            return {"size_bytes": len(raw), "sha256": digest, "exif": exif, "exif_problem": exif_problem}
 
 
 def _open_flags() -> int:
@@ -128,7 +132,28 @@ def _inspect_jpeg(data: bytes, exact: bool, circle: Circle | None, complaints: C
     }
 
 
-def _exif(block: bytes | None) -> tuple[dict[str, Any], str]:
+def _inspect_lossless(
+    data: bytes, format_: str, circle: Circle | None, complaints: Callable[[], str]
+) -> dict[str, Any]:
+    """Check the file's own structure (chunks with checksums, strips inside the file), then decode and count it all."""
+    block = read_png(data) if format_ == "png" else check_tiff(data)
+    exif, exif_problem = _exif(block)
+    pixels = _decode(data, 1, complaints, warnings=True)
+    measures = measure(pixels, circle)
+    return {
+        "size_bytes": len(data),
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "width_px": pixels.shape[1],
+        "height_px": pixels.shape[0],
+        "exif": exif,
+        "exif_problem": exif_problem,
+        "exact": True,
+        "picture_sha256": _picture_digest(pixels, measures),
+        **measures,
+    }
+
+
+def _exif(block: bytes | mmap.mmap | None) -> tuple[dict[str, Any], str]:
     """Return the EXIF facts and what is wrong with them; whether that matters is the asker's choice."""
     if block is None:
         return {}, "no EXIF"
@@ -138,8 +163,11 @@ def _exif(block: bytes | None) -> tuple[dict[str, Any], str]:
         return {}, problem.message
 
 
-def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Bytes:
-    """Decode at 1/scale (libjpeg's scaled transform); whatever the decoder complains of is refused."""
+def _decode(data: bytes, scale: int, complaints: Callable[[], str], *, warnings: bool = False) -> Bytes:
+    """Decode at 1/scale (libjpeg's scaled transform); whatever the decoder complains of is refused.
+
+    ``warnings``: what it only warns of (libpng and libtiff do so of profiles and tags) is let pass.
+    """
     flags = _REDUCED.get(scale, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
@@ -148,7 +176,7 @@ def _decode(data: bytes, scale: int, complaints: Callable[[], str]) -> Bytes:
             raise MemoryError from error
         raise FrameProblemError(Reason.DAMAGED, f"does not decode: {error.err[:200]}") from error
     complaint = complaints()
-    if complaint:
+    if complaint and not (warnings and "warning" in complaint.lower()):
         raise FrameProblemError(Reason.DAMAGED, f"the picture data is damaged: {complaint}")
     if pixels is None:
         raise FrameProblemError(Reason.DAMAGED, "the picture data does not decode")

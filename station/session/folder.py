@@ -202,7 +202,7 @@ def make_folders(path: Path) -> None:
 
 FRAME_CAP_BYTES = 256 << 20
 """No frame of either camera comes near (a raw file of the Z1: about 45 MB)."""
-SUFFIXES = {"jpeg": ".jpg", "cr2": ".cr2", "dng": ".dng"}
+SUFFIXES = {"jpeg": ".jpg", "png": ".png", "tiff": ".tif", "cr2": ".cr2", "dng": ".dng"}
 
 
 @dataclass(frozen=True)

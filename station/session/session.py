@@ -24,7 +24,7 @@ FramePath = Annotated[
     str, StringConstraints(pattern=r"^(indoor|outdoor|rejected)/[A-Za-z0-9][A-Za-z0-9._-]{0,99}$", max_length=120)
 ]
 PANORAMA_FOLDER = "given"
-PanoramaPath = Annotated[str, StringConstraints(pattern=r"^given/panorama\.(jpg|png|exr|hdr)$")]
+PanoramaPath = Annotated[str, StringConstraints(pattern=r"^given/panorama\.(jpg|png|tif|webp|avif|heic|exr|hdr)$")]
 Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 PositiveSeconds = Annotated[float, Field(gt=0, le=3600)]
@@ -103,7 +103,7 @@ class FrameRecord(Model):
     stop: Annotated[int, Field(ge=0, le=99)]
     """Index into the bracket's ``stops_s``."""
     file: FramePath
-    format: Literal["jpeg", "cr2", "dng"] = "jpeg"
+    format: Literal["jpeg", "png", "tiff", "cr2", "dng"] = "jpeg"
     size_bytes: Annotated[int, Field(gt=0, le=1_000_000_000)]
     sha256: Sha256
     asked_s: PositiveSeconds
@@ -121,12 +121,17 @@ class FrameRecord(Model):
     statistics: FrameStatistics | None = None
     retakes: Annotated[int, Field(ge=0, le=10)] = 0
 
+    @property
+    def is_raw(self) -> bool:
+        """Whether it is the raw companion of a picture."""
+        return self.format in ("cr2", "dng")
+
 
 class PanoramaRecord(Model):
     """One whole panorama that was given instead of brackets: no exposure times, no meter."""
 
     file: PanoramaPath
-    format: Literal["jpeg", "png", "exr", "hdr"]
+    format: Literal["jpeg", "png", "tiff", "webp", "avif", "heic", "exr", "hdr"]
     size_bytes: Annotated[int, Field(gt=0, le=1_000_000_000)]
     sha256: Sha256
     width_px: Annotated[int, Field(gt=0, le=65_536)]
@@ -240,9 +245,9 @@ class SessionManifest(Model):
         if side not in self.bracket.sides:
             return ()
         left_out = {s.stop for s in self.skipped if s.side == side}
-        taken = {f.stop for f in self.frames if f.side == side and f.format == "jpeg"}
+        taken = {f.stop for f in self.frames if f.side == side and not f.is_raw}
         if side in self.bracket.raw_sides:
-            taken &= {f.stop for f in self.frames if f.side == side and f.format != "jpeg"}
+            taken &= {f.stop for f in self.frames if f.side == side and f.is_raw}
         return tuple(i for i in range(len(self.bracket.stops_s)) if i not in left_out | taken)
 
     def missing_readings(self) -> tuple[str, ...]:

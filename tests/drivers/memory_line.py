@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from drivers.clock import Clock
 from drivers.errors import DeviceLostError, DeviceTimeoutError
-from mocks.instruments.ls160 import LINE_END, Instrument
+from mocks.instruments.serial_port import Instrument
 
 
 class MemoryLine:
@@ -18,11 +18,13 @@ class MemoryLine:
         self._clock = clock
         self._coming: list[tuple[float, bytes | None]] = []
         self._buffer = bytearray()
+        self._heard = b""
 
     def write(self, data: bytes, timeout_s: float) -> None:
         """Give the instrument whole lines."""
         now_s = self._clock.monotonic_s()
-        for line in data.split(LINE_END)[:-1]:
+        *lines, self._heard = (self._heard + data).split(self._instrument.line_end)
+        for line in lines:
             pieces = self._instrument.hear(line, now_s)
             self._coming += [(now_s + p.after_s, p.data) for p in pieces]
         self._coming.sort(key=lambda timed: timed[0])

@@ -16,7 +16,8 @@ from drivers.meter.interface import Meter, MeterReading, ReadingStatus
 from drivers.meter.ls160 import FROZEN_EQUALS, KonicaMinoltaMeter
 from drivers.serial_link import SerialLink
 from mocks.instruments.clock import VirtualClock
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SerialPort, SimulatedMeter
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import SerialPort
 from tests.drivers.memory_line import MemoryLine
 
 LS100 = load_dialect("ls100")
@@ -79,21 +80,93 @@ def test_ls100_dialogue_is_the_manuals() -> None:
     assert not line.dialogue, "nothing left unsaid"
 
 
-def test_ls160_dialogue_is_the_assumed_one_and_says_so() -> None:
-    meter, line = speak(
+# As public programs for the CS-200 have it: seconds in two columns; Lv in characters 27 to 37, x from 39, y from 51.
+CS200 = b"OK00,0,0,0,01,0,0,00,00000,    1019.00,     0.3127,     0.3290"
+CS2000 = b"OK00,1.0190e+03,3.1270e-01,3.2900e-01"
+CA410 = b"OK00,P1,0,0.3362781,0.3559744,12.563168,-0.01,-99999999"
+DIALOGUES = {
+    "ls160": (
         (b"RMT,1\r\n", b"OK00\r\n"),
-        (b"MES,1\r\n", b"OK00, 2.0\r\n"),
-        (b"MDR,0\r\n", b"OK00,0,  1019.00\r\n"),
-        (b"MDR,0\r\n", b"OK00,0,  1019.00\r\n"),
+        (b"MES,1\r\n", b"OK00,02\r\n"),
+        (b"MDR,0\r\n", b"ER02\r\n"),
+        (b"MDR,0\r\n", b"ER02\r\n"),
+        (b"MDR,0\r\n", CS200 + b"\r\n"),
+        (b"MDR,0\r\n", CS200 + b"\r\n"),
         (b"RMT,0\r\n", b"OK00\r\n"),
-        dialect="ls160",
-    )
+    ),
+    "cs2000": (
+        (b"RMTS,1\n", b"OK00\n"),
+        (b"MEAS,1\n", b"OK00,4\nOK00\n"),
+        (b"MEDR,2,0,02\n", CS2000 + b"\r\n"),
+        (b"MEDR,2,0,02\n", CS2000 + b"\r\n"),
+        (b"RMTS,0\n", b"OK00\n"),
+    ),
+    "ca410": (
+        (b"COM,1\r", b"OK00\r"),
+        (b"MDS,0\r", b"\nOK00\r"),
+        (b"LUS,1\r", b"OK00\r"),
+        (b"MES,1\r", CA410 + b"\r"),
+        (b"COM,0\r", b"OK00\r"),
+    ),
+}
+
+
+@pytest.mark.parametrize(("dialect", "shown"), [("ls160", 1019.0), ("cs2000", 1019.0), ("ca410", 12.563168)])
+def test_the_dialogue_of_each_candidate_is_its_siblings_and_says_that_it_is_assumed(dialect: str, shown: float) -> None:
+    meter, line = speak(*DIALOGUES[dialect], dialect=dialect)
     assert not meter.connect().dialect_verified
     reading = meter.measure()
     meter.close()
-    assert reading.luminance_cd_m2 == 1019.0
+    assert reading.luminance_cd_m2 == shown
     assert not reading.dialect_verified
-    assert not line.dialogue
+    assert not line.dialogue, "nothing left unsaid"
+
+
+@pytest.mark.parametrize(
+    ("dialect", "answer", "status"),
+    [
+        ("ls160", CS200, ReadingStatus.OK),
+        ("ls160", CS200.replace(b"OK00", b"OK03"), ReadingStatus.OK),  # the battery is weak, the value stands
+        ("ls160", CS200.replace(b"    1019.00", b" 1.0190E+03"), ReadingStatus.OK),
+        ("ls160", CS200.replace(b"OK00", b"OK12"), ReadingStatus.OVER_RANGE),
+        ("ls160", CS200.replace(b"    1019.00", b"   1019.00"), ReadingStatus.GARBLED),  # a column is lost
+        ("ls160", CS200.replace(b"    1019.00", b"    10-9.00"), ReadingStatus.GARBLED),
+        ("ls160", CS200 + CS200, ReadingStatus.GARBLED),
+        ("ls160", CS200[:50], ReadingStatus.GARBLED),
+        ("ls160", b"OK00,0,  1019.00", ReadingStatus.GARBLED),  # what this dialect was before
+        ("ls160", b"ER01", ReadingStatus.BATTERY_LOW),
+        ("ls160", b"ER02", ReadingStatus.ERROR_CODE),
+        ("ls160", b"ER21", ReadingStatus.UNDER_RANGE),
+        ("ls160", b"ER22", ReadingStatus.OVER_RANGE),
+        ("ls160", b"ER27", ReadingStatus.ERROR_CODE),
+        ("cs2000", CS2000, ReadingStatus.OK),
+        ("cs2000", b"OK00", ReadingStatus.GARBLED),
+        ("cs2000", CS2000[:-8], ReadingStatus.GARBLED),
+        ("cs2000", b"ER10", ReadingStatus.OVER_RANGE),
+        ("cs2000", b"ER51", ReadingStatus.ERROR_CODE),
+        ("ca410", CA410, ReadingStatus.OK),
+        ("ca410", b"OK04,P1,0,-99999999,-99999999,-99999999,-0.02,0.7662706", ReadingStatus.UNDER_RANGE),
+        ("ca410", CA410.replace(b"12.563168", b"-99999999"), ReadingStatus.GARBLED),
+        ("ca410", CA410.replace(b"0.3362781,", b""), ReadingStatus.GARBLED),
+        ("ca410", b"ER10", ReadingStatus.ERROR_CODE),
+    ],
+)
+def test_what_a_line_of_a_candidate_means(dialect: str, answer: bytes, status: ReadingStatus) -> None:
+    spoken = load_dialect(dialect)
+    assert interpret(spoken, spoken.measure[-1], answer).status is status
+
+
+def test_a_meter_that_measures_for_ever_is_given_up() -> None:
+    clock = VirtualClock()
+    instrument = SimulatedMeter(
+        lambda _t: 10.0, language="ls160", faults=(MeterFault(MeterFaultKind.LATE, seconds=1e6),)
+    )
+    meter = KonicaMinoltaMeter(lambda: MemoryLine(instrument, clock), load_dialect("ls160"), clock)
+    meter.connect()
+    reading = meter.measure(timeout_s=300.0)
+    assert (reading.status, reading.raw) == (ReadingStatus.ERROR_CODE, "ER02")
+    assert "still measuring" in reading.detail
+    assert clock.monotonic_s() < load_dialect("ls160").busy_limit_s + 10
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from drivers.meter.dialect import MAX_DIALECT_BYTES, SHIPPED, DialectError, load
 from drivers.meter.dialogue import interpret
 from drivers.meter.interface import ReadingStatus
 from drivers.meter.ls160 import KonicaMinoltaMeter
-from mocks.instruments.ls160 import Piece
+from mocks.instruments.serial_port import Piece
 from tests.drivers.memory_line import MemoryLine
 
 MINE = r"""
@@ -44,8 +44,11 @@ def write(tmp_path: Path, text: str) -> str:
 
 
 def test_what_is_verified_and_what_is_assumed() -> None:
-    assert {name: load_dialect(name).verified for name in SHIPPED} == {"ls100": True, "cs100a": True, "ls160": False}
-    assert "assumed" in load_dialect("ls160").title
+    verified = {name for name in SHIPPED if load_dialect(name).verified}
+    assert verified == {"ls100", "cs100a"}
+    for name in set(SHIPPED) - verified:
+        assert "assumed" in load_dialect(name).title
+        assert "assumed" in load_dialect(name).source
 
 
 @pytest.mark.parametrize("name", ["ls100", "cs100a"])
@@ -107,6 +110,8 @@ def test_cs100a_lines(line: str, status: ReadingStatus, value: str) -> None:
 
 class Mine:
     """A meter that speaks `MINE`."""
+
+    line_end = b"\r\n"
 
     def hear(self, line: bytes, now_s: float) -> list[Piece]:
         return [Piece(0.0, {b"HELLO": b"HI Lumos 0815\r\n", b"L?": b"12.5 cd\r\n"}[line])]

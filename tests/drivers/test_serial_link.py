@@ -8,9 +8,9 @@ import sys
 import termios
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
+from serial.tools.list_ports_common import ListPortInfo
 
 from drivers import serial_link
 from drivers.clock import SystemClock
@@ -32,7 +32,8 @@ from drivers.serial_link import (
     find_port,
     list_ports,
 )
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SerialPort, SimulatedMeter
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import Piece, SerialPort
 
 IDS = [(0x132B, 0x210D)]
 SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)
@@ -40,6 +41,8 @@ SEVEN_E_TWO = PortSettings(4800, 7, "even", 2, rts_handshake=True)
 
 class Parrot:
     """Says back what it hears, and more on request."""
+
+    line_end = b"\r\n"
 
     def hear(self, line: bytes, now_s: float) -> list[Piece]:
         if line == b"slow":
@@ -216,13 +219,13 @@ def test_ports_are_listed_with_their_lasting_names(tmp_path: Path, monkeypatch: 
     by_id = tmp_path / "by-id"
     by_id.mkdir()
     (by_id / "usb-KM_LS-160_12345678-if00").symlink_to(device)
-    found = SimpleNamespace(device=str(device), description=None, vid=0x132B, pid=0x210D, serial_number="12345678")
-    plain = SimpleNamespace(device="/dev/ttyS0", description="n/a", vid=None, pid=None, serial_number=None)
+    found, plain = ListPortInfo(str(device)), ListPortInfo("/dev/ttyS0")
+    found.vid, found.pid, found.serial_number, found.product = 0x132B, 0x210D, "12345678", "LS-160"
     monkeypatch.setattr(serial_link, "BY_ID", by_id)
     monkeypatch.setattr(serial_link.serial_list_ports, "comports", lambda: [plain, found])
     listed = {p.device: p for p in list_ports()}
     assert listed[str(device)].stable_name == str(by_id / "usb-KM_LS-160_12345678-if00")
-    assert listed[str(device)].serial == "12345678"
+    assert (listed[str(device)].serial, listed[str(device)].product) == ("12345678", "LS-160")
     assert listed["/dev/ttyS0"] == PortInfo("/dev/ttyS0", "/dev/ttyS0", "n/a", None, None, "")
 
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any, Literal, Protocol
 
-from processing.calibration.optics import OpticsChoice, find_optics, veil_taken_off
+from processing.calibration.optics import OpticsChoice, find_optics, indoor_falloff, veil_taken_off
+from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
 from processing.calibration.outdoor.lens import LensModel
 from processing.calibration.outdoor.outdoor import (
     OutdoorOptics,
@@ -33,9 +34,10 @@ from processing.calibration.profile import K2Record, RigProfile, camera_state, r
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.scale.luminance import Calibrated, ScaleFactor, combined, given_scale, scaled
 from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
+from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
 from processing.pictures.images import LuminanceImage, RelativeImage
-from processing.sphere import Fisheye
+from processing.sphere import Equirectangular, Fisheye
 from station.session.session import FrameRecord, SessionManifest, Side
 
 NO_K2 = "no scale for the outdoor picture: neither a rig profile (--calibration) nor --k2 nor --outdoor-lux was given"
@@ -82,8 +84,12 @@ class _Sky:
     sun_text: str
 
 
-def why_no_scale(session: SessionManifest, asked: SkyChoice, profile: RigProfile | None) -> str | None:
+def why_no_scale(
+    session: SessionManifest, asked: SkyChoice, profile: RigProfile | None, merged: RelativeImage
+) -> str | None:
     """Return why the outdoor picture cannot be scaled, None if it can."""
+    if isinstance(merged.geometry, Equirectangular):
+        return None if asked.k2 is not None else not_one_camera(session)
     if asked.k2 is not None or asked.outdoor_lux is not None:
         return None
     if profile is None:
@@ -105,6 +111,8 @@ def calibrate_outdoor(
     other settings, `LensError` where no image circle is seen, `ScaleError` where a lux reading gives no scale,
     `SunError` where a repair is asked that cannot be made.
     """
+    if isinstance(merged.geometry, Equirectangular):
+        return _through_glass(merged, session, asked, profile, k1)
     k2 = None if profile is None or asked.k2 is not None or profile.k2 is None else _k2(session, profile)
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
     sky, veil = _corrected(merged, optics, asked)
@@ -133,6 +141,45 @@ def calibrate_outdoor(
     return Calibrated(repaired, scale, facts, tuple(warnings))
 
 
+def _through_glass(
+    merged: RelativeImage, session: SessionManifest, asked: SkyChoice, profile: RigProfile | None, k1: ScaleFactor
+) -> Calibrated:
+    """Return the sky of a panorama taken from inside: what the window shows, on the room's own scale.
+
+    Raises `LensError` where the window's view does not stand out from the room.
+    """
+    assert isinstance(merged.geometry, Equirectangular)
+    falloff, source = indoor_falloff(session, asked, profile)
+    image, share = only_the_view(merged if falloff is None else correct_panorama(merged, falloff))
+    sky = _with_sun(image)
+    # The session's heading is that of the panorama of the room, not of this one.
+    north, warnings = _north(sky, session.model_copy(update={"heading_rad": None}), asked)
+    heading = session.heading_rad or 0.0
+    yaw = math.remainder(north.top_azimuth_rad - heading, 2 * math.pi)
+    rows = merged.geometry.height_px
+    view = OutdoorView(asked.outdoor_view)
+    target = outdoor_view(view, rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows, -heading)
+    image = project(replace(image, geometry=replace(merged.geometry, yaw_rad=yaw)), target)
+    value, doubt = (1.0, SAME_CAMERA_UNCERTAINTY) if asked.k2 is None else (asked.k2, 0.0)
+    scale = combined(k1, ScaleFactor(value, doubt, {"k2": doubt}))
+    k2_source = "one camera" if asked.k2 is None else "given"
+    picture = scaled(image, scale, side="outdoor", session_id=session.session_id, k1=k1.value, k2=value)
+    lux, low = illuminances(picture, {"up": UP})
+    facts = {
+        "falloff": source,
+        "k2": value,
+        "k2_source": k2_source,
+        "north": _north_facts(north),
+        "illuminance_lx": lux,
+    }
+    facts |= {"sun": {"found": sky.sun_text, "repair": "not asked"}, "window_share": share}
+    text = (
+        f"the sky is a panorama from behind the glass: {share:.0%} of all directions show it, the rest is black; its "
+        "light has passed the glass, and the illuminance is a lower bound"
+    )
+    return Calibrated(picture, scale, facts, (text, *warnings, *_unturned(north, session), *low))
+
+
 def _k2(session: SessionManifest, profile: RigProfile) -> K2Record:
     states = {}
     for side in (Side.INDOOR, Side.OUTDOOR):
@@ -153,13 +200,16 @@ def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> lis
 def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the veil taken off before."""
     image, veil = veil_taken_off(merged, optics.lens, asked)
-    image = correct_colour(correct_vignetting(with_lens(image, optics), optics), optics)
+    return _with_sun(correct_colour(correct_vignetting(with_lens(image, optics), optics), optics)), veil
+
+
+def _with_sun(image: RelativeImage) -> _Sky:
     try:
         sun = find_sun(image)
     except SunError as error:
-        return _Sky(image, None, f"no: {error.args[0] if error.args else error}"), veil
+        return _Sky(image, None, f"no: {error.args[0] if error.args else error}")
     text = f"yes, {math.degrees(sun.elevation_rad):.2f} degrees high{', clipped' if sun.clipped else ''}"
-    return _Sky(image, sun, text), veil
+    return _Sky(image, sun, text)
 
 
 def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North, list[str]]:

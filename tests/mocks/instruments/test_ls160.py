@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mocks.instruments.clock import VirtualClock
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, Piece, SimulatedMeter
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.serial_port import Piece
 from tests.drivers.memory_line import MemoryLine
 
 
@@ -75,14 +76,34 @@ def test_over_its_range_it_says_so(language: str, top: float) -> None:
 
 
 def test_ls160_measures_in_remote_mode_in_two_steps() -> None:
-    instrument = meter(language="ls160", measuring_s=2.0)
-    assert said(instrument.hear(b"MES,1", 0.0)) == b"ER00\r\n", "not in remote mode"
+    instrument = meter(language="ls160", measuring_s=1.5)
+    assert said(instrument.hear(b"MES,1", 0.0)) == b"ER16\r\n", "not in remote mode"
     assert said(instrument.hear(b"RMT,1", 0.0)) == b"OK00\r\n"
-    assert said(instrument.hear(b"MES,1", 1.0)) == b"OK00, 2.0\r\n"
-    assert said(instrument.hear(b"MDR,0", 2.0)) == b"ER20\r\n", "no data yet"
-    assert said(instrument.hear(b"MDR,0", 3.1)) == said(instrument.hear(b"MDR,0", 9.0)) == b"OK00,0,    125.3\r\n"
+    assert said(instrument.hear(b"MDR,0", 0.5)) == b"ER20\r\n", "no data yet"
+    assert said(instrument.hear(b"MES,1", 1.0)) == b"OK00,02\r\n"
+    assert said(instrument.hear(b"MDR,0", 2.0)) == said(instrument.hear(b"RMT,1", 2.1)) == b"ER02\r\n", "measuring"
+    line = said(instrument.hear(b"MDR,0", 3.1))
+    assert (len(line), line[27:38], line[39:50], line[51:62]) == (64, b"      125.3", b"     0.3127", b"     0.3290")
+    assert said(instrument.hear(b"MDR,0", 9.0)) == line
     assert said(instrument.hear(b"RMT,0", 10.0)) == b"OK00\r\n"
-    assert said(instrument.hear(b"MDR,0", 11.0)) == b"ER00\r\n"
+    assert said(instrument.hear(b"MDR,0", 11.0)) == b"ER16\r\n"
+
+
+def test_cs2000_says_twice_that_it_heard_and_that_it_is_done() -> None:
+    instrument = meter(language="cs2000", measuring_s=1.5)
+    assert said(instrument.hear(b"RMTS,1\r", 0.0)) == b"OK00\n"
+    assert [(round(p.after_s, 2), p.data) for p in instrument.hear(b"MEAS,1", 1.0)] == [
+        (0.02, b"OK00,02\n"),
+        (1.5, b"OK00\n"),
+    ]
+    assert said(instrument.hear(b"MEDR,2,0,02", 2.6)) == b"OK00,1.2530e+02,3.1270e-01,3.2900e-01\n"
+
+
+def test_ca410_answers_at_once() -> None:
+    instrument = meter(language="ca410", measuring_s=0.4)
+    assert said(instrument.hear(b"\nCOM,1", 0.0)) == b"OK00\r"
+    assert said(instrument.hear(b"MES,1", 1.0)) == b"OK00,P1,0,0.3127000,0.3290000,125.3,-0.01,-99999999\r"
+    assert said(instrument.hear(b"MES", 2.0)) == b"ER10\r"
 
 
 GOOD = b"OK00,CcPH 125.3\r\n"

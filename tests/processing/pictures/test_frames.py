@@ -122,16 +122,27 @@ def test_a_lossless_frame_cut_short_is_refused(tmp_path: Path, ending: str, part
 
 
 def test_other_kinds_are_refused_by_name(tmp_path: Path) -> None:
-    gray = tmp_path / "gray.png"
-    cv2.imwrite(str(gray), np.zeros((4, 4), np.uint8))
+    glass = tmp_path / "glass.png"
+    cv2.imwrite(str(glass), np.full((4, 4, 4), 254, np.uint8))
     floats = tmp_path / "float.tif"
     cv2.imwrite(str(floats), np.zeros((4, 4, 3), np.float32))
-    for path in (gray, floats, tmp_path / "missing.jpg", tmp_path / "frame.txt"):
+    for path in (glass, floats, tmp_path / "missing.jpg", tmp_path / "frame.txt"):
         with pytest.raises(PictureFileError, match=path.stem):
             frame_of(path)
     for wrong in (np.zeros((4, 4, 3), np.float32), np.zeros((4, 4), np.uint8), np.zeros((0, 4, 3), np.uint8)):
         with pytest.raises(ParameterError, match="uint8 or uint16"):
             array_frame(wrong, "array")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("ending", [".tif", ".png"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_grey_and_opaque_alpha_are_ordinary_pictures(tmp_path: Path, ending: str, dtype: type) -> None:
+    pixels, path = picture(dtype=dtype), tmp_path / f"frame{ending}"
+    assert cv2.imwrite(str(path), pixels[..., 0])
+    np.testing.assert_array_equal(frame_of(path).decode(), np.repeat(pixels[..., :1], 3, axis=2))
+    opaque = np.full((*pixels.shape[:2], 1), np.iinfo(dtype).max, dtype)
+    assert cv2.imwrite(str(path), np.concatenate([pixels[..., ::-1], opaque], axis=2))
+    np.testing.assert_array_equal(frame_of(path).decode(), pixels)
 
 
 def test_same_file_looks_at_bytes(tmp_path: Path) -> None:

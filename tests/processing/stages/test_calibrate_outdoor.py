@@ -15,7 +15,7 @@ from processing.calibration.profile_records import LensRecord, ResponseRecord, V
 from processing.calibration.scale.luminance import ScaleFactor
 from processing.errors import ScaleError
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Fisheye, LensMapping
 from processing.stages.calibrate import run
 from processing.stages.calibrate_indoor import calibrate_indoor
 from processing.stages.contract import StageContext
@@ -163,11 +163,14 @@ def test_a_circle_that_a_rig_file_states_wrongly_is_none(stated):
     assert stated_circle({"outdoor": {"image_circle": [0.5, 0.4, 0.3]}}) == (0.5, 0.4, 0.3)
 
 
-def test_a_sky_whose_lens_cannot_be_told_is_left_out_and_the_room_stands(tmp_path):
-    made = {"indoor": even_panorama(), "outdoor": even_panorama(), "response": {}}
+@pytest.mark.parametrize(("as_fisheye", "why"), [(True, "circle"), (False, "stops brighter")])
+def test_a_sky_whose_lens_cannot_be_told_is_left_out_and_the_room_stands(tmp_path, as_fisheye, why):
+    sky = even_panorama()
+    sky = replace(sky, geometry=Fisheye(64, 32, LensMapping.EQUIDISTANT, 16.0)) if as_fisheye else sky
+    made = {"indoor": even_panorama(), "outdoor": sky, "response": {}}
     asked = CalibrateParameters(k1=2.0, k2=1.0)
     context = StageContext(manifest(), tmp_path, tmp_path, asked, lambda _stage, name: made[name], lambda _: {})
     found = run(context)
     assert set(found.artifacts) == {"indoor", "calibration"}
-    assert "circle" in found.left_out["outdoor"]
+    assert why in found.left_out["outdoor"]
     assert any("no outdoor picture" in warning.message for warning in found.warnings)

@@ -9,7 +9,10 @@ from pathlib import Path
 import pytest
 
 import daylit
-from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SerialPort, SimulatedMeter
+from drivers.transcript import read_transcript
+from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
+from mocks.instruments.recorded_meter import RecordedMeter
+from mocks.instruments.serial_port import SerialPort
 
 Plug = Callable[..., str]
 
@@ -61,16 +64,53 @@ def test_no_such_port_and_no_such_dialect(capsys: pytest.CaptureFixture[str]) ->
     assert "klingon" in json.loads(capsys.readouterr().out)["error"]["where"]
 
 
-def test_probe_writes_a_transcript_once(
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Little waiting, one port setting: a pseudo-terminal takes any."""
+    from drivers.meter import probe
+
+    monkeypatch.setattr(probe, "ANSWER_LIMIT_S", 0.15)
+    monkeypatch.setattr(probe, "MEASURING_LIMIT_S", 0.4)
+    monkeypatch.setattr(probe, "AFTER_S", 0.05)
+    monkeypatch.setattr(probe, "SETTINGS", probe.SETTINGS[:1])
+
+
+def test_probe_writes_a_transcript_once_and_names_the_dialect(
     plug: Plug, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("drivers.meter.dialect.ANSWER_LIMIT_S", 0.2)
-    path = tmp_path / "transcript.txt"
-    command = ["meter", "probe", str(path), "--port", plug(language="ls160"), "--json"]
+    quick(monkeypatch)
+    path = tmp_path / "transcript.jsonl"
+    command = ["meter", "probe", str(path), "--port", plug(language="cs2000"), "--json"]
     assert daylit.main(command) == 0
-    assert json.loads(capsys.readouterr().out)["answers"] > 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["answers"] > 0
+    assert [fit["dialect"] for fit in answer["fits"] if fit["luminance_cd_m2"]] == ["cs2000"]
     text = path.read_text()
-    assert "RMT,1" in text
-    assert "4f 4b 30 30 0d 0a  OK00.." in text
+    assert {entry.way for entry in read_transcript(path)} >= {"open", "out", "in", "close"}
     assert daylit.main(command) == 2, "an old transcript is not overwritten"
     assert path.read_text() == text
+
+    monkeypatch.undo()
+    port = SerialPort(RecordedMeter(read_transcript(path)))
+    try:
+        capsys.readouterr()
+        assert (
+            daylit.main(["meter", "read", "--port", port.name, "--dialect", "cs2000", "--samples", "1", "--json"]) == 0
+        )
+        assert json.loads(capsys.readouterr().out)["luminance_cd_m2"] == pytest.approx(1019.0, rel=1e-2)
+    finally:
+        port.close()
+
+
+def test_probe_says_on_the_screen_what_fits_and_that_nothing_answers(
+    plug: Plug, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick(monkeypatch)
+    assert daylit.main(["meter", "probe", str(tmp_path / "a"), "--port", plug(language="ls100")]) == 0
+    said = capsys.readouterr().out
+    assert "OK00,CcPH" in said
+    assert 'dialect = "ls100" gives 10' in said
+    port = SerialPort(RecordedMeter([]))
+    try:
+        assert daylit.main(["meter", "probe", str(tmp_path / "b"), "--port", port.name]) == 3
+    finally:
+        port.close()

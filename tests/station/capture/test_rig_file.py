@@ -27,6 +27,7 @@ def test_example_is_the_papers_rig(tmp_path: Path) -> None:
     assert rig.outdoor == PAPER_RIG.outdoor
     assert rig.meter is not None
     assert rig.meter.target() is not None
+    assert not rig.meter.is_read, "no dialect of the LS-160 is confirmed: its readings are typed in"
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,7 @@ def test_example_is_the_papers_rig(tmp_path: Path) -> None:
         ),
         ("[bracket]\nstops = ['4', 'long']", "bracket"),
         ("[meter]\ntarget_deg = [500, 0]", "target_deg"),
+        ("[meter]\nport = '/dev/ttyACM0'", "no dialect"),
         ("heading_deg = nan", "heading_deg"),
         ("this is not toml", "rig.toml"),
         ("[limits]\nmin_battery_frac = 2", "min_battery_frac"),

@@ -94,3 +94,20 @@ def jpeg(
         options["exif"] = exif(said_s or time_s, (width, height), **changes)
     Image.fromarray(picture).save(buffer, "JPEG", **{"quality": 90, **options})
     return buffer.getvalue()
+
+
+def dng(time_s: float, **changes: Any) -> bytes:
+    """Return a DNG of 193,000 bytes with EXIF and one strip of nothing."""
+    block = exif(time_s, **{"MAKE": "RICOH", "MODEL": "RICOH THETA Z1", **changes})
+    block[273], block[279], block[0xC612] = 2_000, 190_000, b"\1\4\0\0"
+    return block.tobytes().removeprefix(b"Exif\0\0").ljust(2_000, b"\0") + b"x" * 191_000
+
+
+def cr2() -> bytes:
+    """Return a file with the structure of a CR2, one strip of nothing and no EXIF."""
+    entries = [(273, 1000), (279, 190_000)]
+    table = len(entries).to_bytes(2, "little")
+    for tag, value in entries:
+        table += tag.to_bytes(2, "little") + b"\4\0\1\0\0\0" + value.to_bytes(4, "little")
+    head = b"II*\0" + (16).to_bytes(4, "little") + b"CR\x02\0" + b"\0" * 4
+    return (head + table + bytes(4)).ljust(1000, b"\0") + b"x" * 190_000

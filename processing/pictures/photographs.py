@@ -1,0 +1,119 @@
+"""Any ordinary picture as RGB codes: JPEG, PNG, TIFF, WebP, AVIF, HEIC; grey, palette, CMYK, 16 bits, opaque alpha.
+
+Frames of a bracket are read more strictly (`processing.pictures.frames`), which does all that is RGB already. What
+has no single meaning as a picture of light, transparency above all, is refused with what to do.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from processing.errors import PictureFileError
+from processing.pictures.frames import MAX_PIXELS, Codes, frame_of, refuse_alpha
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+Kind = Literal["jpeg", "png", "tiff", "webp", "avif", "heic"]
+KINDS: dict[str, Kind] = {
+    ".jpg": "jpeg",
+    ".jpeg": "jpeg",
+    ".png": "png",
+    ".tif": "tiff",
+    ".tiff": "tiff",
+    ".webp": "webp",
+    ".avif": "avif",
+    ".heic": "heic",
+    ".heif": "heic",
+}
+PILLOW = {"jpeg": "JPEG", "png": "PNG", "tiff": "TIFF", "webp": "WEBP", "avif": "AVIF", "heic": "HEIF"}
+"""Pillow's names of the formats."""
+
+
+def read_codes(path: Path) -> tuple[Codes, tuple[str, ...], bool]:
+    """Return the codes (H, W, 3), uint8 or uint16, what there is to say, and whether they are sRGB for certain.
+
+    Raises `PictureFileError`: damaged, too large, partly transparent, or not of whole numbers.
+    """
+    kind = KINDS[path.suffix.lower()]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            with _opened(path, kind) as image:
+                _check_size(image, path)
+                notes = ("it holds several pictures: the first is taken",) if getattr(image, "n_frames", 1) > 1 else ()
+                by_pillow = kind in ("webp", "avif", "heic") or image.mode == "CMYK"
+                if by_pillow:
+                    codes, more, is_srgb = _rgb(image, path)
+                    return codes, (*notes, *more), is_srgb
+        except PictureFileError:
+            raise
+        except Exception as error:  # Pillow raises nearly anything over damaged files
+            raise _damaged(path, str(error)) from error
+    return frame_of(path).decode(), notes, False
+
+
+def _opened(path: Path, kind: Kind) -> Image:
+    from PIL import Image
+
+    if PILLOW[kind] not in pillow_formats():
+        raise PictureFileError(
+            "HEIC needs an optional part",
+            where=path.name,
+            advice="install daylit[heic], or save it as JPEG (on a phone: camera format 'most compatible')",
+        )
+    try:
+        return Image.open(io.BytesIO(path.read_bytes()), formats=(PILLOW[kind],))
+    except OSError as error:
+        raise _damaged(path, f"no {kind.upper()} by its bytes" if error.strerror is None else error.strerror) from error
+
+
+def pillow_formats() -> tuple[str, ...]:
+    """Return Pillow's names of the formats that can be read here: HEIC needs the extra ``daylit[heic]``."""
+    try:
+        from pillow_heif import register_heif_opener
+    except ImportError:
+        return tuple(name for name in PILLOW.values() if name != "HEIF")
+    register_heif_opener()
+    return tuple(PILLOW.values())
+
+
+def _rgb(image: Image, path: Path) -> tuple[Codes, tuple[str, ...], bool]:
+    from PIL import ImageCms
+
+    if image.mode == "CMYK":
+        profile = image.info.get("icc_profile")
+        try:
+            source = ImageCms.ImageCmsProfile(io.BytesIO(profile or b""))
+            turned = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+            assert turned is not None
+            name = ImageCms.getProfileDescription(source).strip()[:80]
+            return np.asarray(turned, np.uint8), (f"converted from {name!r} to sRGB",), True
+        except (ImageCms.PyCMSError, OSError, ValueError):
+            note = "four colours without a profile that can be read: colours are approximate"
+            return np.asarray(image.convert("RGB"), np.uint8), (note,), True
+    if image.has_transparency_data:
+        whole = np.asarray(image.convert("RGBA"), np.uint8)
+        refuse_alpha(whole[..., 3], path.name)
+        return np.ascontiguousarray(whole[..., :3]), (), False
+    return np.asarray(image.convert("RGB"), np.uint8), (), False
+
+
+def _check_size(image: Image, path: Path) -> None:
+    width, height = image.size
+    if width * height > MAX_PIXELS:
+        text = f"its header says {width} x {height} pixels; a picture has at most {MAX_PIXELS:,}"
+        raise PictureFileError(text, where=path.name, likely="damage")
+
+
+def _damaged(path: Path, what: str) -> PictureFileError:
+    return PictureFileError(
+        f"it is damaged or not what its name says: {what}",
+        where=path.name,
+        advice="take the file from its source again, or save it anew as PNG",
+    )

@@ -1,0 +1,150 @@
+"""Ordinary pictures of every kind that people have: read as what they show, or refused with what to do."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+
+import daylit
+from processing.errors import PanoramaError, PictureFileError
+from processing.pictures.panorama import WHITE, read_panorama
+from processing.running.panorama_session import panorama_session
+from station.session.verify import verify_session
+
+SIZE = (128, 64)
+
+
+def ramp() -> np.ndarray:
+    """Return a smooth coloured picture (64, 128, 3), so that lossy formats keep it."""
+    x, y = np.meshgrid(np.linspace(60, 200, SIZE[0]), np.linspace(0.7, 1.0, SIZE[1]))
+    return np.stack([x * y, x * y * 0.9, 220 - x * y * 0.8], axis=2).astype(np.uint8)
+
+
+def save(path: Path, mode: str = "RGB", **options: Any) -> Path:
+    image = Image.fromarray(ramp())
+    if mode == "opaque":
+        image.putalpha(255)
+    elif mode == "glass":
+        image.putalpha(Image.linear_gradient("L").resize(SIZE))
+    elif mode == "palette":
+        image = image.quantize(256)
+    elif mode != "RGB":
+        image = image.convert(mode)
+    image.save(path, **options)
+    return path
+
+
+def light(rgb: np.ndarray) -> np.ndarray:
+    x = rgb / 255.0
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4) * WHITE
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "options", "off_codes"),
+    [
+        ("p.png", "RGB", {}, 0),
+        ("p.png", "opaque", {}, 0),
+        ("p.png", "palette", {}, 6),
+        ("p.tif", "RGB", {"compression": "tiff_lzw"}, 0),
+        ("p.tiff", "opaque", {}, 0),
+        ("p.webp", "RGB", {"lossless": True}, 0),
+        ("p.webp", "opaque", {"quality": 95}, 6),
+        ("p.avif", "RGB", {"quality": 95}, 6),
+        ("p.avif", "opaque", {"quality": 95}, 6),
+        ("p.jpg", "CMYK", {"quality": 98}, 8),
+        ("p.tif", "CMYK", {}, 1),
+    ],
+)
+def test_each_kind_shows_what_it_shows(
+    tmp_path: Path, name: str, mode: str, options: dict[str, Any], off_codes: int
+) -> None:
+    found = read_panorama(save(tmp_path / name, mode, **options))
+    slope = np.abs(light(ramp() + 1.0) - light(ramp())) + 1e-6
+    off = np.abs(found.image.rgb - light(ramp())) / slope
+    assert np.quantile(off, 0.95) <= off_codes + 0.1
+    if mode == "CMYK":
+        assert any("colours are approximate" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("name", ["p.png", "p.jpg", "p.tif", "p.webp"])
+def test_grey_is_grey(tmp_path: Path, name: str) -> None:
+    rgb = read_panorama(save(tmp_path / name, "L")).image.rgb
+    np.testing.assert_array_equal(rgb[..., 0], rgb[..., 2])
+    assert rgb.std() > 0
+
+
+def test_a_phones_heic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    heif = pytest.importorskip("pillow_heif")
+    heif.register_heif_opener()
+    path = save(tmp_path / "IMG_0001.HEIC", quality=95)
+    found = read_panorama(path)
+    assert np.median(np.abs(found.image.rgb - light(ramp()))) < 1.0
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    with pytest.raises(PictureFileError, match="optional part") as caught:
+        read_panorama(path)
+    assert "JPEG" in str(caught.value.advice)
+
+
+def test_four_colours_with_a_profile_are_converted(tmp_path: Path) -> None:
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    found = read_panorama(save(tmp_path / "p.jpg", "CMYK", icc_profile=profile))
+    assert any("without a profile that can be read" in note for note in found.notes), "not one for four colours"
+
+
+@pytest.mark.parametrize("name", ["p.png", "p.tif", "p.webp", "p.avif"])
+def test_transparency_is_refused_with_what_to_do(tmp_path: Path, name: str) -> None:
+    with pytest.raises(PictureFileError, match="transparent") as caught:
+        read_panorama(save(tmp_path / name, "glass"))
+    assert "flatten" in str(caught.value.advice)
+
+
+def test_decimal_numbers_in_a_tiff_are_sent_to_openexr(tmp_path: Path) -> None:
+    path = tmp_path / "p.tif"
+    Image.fromarray(np.ones((64, 128), np.float32)).save(path)
+    with pytest.raises(PictureFileError, match="float32") as caught:
+        read_panorama(path)
+    assert "OpenEXR" in str(caught.value.advice)
+
+
+@pytest.mark.parametrize("name", ["p.png", "p.tif", "p.webp", "p.avif", "p.jpg", "p.heic"])
+@pytest.mark.parametrize("part", [0.0, 0.3, 0.8])
+def test_damaged_files_are_refused_by_name(tmp_path: Path, name: str, part: float) -> None:
+    if name == "p.heic":
+        pytest.importorskip("pillow_heif").register_heif_opener()
+    path = save(tmp_path / name)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(part * len(data))])
+    with pytest.raises(PictureFileError, match=name):
+        read_panorama(path)
+
+
+def test_a_file_of_another_kind_than_its_name_says(tmp_path: Path) -> None:
+    path = save(tmp_path / "p.png")
+    path.rename(tmp_path / "p.webp")
+    with pytest.raises(PictureFileError, match="not what its name says"):
+        read_panorama(tmp_path / "p.webp")
+    with pytest.raises(PanoramaError, match="gif") as caught:
+        read_panorama(tmp_path / "p.gif")
+    assert "WebP" in str(caught.value.advice)
+
+
+def test_several_pictures_in_one_file(tmp_path: Path) -> None:
+    first = Image.fromarray(ramp())
+    first.save(tmp_path / "p.tif", save_all=True, append_images=[Image.new("RGB", SIZE)])
+    assert any("the first is taken" in note for note in read_panorama(tmp_path / "p.tif").notes)
+
+
+@pytest.mark.parametrize("name", ["room.webp", "room.tiff", "room.avif"])
+def test_a_session_keeps_the_file_as_it_is(tmp_path: Path, name: str) -> None:
+    path = save(tmp_path / name)
+    session = panorama_session(path, tmp_path / "sessions")
+    (given,) = (session / "given").iterdir()
+    assert given.read_bytes() == path.read_bytes()
+    assert not verify_session(session).problems
+    assert panorama_session(path, tmp_path / "sessions") == session
+    assert daylit.main(["verify", str(session)]) == 0
