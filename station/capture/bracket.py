@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from station.errors import UsageError
+from station.frames.rules import same_stop, seconds_text, stops_between
 from station.session.session import FrameStatistics, Side
 
 PAPER_STOPS_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
@@ -80,6 +81,19 @@ def useless_because(stop: int, frames: Mapping[int, FrameStatistics]) -> str | N
     if shorter:
         return f"nothing is dark any more at stop {min(shorter)}"
     return None
+
+
+def unavailable_stops(stops_s: Sequence[float], offered_s: Sequence[float]) -> tuple[str, ...]:
+    """Name, with the nearest time that a camera has, the stops it lacks (seconds); and those that would be one to it."""
+    found, taken = [], dict[float, float]()
+    for stop_s in stops_s if offered_s else ():
+        nearest_s = min(offered_s, key=lambda time_s: abs(stops_between(time_s, stop_s)))
+        if not same_stop(stop_s, nearest_s):
+            found.append(f"{seconds_text(stop_s)} (its nearest is {seconds_text(nearest_s)})")
+        elif nearest_s in taken:
+            found.append(f"{seconds_text(stop_s)} beside {seconds_text(taken[nearest_s])}: one and the same to it")
+        taken[nearest_s] = stop_s
+    return tuple(found)
 
 
 def parse_shutter(text: str) -> float:

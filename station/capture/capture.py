@@ -16,18 +16,18 @@ import math
 import queue
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from uuid import uuid4
 
 from drivers.errors import DeviceError
-from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost
+from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost, unavailable_stops
 from station.capture.camera_worker import CameraWorker
 from station.capture.conductor import Conductor, Doubts, Hooks
 from station.capture.events import CaptureEvent, EventKind, Notice
 from station.capture.intake import Intake, ReadingTaker, When, drift_frac
-from station.capture.preflight import Findings, Level, check_rig, require
+from station.capture.preflight import Check, Findings, Level, check_rig, require
 from station.capture.rig import Rig
 from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
@@ -140,12 +140,12 @@ class Capture:
         for starter in starters:
             starter.start()  # behind preflight
         whole = False
+        self._rig.clock.rebase()
         try:
-            yield from self._preflight()
-            yield from self._collect_reading()
-            yield from self._bracket()
-            yield from self._collect_reading()
-            yield from self._end()
+            with closing(self._steps()) as steps:
+                for event in steps:
+                    yield event
+                    yield from self._clock_step()
             whole = True
         finally:
             self._readings.close(wait=whole)
@@ -155,6 +155,20 @@ class Capture:
                 checker.close()
             if not whole and self._store is not None:
                 self._store.close()  # gives the lock back, so that the session can be resumed
+
+    def _steps(self) -> Iterator[CaptureEvent]:
+        yield from self._preflight()
+        yield from self._collect_reading()
+        yield from self._bracket()
+        yield from self._collect_reading()
+        yield from self._end()
+
+    def _clock_step(self) -> Iterator[CaptureEvent]:
+        """Note that somebody (NTP after a sleep, say) set the computer's clock: no time of the session is taken from it."""
+        if self._store is not None and (step_s := self._rig.clock.new_step_s()) is not None:
+            self._store.event("clock_step", step_s=step_s)
+            text = f"the computer's clock was set by {step_s:+.1f} s meanwhile; times go on as they were at the start"
+            yield self._warn("clock_step", text)
 
     def _preflight(self) -> Iterator[CaptureEvent]:
         yield self._say(EventKind.STARTED, "preflight")
@@ -167,6 +181,7 @@ class Capture:
             bytes_needed=self._bytes_needed(),
             on_meter_ready=lambda: self._readings.start(first) if first is not None else None,
         )
+        findings = Findings((*findings.checks, *self._stop_checks()), findings.devices)
         for check in findings.checks:
             yield self._say(EventKind.CHECK, f"{check.name}: {check.text}", **check.to_dict())
         require(findings)
@@ -180,6 +195,15 @@ class Capture:
         for check in findings.checks:
             if check.level is Level.WARN:
                 self._store.add_warning(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
+
+    def _stop_checks(self) -> Iterator[Check]:
+        """Refuse stops that a connected camera does not have: it would take the nearest under their name."""
+        for side in self._plan.sides:
+            camera = self._rig.cameras.get(side)
+            lacking = unavailable_stops(self._plan.stops_s, camera.shutter_times_s) if camera else ()
+            if lacking:
+                text = f"this camera does not have {', '.join(lacking)}"
+                yield Check(Level.FAIL, f"{side} stops", text, advice="change --stops, or [bracket] stops of the rig")
 
     def _withdraw_damaged(self, store: SessionStore) -> Iterator[CaptureEvent]:
         """Frames whose file is gone or changed since they were saved are taken anew; the file is kept aside."""
@@ -221,7 +245,7 @@ class Capture:
             devices=findings.devices,
             target=self._request.target or (rig.meter.target() if rig.meter else None),
             readings_planned=self._readings.planned,
-            rig=rig.model_dump(mode="json"),
+            rig=rig.model_dump(mode="json") | ({"simulate": self._rig.world} if self._rig.world else {}),
         )
 
     def _opening_warnings(self) -> Iterator[CaptureEvent]:

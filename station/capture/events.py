@@ -67,7 +67,7 @@ class Fire:
 
 @dataclass(frozen=True)
 class StandDown:
-    """Order: the partner is not ready, forget the stop."""
+    """Order: the partner is not ready, forget the stop and let go of the button."""
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,17 @@ class Lost:
 
 
 @dataclass(frozen=True)
+class Breaking:
+    """A device error (at a stop, or between stops): the camera is being recovered; answered by itself with Broken."""
+
+    side: Side
+    stop: int | None
+    error: DeviceError
+
+
+@dataclass(frozen=True)
 class Broken:
-    """A device error (at a stop, or between stops); ``recovered``: the camera can go on."""
+    """The end of a recovery after a device error; ``recovered``: the camera can go on."""
 
     side: Side
     stop: int | None
@@ -192,4 +201,4 @@ class Left:
     side: Side
 
 
-Notice = Ready | Released | Exposed | Progress | Saved | Rejected | Lost | Broken | Fatal | Left
+Notice = Ready | Released | Exposed | Progress | Saved | Rejected | Lost | Breaking | Broken | Fatal | Left

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.camera import Camera
-from drivers.clock import Clock, SystemClock
+from drivers.clock import Clock, SteadyClock, SystemClock
 from drivers.meter.interface import Meter
 from station.capture.rig_file import CameraTable, RigFile
 from station.errors import RigError
@@ -27,10 +27,12 @@ class Rig:
     file: RigFile
     cameras: dict[Side, Camera]
     meter: Meter | None
-    clock: Clock
+    clock: SteadyClock
     simulated: bool = False
     bench: SimulatedBench | None = None
     on_close: list[Callable[[], None]] = field(default_factory=list)
+    world: str = ""
+    """What simulated instruments look at: recorded, so that a session can be resumed."""
 
     def close(self) -> None:
         """Leave every instrument usable; never raises."""
@@ -47,26 +49,28 @@ def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
 
     Raises `RigError`: A meter dialect that does not exist.
     """
-    clock = clock or SystemClock()
+    clock = SteadyClock(clock or SystemClock())
     cameras = {side: _camera(table, None, clock) for side, table in file.cameras().items()}
     meter = meter_on_port(file.meter.dialect, file.meter.port, clock) if file.meter else None
     return Rig(file, cameras, meter, clock)
 
 
-def open_simulated_rig(file: RigFile, bench: SimulatedBench) -> Rig:
+def open_simulated_rig(file: RigFile, bench: SimulatedBench, *, clock: Clock | None = None, world: str = "") -> Rig:
     """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks.
 
-    The meter looks where the bench's meter does, unless the rig file says otherwise.
+    The meter looks where the bench's meter does, unless the rig file says otherwise. ``clock``: the computer's, where it
+    is another than the instruments'.
     """
+    steady = SteadyClock(clock or bench.clock)
     if file.meter is not None and file.meter.target_deg is None:
         meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
         file = file.model_copy(update={"meter": meter_table})
     file = file.model_copy(update=_as_measured(file, bench))
-    cameras = {side: _camera(table, bench.usb_backend, bench.clock) for side, table in file.cameras().items()}
+    cameras = {side: _camera(table, bench.usb_backend, steady) for side, table in file.cameras().items()}
     meter = None
     if file.meter is not None:
-        meter = meter_on_port(file.meter.dialect, bench.meter_port, bench.clock)
-    return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
+        meter = meter_on_port(file.meter.dialect, bench.meter_port, steady)
+    return Rig(file, cameras, meter, steady, simulated=True, bench=bench, on_close=[bench.close], world=world)
 
 
 def _as_measured(file: RigFile, bench: SimulatedBench) -> dict[str, object]:
@@ -99,6 +103,16 @@ def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
     return Canon5D2(open_transport, clock, sizes_px=sizes_px)
 
 
+def known_times_s(kind: str) -> tuple[float, ...]:
+    """Return the exposure times that cameras of a kind have, seconds: by Ricoh's specification, and the thirds of EOS."""
+    from drivers.canon_5d2.codes import SHUTTER_CODES
+    from drivers.theta_z1.codes import SHUTTER_FRACTIONS
+
+    if kind == "theta_z1":
+        return tuple(numerator / denominator for numerator, denominator in SHUTTER_FRACTIONS)
+    return tuple(SHUTTER_CODES.values())
+
+
 def meter_on_port(dialect_name: str, port: str, clock: Clock) -> Meter:
     """Return the meter of a dialect on a serial port; ``"auto"`` looks for its USB ids each time it connects.
 
@@ -119,7 +133,7 @@ SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
 
 
 def open_named_rig(
-    path: Path | None,
+    path: Path | RigFile | None,
     simulate: str | None,
     *,
     size: str = "full",
@@ -140,7 +154,10 @@ def open_named_rig(
     """
     from station.capture.rig_file import PAPER_RIG, load_rig
 
-    file = PAPER_RIG if simulate and path is None else load_rig(find_rig_file(path))
+    if isinstance(path, RigFile):
+        file = path
+    else:
+        file = PAPER_RIG if simulate and path is None else load_rig(find_rig_file(path))
     file = file.model_copy(update=changes)
     if not simulate:
         return open_rig(file)
@@ -154,7 +171,7 @@ def open_named_rig(
     clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())
     options = BenchOptions(clock=clock, on_progress=on_progress)
     bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
-    return open_simulated_rig(file, bench)
+    return open_simulated_rig(file, bench, world=simulate)
 
 
 def _place_of(simulate: str) -> tuple[dict[str, object], datetime | None]:

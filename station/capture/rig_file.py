@@ -153,7 +153,7 @@ def load_rig(path: Path) -> RigFile:
         raise RigError(
             "there is no such rig file", where=str(path), advice="write one with: daylit doctor --write-rig rig.toml"
         ) from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise RigError(f"cannot be read: {error}", where=str(path), advice="correct the file") from error
     except ValidationError as error:
         keys = "; ".join(f"[{'.'.join(map(str, e['loc']))}] {e['msg']}" for e in error.errors())
