@@ -15,7 +15,7 @@ import hashlib
 import math
 import queue
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,14 +24,13 @@ from uuid import uuid4
 from drivers.errors import DeviceError
 from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost, unavailable_stops
 from station.capture.camera_worker import CameraWorker
-from station.capture.conductor import Conductor, Doubts, Hooks
+from station.capture.conductor import Conductor, Hooks
 from station.capture.events import CaptureEvent, EventKind, Notice
-from station.capture.intake import Intake, ReadingTaker, When, drift_frac
+from station.capture.intake import Intake, ReadingTaker, When, doubts, drift_frac
 from station.capture.preflight import Check, Findings, Level, check_rig, require
-from station.capture.rig import Rig
-from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError, software_versions
+from station.capture.rig import Rig, require_same_camera
+from station.errors import ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
-from station.frames.rules import check_not_too_dark, check_order
 from station.session.session import (
     MAX_ROOM_CHARACTERS,
     BracketRecord,
@@ -44,9 +43,6 @@ from station.session.session import (
     WarningRecord,
 )
 from station.session.store import SessionStore
-
-SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
-"""Keys of a camera's table that the frames of one bracket must share."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ class Capture:
         self._request = request
         self._store = resumed
         self._conductor: Conductor | None = None
-        self._stop_asked = False
+        self._stop_asked = self._paused = False
         self._checkers = {side: FrameChecker() for side in plan.sides}
 
     @classmethod
@@ -111,7 +107,7 @@ class Capture:
             names = " or ".join(sorted(lacking))
             raise SessionError(f"the rig has no {names} camera", where=where, advice="use the rig it was made with")
         for side in sorted(needed):
-            _require_same_table(rig, store, side)
+            require_same_camera(rig, store.manifest, side, where)
         plan = plan_bracket(bracket.stops_s, bracket.mode, bracket.sides)
         request = CaptureRequest(room=store.manifest.name, into=store.path.parent)
         return cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
@@ -133,6 +129,17 @@ class Capture:
         self._stop_asked = True
         if self._conductor is not None:
             self._conductor.ask_stop()
+
+    def ask_pause(self, *, paused: bool) -> None:
+        """Take no further pair until asked to continue; cameras are kept awake. Safe in a signal handler."""
+        self._paused = paused
+        if self._conductor is not None:
+            self._conductor.paused = paused
+
+    @property
+    def has_store(self) -> bool:
+        """Whether the session exists."""
+        return self._store is not None
 
     def events(self) -> Iterator[CaptureEvent]:
         """Run the capture. Raises `DaylitError` kinds; what was acknowledged until then is kept and resumable."""
@@ -156,7 +163,7 @@ class Capture:
             if not whole and self._store is not None:
                 self._store.close()  # gives the lock back, so that the session can be resumed
 
-    def _steps(self) -> Iterator[CaptureEvent]:
+    def _steps(self) -> Generator[CaptureEvent]:
         yield from self._preflight()
         yield from self._collect_reading()
         yield from self._bracket()
@@ -164,7 +171,7 @@ class Capture:
         yield from self._end()
 
     def _clock_step(self) -> Iterator[CaptureEvent]:
-        """Note that somebody (NTP after a sleep, say) set the computer's clock: no time of the session is taken from it."""
+        """Note that the computer's clock was set (by NTP after a sleep, say): no time of the session follows it."""
         if self._store is not None and (step_s := self._rig.clock.new_step_s()) is not None:
             self._store.event("clock_step", step_s=step_s)
             text = f"the computer's clock was set by {step_s:+.1f} s meanwhile; times go on as they were at the start"
@@ -297,12 +304,13 @@ class Capture:
                 self.store,
                 self._rig.clock,
                 max_start_skew_s=self._rig.file.limits.max_start_skew_s,
-                hooks=Hooks(self._start_last_reading, lambda: _doubts(intakes, self._plan.stops_s)),
+                hooks=Hooks(self._start_last_reading, lambda: doubts(intakes, self._plan.stops_s)),
             )
+            self._conductor.paused = self._paused
             if self._stop_asked:
                 self._conductor.ask_stop()
             yield from self._conductor.run()
-            for (side, _), why in _doubts(intakes, self._plan.stops_s).items():
+            for (side, _), why in doubts(intakes, self._plan.stops_s).items():
                 yield self._warn("brightness_order", f"{side}: {why}")
         finally:
             for intake in intakes.values():
@@ -346,35 +354,6 @@ class Capture:
 
     def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
         return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
-
-
-def _require_same_table(rig: Rig, store: SessionStore, side: Side) -> None:
-    """Refuse to mix frames of two settings in one bracket."""
-    before = store.manifest.rig.get(side.value)
-    if not isinstance(before, dict):
-        return  # nothing is known of it
-    now = rig.file.cameras()[side].model_dump(mode="json")
-    changed = [
-        f"{key} was {before[key]}, is {now[key]}" for key in SAME_ON_RESUME if before.get(key, now[key]) != now[key]
-    ]
-    if changed:
-        raise SessionError(
-            f"the rig has another {side} camera: {'; '.join(changed)}",
-            where=str(store.path),
-            advice="use the rig (and --size) it was made with",
-        )
-
-
-def _doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> Doubts:
-    """Return the frames whose brightness does not fit: the light jumped, or the camera did not do as it said."""
-    found: Doubts = {}
-    for side, intake in intakes.items():
-        for check in (check_order, check_not_too_dark):
-            try:
-                check(intake.facts, stops_s)
-            except FrameRejectedError as error:
-                found |= {(side, stop): f"{error.where}: {error.message}" for stop in error.details["stops"]}
-    return found
 
 
 def _start_quietly(checker: FrameChecker) -> None:

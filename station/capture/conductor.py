@@ -41,7 +41,7 @@ MAX_RETAKES = 1
 MAX_DEVICE_FAILURES = 2
 """Of one stop: recovered that often, then the stop is named as missing."""
 PUMP_WAIT_S = 0.25
-JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED)
+JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED, EventKind.PAUSED, EventKind.CONTINUED)
 """What the store's own records do not hold. The rest would only put disk waits between two exposures."""
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
 """Errors after which a retake is useless until somebody acts."""
@@ -90,6 +90,8 @@ class Conductor:
         self._statistics: dict[Side, dict[int, FrameStatistics]] = {side: {} for side in plan.sides}
         self._left: set[Side] = set()
         self._stop_asked = False
+        self.paused = False
+        """Set, at any moment, to take no further pair; cleared, to go on."""
         self.dead: dict[Side, DaylitError] = {}
 
     def ask_stop(self) -> None:
@@ -130,7 +132,9 @@ class Conductor:
     def _take_all(self) -> Iterator[CaptureEvent]:
         announced = False
         while not (self._stop_asked or self.dead):
-            if self._todo:
+            if self.paused:
+                yield from self._pause()
+            elif self._todo:
                 stop, sides = self._todo.popleft()
                 sides = yield from self._sides_in_need(stop, sides)
                 if sides and not self._stop_asked:
@@ -143,6 +147,18 @@ class Conductor:
                 yield from self._pump()
             elif not (yield from self._retake_doubtful()):
                 return
+
+    def _pause(self) -> Iterator[CaptureEvent]:
+        """Let both buttons go and take in what comes, until asked to go on; the cameras' threads keep them awake."""
+        begun_s = self._clock.monotonic_s()
+        self._pairing.stand_down(self._workers)
+        yield self._event(EventKind.PAUSED, "paused")
+        while self.paused and not (self._stop_asked or self.dead):
+            yield from self._pump()
+        yield self._event(EventKind.CONTINUED, "continued")
+        if self._todo:
+            text = f"paused for {self._clock.monotonic_s() - begun_s:.0f} s: the light may have changed meanwhile"
+            yield self._warn("paused", text)
 
     def _retake_doubtful(self) -> Generator[CaptureEvent, None, bool]:
         """Put back, once, what only the whole bracket shows to be wrong; frames stay until better ones are saved."""

@@ -33,6 +33,10 @@ class EventKind(StrEnum):
     WARNING = "warning"
     FAILED = "failed"
     FINISHED = "finished"
+    PAUSED = "paused"
+    CONTINUED = "continued"
+    WAITING = "waiting"
+    MISSED = "missed"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Literal
 
@@ -22,6 +22,7 @@ from station.capture.rig_file import CameraTable
 from station.errors import FrameRejectedError, UsageError
 from station.frames.check import FrameChecker
 from station.frames.facts import ExpectedFrame, FrameFacts
+from station.frames.rules import check_not_too_dark, check_order
 from station.session.session import FrameRecord, ReadingRecord, RejectedFrame, Side, shutter_label
 from station.session.store import FramePart, SessionStore, StoredFrame
 
@@ -295,3 +296,15 @@ def _frame_record(shot: Shot, facts: FrameFacts, stored: StoredFrame) -> FrameRe
         statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None,
         retakes=shot.retakes,
     )
+
+
+def doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> dict[tuple[Side, int], str]:
+    """Return the frames whose brightness does not fit: the light jumped, or the camera did not do as it said."""
+    found: dict[tuple[Side, int], str] = {}
+    for side, intake in intakes.items():
+        for check in (check_order, check_not_too_dark):
+            try:
+                check(intake.facts, stops_s)
+            except FrameRejectedError as error:
+                found |= {(side, stop): f"{error.where}: {error.message}" for stop in error.details["stops"]}
+    return found

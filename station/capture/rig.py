@@ -13,8 +13,8 @@ from drivers.camera import Camera
 from drivers.clock import Clock, SteadyClock, SystemClock
 from drivers.meter.interface import Meter
 from station.capture.rig_file import CameraTable, RigFile
-from station.errors import RigError
-from station.session.session import Side
+from station.errors import RigError, SessionError
+from station.session.session import SessionManifest, Side
 
 if TYPE_CHECKING:
     from mocks.instruments.bench import SimulatedBench, WantedCamera
@@ -44,6 +44,27 @@ class Rig:
             action()
 
 
+SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+"""Keys of a camera's table that the frames of one bracket must share."""
+
+
+def require_same_camera(rig: Rig, manifest: SessionManifest, side: Side, where: str) -> None:
+    """Refuse, with `SessionError`, to mix frames of two settings in one bracket."""
+    before = manifest.rig.get(side.value)
+    if not isinstance(before, dict):
+        return  # nothing is known of it
+    now = rig.file.cameras()[side].model_dump(mode="json")
+    changed = [
+        f"{key} was {before[key]}, is {now[key]}" for key in SAME_ON_RESUME if before.get(key, now[key]) != now[key]
+    ]
+    if changed:
+        raise SessionError(
+            f"the rig has another {side} camera: {'; '.join(changed)}",
+            where=where,
+            advice="use the rig (and --size) it was made with",
+        )
+
+
 def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
     """Return a rig of real instruments; nothing is opened before `Camera.connect` and `Meter.connect`.
 
@@ -58,8 +79,8 @@ def open_rig(file: RigFile, clock: Clock | None = None) -> Rig:
 def open_simulated_rig(file: RigFile, bench: SimulatedBench, *, clock: Clock | None = None, world: str = "") -> Rig:
     """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks.
 
-    The meter looks where the bench's meter does, unless the rig file says otherwise. ``clock``: the computer's, where it
-    is another than the instruments'.
+    The meter looks where the bench's meter does, unless the rig file says otherwise. ``clock``: the computer's, where
+    it is not the instruments'.
     """
     steady = SteadyClock(clock or bench.clock)
     if file.meter is not None and file.meter.target_deg is None:
@@ -104,7 +125,7 @@ def _camera(table: CameraTable, backend: object | None, clock: Clock) -> Camera:
 
 
 def known_times_s(kind: str) -> tuple[float, ...]:
-    """Return the exposure times that cameras of a kind have, seconds: by Ricoh's specification, and the thirds of EOS."""
+    """Return the exposure times of a kind of camera, seconds: by Ricoh's specification, and the thirds of EOS."""
     from drivers.canon_5d2.codes import SHUTTER_CODES
     from drivers.theta_z1.codes import SHUTTER_FRACTIONS
 
