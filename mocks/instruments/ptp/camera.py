@@ -112,6 +112,7 @@ class SimulatedCamera(PtpResponder):
         )
         self.exposure_log.append(record)
         self.busy_until_s = max(record.end_s + self.timing.processing_s, start_s + self.least_cycle_s())
+        self.busy_until_s += sum(f.number("delay_s") for f in shot_faults if f.kind is FaultKind.LATE_PICTURE)
         if self.timing.dated_after_s is not None:
             after_s = record.end_s + self.timing.dated_after_s - self.clock.monotonic_s()
             dated = (self.local_now() + timedelta(seconds=after_s)).replace(tzinfo=None, microsecond=0)
