@@ -143,6 +143,7 @@ class Capture:
 
     def events(self) -> Iterator[CaptureEvent]:
         """Run the capture. Raises `DaylitError` kinds; what was acknowledged until then is kept and resumable."""
+        self._readings.end_earlier()
         starters = [threading.Thread(target=_start_quietly, args=(c,)) for c in self._checkers.values()]
         for starter in starters:
             starter.start()  # behind preflight

@@ -10,7 +10,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Literal
 
 from drivers.camera import FrameFormat
@@ -101,6 +101,15 @@ class ReadingTaker:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="meter")
         self._running: Future[ReadingRecord] | None = None
 
+    def end_earlier(self) -> None:
+        """Wait, bounded, for a reading that another capture of this rig left running, and give its line back.
+
+        A process that is started while the line is open holds its lock for a moment, and it could not be opened anew.
+        """
+        if self._rig.reading is not None and self._rig.meter is not None:
+            wait([self._rig.reading], IDLE_LIMIT_S)
+            self._rig.meter.close()
+
     @property
     def planned(self) -> Literal[0, 1, 2]:
         """How many readings a new session is to have: 2 with a meter, else as many as were typed."""
@@ -116,7 +125,7 @@ class ReadingTaker:
         """Begin a reading in the background, behind one that runs; that is dropped as stale, errors and all."""
         if self._running is not None:
             self._running.cancel()
-        self._running = self._pool.submit(self._take, when)
+        self._running = self._rig.reading = self._pool.submit(self._take, when)
 
     def collect(self) -> ReadingRecord | None:
         """Wait for the reading begun last and return it; None if none was begun."""

@@ -14,9 +14,11 @@ from drivers.clock import Clock, SteadyClock, SystemClock
 from drivers.meter.interface import Meter
 from station.capture.rig_file import CameraTable, RigFile
 from station.errors import RigError, SessionError
-from station.session.session import SessionManifest, Side
+from station.session.session import ReadingRecord, SessionManifest, Side
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from mocks.instruments.bench import SimulatedBench, WantedCamera
 
 
@@ -33,6 +35,8 @@ class Rig:
     on_close: list[Callable[[], None]] = field(default_factory=list)
     world: str = ""
     """What simulated instruments look at: recorded, so that a session can be resumed."""
+    reading: Future[ReadingRecord] | None = None
+    """The meter's last reading: it may still run when the capture that began it has failed."""
 
     def close(self) -> None:
         """Leave every instrument usable; never raises."""
