@@ -62,9 +62,9 @@ def late_partner(kind: str, operation: int, nth: int, delay_s: float, into: Path
     return outcome.wrong if outcome.fired else ["the camera was not late"]
 
 
-def clock_step(at_event: int, step_s: float, into: Path) -> list[str]:
+def clock_step(at_pair: int, step_s: float, into: Path) -> list[str]:
     """Take a bracket during which the computer's clock is set; it must be complete at once, its times undisturbed."""
-    capture = FaultyCapture(Trouble({}, (), None, (at_event, step_s)), into)
+    capture = FaultyCapture(Trouble({}, (), None, (at_pair, step_s)), into)
     outcome = capture.run()
     wrong = list(outcome.wrong) + ["not complete at once"] * bool(outcome.resumes)
     (path,) = into.iterdir()

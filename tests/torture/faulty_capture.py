@@ -115,7 +115,7 @@ class SteppedClock:
 class Trouble:
     """What goes wrong in one capture; ``abandoned_at`` is the number of the event after which nobody listens.
 
-    ``step``: the number of the event at which the computer's clock is set, and by how many seconds.
+    ``step``: at which pair of exposures, from 1, the computer's clock is set, and by how many seconds.
     """
 
     cameras: dict[str, FaultSchedule]
@@ -217,7 +217,7 @@ class FaultyCapture:
         else:
             job = Capture.resume(rig, store)
         begun_s = before_s = rig.clock.monotonic_s()
-        events = job.events()
+        events, stops = job.events(), 0
         for number, event in enumerate(events, 1):
             now_s = rig.clock.monotonic_s()
             self.outcome.longest_silence_s = max(self.outcome.longest_silence_s, now_s - before_s)
@@ -225,7 +225,8 @@ class FaultyCapture:
             if event.kind is EventKind.SAVED:
                 file = str(event.data["file"])
                 self.outcome.acknowledged[file] = _digest(job.store.path / file)
-            if number == trouble.step[0]:
+            stops += event.kind is EventKind.STOP
+            if event.kind is EventKind.STOP and stops == trouble.step[0]:
                 self.outcome.fired += 1
                 self.wall.step_s = trouble.step[1]
             if number == trouble.abandoned_at:
