@@ -2,7 +2,7 @@
 
 The cases are those of `tests/torture` (real drivers through pyusb and pyserial, simulated time 20 times life): either
 camera late by 10 to 120 s at each operation of a bracket, or with its picture; the computer's clock set by -1 day to
-+1 day at each pair; captures on one rig with faults in 1 % of their frames. ``--quick`` takes a few of each. A case is lost
++1 day at each pair; captures on one rig, with faults in 1 % of their frames. ``--quick`` takes a few. A case is lost
 where a session could not be completed, or an acknowledged frame is missing, wrong, or rejected for the clock.
 """
 

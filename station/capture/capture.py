@@ -153,7 +153,8 @@ class Capture:
             with closing(self._steps()) as steps:
                 for event in steps:
                     yield event
-                    yield from self._clock_step()
+                    if event.kind is not EventKind.FINISHED:  # which is written
+                        yield from self._clock_step()
             whole = True
         finally:
             self._readings.close(wait=whole)

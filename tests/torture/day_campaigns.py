@@ -13,7 +13,8 @@ import signal
 import threading
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import timedelta
 from pathlib import Path
 
 import psutil
@@ -24,15 +25,26 @@ from drivers.ptp.codes import Operation
 from mocks.instruments.bench import BenchOptions, make_bench
 from mocks.instruments.clock import ScaledClock
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
+from mocks.instruments.theta_z1 import SimulatedThetaZ1
 from station.capture.capture import Capture, CaptureRequest
 from station.capture.events import CaptureEvent, EventKind
 from station.capture.rig import Rig, open_simulated_rig, wanted_cameras
 from station.commands.following import follow
 from station.commands.views import SilentView
+from station.day.day import Day, DayPlan
 from station.session.session import SessionStatus
 from station.session.store import SessionStore
 from station.session.verify import verify_session
-from tests.torture.faulty_capture import QUICK_THETA, RATE, RIG, STOPS_S, FaultyCapture, RampShots, Trouble
+from tests.torture.faulty_capture import (
+    QUICK_THETA,
+    RATE,
+    RIG,
+    STOPS_S,
+    FaultyCapture,
+    RampShots,
+    SteppedClock,
+    Trouble,
+)
 
 DELAYS_S = (10.0, 30.0, 58.0, 75.0, 90.0, 120.0)
 STEPS_S = (-86_400.0, -3600.0, -47.0, -20.0, 20.0, 47.0, 3600.0, 86_400.0)
@@ -141,7 +153,7 @@ def soak(captures: int, into: Path, *, fault_frac: float = 0.01, seed: int = 202
     )
     shots = {kind: RampShots() for kind in RELEASES}
     options = BenchOptions(
-        clock=ScaledClock(RATE), timing={"theta_z1": QUICK_THETA}, shots=shots, faults=faults, measuring_s=0.5
+        clock=ScaledClock(2 * RATE), timing={"theta_z1": QUICK_THETA}, shots=shots, faults=faults, measuring_s=0.5
     )
     bench = make_bench("uniform:100", wanted_cameras(file), stops_s, options)
     rig = open_simulated_rig(file, bench)
@@ -228,3 +240,46 @@ def late_cases(
     for kind, occurrences in operations.items():
         for operation, nth in sorted(occurrences.items()):
             yield from ((kind, operation, nth, delay_s) for delay_s in delays_s)
+
+
+EVERY_S = 150.0
+
+
+def day(into: Path, brackets: int = 9) -> tuple[list[str], Counter[EventKind]]:
+    """Take brackets by the hour (here 150 s) on one rig, with a camera unplugged, a battery changed and the clock set.
+
+    The 5D Mark II switches itself off after a minute unless somebody keeps it awake. Returns what went wrong, and how
+    many events of each kind there were.
+    """
+    base = ScaledClock(RATE)
+    wall, stops_s = SteppedClock(base), STOPS_S[2:]
+    shots = {kind: RampShots() for kind in RELEASES}
+    options = BenchOptions(clock=base, timing={"theta_z1": QUICK_THETA}, shots=shots, measuring_s=0.5)
+    bench = make_bench("uniform:100", wanted_cameras(RIG), stops_s, options)
+    rig = open_simulated_rig(RIG, bench, clock=wall)
+    theta, canon = bench.cameras["theta_z1"], bench.cameras["canon_5d2"]
+    assert isinstance(theta, SimulatedThetaZ1)
+    until = rig.clock.utc_now() + timedelta(seconds=(brackets - 0.5) * EVERY_S)
+    job = Day(rig, DayPlan(("Room",), EVERY_S, until), CaptureRequest(room="Room", into=into, stops_s=stops_s))
+    kinds: Counter[EventKind] = Counter()
+    for event in job.events():
+        kinds[event.kind] += 1
+        if event.kind is EventKind.FINISHED and kinds[event.kind] == 2:
+            canon.unplug()
+        if event.kind is EventKind.WAITING and "outdoor: not found" in event.text:
+            canon.replug()
+        if event.kind is EventKind.FINISHED and kinds[event.kind] == 3:
+            theta.options = replace(theta.options, battery_percent=3)
+        if event.kind is EventKind.WAITING and "battery" in event.text:
+            theta.unplug(10.0)
+            theta.options = replace(theta.options, battery_percent=95)
+        if event.kind is EventKind.FINISHED and kinds[event.kind] == 4:
+            wall.step_s = -20.0
+    rig.close()
+    wrong = [f"missed: {missed}" for missed in job.missed]
+    wrong += [f"{t.path.name}: {t.manifest.missing}" for t in job.taken if t.manifest.status is SessionStatus.PARTIAL]
+    wrong += [f"{t.path.name}: {p}" for t in job.taken for p in verify_session(t.path).problems]
+    wrong += [f"{t.path.name}: rejected {r.reason}" for t in job.taken for r in t.manifest.rejected]
+    if len(job.taken) != brackets:
+        wrong.append(f"{len(job.taken)} sessions, not {brackets}")
+    return wrong, kinds
