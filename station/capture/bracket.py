@@ -34,6 +34,8 @@ class BracketPlan:
     order: tuple[int, ...]
     mode: Mode
     sides: tuple[Side, ...]
+    reference: bool = False
+    """Whether one stop is repeated at the end, to show what changed of the light."""
 
     def remaining(self, missing: Mapping[Side, Iterable[int]]) -> tuple[tuple[int, tuple[Side, ...]], ...]:
         """Return (stop, sides that still need it) in capture order."""
@@ -68,7 +70,8 @@ def plan_bracket(stops_s: Sequence[float], mode: Mode, sides: Sequence[Side]) ->
 def plan_of(file: RigFile, stops: str | None = None, mode: Mode | None = None) -> BracketPlan:
     """Return the plan of a rig's cameras, with other stops (``"4,1,1/4"``) or another mode where they are given."""
     stops_s = tuple(parse_shutter(s) for s in stops.split(",")) if stops else file.bracket.stops_s()
-    return plan_bracket(stops_s, mode or file.bracket.mode, tuple(file.cameras()))
+    plan = plan_bracket(stops_s, mode or file.bracket.mode, tuple(file.cameras()))
+    return replace(plan, reference=file.bracket.reference)
 
 
 def _outwards(n_stops: int) -> tuple[int, ...]:
@@ -242,7 +245,7 @@ def estimate_bracket(
     exposure_s = exposure_s or {}
     backlog_s = dict.fromkeys(plan.sides, 0.0)
     rows = []
-    for stop in plan.order:
+    for stop in (*plan.order, *plan.order[len(plan.order) // 2 :][: int(plan.reference)]):
         nominal_s = plan.stops_s[stop]
         spans_s = {s: costs[s].span_s(exposure_s.get((s, stop), nominal_s)) for s in plan.sides}
         pair_s = max(spans_s.values(), default=0.0)

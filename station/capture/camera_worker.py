@@ -188,7 +188,7 @@ class CameraWorker:
         self._shutter = self._camera.set_shutter(order.shutter_s)
         self._camera.arm()
         self._armed, self._alive_at_s = order, self._clock.monotonic_s()
-        self._put(Ready(self.side, order.stop))
+        self._put(Ready(self.side, order.stop, order.number))
 
     def _stand_down(self) -> None:
         if self._armed is not None:
@@ -214,6 +214,7 @@ class CameraWorker:
                 released_s=released_s,
                 announced_utc=announced_utc,
                 retakes=order.retakes,
+                repeats=order.repeats,
             )
             self._backlog.append(_Transfer(shot))
         self._put(Exposed(self.side, order.stop, len(frames), self._camera.can_transfer_while_exposing))

@@ -17,7 +17,7 @@ import queue
 import threading
 from collections.abc import Generator, Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from uuid import uuid4
 
@@ -76,7 +76,7 @@ class Capture:
         self._store = resumed
         self._conductor: Conductor | None = None
         self._stop_asked = self._paused = False
-        self._checkers = {side: FrameChecker() for side in plan.sides}
+        self._checkers = rig.checkers or {side: FrameChecker() for side in plan.sides}
 
     @classmethod
     def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
@@ -91,6 +91,7 @@ class Capture:
             raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
         mode = request.mode or rig.file.bracket.mode
         plan = plan_bracket(request.stops_s or rig.file.bracket.stops_s(), mode, tuple(rig.cameras))
+        plan = replace(plan, reference=rig.file.bracket.reference)
         return cls(rig, plan, ReadingTaker(rig, request.typed_readings), request, None)
 
     @classmethod
@@ -160,7 +161,7 @@ class Capture:
             self._readings.close(wait=whole)
             for starter in starters:
                 starter.join()  # bounded by the checker's own limit; one that starts after its close would stay
-            for checker in self._checkers.values():
+            for checker in self._checkers.values() if self._rig.checkers is None else ():
                 checker.close()
             if not whole and self._store is not None:
                 self._store.close()  # gives the lock back, so that the session can be resumed
@@ -305,7 +306,7 @@ class Capture:
                 notices,
                 self.store,
                 self._rig.clock,
-                max_start_skew_s=self._rig.file.limits.max_start_skew_s,
+                limits=self._rig.file.limits,
                 hooks=Hooks(self._start_last_reading, lambda: doubts(intakes, self._plan.stops_s)),
             )
             self._conductor.paused = self._paused

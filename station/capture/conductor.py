@@ -26,9 +26,12 @@ from station.capture.events import (
     Ready,
     Rejected,
     Released,
+    Repeated,
     Saved,
 )
 from station.capture.pairing import Pairing
+from station.capture.reference import best_stop, in_words
+from station.capture.rig_file import LimitsTable
 from station.session.session import FrameStatistics, Side, SkippedStop, WarningRecord, shutter_label
 from station.session.store import SessionStore
 
@@ -71,7 +74,7 @@ class Conductor:
         store: SessionStore,
         clock: Clock,
         *,
-        max_start_skew_s: float,
+        limits: LimitsTable,
         hooks: Hooks,
     ) -> None:
         self._plan = plan
@@ -79,7 +82,7 @@ class Conductor:
         self._notices = notices
         self._store = store
         self._clock = clock
-        self._max_start_skew_s = max_start_skew_s
+        self._max_start_skew_s, self._max_drift_frac = limits.max_start_skew_s, limits.max_drift_frac
         self._on_last_exposure, self._doubts = hooks
         self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
         self._pairing = Pairing(plan, workers, clock)
@@ -140,13 +143,23 @@ class Conductor:
                 if sides and not self._stop_asked:
                     announced = False
                     yield from self._take(stop, sides)
-            elif not announced:
+            elif not announced and (self._pairing.repeats or not self._plan.reference):
                 self._on_last_exposure()
                 announced = True
             elif self._in_flight:
                 yield from self._pump()
-            elif not (yield from self._retake_doubtful()):
+            elif not (yield from self._retake_doubtful()) and not self._repeat():
                 return
+
+    def _repeat(self) -> bool:
+        """Put one stop back, once, to be compared with itself; False where that is not wanted, or was done."""
+        if self._pairing.repeats or not self._plan.reference:
+            return False
+        self._pairing.repeats = True
+        stop = best_stop({side: self._statistics[side] for side in self._workers})
+        if stop is not None:
+            self._todo.append((stop, tuple(self._workers)))
+        return True
 
     def _pause(self) -> Iterator[CaptureEvent]:
         """Let both buttons go and take in what comes, until asked to go on; the cameras' threads keep them awake."""
@@ -162,7 +175,8 @@ class Conductor:
 
     def _retake_doubtful(self) -> Generator[CaptureEvent, None, bool]:
         """Put back, once, what only the whole bracket shows to be wrong; frames stay until better ones are saved."""
-        found = {key: why for key, why in self._doubts().items() if self._retakes[key] < MAX_RETAKES}
+        doubts = {} if self._pairing.repeats else self._doubts()
+        found = {key: why for key, why in doubts.items() if self._retakes[key] < MAX_RETAKES}
         for (side, stop), why in found.items():
             self._retakes[side, stop] += 1
             self._todo.append((stop, (side,)))
@@ -299,6 +313,8 @@ class Conductor:
                 yield from self._saved(notice)
             case Rejected(side, stop, record):
                 yield from self._frame_failed(side, stop, record.reason)
+            case Repeated():
+                yield from self._repeated(notice)
             case Lost(side, stop, error):
                 yield from self._frame_failed(side, stop, str(error))
             case Breaking() | Broken():
@@ -320,6 +336,16 @@ class Conductor:
         )
         yield from self._settle(side, stop)
 
+    def _repeated(self, notice: Repeated) -> Iterator[CaptureEvent]:
+        if (record := notice.record) is not None:
+            text = f"{record.side} {self._label(record.stop)} repeated: " + (
+                f"light x {record.ratio:.3f}" if record.ratio else "nothing to compare"
+            )
+            yield self._event(EventKind.REFERENCE, text, **record.model_dump(mode="json"))
+            if moved := in_words(record, self._max_drift_frac):
+                yield self._warn("moving_light", moved)
+        yield from self._settle(notice.side, notice.stop)
+
     def _frame_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
         self._rejected.setdefault((side, stop), reason)
         yield from self._settle(side, stop)
@@ -335,7 +361,7 @@ class Conductor:
             yield from self._exposure_failed(side, stop, reason)
 
     def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
-        again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked)
+        again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked or self._pairing.repeats)
         kept = "what was saved of it before stays" if self._store.manifest.frame(side, stop) else "missing"
         text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else kept)
         yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from drivers.camera import FrameRef, ShutterReadback
     from drivers.errors import DaylitError, DeviceError
-    from station.session.session import FrameRecord, RejectedFrame, Side
+    from station.session.session import FrameRecord, ReferenceRecord, RejectedFrame, Side
 
 
 class EventKind(StrEnum):
@@ -37,6 +37,7 @@ class EventKind(StrEnum):
     CONTINUED = "continued"
     WAITING = "waiting"
     MISSED = "missed"
+    REFERENCE = "reference"
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,10 @@ class SetUp:
     stop: int
     shutter_s: float
     retakes: int = 0
+    repeats: bool = False
+    """Not for the bracket: to be compared with its frame of the stop."""
+    number: int = 0
+    """Of the order: an answer to an earlier one is out of date."""
 
 
 @dataclass(frozen=True)
@@ -105,14 +110,16 @@ class Shot:
     released_s: float
     announced_utc: datetime
     retakes: int
+    repeats: bool = False
 
 
 @dataclass(frozen=True)
 class Ready:
-    """Armed."""
+    """Armed, as the set-up of this ``number`` has it."""
 
     side: Side
     stop: int
+    number: int
 
 
 @dataclass(frozen=True)
@@ -163,6 +170,15 @@ class Rejected:
 
 
 @dataclass(frozen=True)
+class Repeated:
+    """A repeated frame is compared with that of the bracket (None: it could not be)."""
+
+    side: Side
+    stop: int
+    record: ReferenceRecord | None
+
+
+@dataclass(frozen=True)
 class Lost:
     """A frame was exposed but could not be fetched."""
 
@@ -205,4 +221,4 @@ class Left:
     side: Side
 
 
-Notice = Ready | Released | Exposed | Progress | Saved | Rejected | Lost | Breaking | Broken | Fatal | Left
+Notice = Ready | Released | Exposed | Progress | Saved | Rejected | Repeated | Lost | Breaking | Broken | Fatal | Left

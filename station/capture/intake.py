@@ -16,7 +16,8 @@ from typing import Literal
 from drivers.camera import FrameFormat
 from drivers.clock import Clock
 from drivers.meter.interface import MeterReading, ReadingStatus
-from station.capture.events import Fatal, Notice, Rejected, Safe, Saved, Shot
+from station.capture.events import Fatal, Notice, Rejected, Repeated, Safe, Saved, Shot
+from station.capture.reference import compare
 from station.capture.rig import Rig
 from station.capture.rig_file import CameraTable
 from station.errors import FrameRejectedError, UsageError
@@ -223,6 +224,9 @@ class Intake:
                     self._idle.notify_all()
 
     def _take(self, shot: Shot, part: FramePart) -> None:
+        if shot.repeats:
+            self._repeated(shot, part)
+            return
         counts = True
         try:
             facts = self._check(shot, part)
@@ -239,6 +243,25 @@ class Intake:
             self._store.add_frame(frame)
             self.notices.put(Saved(self.side, shot.stop, frame))
         self.on_safe(Safe(shot.frame, acknowledged=counts))
+
+    def _repeated(self, shot: Shot, part: FramePart) -> None:
+        """Compare a repeated frame with the bracket's, and keep it aside; what is wrong with it costs nothing."""
+        record, reason = None, "repeated at the end, to compare"
+        before, frame = self.facts.get(shot.stop), self._store.manifest.frame(shot.side, shot.stop)
+        if shot.frame.format is FrameFormat.JPEG and before is not None and frame is not None:
+            name, after_s = f"{self.side} repeated", shot.released_s - (frame.release_monotonic_s or shot.released_s)
+            try:
+                after = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=[], name=name)
+                record = compare(shot, before, after, None, max(after_s, 0.0))
+            except FrameRejectedError as error:
+                reason = error.message
+        file = part.reject(reason)
+        self._store.add_rejected(RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=reason[:500]))
+        if record is not None:
+            record = record.model_copy(update={"file": file})
+            self._store.update(references=(*self._store.manifest.references, record))
+        self.notices.put(Repeated(self.side, shot.stop, record))
+        self.on_safe(Safe(shot.frame))
 
     def _replace_earlier(self, shot: Shot) -> None:
         """Let the frames of an earlier exposure of this stop make room: JPEG and raw file are of one exposure."""

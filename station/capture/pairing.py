@@ -23,6 +23,8 @@ class Pairing:
 
     def __init__(self, plan: BracketPlan, workers: Mapping[Side, CameraWorker], clock: Clock) -> None:
         self.retakes: Counter[tuple[Side, int]] = Counter()
+        self.repeats = False
+        """Whether what is ordered is compared only: the end of a bracket."""
         self.released_s: dict[Side, float] = {}
         """When each camera of the last pair was released, monotonic seconds."""
         self._plan = plan
@@ -32,6 +34,7 @@ class Pairing:
         self._ahead: dict[Side, int] = {}
         self._let_go: set[Side] = set()
         """Cameras stood down since the last pair was ordered: their Ready is out of date."""
+        self._n_orders: Counter[Side] = Counter()
         self._breaking: dict[Side, Deadline] = {}
 
     def set_up(self, stop: int, sides: tuple[Side, ...]) -> None:
@@ -54,7 +57,9 @@ class Pairing:
 
     def _order(self, side: Side, stop: int) -> None:
         self._answers.pop((side, stop), None)
-        self._workers[side].order(SetUp(stop, self._plan.stops_s[stop], self.retakes[side, stop]))
+        self._n_orders[side] += 1
+        shutter_s, retakes = self._plan.stops_s[stop], self.retakes[side, stop]
+        self._workers[side].order(SetUp(stop, shutter_s, retakes, self.repeats, self._n_orders[side]))
 
     def fire(self, stop: int, sides: tuple[Side, ...]) -> None:
         """Order the shutters of a pair that is ready to open together."""
@@ -78,6 +83,8 @@ class Pairing:
         if isinstance(notice, Breaking):
             self._breaking[side] = Deadline.after(self._clock, RECOVERY_LIMIT_S)
             self.stand_down(partner for partner in self._workers if partner != side)
+            return
+        if isinstance(notice, Ready) and notice.number != self._n_orders[side]:
             return
         if isinstance(notice, Broken):
             self._breaking.pop(side, None)

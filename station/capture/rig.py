@@ -14,6 +14,7 @@ from drivers.clock import Clock, SteadyClock, SystemClock
 from drivers.meter.interface import Meter
 from station.capture.rig_file import CameraTable, RigFile
 from station.errors import RigError, SessionError
+from station.frames.check import FrameChecker
 from station.session.session import ReadingRecord, SessionManifest, Side
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ class Rig:
     on_close: list[Callable[[], None]] = field(default_factory=list)
     world: str = ""
     """What simulated instruments look at: recorded, so that a session can be resumed."""
+    checkers: dict[Side, FrameChecker] | None = None
+    """Where many captures follow one another: their frame checkers, kept between them; closed with the rig."""
     reading: Future[ReadingRecord] | None = None
     """The meter's last reading: it may still run when the capture that began it has failed."""
 
@@ -44,6 +47,8 @@ class Rig:
             camera.close()
         if self.meter is not None:
             self.meter.close()
+        for checker in (self.checkers or {}).values():
+            checker.close()
         for action in self.on_close:
             action()
 

@@ -80,6 +80,8 @@ class BracketTable(_Table):
 
     stops: tuple[str, ...] = tuple(f"{s:g}" if s >= 1 else f"1/{round(1 / s)}" for s in PAPER_STOPS_S)
     mode: Literal["full", "adaptive"] = "full"
+    reference: bool = False
+    """Repeat one stop at the end: it shows whether light or lamps changed meanwhile."""
 
     @field_validator("stops")
     @classmethod

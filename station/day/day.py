@@ -14,6 +14,7 @@ from station.capture.events import CaptureEvent, EventKind
 from station.capture.rig import Rig
 from station.day.watch import Watch
 from station.errors import UsageError
+from station.frames.check import FrameChecker
 from station.session.session import SessionManifest, SessionStatus
 from station.session.store import SessionStore
 
@@ -91,6 +92,7 @@ class Day:
         self._watch = Watch(rig, rig.clock)
         self._job: Capture | None = None
         self._stop_asked = self._paused = False
+        rig.checkers = rig.checkers or {side: FrameChecker() for side in rig.cameras}
         first = Capture.new(rig, replace(request, room=plan.rooms[0]))  # refuses at once what no bracket could be
         self.n_stops, self._frames = (
             first.n_stops,

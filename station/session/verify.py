@@ -90,6 +90,8 @@ class VerifyReport:
 
 __all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
 
+WORTH_NOTING = ("moving_light", "clock_step", "paused")
+"""Codes of warnings about the light or the times of a session, which no file shows."""
 CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
 FrameCheck = Callable[[Path, FrameRecord], str | None]
 """Looks into a frame whose digest is right; returns what is wrong with it, or None."""
@@ -116,6 +118,7 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
             report.frames_planned = _planned(best)
             report.status, report.missing = best.status.value, best.missing
             listed = {file for m in (manifest, journalled) if m for file in _files(m)}
+            report.notes += [w.message for w in best.warnings if w.code in WORTH_NOTING]
             for name in SUBFOLDERS:
                 _check_folder(root, name, listed, report)
             for record in (*best.frames, *((best.panorama,) if best.panorama else ())):

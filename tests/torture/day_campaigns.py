@@ -32,6 +32,7 @@ from station.capture.rig import Rig, open_simulated_rig, wanted_cameras
 from station.commands.following import follow
 from station.commands.views import SilentView
 from station.day.day import Day, DayPlan
+from station.frames.check import FrameChecker
 from station.session.session import SessionStatus
 from station.session.store import SessionStore
 from station.session.verify import verify_session
@@ -153,10 +154,11 @@ def soak(captures: int, into: Path, *, fault_frac: float = 0.01, seed: int = 202
     )
     shots = {kind: RampShots() for kind in RELEASES}
     options = BenchOptions(
-        clock=ScaledClock(2 * RATE), timing={"theta_z1": QUICK_THETA}, shots=shots, faults=faults, measuring_s=0.5
+        clock=ScaledClock(RATE), timing={"theta_z1": QUICK_THETA}, shots=shots, faults=faults, measuring_s=0.5
     )
     bench = make_bench("uniform:100", wanted_cameras(file), stops_s, options)
     rig = open_simulated_rig(file, bench)
+    rig.checkers = {side: FrameChecker() for side in rig.cameras}
     # Off, as docs/guides/hardware.md asks: a minute of simulated time is less than a busy computer takes for a process.
     bench.cameras["canon_5d2"].settings.values[CanonProp.AUTO_POWER_OFF] = 0
     held: list[tuple[float, int, int]] = []
@@ -222,6 +224,8 @@ def _soak_one(rig: Rig, into: Path, stops_s: tuple[float, ...], result: Soak) ->
     report = verify_session(path) if path else None
     if report is None or not report.intact or report.status != "complete":
         result.lost += 1
+        why = report.problems or report.missing if report else "no session"
+        result.wrong.append(f"capture {result.captures}: {why}")
         return
     result.lost += sum(not ((path or into) / file).exists() for file in acknowledged)
 
