@@ -161,13 +161,13 @@ class Day:
         """Keep the cameras awake until a bracket is due and nobody wants a pause."""
         told = False
         while not self._stop_asked and (self._paused or self._rig.clock.monotonic_s() < due_s):
-            if self._paused and not told:
-                yield self._say(EventKind.PAUSED, "paused between brackets")
-            if told and not self._paused:
-                yield self._say(EventKind.CONTINUED, "continued")
-            told = self._paused
+            if self._paused != told:
+                told = self._paused
+                yield self._say(EventKind.PAUSED, "paused") if told else self._say(EventKind.CONTINUED, "continued")
             yield from self._look()
             self._rig.clock.sleep(TICK_S)
+        if told:
+            yield self._say(EventKind.CONTINUED, "continued")
 
     def _look(self) -> Iterator[CaptureEvent]:
         for text in self._watch.look():
