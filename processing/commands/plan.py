@@ -1,4 +1,4 @@
-"""``daylit plan``: when the sun looks into which window of a room, and when a clear sky holds stillest for a bracket."""
+"""``daylit plan``: when the sun looks into which window, and when a clear sky holds stillest for a bracket."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def plan(*, as_json: bool, **asked: Any) -> int:
     latitude, longitude = numbers("--site", asked["site"], 2, "LAT,LON in degrees")
     place = Place(latitude, longitude)
     hours = zone_hours(place) if asked["utc_offset"] is None else asked["utc_offset"]
-    today = datetime.now().astimezone().strftime("%Y-%m-%d")  # noqa: DTZ005 (the day that a user's calendar shows)
+    today = datetime.now().astimezone().strftime("%Y-%m-%d")  # as a user's calendar shows it
     noon = parse_time(f"{asked['date'] or today} 12:00", hours)
     moments = day_moments(noon, place)
     local = timedelta(hours=hours)

