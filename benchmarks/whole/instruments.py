@@ -8,13 +8,17 @@ where a session could not be completed, or an acknowledged frame is missing, wro
 
 from __future__ import annotations
 
+import importlib
+import importlib.util
+import itertools
 import random
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-QUICK_LATE, QUICK_CLOCK, QUICK_SOAK = 4, 3, 8
+QUICK_LATE, QUICK_CLOCK, QUICK_SOAK = 2, 2, 6
+QUICK_DELAYS_S = (10.0, 58.0)
 FULL_SOAK = 1000
 UNITS = {"soak_lost": "frames", "late_partner_lost": "cases", "clock_lost": "cases"}
 
@@ -26,7 +30,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         into = _Folders(Path(folder))
         operations = campaigns.bracket_operations(into.new())
-        late = list(campaigns.late_cases(operations, campaigns.DELAYS_S))
+        late = list(campaigns.late_cases(operations, QUICK_DELAYS_S if quick else campaigns.DELAYS_S))
         steps = [(pair, step_s) for step_s in campaigns.STEPS_S for pair in range(1, len(campaigns.STOPS_S) + 1)]
         if quick:
             rng = random.Random(seed)
@@ -69,5 +73,24 @@ def _wrong(run_case: Callable[[Any], list[str]], cases: Iterable[Any]) -> list[s
 
 
 def _recorded() -> dict[str, int]:
-    """Count the recorded bodies, and the drivers' constants that are found in one."""
-    return {}
+    """Count the recorded bodies, and the drivers' operations, properties and events that are found in one of them."""
+    from drivers.canon_5d2 import codes as canon
+    from drivers.theta_z1 import codes as ricoh
+
+    if importlib.util.find_spec("mocks.instruments.recorded") is None:
+        return {"recorded_bodies": 0, "constants_checked": 0}
+    recorded = importlib.import_module("mocks.instruments.recorded")
+    drivers: dict[str, tuple[Iterable[int], ...]] = {
+        "canon": (canon.CanonOperation, canon.CanonProp, canon.CanonEvent),
+        "theta": (ricoh.RicohOperation, ricoh.RicohProp),
+    }
+    bodies = found = 0
+    for kind, constants in drivers.items():
+        names = recorded.recorded_bodies(kind)
+        said: set[int] = set()
+        for body in map(recorded.recording, names):
+            said.update(*(body.codes(of) for of in ("operations", "properties", "events")))
+            said.update(code for event in body.stream() for code in (event.code, event.prop))
+        bodies += len(names)
+        found += sum(int(code) in said for code in itertools.chain(*constants))
+    return {"recorded_bodies": bodies, "constants_checked": found}

@@ -52,7 +52,7 @@ def test_late_partners(tmp_path: Path) -> None:
 
 def test_clock_steps(tmp_path: Path) -> None:
     every = [(pair, step_s) for step_s in campaigns.STEPS_S for pair in range(1, 5)]
-    notes = "the computer's clock is set by -1 day to +1 day at each pair; complete at once, no frame rejected"
+    notes = "the computer's clock is set by -1 day to +1 day at each pair; no frame rejected, times undisturbed"
     sweep("clock steps", campaigns.clock_step, every if LONG else SOME_STEPS, tmp_path, notes)
 
 
