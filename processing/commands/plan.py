@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from processing.calibration.outdoor.sun_place import Place
 
 STEP_MIN = 10
+"""Chosen: the sun moves by 2.5 degrees."""
 LEAST_SUN_RAD = math.radians(1.0)
 """Chosen: lower suns are behind something."""
 STILL_FRAC_PER_MIN = 0.005

@@ -55,7 +55,7 @@ KEEP_ALIVE_S = 5.0
 MAX_TRANSFER_ATTEMPTS = 2
 PATIENCE_S = 100.0
 """Chosen: a camera that is only late (busy, silent) is recovered anew for so long: it may be two minutes late."""
-PATIENCE_PAUSE_S = 1.0
+PATIENCE_PAUSE_S = 1.0  # chosen
 
 
 @dataclass

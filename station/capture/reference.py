@@ -16,7 +16,7 @@ USABLE = (0.005, 0.8)
 MOVED_FRAC = 0.25
 """Chosen: a patch that changed by more, against all others, shows a lamp or a patch of sun that moved; a sixteenth of a
 panorama's width in which the noise of one frame is below 1 %."""
-LEAST_MOVED = 2
+LEAST_MOVED = 2  # chosen: one may be a person
 
 
 def best_stop(taken: Mapping[Side, Mapping[int, FrameStatistics]]) -> int | None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from station.session.session import SessionManifest
 
 KEY_WAIT_S = 0.3
+"""Chosen: how soon the keyboard's thread ends."""
 
 
 class Job(Protocol):
@@ -62,7 +63,7 @@ def follow(job: Job, view: SilentView, *, notify: str | None = None) -> bool:
         with _signals(job, stop), _keys(job, stop), view:
             for event in job.events():
                 if notifier is not None:
-                    notifier.tell(event, {"pid": os.getpid()})
+                    notifier.send(event, {"pid": os.getpid()})
                 try:
                     if shows:
                         view.show(event)
@@ -152,7 +153,7 @@ def summarise(manifest: SessionManifest, path: Path, options: dict[str, Any], *,
     if not complete:
         lines += [f"missing: {missing}" for missing in manifest.missing]
         lines.append(f"complete it: daylit capture --resume {click.format_filename(path)}")
-    _tell(lines, summary, options)
+    _print(lines, summary, options)
     return 0 if complete else 130 if interrupted else 4
 
 
@@ -167,11 +168,11 @@ def summarise_day(day: Day, options: dict[str, Any], *, interrupted: bool) -> in
     }
     lines = [f"{len(day.taken)} sessions, {len(partial)} of them partial, {len(day.missed)} brackets missed"]
     lines += [f"complete it: daylit capture --resume {click.format_filename(taken.path)}" for taken in partial]
-    _tell(lines, summary, options)
+    _print(lines, summary, options)
     return 0 if complete else 130 if interrupted else 4
 
 
-def _tell(lines: list[str], summary: dict[str, Any], options: dict[str, Any]) -> None:
+def _print(lines: list[str], summary: dict[str, Any], options: dict[str, Any]) -> None:
     with suppress(OSError):  # nobody listens any more; the session says it all
         for line in lines if on_terminal(options) else [json.dumps(summary)]:
             click.echo(line)

@@ -19,11 +19,14 @@ from station.session.session import SessionManifest, SessionStatus
 from station.session.store import SessionStore
 
 TICK_S = 0.5
+"""Chosen: how soon a pause or a camera that is back is noticed."""
 PATIENCE_S = 600.0
 """Chosen: for so long a camera, a battery or a card is waited for once a bracket is due, or a broken one resumed."""
+# Chosen: what breaks more often needs a person; a list longer than a day.
 MAX_RESUMES = 3
-MAX_ROOMS = 500
+MAX_ROOMS = 500  # as above
 MAX_ROOMS_BYTES = 64 * 1024
+"""Of a list of them: a hundred letters each."""
 
 
 @dataclass(frozen=True)
@@ -159,14 +162,14 @@ class Day:
 
     def _wait(self, due_s: float) -> Iterator[CaptureEvent]:
         """Keep the cameras awake until a bracket is due and nobody wants a pause."""
-        told = False
+        paused = False
         while not self._stop_asked and (self._paused or self._rig.clock.monotonic_s() < due_s):
-            if self._paused != told:
-                told = self._paused
-                yield self._say(EventKind.PAUSED, "paused") if told else self._say(EventKind.CONTINUED, "continued")
+            if self._paused != paused:
+                paused = self._paused
+                yield self._say(EventKind.PAUSED, "paused") if paused else self._say(EventKind.CONTINUED, "continued")
             yield from self._look()
             self._rig.clock.sleep(TICK_S)
-        if told:
+        if paused:
             yield self._say(EventKind.CONTINUED, "continued")
 
     def _look(self) -> Iterator[CaptureEvent]:
@@ -175,15 +178,15 @@ class Day:
 
     def _ready(self, until_s: float) -> Iterator[CaptureEvent]:
         """Wait for cameras, batteries and cards, at most until ``until_s``."""
-        told = ""
+        said = ""
         while not self._stop_asked:
             yield from self._look()
             wants = self._watch.wants(self._frames)
             if not wants or self._rig.clock.monotonic_s() > until_s:
                 return
             text = "; ".join(f"{check.name}: {check.text}" for check in wants)
-            if text != told:
-                told = text
+            if text != said:
+                said = text
                 yield self._say(EventKind.WAITING, text, checks=[check.to_dict() for check in wants])
             self._rig.clock.sleep(TICK_S)
 

@@ -15,14 +15,14 @@ from urllib.parse import urlsplit
 from station.capture.events import CaptureEvent, EventKind
 from station.errors import UsageError
 
-WORTH_TELLING = (
+WORTH_SENDING = (
     *(EventKind.STARTED, EventKind.FINISHED, EventKind.WARNING, EventKind.RECOVERING, EventKind.FAILED),
     *(EventKind.WAITING, EventKind.PAUSED, EventKind.CONTINUED, EventKind.MISSED),
 )
 # Chosen: a telephone's network on site; what is not taken by then is dropped.
 SEND_LIMIT_S = 10.0
-CLOSE_LIMIT_S = 12.0
-MAX_QUEUED = 200
+CLOSE_LIMIT_S = 12.0  # as above
+MAX_QUEUED = 200  # as above
 
 
 class _NoRedirects(urllib.request.HTTPRedirectHandler):
@@ -31,7 +31,7 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
 
 
 class Notifier:
-    """Tells one command or URL, in a thread of its own; ``failed`` counts what did not arrive, ``problem`` says why."""
+    """Notifies one command or URL, in a thread of its own; ``failed`` counts what did not arrive, ``problem`` has why."""
 
     def __init__(self, target: str) -> None:
         """Raises `UsageError`: neither an http(s) URL nor a command."""
@@ -49,9 +49,9 @@ class Notifier:
         self._thread = threading.Thread(target=self._run, name="notify", daemon=True)
         self._thread.start()
 
-    def tell(self, event: CaptureEvent, facts: Mapping[str, Any]) -> None:
+    def send(self, event: CaptureEvent, facts: Mapping[str, Any]) -> None:
         """Queue an event that is worth it, with ``facts`` beside; a full queue drops it."""
-        if event.kind not in WORTH_TELLING:
+        if event.kind not in WORTH_SENDING:
             return
         try:
             self._queue.put_nowait(json.dumps({**facts, **event.to_dict()}, default=str).encode())

@@ -20,7 +20,7 @@ SOAK = 1000 if LONG else 12
 SOME_LATE = (("theta_z1", campaigns.PICTURE, 2, 66.0), ("canon_5d2", campaigns.PICTURE, 2, 75.0))
 SOME_STEPS = ((2, -20.0), (3, 86_400.0))
 SOME_EVENTS = ((24,),)
-N_EVENTS = 49
+N_EVENTS = 45
 """Of a capture without faults."""
 
 pytestmark = [pytest.mark.torture, pytest.mark.timeout(7200 if LONG else 180)]

@@ -220,14 +220,14 @@ WARNED = CaptureEvent(EventKind.WARNING, "the light changed", 1.0, {"code": "dri
 def test_a_url_is_notified_and_no_redirect_followed(hook: tuple[str, type[Hook]]) -> None:
     url, handler = hook
     notifier = Notifier(url)
-    notifier.tell(WARNED, {"pid": 7})
-    notifier.tell(CaptureEvent(EventKind.PROGRESS, "", 2.0), {})
+    notifier.send(WARNED, {"pid": 7})
+    notifier.send(CaptureEvent(EventKind.PROGRESS, "", 2.0), {})
     notifier.close()
     assert handler.got == [{"pid": 7, "event": "warning", "text": "the light changed", "at_s": 1.0, "code": "drift"}]
     assert (notifier.sent, notifier.failed) == (1, 0)
     handler.redirect = True
     again = Notifier(url)
-    again.tell(WARNED, {})
+    again.send(WARNED, {})
     again.close()
     assert (again.sent, again.failed) == (0, 1)
     assert "302" in again.problem
@@ -237,11 +237,11 @@ def test_a_command_is_notified_on_its_standard_input(tmp_path: Path) -> None:
     script = tmp_path / "told.py"
     script.write_text(f"import sys; open({str(tmp_path / 'out')!r}, 'a').write(sys.stdin.read())")
     notifier = Notifier(f"{sys.executable} {script}")
-    notifier.tell(WARNED, {})
+    notifier.send(WARNED, {})
     notifier.close()
     assert json.loads((tmp_path / "out").read_text())["code"] == "drift"
     broken = Notifier("/nonexistent/command")
-    broken.tell(WARNED, {})
+    broken.send(WARNED, {})
     broken.close()
     assert broken.failed == 1
 
