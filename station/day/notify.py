@@ -31,7 +31,7 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
 
 
 class Notifier:
-    """Notifies one command or URL, in a thread of its own; ``failed`` counts what did not arrive, ``problem`` has why."""
+    """Notifies a command or URL, in a thread of its own; ``failed`` counts what did not arrive, ``problem`` is why."""
 
     def __init__(self, target: str) -> None:
         """Raises `UsageError`: neither an http(s) URL nor a command."""
