@@ -71,7 +71,8 @@ class Entry(NamedTuple):
 COMMANDS: dict[str, dict[str, Entry]] = {
     "On site": {
         "doctor": Entry("station.commands.instruments", "doctor", "Check computer, instruments and rig file."),
-        "capture": Entry("station.commands.capture", "capture", "Capture a room: meter, brackets, meter."),
+        "capture": Entry("station.commands.capture", "capture", "Capture a room, a queue of rooms, or a day."),
+        "plan": Entry("processing.commands.plan", "plan", "Plan a day: sun on which wall when, the stillest light."),
         "verify": Entry("station.commands.sessions", "verify", "Check that a session is whole."),
         "import": Entry("station.commands.sessions", "import_session", "Make a session from folders of JPEGs."),
         "meter": Entry("station.commands.instruments", "meter", "Read or probe a luminance meter."),

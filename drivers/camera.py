@@ -183,6 +183,10 @@ class Camera(Protocol):
         """Do whatever may be done before the moment of release (drain events, half press)."""
         ...
 
+    def stand_down(self) -> None:
+        """Undo `arm`: let go of the button."""
+        ...
+
     def release(self) -> None:
         """Open the shutter; return when the camera has accepted."""
         ...

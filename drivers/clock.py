@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Protocol
 
 from drivers.errors import DeviceTimeoutError
@@ -30,8 +30,8 @@ class SystemClock:
     """The computer's own clocks."""
 
     def monotonic_s(self) -> float:
-        """Return ``time.monotonic()``."""
-        return time.monotonic()
+        """Return seconds since some start, a sleep of the computer included where the system counts it (Linux)."""
+        return time.clock_gettime(time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic()
 
     def utc_now(self) -> datetime:
         """Return the current UTC time."""
@@ -41,6 +41,44 @@ class SystemClock:
         """Sleep for ``duration_s`` seconds."""
         if duration_s > 0:
             time.sleep(duration_s)
+
+
+STEP_S = 1.0
+"""Chosen: the wall clock was set if it parts by more from the monotonic one (NTP slews half an hour for as much)."""
+
+
+class SteadyClock:
+    """Another clock with a UTC that runs with its monotonic time: a step of the wall clock is noticed, not shown."""
+
+    def __init__(self, base: Clock) -> None:
+        self._base = base
+        self.rebase()
+
+    def rebase(self) -> None:
+        """Take the wall clock as it is now."""
+        self._start_s, self._start_utc = self._base.monotonic_s(), self._base.utc_now()
+        self._step_s = 0.0
+
+    def monotonic_s(self) -> float:
+        """Return the other clock's monotonic seconds."""
+        return self._base.monotonic_s()
+
+    def utc_now(self) -> datetime:
+        """Return the UTC at the last `rebase` and what has passed since."""
+        return self._start_utc + timedelta(seconds=self.monotonic_s() - self._start_s)
+
+    def sleep(self, duration_s: float) -> None:
+        """Sleep as the other clock does."""
+        self._base.sleep(duration_s)
+
+    def new_step_s(self) -> float | None:
+        """Return by how much the wall clock was set since this was last asked; None: it was not."""
+        apart_s = (self._base.utc_now() - self.utc_now()).total_seconds()
+        step_s = apart_s - self._step_s
+        if abs(step_s) <= STEP_S:
+            return None
+        self._step_s = apart_s
+        return step_s
 
 
 @dataclass(frozen=True)

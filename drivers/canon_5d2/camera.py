@@ -281,6 +281,10 @@ class Canon5D2:
                 raise
             self._one_step_release = True
 
+    def stand_down(self) -> None:
+        """Let go of the button."""
+        self._remote.let_go()
+
     def release(self) -> None:
         """Press the button through; `DeviceBusyError` or `OperationRefusedError` where the camera does not take it."""
         limit_s = self._shutter_s + RELEASE_LIMIT_S
@@ -357,6 +361,7 @@ class Canon5D2:
     def keep_alive(self) -> None:
         """Keep the camera from switching itself off, and its events from piling up."""
         self._remote.keep_on()
+        self._remote.drain()
 
     def recover(self) -> None:
         """Resynchronise or reconnect, enter remote mode anew, let go of the button, forget a running exposure.

@@ -172,5 +172,5 @@ def load_dialect(name_or_path: str) -> Dialect:
         raise DialectError(
             keys, where=name_or_path, advice="docs/reference/meter-dialects.md describes the form"
         ) from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise DialectError(f"cannot be read: {error}", where=name_or_path) from error

@@ -279,6 +279,9 @@ class ThetaZ1:
         self._wait_until_ready(READY_LIMIT_S)
         self._drain_events()
 
+    def stand_down(self) -> None:
+        """Nothing to do: an armed Theta holds nothing."""
+
     def release(self) -> None:
         """Start the exposure; `DeviceBusyError` where the camera is still saving."""
         session, earlier_ids = self._link.session, frozenset(self._past_captures)

@@ -55,8 +55,10 @@ class ShotSource(Protocol):
 class CameraTiming:
     """How long a simulated camera takes; seconds, and bytes per second.
 
-    None of these figures is published for our cameras; they are plausible for their age and link. The true exposure
-    time is the nearest third-stop power of two (1/60 -> 1/64 s) when ``power_of_two_times``, else the nominal one.
+    What no source gives is plausible for age and link of our cameras. The true exposure time is the nearest third-stop
+    power of two (1/60 -> 1/64 s) when ``power_of_two_times``, else the nominal one. ``raw_cycle_s``: with raw files no
+    exposure follows another sooner. ``dated_after_s``: EXIF has the time so long after the shutter closed (None: at its
+    release).
     """
 
     release_lag_s: float
@@ -69,6 +71,8 @@ class CameraTiming:
     focus_s: float = 0.8
     power_of_two_times: bool = True
     transfer_while_exposing: bool = True
+    raw_cycle_s: float = 0.0
+    dated_after_s: float | None = None
 
 
 @dataclass(frozen=True)

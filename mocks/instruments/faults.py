@@ -54,6 +54,7 @@ class FaultKind(StrEnum):
     SPLIT_HEADER = "split_header"
     GARBAGE = "garbage"
     BUSY = "busy"
+    HELD_UP = "held_up"
     ACCESS_DENIED = "access_denied"
     SESSION_ALREADY_OPEN = "session_already_open"
     STORE_FULL = "store_full"
@@ -73,6 +74,7 @@ class FaultKind(StrEnum):
     BLACK_FRAME = "black_frame"
     REPEATED_FRAME = "repeated_frame"
     TRUNCATED_JPEG = "truncated_jpeg"
+    LATE_PICTURE = "late_picture"
 
 
 NEVER = -1.0
@@ -95,6 +97,7 @@ _KINDS: dict[FaultKind, tuple[Moment, dict[str, float | str]]] = {
     FaultKind.SPLIT_HEADER: (Moment.OPERATION, {}),
     FaultKind.GARBAGE: (Moment.OPERATION, {"count": 16}),
     FaultKind.BUSY: (Moment.OPERATION, {}),
+    FaultKind.HELD_UP: (Moment.OPERATION, {"delay_s": 20.0}),
     FaultKind.ACCESS_DENIED: (Moment.OPERATION, {}),
     FaultKind.SESSION_ALREADY_OPEN: (Moment.OPERATION, {}),
     FaultKind.STORE_FULL: (Moment.OPERATION, {"for_operations": 0}),
@@ -114,6 +117,7 @@ _KINDS: dict[FaultKind, tuple[Moment, dict[str, float | str]]] = {
     FaultKind.BLACK_FRAME: (Moment.SHOT, {}),
     FaultKind.REPEATED_FRAME: (Moment.SHOT, {}),
     FaultKind.TRUNCATED_JPEG: (Moment.SHOT, {"fraction": 0.6}),
+    FaultKind.LATE_PICTURE: (Moment.SHOT, {"delay_s": 60.0}),
 }
 CONDITIONS = frozenset(kind for kind, (_, defaults) in _KINDS.items() if "for_operations" in defaults)
 """Kinds that last (``for_operations`` operations, 0 = for ever) instead of happening once."""

@@ -76,7 +76,7 @@ def read_rules(path: Path) -> Rules:
     """
     try:
         data = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise RulesError(f"cannot be read: {error}", where=path.name) from None
     return _rules(data, path.name, built_in_rules())
 

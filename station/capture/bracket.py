@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from station.errors import UsageError
+from station.frames.rules import same_stop, seconds_text, stops_between
 from station.session.session import FrameStatistics, Side
+
+if TYPE_CHECKING:
+    from station.capture.rig_file import RigFile
 
 PAPER_STOPS_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
 """The nine stops of Ji, Sawyer, Narasimhan 2023, section 3, longest first, nominal seconds."""
@@ -29,6 +34,8 @@ class BracketPlan:
     order: tuple[int, ...]
     mode: Mode
     sides: tuple[Side, ...]
+    reference: bool = False
+    """Whether one stop is repeated at the end, to show what changed of the light."""
 
     def remaining(self, missing: Mapping[Side, Iterable[int]]) -> tuple[tuple[int, tuple[Side, ...]], ...]:
         """Return (stop, sides that still need it) in capture order."""
@@ -60,6 +67,13 @@ def plan_bracket(stops_s: Sequence[float], mode: Mode, sides: Sequence[Side]) ->
     return BracketPlan(stops, order, mode, tuple(sides))
 
 
+def plan_of(file: RigFile, stops: str | None = None, mode: Mode | None = None) -> BracketPlan:
+    """Return the plan of a rig's cameras, with other stops (``"4,1,1/4"``) or another mode where they are given."""
+    stops_s = tuple(parse_shutter(s) for s in stops.split(",")) if stops else file.bracket.stops_s()
+    plan = plan_bracket(stops_s, mode or file.bracket.mode, tuple(file.cameras()))
+    return replace(plan, reference=file.bracket.reference)
+
+
 def _outwards(n_stops: int) -> tuple[int, ...]:
     """Return 0..n-1 from the middle outwards, longer first: 4 3 5 2 6 ... for nine."""
     middle = n_stops // 2
@@ -80,6 +94,19 @@ def useless_because(stop: int, frames: Mapping[int, FrameStatistics]) -> str | N
     if shorter:
         return f"nothing is dark any more at stop {min(shorter)}"
     return None
+
+
+def unavailable_stops(stops_s: Sequence[float], offered_s: Sequence[float]) -> tuple[str, ...]:
+    """Name the stops that a camera lacks, with the nearest it has, and those that would be one to it (seconds)."""
+    found, taken = [], dict[float, float]()
+    for stop_s in stops_s if offered_s else ():
+        nearest_s = min(offered_s, key=lambda time_s: abs(stops_between(time_s, stop_s)))
+        if not same_stop(stop_s, nearest_s):
+            found.append(f"{seconds_text(stop_s)} (its nearest is {seconds_text(nearest_s)})")
+        elif nearest_s in taken:
+            found.append(f"{seconds_text(stop_s)} beside {seconds_text(taken[nearest_s])}: one and the same to it")
+        taken[nearest_s] = stop_s
+    return tuple(found)
 
 
 def parse_shutter(text: str) -> float:
@@ -105,25 +132,35 @@ class CameraCost:
     """What one camera takes beside the exposure itself.
 
     ``overhead_s`` is everything between the wish to release and the next one but the exposure (release lag,
-    readout, processing); ``frame_bytes`` what one exposure gives; ``overlaps`` whether transfers run behind exposures.
+    readout, processing); ``frame_bytes`` what one exposure gives; ``overlaps`` whether transfers run behind exposures;
+    ``least_s``: no exposure follows another sooner, however short.
     """
 
     overhead_s: float
     frame_bytes: int
     rate_bytes_s: float
     overlaps: bool = True
+    least_s: float = 0.0
 
     @property
     def transfer_s(self) -> float:
         """Seconds to fetch what one exposure gives."""
         return self.frame_bytes / self.rate_bytes_s
 
+    def span_s(self, exposure_s: float) -> float:
+        """Return the seconds from one exposure of this length to the next."""
+        return max(exposure_s + self.overhead_s, self.least_s)
+
 
 TYPICAL_COST = {
-    "theta_z1": CameraCost(overhead_s=1.15, frame_bytes=8_500_000, rate_bytes_s=25e6),
+    "theta_z1": CameraCost(overhead_s=2.75, frame_bytes=8_500_000, rate_bytes_s=25e6),
     "canon_5d2": CameraCost(overhead_s=0.80, frame_bytes=6_500_000, rate_bytes_s=18e6),
 }
-"""With a JPEG only. For the dry run; assumed until measured on the instruments (no figures are published)."""
+"""With a JPEG only. Theta: its file is there about 2.5 s after the shutter (theta-api-specs, issue 26); it may take
+longer to be ready. The rest is assumed until measured on the instruments."""
+RAW_CYCLE_S = {"theta_z1": 6.5, "canon_5d2": 0.0}
+"""Theta with DNG: 6 to 7 s a frame whatever the shutter, 50 to 54 s for nine (EXIF of 14 brackets by the authors).
+Multi-bracket and burst modes are faster and are not used: they cannot be released together with another camera."""
 RAW_BYTES = {"theta_z1": 45_000_000, "canon_5d2": 26_000_000}
 """Of one DNG or CR2 (the 5D Mark II's: about 25.8 MB, Canon's manual)."""
 TYPICAL_READING_S = 5.0
@@ -132,7 +169,38 @@ TYPICAL_READING_S = 5.0
 def typical_cost(kind: str, *, keep_raw: bool = False) -> CameraCost:
     """Return the typical cost of a camera, with a raw file beside each JPEG where it is kept."""
     cost = TYPICAL_COST[kind]
-    return replace(cost, frame_bytes=cost.frame_bytes + RAW_BYTES[kind]) if keep_raw else cost
+    if not keep_raw:
+        return cost
+    return replace(cost, frame_bytes=cost.frame_bytes + RAW_BYTES[kind], least_s=RAW_CYCLE_S[kind])
+
+
+SUN_DEG_PER_MIN = 0.25
+"""Of hour angle; across the sky it is that times the cosine of the declination, at least 0.917 of it."""
+DRIFT_ALTITUDE_DEG = 30.0
+"""Chosen: the sun's altitude that a drift is stated for where no day is known."""
+HAURWITZ = 0.057
+"""Clear sky: E = 1098 sin h exp(-0.057 / sin h), W/m2 on the horizontal (Haurwitz 1945, J. Meteorology 2)."""
+
+
+class LightDrift(NamedTuple):
+    """How far sun and clear sky go during a bracket: an upper limit without clouds."""
+
+    sun_deg: float
+    sun_altitude_deg: float
+    sky_frac_per_min: float
+    """Relative change of the horizontal illuminance a minute."""
+    sky_frac: float
+
+
+def light_drift(duration_s: float, latitude_deg: float | None) -> LightDrift:
+    """Return the drift during ``duration_s``: the sun by its hour angle, a clear sky by `HAURWITZ`.
+
+    The altitude changes by at most 0.25 degrees a minute times the cosine of the latitude (None: the equator's).
+    """
+    minutes, h = duration_s / 60, math.radians(DRIFT_ALTITUDE_DEG)
+    rise_rad_per_min = math.radians(SUN_DEG_PER_MIN) * math.cos(math.radians(latitude_deg or 0.0))
+    per_min = rise_rad_per_min / math.tan(h) * (1 + HAURWITZ / math.sin(h))
+    return LightDrift(SUN_DEG_PER_MIN * minutes, DRIFT_ALTITUDE_DEG, per_min, per_min * minutes)
 
 
 @dataclass(frozen=True)
@@ -177,10 +245,10 @@ def estimate_bracket(
     exposure_s = exposure_s or {}
     backlog_s = dict.fromkeys(plan.sides, 0.0)
     rows = []
-    for stop in plan.order:
+    for stop in (*plan.order, *plan.order[len(plan.order) // 2 :][: int(plan.reference)]):
         nominal_s = plan.stops_s[stop]
-        spans_s = {s: exposure_s.get((s, stop), nominal_s) + costs[s].overhead_s for s in plan.sides}
-        pair_s = max(spans_s.values())
+        spans_s = {s: costs[s].span_s(exposure_s.get((s, stop), nominal_s)) for s in plan.sides}
+        pair_s = max(spans_s.values(), default=0.0)
         hidden_s = 0.0
         for side in plan.sides:
             window_s = pair_s if costs[side].overlaps else pair_s - spans_s[side]

@@ -18,6 +18,7 @@ from drivers.camera import Camera, CameraSettings, FrameRef, ShutterReadback
 from drivers.clock import Clock, Deadline
 from drivers.errors import DeviceBusyError, DeviceError, DeviceTimeoutError, ExposureFailedError, ProtocolViolationError
 from station.capture.events import (
+    Breaking,
     Broken,
     Exposed,
     Fatal,
@@ -52,6 +53,9 @@ BUSY_PAUSE_S = 0.03
 IDLE_WAIT_S = 0.02
 KEEP_ALIVE_S = 5.0
 MAX_TRANSFER_ATTEMPTS = 2
+PATIENCE_S = 100.0
+"""Chosen: a camera that is only late (busy, silent) is recovered anew for so long: it may be two minutes late."""
+PATIENCE_PAUSE_S = 1.0  # chosen
 
 
 @dataclass
@@ -86,6 +90,7 @@ class CameraWorker:
         self._backlog: deque[_Transfer] = deque()
         self._safe: deque[Safe] = deque()
         self._armed: SetUp | None = None
+        self._leave_asked = False
         self._shutter: ShutterReadback
         self._alive_at_s = clock.monotonic_s()
         self._thread = threading.Thread(target=self._run, name=f"camera-{self.side}", daemon=True)
@@ -96,6 +101,7 @@ class CameraWorker:
 
     def order(self, order: Order) -> None:
         """Queue an order."""
+        self._leave_asked |= isinstance(order, Leave)
         self._inbox.put(order)
 
     def join(self, timeout_s: float) -> bool:
@@ -119,7 +125,9 @@ class CameraWorker:
         while leaving is None or (self._backlog and not leaving.at_once):
             order = self._next_order()
             if isinstance(order, Leave):
-                leaving, self._armed = order, None
+                leaving = order
+                with suppress(DeviceError):
+                    self._stand_down()
             else:
                 self._guarded(order)
         self._give_up_backlog()
@@ -138,10 +146,9 @@ class CameraWorker:
 
     def _next_order(self) -> Order | None:
         """Return the next order, or None when it is time for a chunk or for keeping the camera awake."""
-        if self._armed is not None:
-            return self._inbox.get()
+        useful = self._armed is None and (self._backlog or self._safe)
         try:
-            return self._inbox.get(timeout=0.0 if self._backlog or self._safe else IDLE_WAIT_S)
+            return self._inbox.get(timeout=0.0 if useful else IDLE_WAIT_S)
         except queue.Empty:
             return None
 
@@ -152,10 +159,12 @@ class CameraWorker:
             self._carry_out(order)
         except DeviceError as error:
             self._armed = None
-            self._put(Broken(self.side, stop, error, recovered=self._recover(error)))
+            self._put(Broken(self.side, stop, error, recovered=self._recover(error, stop)))
 
     def _carry_out(self, order: Order | None) -> None:
         match order:
+            case None if self._armed is not None:
+                self._stay_awake()  # its partner may take a minute: the 5D2 would switch itself off
             case None if self._safe:
                 self._finish(self._safe.popleft())
             case None if self._backlog:
@@ -167,7 +176,7 @@ class CameraWorker:
             case Fire(open_at_s) if self._armed is not None:
                 self._expose(self._armed, open_at_s)
             case StandDown():
-                self._armed = None
+                self._stand_down()
             case Safe() if self._armed is None:
                 self._finish(order)
             case Safe():
@@ -180,8 +189,13 @@ class CameraWorker:
             self._finish(self._safe.popleft())
         self._shutter = self._camera.set_shutter(order.shutter_s)
         self._camera.arm()
-        self._armed = order
-        self._put(Ready(self.side, order.stop))
+        self._armed, self._alive_at_s = order, self._clock.monotonic_s()
+        self._put(Ready(self.side, order.stop, order.number))
+
+    def _stand_down(self) -> None:
+        if self._armed is not None:
+            self._armed = None
+            self._camera.stand_down()
 
     def _fetch_what_is_held(self) -> None:
         """Fetch the last picture of a camera that keeps it in its memory, and is busy until it is safe here."""
@@ -214,6 +228,7 @@ class CameraWorker:
                 released_s=released_s,
                 announced_utc=announced_utc,
                 retakes=order.retakes,
+                repeats=order.repeats,
             )
             self._backlog.append(_Transfer(shot))
         self._put(Exposed(self.side, order.stop, len(frames), self._camera.can_transfer_while_exposing))
@@ -300,13 +315,19 @@ class CameraWorker:
             self._alive_at_s = now_s
             self._camera.keep_alive()
 
-    def _recover(self, cause: DeviceError) -> bool:
+    def _recover(self, cause: DeviceError, stop: int | None) -> bool:
         """Bring the camera back and set it anew (settings may be lost with power); False if it stays broken."""
-        try:
-            self._camera.recover()
-            self._camera.prepare(self._settings)
-        except DeviceError as error:
-            cause.details["recovery"] = str(error)
-            self._give_up_backlog()
-            return False
-        return True
+        deadline = Deadline.after(self._clock, PATIENCE_S)
+        while True:
+            self._put(Breaking(self.side, stop, cause))
+            try:
+                self._camera.recover()
+                self._camera.prepare(self._settings)
+            except DeviceError as error:
+                cause.details["recovery"] = str(error)
+                if not error.retryable or deadline.expired or self._leave_asked:
+                    self._give_up_backlog()
+                    return False
+                self._clock.sleep(PATIENCE_PAUSE_S)
+            else:
+                return True

@@ -15,23 +15,22 @@ import hashlib
 import math
 import queue
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Generator, Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from uuid import uuid4
 
 from drivers.errors import DeviceError
-from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost
+from station.capture.bracket import BracketPlan, Mode, plan_bracket, typical_cost, unavailable_stops
 from station.capture.camera_worker import CameraWorker
-from station.capture.conductor import Conductor, Doubts, Hooks
+from station.capture.conductor import Conductor, Hooks
 from station.capture.events import CaptureEvent, EventKind, Notice
-from station.capture.intake import Intake, ReadingTaker, When, drift_frac
-from station.capture.preflight import Findings, Level, check_rig, require
-from station.capture.rig import Rig
-from station.errors import FrameRejectedError, ResourceError, SessionError, UsageError, software_versions
+from station.capture.intake import Intake, ReadingTaker, When, doubts, drift_frac
+from station.capture.preflight import Check, Findings, Level, check_rig, require
+from station.capture.rig import Rig, require_same_camera
+from station.errors import ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
-from station.frames.rules import check_not_too_dark, check_order
 from station.session.session import (
     MAX_ROOM_CHARACTERS,
     BracketRecord,
@@ -44,9 +43,6 @@ from station.session.session import (
     WarningRecord,
 )
 from station.session.store import SessionStore
-
-SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
-"""Keys of a camera's table that the frames of one bracket must share."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +75,8 @@ class Capture:
         self._request = request
         self._store = resumed
         self._conductor: Conductor | None = None
-        self._stop_asked = False
-        self._checkers = {side: FrameChecker() for side in plan.sides}
+        self._stop_asked = self._paused = False
+        self._checkers = rig.checkers or {side: FrameChecker() for side in plan.sides}
 
     @classmethod
     def new(cls, rig: Rig, request: CaptureRequest) -> Capture:
@@ -95,6 +91,7 @@ class Capture:
             raise UsageError("the rig has no camera", where="rig", advice="give [indoor] or [outdoor]")
         mode = request.mode or rig.file.bracket.mode
         plan = plan_bracket(request.stops_s or rig.file.bracket.stops_s(), mode, tuple(rig.cameras))
+        plan = replace(plan, reference=rig.file.bracket.reference)
         return cls(rig, plan, ReadingTaker(rig, request.typed_readings), request, None)
 
     @classmethod
@@ -111,7 +108,7 @@ class Capture:
             names = " or ".join(sorted(lacking))
             raise SessionError(f"the rig has no {names} camera", where=where, advice="use the rig it was made with")
         for side in sorted(needed):
-            _require_same_table(rig, store, side)
+            require_same_camera(rig, store.manifest, side, where)
         plan = plan_bracket(bracket.stops_s, bracket.mode, bracket.sides)
         request = CaptureRequest(room=store.manifest.name, into=store.path.parent)
         return cls(rig, plan, ReadingTaker(rig, typed_readings), request, store)
@@ -134,27 +131,54 @@ class Capture:
         if self._conductor is not None:
             self._conductor.ask_stop()
 
+    def ask_pause(self, *, paused: bool) -> None:
+        """Take no further pair until asked to continue; cameras are kept awake. Safe in a signal handler."""
+        self._paused = paused
+        if self._conductor is not None:
+            self._conductor.paused = paused
+
+    @property
+    def has_store(self) -> bool:
+        """Whether the session exists."""
+        return self._store is not None
+
     def events(self) -> Iterator[CaptureEvent]:
         """Run the capture. Raises `DaylitError` kinds; what was acknowledged until then is kept and resumable."""
+        self._readings.end_earlier()
         starters = [threading.Thread(target=_start_quietly, args=(c,)) for c in self._checkers.values()]
         for starter in starters:
             starter.start()  # behind preflight
         whole = False
+        self._rig.clock.rebase()
         try:
-            yield from self._preflight()
-            yield from self._collect_reading()
-            yield from self._bracket()
-            yield from self._collect_reading()
-            yield from self._end()
+            with closing(self._steps()) as steps:
+                for event in steps:
+                    yield event
+                    if event.kind is not EventKind.FINISHED:  # which is written
+                        yield from self._clock_step()
             whole = True
         finally:
             self._readings.close(wait=whole)
             for starter in starters:
                 starter.join()  # bounded by the checker's own limit; one that starts after its close would stay
-            for checker in self._checkers.values():
+            for checker in self._checkers.values() if self._rig.checkers is None else ():
                 checker.close()
             if not whole and self._store is not None:
                 self._store.close()  # gives the lock back, so that the session can be resumed
+
+    def _steps(self) -> Generator[CaptureEvent]:
+        yield from self._preflight()
+        yield from self._collect_reading()
+        yield from self._bracket()
+        yield from self._collect_reading()
+        yield from self._end()
+
+    def _clock_step(self) -> Iterator[CaptureEvent]:
+        """Note that the computer's clock was set (by NTP after a sleep, say): no time of the session follows it."""
+        if self._store is not None and (step_s := self._rig.clock.new_step_s()) is not None:
+            self._store.event("clock_step", step_s=step_s)
+            text = f"the computer's clock was set by {step_s:+.1f} s meanwhile; times go on as they were at the start"
+            yield self._warn("clock_step", text)
 
     def _preflight(self) -> Iterator[CaptureEvent]:
         yield self._say(EventKind.STARTED, "preflight")
@@ -167,6 +191,7 @@ class Capture:
             bytes_needed=self._bytes_needed(),
             on_meter_ready=lambda: self._readings.start(first) if first is not None else None,
         )
+        findings = Findings((*findings.checks, *self._stop_checks()), findings.devices)
         for check in findings.checks:
             yield self._say(EventKind.CHECK, f"{check.name}: {check.text}", **check.to_dict())
         require(findings)
@@ -180,6 +205,15 @@ class Capture:
         for check in findings.checks:
             if check.level is Level.WARN:
                 self._store.add_warning(WarningRecord(code=f"preflight: {check.name}", message=check.text[:500]))
+
+    def _stop_checks(self) -> Iterator[Check]:
+        """Refuse stops that a connected camera does not have: it would take the nearest under their name."""
+        for side in self._plan.sides:
+            camera = self._rig.cameras.get(side)
+            lacking = unavailable_stops(self._plan.stops_s, camera.shutter_times_s) if camera else ()
+            if lacking:
+                text = f"this camera does not have {', '.join(lacking)}"
+                yield Check(Level.FAIL, f"{side} stops", text, advice="change --stops, or [bracket] stops of the rig")
 
     def _withdraw_damaged(self, store: SessionStore) -> Iterator[CaptureEvent]:
         """Frames whose file is gone or changed since they were saved are taken anew; the file is kept aside."""
@@ -221,7 +255,7 @@ class Capture:
             devices=findings.devices,
             target=self._request.target or (rig.meter.target() if rig.meter else None),
             readings_planned=self._readings.planned,
-            rig=rig.model_dump(mode="json"),
+            rig=rig.model_dump(mode="json") | ({"simulate": self._rig.world} if self._rig.world else {}),
         )
 
     def _opening_warnings(self) -> Iterator[CaptureEvent]:
@@ -272,13 +306,14 @@ class Capture:
                 notices,
                 self.store,
                 self._rig.clock,
-                max_start_skew_s=self._rig.file.limits.max_start_skew_s,
-                hooks=Hooks(self._start_last_reading, lambda: _doubts(intakes, self._plan.stops_s)),
+                limits=self._rig.file.limits,
+                hooks=Hooks(self._start_last_reading, lambda: doubts(intakes, self._plan.stops_s)),
             )
+            self._conductor.paused = self._paused
             if self._stop_asked:
                 self._conductor.ask_stop()
             yield from self._conductor.run()
-            for (side, _), why in _doubts(intakes, self._plan.stops_s).items():
+            for (side, _), why in doubts(intakes, self._plan.stops_s).items():
                 yield self._warn("brightness_order", f"{side}: {why}")
         finally:
             for intake in intakes.values():
@@ -322,35 +357,6 @@ class Capture:
 
     def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
         return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
-
-
-def _require_same_table(rig: Rig, store: SessionStore, side: Side) -> None:
-    """Refuse to mix frames of two settings in one bracket."""
-    before = store.manifest.rig.get(side.value)
-    if not isinstance(before, dict):
-        return  # nothing is known of it
-    now = rig.file.cameras()[side].model_dump(mode="json")
-    changed = [
-        f"{key} was {before[key]}, is {now[key]}" for key in SAME_ON_RESUME if before.get(key, now[key]) != now[key]
-    ]
-    if changed:
-        raise SessionError(
-            f"the rig has another {side} camera: {'; '.join(changed)}",
-            where=str(store.path),
-            advice="use the rig (and --size) it was made with",
-        )
-
-
-def _doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> Doubts:
-    """Return the frames whose brightness does not fit: the light jumped, or the camera did not do as it said."""
-    found: Doubts = {}
-    for side, intake in intakes.items():
-        for check in (check_order, check_not_too_dark):
-            try:
-                check(intake.facts, stops_s)
-            except FrameRejectedError as error:
-                found |= {(side, stop): f"{error.where}: {error.message}" for stop in error.details["stops"]}
-    return found
 
 
 def _start_quietly(checker: FrameChecker) -> None:

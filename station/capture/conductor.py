@@ -12,12 +12,12 @@ from drivers.errors import BatteryLowError, DaylitError, DeviceClaimedError, Dev
 from station.capture.bracket import BracketPlan, useless_because
 from station.capture.camera_worker import EXPOSURE_GRACE_S, CameraWorker
 from station.capture.events import (
+    Breaking,
     Broken,
     CaptureEvent,
     EventKind,
     Exposed,
     Fatal,
-    Fire,
     Leave,
     Left,
     Lost,
@@ -26,25 +26,25 @@ from station.capture.events import (
     Ready,
     Rejected,
     Released,
+    Repeated,
     Saved,
-    SetUp,
-    StandDown,
 )
+from station.capture.pairing import Pairing
+from station.capture.reference import best_stop, in_words
+from station.capture.rig_file import LimitsTable
 from station.session.session import FrameStatistics, Side, SkippedStop, WarningRecord, shutter_label
 from station.session.store import SessionStore
 
 SET_UP_LIMIT_S = 45.0
-"""Setting one stop, including one recovery of the camera."""
+"""Setting one stop; it begins anew when a camera is back from a recovery."""
 LAST_TRANSFERS_LIMIT_S = 300.0
 LEAVE_LIMIT_S = 60.0
 """For a camera's thread to end an exposure or a recovery when nobody listens any more."""
-FIRE_AHEAD_S = 0.008
-"""Both threads get their orders this long before the shutters are to open, more than a thread takes to wake."""
 MAX_RETAKES = 1
 MAX_DEVICE_FAILURES = 2
 """Of one stop: recovered that often, then the stop is named as missing."""
 PUMP_WAIT_S = 0.25
-JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED)
+JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED, EventKind.PAUSED, EventKind.CONTINUED)
 """What the store's own records do not hold. The rest would only put disk waits between two exposures."""
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)
 """Errors after which a retake is useless until somebody acts."""
@@ -74,7 +74,7 @@ class Conductor:
         store: SessionStore,
         clock: Clock,
         *,
-        max_start_skew_s: float,
+        limits: LimitsTable,
         hooks: Hooks,
     ) -> None:
         self._plan = plan
@@ -82,19 +82,19 @@ class Conductor:
         self._notices = notices
         self._store = store
         self._clock = clock
-        self._max_start_skew_s = max_start_skew_s
+        self._max_start_skew_s, self._max_drift_frac = limits.max_start_skew_s, limits.max_drift_frac
         self._on_last_exposure, self._doubts = hooks
         self._todo: deque[tuple[int, tuple[Side, ...]]] = deque()
-        self._answers: dict[tuple[Side, int], Notice] = {}
-        self._set_ahead: dict[Side, int] = {}
-        self._released_s: dict[Side, float] = {}
+        self._pairing = Pairing(plan, workers, clock)
+        self._retakes = self._pairing.retakes
         self._in_flight: Counter[tuple[Side, int]] = Counter()
         self._rejected: dict[tuple[Side, int], str] = {}
-        self._retakes: Counter[tuple[Side, int]] = Counter()
         self._failures: Counter[tuple[Side, int]] = Counter()
         self._statistics: dict[Side, dict[int, FrameStatistics]] = {side: {} for side in plan.sides}
         self._left: set[Side] = set()
         self._stop_asked = False
+        self.paused = False
+        """Set, at any moment, to take no further pair; cleared, to go on."""
         self.dead: dict[Side, DaylitError] = {}
 
     def ask_stop(self) -> None:
@@ -135,23 +135,48 @@ class Conductor:
     def _take_all(self) -> Iterator[CaptureEvent]:
         announced = False
         while not (self._stop_asked or self.dead):
-            if self._todo:
+            if self.paused:
+                yield from self._pause()
+            elif self._todo:
                 stop, sides = self._todo.popleft()
                 sides = yield from self._sides_in_need(stop, sides)
                 if sides and not self._stop_asked:
                     announced = False
                     yield from self._take(stop, sides)
-            elif not announced:
+            elif not announced and (self._pairing.repeats or not self._plan.reference):
                 self._on_last_exposure()
                 announced = True
             elif self._in_flight:
                 yield from self._pump()
-            elif not (yield from self._retake_doubtful()):
+            elif not (yield from self._retake_doubtful()) and not self._repeat():
                 return
+
+    def _repeat(self) -> bool:
+        """Put one stop back, once, to be compared with itself; False where that is not wanted, or was done."""
+        if self._pairing.repeats or not self._plan.reference:
+            return False
+        self._pairing.repeats = True
+        stop = best_stop({side: self._statistics[side] for side in self._workers})
+        if stop is not None:
+            self._todo.append((stop, tuple(self._workers)))
+        return True
+
+    def _pause(self) -> Iterator[CaptureEvent]:
+        """Let both buttons go and take in what comes, until asked to go on; the cameras' threads keep them awake."""
+        begun_s = self._clock.monotonic_s()
+        self._pairing.stand_down(self._workers)
+        yield self._event(EventKind.PAUSED, "paused")
+        while self.paused and not (self._stop_asked or self.dead):
+            yield from self._pump()
+        yield self._event(EventKind.CONTINUED, "continued")
+        if self._todo:
+            text = f"paused for {self._clock.monotonic_s() - begun_s:.0f} s: the light may have changed meanwhile"
+            yield self._warn("paused", text)
 
     def _retake_doubtful(self) -> Generator[CaptureEvent, None, bool]:
         """Put back, once, what only the whole bracket shows to be wrong; frames stay until better ones are saved."""
-        found = {key: why for key, why in self._doubts().items() if self._retakes[key] < MAX_RETAKES}
+        doubts = {} if self._pairing.repeats else self._doubts()
+        found = {key: why for key, why in doubts.items() if self._retakes[key] < MAX_RETAKES}
         for (side, stop), why in found.items():
             self._retakes[side, stop] += 1
             self._todo.append((stop, (side,)))
@@ -200,40 +225,21 @@ class Conductor:
 
     def _take(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
         yield self._event(EventKind.STOP, f"{self._label(stop)}", stop=stop, sides=list(sides))
-        self._set_up(stop, sides)
+        self._pairing.set_up(stop, sides)
         yield from self._pump_until(lambda: self._answered(stop, sides), SET_UP_LIMIT_S, "camera made ready")
-        if not all(isinstance(self._answers.get((s, stop)), Ready) for s in sides) or self.dead:
-            for side in sides:
-                self._workers[side].order(StandDown())
+        if not self._pairing.ready(stop, sides) or self.dead:
+            self._pairing.stand_down(sides)
             yield from self._again(stop, sides)
             return
-        for side in sides:
-            del self._answers[side, stop]
-        self._released_s = {}
-        open_at_s = self._clock.monotonic_s() + FIRE_AHEAD_S + max(self._workers[s].release_lag_s for s in sides)
-        for side in sides:
-            self._workers[side].order(Fire(open_at_s))
+        self._pairing.fire(stop, sides)
         limit_s = 2 * self._plan.stops_s[stop] + EXPOSURE_GRACE_S + SET_UP_LIMIT_S
         yield from self._pump_until(lambda: self._answered(stop, sides), limit_s, "exposure finished")
-        yield from self._judge_start(stop, sides)
-        broken = tuple(s for s in sides if isinstance(self._answers.get((s, stop)), Broken))
-        if broken:
+        skew_s = self._pairing.start_skew_s()
+        if skew_s > self._max_start_skew_s:
+            text = f"{self._label(stop)}: the shutters opened {skew_s * 1000:.0f} ms apart"
+            yield self._warn("start_skew", text, stop=stop, skew_s=skew_s)
+        if broken := self._pairing.broken(stop, sides):
             yield from self._again(stop, broken)
-
-    def _set_up(self, stop: int, sides: tuple[Side, ...]) -> None:
-        """Order the set-up of a stop from the sides that have not been ordered it ahead; forget other orders ahead."""
-        for side, worker in self._workers.items():
-            ahead = self._set_ahead.pop(side, None)
-            if ahead == stop and side in sides:
-                continue
-            if ahead is not None:
-                worker.order(StandDown())
-            if side in sides:
-                self._order_set_up(side, stop)
-
-    def _order_set_up(self, side: Side, stop: int) -> None:
-        self._answers.pop((side, stop), None)
-        self._workers[side].order(SetUp(stop, self._plan.stops_s[stop], self._retakes[side, stop]))
 
     def _set_up_ahead(self, notice: Exposed) -> None:
         """A camera that is through sets the next stop while its partner still exposes or saves.
@@ -245,16 +251,15 @@ class Conductor:
             return
         stop, sides = self._todo[0]
         if notice.side in sides:
-            self._set_ahead[notice.side] = stop
-            self._order_set_up(notice.side, stop)
+            self._pairing.set_up_ahead(notice.side, stop)
 
     def _answered(self, stop: int, sides: Iterable[Side]) -> bool:
-        return bool(self.dead) or all((side, stop) in self._answers for side in sides)
+        return bool(self.dead) or self._pairing.answered(stop, sides)
 
     def _again(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
         """Put a stop back, unless its camera failed it too often; then it stays missing and is named."""
-        for side in sides:
-            self._failures[side, stop] += isinstance(self._answers.get((side, stop)), Broken)
+        for side in self._pairing.broken(stop, sides):
+            self._failures[side, stop] += 1
         spent = tuple(s for s in sides if self._failures[s, stop] > MAX_DEVICE_FAILURES)
         for side in spent:
             text = f"{side} {self._label(stop)}: the camera failed {self._failures[side, stop]} times; missing"
@@ -263,18 +268,12 @@ class Conductor:
         if kept:
             self._todo.appendleft((stop, kept))
 
-    def _judge_start(self, stop: int, sides: tuple[Side, ...]) -> Iterator[CaptureEvent]:
-        if len(self._released_s) < 2:
-            return
-        opened_s = [self._released_s[s] + self._workers[s].release_lag_s for s in sides]
-        skew_s = max(opened_s) - min(opened_s)
-        if skew_s > self._max_start_skew_s:
-            text = f"{self._label(stop)}: the shutters opened {skew_s * 1000:.0f} ms apart"
-            yield self._warn("start_skew", text, stop=stop, skew_s=skew_s)
-
     def _pump_until(self, done: Callable[[], bool], limit_s: float, what: str) -> Iterator[CaptureEvent]:
+        """Handle notices until ``done``; the limit begins anew when a camera is back from a recovery."""
         deadline = Deadline.after(self._clock, limit_s)
         while not done():
+            if self._pairing.recovering():
+                deadline = Deadline.after(self._clock, limit_s)
             deadline.check(what, "capture")
             yield from self._pump()
 
@@ -286,7 +285,7 @@ class Conductor:
             return
         match notice:
             case Ready():
-                self._answers[notice.side, notice.stop] = notice
+                self._pairing.take(notice)
             case Released() | Exposed():
                 yield self._opened_or_closed(notice)
             case Progress(side, stop, done_bytes, total_bytes):
@@ -300,10 +299,10 @@ class Conductor:
     def _opened_or_closed(self, notice: Released | Exposed) -> CaptureEvent:
         side, stop = notice.side, notice.stop
         if isinstance(notice, Released):
-            self._released_s[side] = notice.at_s
+            self._pairing.released_s[side] = notice.at_s
             text = f"{side} {self._label(stop)} released"
             return self._event(EventKind.RELEASED, text, side=side, stop=stop, release_s=notice.at_s)
-        self._answers[side, stop] = notice
+        self._pairing.take(notice)
         self._in_flight[side, stop] += notice.n_frames
         self._set_up_ahead(notice)
         return self._event(EventKind.EXPOSED, f"{side} {self._label(stop)} exposed", side=side, stop=stop)
@@ -314,10 +313,12 @@ class Conductor:
                 yield from self._saved(notice)
             case Rejected(side, stop, record):
                 yield from self._frame_failed(side, stop, record.reason)
+            case Repeated():
+                yield from self._repeated(notice)
             case Lost(side, stop, error):
                 yield from self._frame_failed(side, stop, str(error))
-            case Broken():
-                yield from self._broken(notice)
+            case Breaking() | Broken():
+                yield self._breaking_or_broken(notice)
             case Fatal(_, error):
                 raise error
 
@@ -335,6 +336,16 @@ class Conductor:
         )
         yield from self._settle(side, stop)
 
+    def _repeated(self, notice: Repeated) -> Iterator[CaptureEvent]:
+        if (record := notice.record) is not None:
+            text = f"{record.side} {self._label(record.stop)} repeated: " + (
+                f"light x {record.ratio:.3f}" if record.ratio else "nothing to compare"
+            )
+            yield self._event(EventKind.REFERENCE, text, **record.model_dump(mode="json"))
+            if moved := in_words(record, self._max_drift_frac):
+                yield self._warn("moving_light", moved)
+        yield from self._settle(notice.side, notice.stop)
+
     def _frame_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
         self._rejected.setdefault((side, stop), reason)
         yield from self._settle(side, stop)
@@ -350,7 +361,7 @@ class Conductor:
             yield from self._exposure_failed(side, stop, reason)
 
     def _exposure_failed(self, side: Side, stop: int, reason: str) -> Iterator[CaptureEvent]:
-        again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked)
+        again = self._retakes[side, stop] < MAX_RETAKES and not (self.dead or self._stop_asked or self._pairing.repeats)
         kept = "what was saved of it before stays" if self._store.manifest.frame(side, stop) else "missing"
         text = f"{side} {self._label(stop)}: {reason}; " + ("taken again" if again else kept)
         yield self._event(EventKind.REJECTED, text, side=side, stop=stop, reason=reason, retaken=again)
@@ -360,16 +371,17 @@ class Conductor:
         else:
             yield self._warn("frame_missing", text, side=side, stop=stop)
 
-    def _broken(self, notice: Broken) -> Iterator[CaptureEvent]:
+    def _breaking_or_broken(self, notice: Breaking | Broken) -> CaptureEvent:
         side, error = notice.side, notice.error
-        if notice.stop is not None:
-            self._answers[side, notice.stop] = notice
-        data = {"side": side, "stop": notice.stop, "error": error.to_dict(), "recovered": notice.recovered}
+        self._pairing.take(notice)
+        data = {"side": side, "stop": notice.stop, "error": error.to_dict()}
+        if isinstance(notice, Breaking):
+            return self._event(EventKind.RECOVERING, f"{side}: {error.message}; recovering", **data, recovered=False)
+        data["recovered"] = notice.recovered
         if notice.recovered and not isinstance(error, NEEDS_A_PERSON):
-            yield self._event(EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
-        else:
-            self.dead[side] = error
-            yield self._event(EventKind.FAILED, f"{side}: {error}", **data)
+            return self._event(EventKind.RECOVERING, f"{side}: {error.message}; the camera is back", **data)
+        self.dead[side] = error
+        return self._event(EventKind.FAILED, f"{side}: {error}", **data)
 
     def _label(self, stop: int) -> str:
         return shutter_label(self._plan.stops_s[stop])

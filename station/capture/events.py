@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from drivers.camera import FrameRef, ShutterReadback
     from drivers.errors import DaylitError, DeviceError
-    from station.session.session import FrameRecord, RejectedFrame, Side
+    from station.session.session import FrameRecord, ReferenceRecord, RejectedFrame, Side
 
 
 class EventKind(StrEnum):
@@ -33,6 +33,11 @@ class EventKind(StrEnum):
     WARNING = "warning"
     FAILED = "failed"
     FINISHED = "finished"
+    PAUSED = "paused"
+    CONTINUED = "continued"
+    WAITING = "waiting"
+    MISSED = "missed"
+    REFERENCE = "reference"
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,10 @@ class SetUp:
     stop: int
     shutter_s: float
     retakes: int = 0
+    repeats: bool = False
+    """Not for the bracket: to be compared with its frame of the stop."""
+    number: int = 0
+    """Of the order: an answer to an earlier one is out of date."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +76,7 @@ class Fire:
 
 @dataclass(frozen=True)
 class StandDown:
-    """Order: the partner is not ready, forget the stop."""
+    """Order: the partner is not ready, forget the stop and let go of the button."""
 
 
 @dataclass(frozen=True)
@@ -101,14 +110,16 @@ class Shot:
     released_s: float
     announced_utc: datetime
     retakes: int
+    repeats: bool = False
 
 
 @dataclass(frozen=True)
 class Ready:
-    """Armed."""
+    """Armed, as the set-up of this ``number`` has it."""
 
     side: Side
     stop: int
+    number: int
 
 
 @dataclass(frozen=True)
@@ -159,6 +170,15 @@ class Rejected:
 
 
 @dataclass(frozen=True)
+class Repeated:
+    """A repeated frame is compared with that of the bracket (None: it could not be)."""
+
+    side: Side
+    stop: int
+    record: ReferenceRecord | None
+
+
+@dataclass(frozen=True)
 class Lost:
     """A frame was exposed but could not be fetched."""
 
@@ -168,8 +188,17 @@ class Lost:
 
 
 @dataclass(frozen=True)
+class Breaking:
+    """A device error (at a stop, or between stops): the camera is being recovered; answered by itself with Broken."""
+
+    side: Side
+    stop: int | None
+    error: DeviceError
+
+
+@dataclass(frozen=True)
 class Broken:
-    """A device error (at a stop, or between stops); ``recovered``: the camera can go on."""
+    """The end of a recovery after a device error; ``recovered``: the camera can go on."""
 
     side: Side
     stop: int | None
@@ -192,4 +221,4 @@ class Left:
     side: Side
 
 
-Notice = Ready | Released | Exposed | Progress | Saved | Rejected | Lost | Broken | Fatal | Left
+Notice = Ready | Released | Exposed | Progress | Saved | Rejected | Repeated | Lost | Breaking | Broken | Fatal | Left

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Literal
 
 from drivers.camera import FrameFormat
 from drivers.clock import Clock
 from drivers.meter.interface import MeterReading, ReadingStatus
-from station.capture.events import Fatal, Notice, Rejected, Safe, Saved, Shot
+from station.capture.events import Fatal, Notice, Rejected, Repeated, Safe, Saved, Shot
+from station.capture.reference import compare
 from station.capture.rig import Rig
 from station.capture.rig_file import CameraTable
 from station.errors import FrameRejectedError, UsageError
 from station.frames.check import FrameChecker
 from station.frames.facts import ExpectedFrame, FrameFacts
+from station.frames.rules import check_not_too_dark, check_order
 from station.session.session import FrameRecord, ReadingRecord, RejectedFrame, Side, shutter_label
 from station.session.store import FramePart, SessionStore, StoredFrame
 
@@ -100,6 +102,15 @@ class ReadingTaker:
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="meter")
         self._running: Future[ReadingRecord] | None = None
 
+    def end_earlier(self) -> None:
+        """Wait, bounded, for a reading that another capture of this rig left running, and give its line back.
+
+        A process that is started while the line is open holds its lock for a moment, and it could not be opened anew.
+        """
+        if self._rig.reading is not None and self._rig.meter is not None:
+            wait([self._rig.reading], IDLE_LIMIT_S)
+            self._rig.meter.close()
+
     @property
     def planned(self) -> Literal[0, 1, 2]:
         """How many readings a new session is to have: 2 with a meter, else as many as were typed."""
@@ -115,7 +126,7 @@ class ReadingTaker:
         """Begin a reading in the background, behind one that runs; that is dropped as stale, errors and all."""
         if self._running is not None:
             self._running.cancel()
-        self._running = self._pool.submit(self._take, when)
+        self._running = self._rig.reading = self._pool.submit(self._take, when)
 
     def collect(self) -> ReadingRecord | None:
         """Wait for the reading begun last and return it; None if none was begun."""
@@ -213,6 +224,9 @@ class Intake:
                     self._idle.notify_all()
 
     def _take(self, shot: Shot, part: FramePart) -> None:
+        if shot.repeats:
+            self._repeated(shot, part)
+            return
         counts = True
         try:
             facts = self._check(shot, part)
@@ -229,6 +243,25 @@ class Intake:
             self._store.add_frame(frame)
             self.notices.put(Saved(self.side, shot.stop, frame))
         self.on_safe(Safe(shot.frame, acknowledged=counts))
+
+    def _repeated(self, shot: Shot, part: FramePart) -> None:
+        """Compare a repeated frame with the bracket's, and keep it aside; what is wrong with it costs nothing."""
+        record, reason = None, "repeated at the end, to compare"
+        before, frame = self.facts.get(shot.stop), self._store.manifest.frame(shot.side, shot.stop)
+        if shot.frame.format is FrameFormat.JPEG and before is not None and frame is not None:
+            name, after_s = f"{self.side} repeated", shot.released_s - (frame.release_monotonic_s or shot.released_s)
+            try:
+                after = self._checker.check(part.path, self._expected(shot), exact=self._exact, earlier=[], name=name)
+                record = compare(shot, before, after, None, max(after_s, 0.0))
+            except FrameRejectedError as error:
+                reason = error.message
+        file = part.reject(reason)
+        self._store.add_rejected(RejectedFrame(side=self.side, stop=shot.stop, file=file, reason=reason[:500]))
+        if record is not None:
+            record = record.model_copy(update={"file": file})
+            self._store.update(references=(*self._store.manifest.references, record))
+        self.notices.put(Repeated(self.side, shot.stop, record))
+        self.on_safe(Safe(shot.frame))
 
     def _replace_earlier(self, shot: Shot) -> None:
         """Let the frames of an earlier exposure of this stop make room: JPEG and raw file are of one exposure."""
@@ -295,3 +328,15 @@ def _frame_record(shot: Shot, facts: FrameFacts, stored: StoredFrame) -> FrameRe
         statistics=facts.statistics if shot.frame.format is FrameFormat.JPEG else None,
         retakes=shot.retakes,
     )
+
+
+def doubts(intakes: Mapping[Side, Intake], stops_s: Sequence[float]) -> dict[tuple[Side, int], str]:
+    """Return the frames whose brightness does not fit: the light jumped, or the camera did not do as it said."""
+    found: dict[tuple[Side, int], str] = {}
+    for side, intake in intakes.items():
+        for check in (check_order, check_not_too_dark):
+            try:
+                check(intake.facts, stops_s)
+            except FrameRejectedError as error:
+                found |= {(side, stop): f"{error.where}: {error.message}" for stop in error.details["stops"]}
+    return found

@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.camera import Camera
-from drivers.clock import Clock, SystemClock
+from drivers.clock import Clock, SteadyClock, SystemClock
 from drivers.meter.interface import Meter
 from station.capture.links import Links
 from station.capture.rig_file import CameraTable, MeterTable, RigFile
-from station.errors import RigError
-from station.session.session import Side
+from station.errors import RigError, SessionError
+from station.frames.check import FrameChecker
+from station.session.session import ReadingRecord, SessionManifest, Side
 
 if TYPE_CHECKING:
+    from concurrent.futures import Future
+
     from drivers.ptp.pipes import PtpTransport
     from mocks.instruments.bench import SimulatedBench, WantedCamera
 
@@ -29,10 +32,16 @@ class Rig:
     file: RigFile
     cameras: dict[Side, Camera]
     meter: Meter | None
-    clock: Clock
+    clock: SteadyClock
     simulated: bool = False
     bench: SimulatedBench | None = None
     on_close: list[Callable[[], None]] = field(default_factory=list)
+    world: str = ""
+    """What simulated instruments look at: recorded, so that a session can be resumed."""
+    checkers: dict[Side, FrameChecker] | None = None
+    """Where many captures follow one another: their frame checkers, kept between them; closed with the rig."""
+    reading: Future[ReadingRecord] | None = None
+    """The meter's last reading: it may still run when the capture that began it has failed."""
 
     def close(self) -> None:
         """Leave every instrument usable; never raises."""
@@ -40,8 +49,31 @@ class Rig:
             camera.close()
         if self.meter is not None:
             self.meter.close()
+        for checker in (self.checkers or {}).values():
+            checker.close()
         for action in self.on_close:
             action()
+
+
+SAME_ON_RESUME = ("kind", "iso", "f_number", "color_temperature_k", "size_px", "keep_raw")
+"""Keys of a camera's table that the frames of one bracket must share."""
+
+
+def require_same_camera(rig: Rig, manifest: SessionManifest, side: Side, where: str) -> None:
+    """Refuse, with `SessionError`, to mix frames of two settings in one bracket."""
+    before = manifest.rig.get(side.value)
+    if not isinstance(before, dict):
+        return  # nothing is known of it
+    now = rig.file.cameras()[side].model_dump(mode="json")
+    changed = [
+        f"{key} was {before[key]}, is {now[key]}" for key in SAME_ON_RESUME if before.get(key, now[key]) != now[key]
+    ]
+    if changed:
+        raise SessionError(
+            f"the rig has another {side} camera: {'; '.join(changed)}",
+            where=where,
+            advice="use the rig (and --size) it was made with",
+        )
 
 
 def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = None) -> Rig:
@@ -49,25 +81,29 @@ def open_rig(file: RigFile, clock: Clock | None = None, links: Links | None = No
 
     Raises `RigError`: A meter dialect that does not exist.
     """
-    clock, links = clock or SystemClock(), links or Links()
-    cameras = {side: _camera(side, table, None, clock, links) for side, table in file.cameras().items()}
-    meter = _meter(file.meter, file.meter.port, clock, links) if file.meter and file.meter.is_read else None
-    return Rig(file, cameras, meter, clock)
+    steady, links = SteadyClock(clock or SystemClock()), links or Links()
+    cameras = {side: _camera(side, table, None, steady, links) for side, table in file.cameras().items()}
+    meter = _meter(file.meter, file.meter.port, steady, links) if file.meter and file.meter.is_read else None
+    return Rig(file, cameras, meter, steady)
 
 
-def open_simulated_rig(file: RigFile, bench: SimulatedBench, links: Links | None = None) -> Rig:
+def open_simulated_rig(
+    file: RigFile, bench: SimulatedBench, links: Links | None = None, *, clock: Clock | None = None, world: str = ""
+) -> Rig:
     """Return a rig whose instruments are those of ``bench``: the drivers are the real ones, the links end in mocks.
 
-    The meter looks where the bench's meter does, unless the rig file says otherwise.
+    The meter looks where the bench's meter does, unless the rig file says otherwise. ``clock``: the computer's, where
+    it is not the instruments'.
     """
+    steady = SteadyClock(clock or bench.clock)
     if file.meter is not None and file.meter.target_deg is None:
         meter_table = file.meter.model_copy(update={"target_deg": bench.meter_target_deg})
         file = file.model_copy(update={"meter": meter_table})
     file = file.model_copy(update=_as_measured(file, bench))
-    backend, clock, links = bench.usb_backend, bench.clock, links or Links(simulated=True)
-    cameras = {side: _camera(side, table, backend, clock, links) for side, table in file.cameras().items()}
-    meter = _meter(file.meter, bench.meter_port, clock, links) if file.meter and file.meter.is_read else None
-    return Rig(file, cameras, meter, bench.clock, simulated=True, bench=bench, on_close=[bench.close])
+    backend, links = bench.usb_backend, links or Links(simulated=True)
+    cameras = {side: _camera(side, table, backend, steady, links) for side, table in file.cameras().items()}
+    meter = _meter(file.meter, bench.meter_port, steady, links) if file.meter and file.meter.is_read else None
+    return Rig(file, cameras, meter, steady, simulated=True, bench=bench, on_close=[bench.close], world=world)
 
 
 def _as_measured(file: RigFile, bench: SimulatedBench) -> dict[str, object]:
@@ -104,6 +140,16 @@ def _camera(side: Side, table: CameraTable, backend: object | None, clock: Clock
     return Canon5D2(open_transport, clock, destination=table.destination or "card", sizes_px=sizes_px)
 
 
+def known_times_s(kind: str) -> tuple[float, ...]:
+    """Return the exposure times of a kind of camera, seconds: by Ricoh's specification, and the thirds of EOS."""
+    from drivers.canon_5d2.codes import SHUTTER_CODES
+    from drivers.theta_z1.codes import SHUTTER_FRACTIONS
+
+    if kind == "theta_z1":
+        return tuple(numerator / denominator for numerator, denominator in SHUTTER_FRACTIONS)
+    return tuple(SHUTTER_CODES.values())
+
+
 def _meter(table: MeterTable, port: str, clock: Clock, links: Links) -> Meter:
     return meter_on_port(table.dialect, port, clock, links)
 
@@ -129,7 +175,7 @@ SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
 
 
 def open_named_rig(
-    path: Path | None,
+    path: Path | RigFile | None,
     simulate: str | None,
     *,
     size: str = "full",
@@ -158,7 +204,10 @@ def open_named_rig(
         rig = open_rig(file.model_copy(update=changes), None, links)
         rig.simulated = True
         return rig
-    file = PAPER_RIG if simulate and path is None else load_rig(find_rig_file(path))
+    if isinstance(path, RigFile):
+        file = path
+    else:
+        file = PAPER_RIG if simulate and path is None else load_rig(find_rig_file(path))
     file = file.model_copy(update=changes)
     clock: Clock
     if not simulate:
@@ -178,7 +227,7 @@ def open_named_rig(
     options = BenchOptions(clock=clock, on_progress=on_progress)
     bench = make_bench(simulate, cameras, stops_s, options, times_s=planned_times_s(file))
     links = open_links(record, file, clock, simulated=True)
-    rig = open_simulated_rig(file, bench, links)
+    rig = open_simulated_rig(file, bench, links, world=simulate)
     rig.on_close.append(links.close)
     return rig
 

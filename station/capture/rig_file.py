@@ -115,6 +115,8 @@ class BracketTable(_Table):
 
     stops: tuple[str, ...] = tuple(f"{s:g}" if s >= 1 else f"1/{round(1 / s)}" for s in PAPER_STOPS_S)
     mode: Literal["full", "adaptive"] = "full"
+    reference: bool = False
+    """Repeat one stop at the end: it shows whether light or lamps changed meanwhile."""
 
     @field_validator("stops")
     @classmethod
@@ -188,7 +190,7 @@ def load_rig(path: Path) -> RigFile:
         raise RigError(
             "there is no such rig file", where=str(path), advice="write one with: daylit doctor --write-rig rig.toml"
         ) from error
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise RigError(f"cannot be read: {error}", where=str(path), advice="correct the file") from error
     except ValidationError as error:
         keys = "; ".join(f"[{'.'.join(map(str, e['loc']))}] {e['msg']}" for e in error.errors())

@@ -1,26 +1,22 @@
-"""``daylit capture``: one room, from preflight to a verified session."""
+"""``daylit capture``: a room, a queue of rooms, or a day of brackets; each from preflight to a verified session."""
 
 from __future__ import annotations
 
-import json
 import math
-import shlex
-import signal
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import click
 
 if TYPE_CHECKING:
-    from station.capture.capture import Capture
+    from station.capture.capture import Capture, CaptureRequest
     from station.capture.rig import Rig
     from station.capture.rig_file import RigFile
     from station.session.session import MeterTarget, SessionManifest
 
 
 @click.command()
-@click.argument("room", required=False)
+@click.argument("rooms", nargs=-1)
 @click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file (default: ./rig.toml).")
 @click.option(
     "--into",
@@ -42,6 +38,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Picture size of simulated cameras.",
 )
+@click.option(
+    "--rate",
+    type=click.FloatRange(0.1, 50),
+    default=1.0,
+    show_default=True,
+    help="How much faster than life simulated time runs.",
+)
 @click.option("--bracket", type=click.Choice(["full", "adaptive"]), help="Nine stops, or only those the scene needs.")
 @click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
 @click.option("--only", type=click.Choice(["indoor", "outdoor"]), help="One camera only.")
@@ -55,12 +58,16 @@ if TYPE_CHECKING:
 )
 @click.option("--no-meter", is_flag=True, help="Without a meter; the session is marked so.")
 @click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
+@click.option("--every", metavar="60m", help="A bracket of ROOM again and again, so far apart; until --until.")
+@click.option("--until", metavar="HH:MM", help="With --every: the last bracket begins by then, local time.")
+@click.option("--rooms", "rooms_path", type=click.Path(path_type=Path), help="File of rooms, one a line, in order.")
+@click.option("--notify", metavar="CMD|URL", help="Send events there as JSON: to its standard input, or by HTTP POST.")
 @click.option(
     "--resume",
     "resume_path",
     type=click.Path(path_type=Path),
     metavar="SESSION",
-    help="Complete a partial session; repeat its --rig or --simulate, --only, --no-meter.",
+    help="Complete a partial session with its own rig, cameras and meter (--rig: with another).",
 )
 @click.option(
     "--record",
@@ -73,10 +80,13 @@ if TYPE_CHECKING:
 def capture(**options: Any) -> int:
     """Capture ROOM: meter reading, synchronised brackets of both cameras, meter reading.
 
+    Several ROOMS are a queue: move the rig, then continue. Pause: p and Enter, or SIGUSR1; continue: Enter, or SIGUSR2.
+
     \b
     Examples:
       daylit capture coda-320 --rig rig.toml
-      daylit capture attic --bracket adaptive --reading 34.63
+      daylit capture coda-320 --every 60m --until 18:00 --notify https://example.org/hook
+      daylit capture hall kitchen attic --bracket adaptive --no-meter
       daylit capture --resume sessions/2023-05-19T1554Z_coda-320
       daylit capture test --simulate bedroom-7 --size quarter
     """
@@ -86,10 +96,17 @@ def capture(**options: Any) -> int:
     for reading in options["readings"]:
         check_typed(reading)
     if options["dry_run"]:
-        return _dry_run(options)
-    rig = _open_rig(options)
+        from station.commands.dry_run import dry_run
+
+        return dry_run(_rig_file(options), options)
+    if options["resume_path"]:
+        return _resume(options)
+    rig = _open(_rig_file(options), options["simulate"], options)
     try:
-        return _run(rig, options)
+        rooms = _rooms(options)
+        if options["every"] or len(rooms) > 1:
+            return _run_day(rig, rooms, options)
+        return _run(rig, rooms[0], options)
     finally:
         rig.close()
 
@@ -102,49 +119,61 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
         raise UsageError(
             f"a transcript has its own rig, and is one: {names}", where="--simulate", advice="leave it out"
         )
-    if options["size"] != "full" and (not options["simulate"] or _is_replay(options)):
-        raise UsageError("only simulated cameras have other sizes", where="--size", advice="set size_px in the rig")
+    for name, usual in (("size", "full"), ("rate", 1.0)):
+        simulated = options["simulate"] and not _is_replay(options)
+        if options[name] != usual and not (simulated or (name == "rate" and options["resume_path"])):
+            advice = "set size_px in the rig" if name == "size" else "leave it out"
+            raise UsageError("only simulated cameras have another", where=f"--{name}", advice=advice)
+    if bool(options["every"]) != bool(options["until"]):
+        raise UsageError("--every and --until belong together", where="capture", advice="--every 60m --until 18:00")
     if options["resume_path"] is None:
         return
-    given = [name for name in ("room", "stops", "bracket", "target", "dry_run") if options[name]]
+    names = ("rooms", "rooms_path", "every", "stops", "bracket", "target", "dry_run")
+    given = [name for name in names if options[name]]
     if given:
-        names = ", ".join("ROOM" if name == "room" else f"--{name.replace('_', '-')}" for name in given)
-        raise UsageError(f"--resume takes them from the session: {names}", where="capture", advice="leave them out")
+        names_given = ", ".join("ROOM" if n in ("rooms", "rooms_path") else f"--{n.replace('_', '-')}" for n in given)
+        raise UsageError(
+            f"--resume takes them from the session: {names_given}", where="capture", advice="leave them out"
+        )
 
 
-def _run(rig: Rig, options: dict[str, Any]) -> int:
-    from station.session.store import SessionStore
+def _run(rig: Rig, room: str, options: dict[str, Any]) -> int:
+    from station.capture.capture import Capture
 
-    if options["resume_path"] is None:
-        job = _new_capture(rig, options)
-        return _follow(job, rig, options)
-    with SessionStore.open(options["resume_path"], writable=True, clock=rig.clock) as store:
-        from station.capture.capture import Capture
-
-        if store.manifest.status == "complete" and not store.recovery.damaged:
-            # Nothing to take; session.json may still be behind the journal.
-            return _summarise(store.finish(), store.path, options)
-        return _follow(Capture.resume(rig, store, typed_readings=options["readings"]), rig, options)
+    return _follow(Capture.new(rig, _request(room, options)), rig, options)
 
 
-def _new_capture(rig: Rig, options: dict[str, Any]) -> Capture:
-    from station.capture.bracket import parse_shutter
-    from station.capture.capture import Capture, CaptureRequest
+def _rooms(options: dict[str, Any]) -> tuple[str, ...]:
+    from station.day.day import read_rooms
     from station.errors import UsageError
 
-    room = options["room"] or options["simulate"]
-    if not room:
+    rooms: tuple[str, ...] = options["rooms"] or (read_rooms(options["rooms_path"]) if options["rooms_path"] else ())
+    if not rooms and options["simulate"]:
+        rooms = (Path(options["simulate"]).stem,)
+    if not rooms:
         raise UsageError("which room?", where="capture", advice="daylit capture ROOM")
-    stops = tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else ()
-    request = CaptureRequest(
-        room=Path(room).stem if options["room"] is None else room,
+    if options["every"] and len(rooms) > 1:
+        raise UsageError(
+            "--every takes one room", where="capture", advice="one tripod: a queue of rooms, or one by the hour"
+        )
+    if options["readings"] and (options["every"] or len(rooms) > 1):
+        advice = "--no-meter, or the rig's meter"
+        raise UsageError("a reading typed in is of one bracket", where="--reading", advice=advice)
+    return rooms
+
+
+def _request(room: str, options: dict[str, Any]) -> CaptureRequest:
+    from station.capture.bracket import parse_shutter
+    from station.capture.capture import CaptureRequest
+
+    return CaptureRequest(
+        room=room,
         into=options["into"],
         mode=options["bracket"],
-        stops_s=stops,
+        stops_s=tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else (),
         typed_readings=options["readings"],
         target=parse_target(options["target"]),
     )
-    return Capture.new(rig, request)
 
 
 def parse_target(text: str | None) -> MeterTarget | None:
@@ -162,71 +191,28 @@ def parse_target(text: str | None) -> MeterTarget | None:
 
 
 def _follow(job: Capture, rig: Rig, options: dict[str, Any]) -> int:
-    """Show the events; the first Ctrl-C ends after the running pair, the second at once."""
+    from station.commands.following import follow, on_terminal, summarise
     from station.commands.views import JsonView, TerminalView
 
-    on_terminal = _on_terminal(options)
-    view = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if on_terminal else JsonView()
-    interrupted = False
-
-    def on_signal(number: int, _frame: object) -> None:
-        nonlocal interrupted
-        interrupted = True
-        job.ask_stop()
-        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
-
-    before = {n: signal.signal(n, on_signal) for n in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with view:
-            for event in job.events():
-                view.show(event)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    view = TerminalView(tuple(map(str, rig.cameras)), job.n_stops) if on_terminal(options) else JsonView()
+    interrupted = follow(job, view, notify=options["notify"])
     manifest, path = job.store.manifest, job.store.path
     job.store.close()
-    return _summarise(manifest, path, options, interrupted=interrupted)
+    return summarise(manifest, path, options, interrupted=interrupted)
 
 
-def _on_terminal(options: dict[str, Any]) -> bool:
-    return sys.stdout.isatty() and not options["as_json"]
+def _run_day(rig: Rig, rooms: tuple[str, ...], options: dict[str, Any]) -> int:
+    from station.commands.following import follow, on_terminal, summarise_day
+    from station.commands.views import JsonView, TerminalView
+    from station.day.day import Day, DayPlan, parse_every, parse_until
 
-
-def _summarise(manifest: SessionManifest, path: Path, options: dict[str, Any], *, interrupted: bool = False) -> int:
-    """Say what is there and what is missing; returns the exit code."""
-    complete = manifest.status == "complete"
-    summary = {
-        "ok": complete,
-        "session": str(path),
-        "status": str(manifest.status),
-        "frames": len(manifest.frames),
-        "skipped": len(manifest.skipped),
-        "missing": list(manifest.missing),
-        "warnings": [w.message for w in manifest.warnings],
-        "drift_frac": manifest.drift_frac,
-    }
-    if _on_terminal(options):
-        click.echo(f"{len(manifest.frames)} frames in {path}")
-        if not complete:
-            for missing in manifest.missing:
-                click.echo(f"missing: {missing}")
-            click.echo(f"complete it: {_resume_command(path, options)}")
-    else:
-        click.echo(json.dumps(summary))
-    return 0 if complete else 130 if interrupted else 4
-
-
-def _resume_command(path: Path, options: dict[str, Any]) -> str:
-    """Return the command that completes the session on the same instruments."""
-    words = ["daylit", "capture", "--resume", str(path)]
-    for option, name in (("--rig", "rig_path"), ("--simulate", "simulate"), ("--only", "only")):
-        if options[name]:
-            words += [option, str(options[name])]
-    if options["simulate"]:
-        words += ["--size", options["size"]]
-    if options["no_meter"] or options["readings"]:
-        words.append("--no-meter")
-    return shlex.join(words)
+    plan = DayPlan(rooms)
+    if options["every"]:
+        plan = DayPlan(rooms, parse_every(options["every"]), parse_until(options["until"], rig.clock.utc_now()))
+    day = Day(rig, plan, _request(rooms[0], options))
+    view = TerminalView(tuple(map(str, rig.cameras)), day.n_stops) if on_terminal(options) else JsonView()
+    interrupted = follow(day, view, notify=options["notify"])
+    return summarise_day(day, options, interrupted=interrupted)
 
 
 def _changes(options: dict[str, Any]) -> dict[str, Any]:
@@ -241,15 +227,23 @@ def _changes(options: dict[str, Any]) -> dict[str, Any]:
 
 def _rig_file(options: dict[str, Any]) -> RigFile:
     from station.capture.rig import find_rig_file
-    from station.capture.rig_file import PAPER_RIG, TYPED, load_rig
+    from station.capture.rig_file import PAPER_RIG, load_rig
 
     simulated = options["simulate"] and options["rig_path"] is None
     file = PAPER_RIG if simulated else load_rig(find_rig_file(options["rig_path"]))
     file = file.model_copy(update=_changes(options))
-    if options["readings"] and file.meter:  # where it looks is still the rig's
-        file = file.model_copy(update={"meter": file.meter.model_copy(update={"dialect": TYPED})})
+    file = _typed(file, options)
     _need_camera(file, options)
     return file
+
+
+def _typed(file: RigFile, options: dict[str, Any]) -> RigFile:
+    """Return the rig with a meter that is typed in, where a reading is; where it looks is still the rig's."""
+    from station.capture.rig_file import TYPED
+
+    if not (options["readings"] and file.meter):
+        return file
+    return file.model_copy(update={"meter": file.meter.model_copy(update={"dialect": TYPED})})
 
 
 def _need_camera(file: RigFile, options: dict[str, Any]) -> None:
@@ -268,54 +262,75 @@ def _is_replay(options: dict[str, Any]) -> bool:
     return str(options["simulate"] or "").startswith("recorded:")
 
 
-def _open_rig(options: dict[str, Any]) -> Rig:
+def _open(file: RigFile, world: str | None, options: dict[str, Any]) -> Rig:
     from station.capture.rig import open_named_rig
 
-    file = _rig_file(options)  # refuses a rig without a camera
-    changes = _changes(options) | ({"meter": file.meter} if options["readings"] else {})
-    path, world = options["rig_path"], options["simulate"]
-    if world is None or _is_replay(options):
-        return open_named_rig(path, world, record=options["record"], **changes)
+    if _is_replay(options):
+        changes = _changes(options)
+        if options["readings"]:
+            changes["meter"] = file.meter
+        return open_named_rig(None, world, **changes)
+    if world is None:
+        return open_named_rig(file, None, record=options["record"])
     from station.commands.views import Rendering
 
+    size, rate, record = options["size"], options["rate"], options["record"]
     with Rendering() as rendering:
-        return open_named_rig(
-            path, world, size=options["size"], on_progress=rendering, record=options["record"], **changes
-        )
+        return open_named_rig(file, world, size=size, rate=rate, on_progress=rendering, record=record)
 
 
-def _dry_run(options: dict[str, Any]) -> int:
-    from station.capture.bracket import TYPICAL_READING_S, estimate_bracket, parse_shutter, plan_bracket, typical_cost
-    from station.session.session import shutter_label
+def _resume(options: dict[str, Any]) -> int:
+    """Complete a session with the instruments that it still needs, and no others."""
+    from station.capture.capture import Capture
+    from station.commands.following import summarise
+    from station.session.store import SessionStore
 
-    file = _rig_file(options)
-    tables = file.cameras()
-    stops = tuple(parse_shutter(s) for s in options["stops"].split(",")) if options["stops"] else file.bracket.stops_s()
-    mode: Literal["full", "adaptive"] = options["bracket"] or file.bracket.mode
-    plan = plan_bracket(stops, mode, tuple(tables))
-    costs = {side: typical_cost(table.kind, keep_raw=table.keep_raw) for side, table in tables.items()}
-    estimate = estimate_bracket(
-        plan, costs, reading_s=(TYPICAL_READING_S,) * 2 if file.meter and file.meter.is_read else ()
-    )
-    if options["as_json"]:
-        rows = [vars(row) | {"sides": list(row.sides)} for row in estimate.rows]
-        totals = {k: v for k, v in vars(estimate).items() if k != "rows"}
-        click.echo(json.dumps({"mode": mode, "rows": rows, **totals}))
-        return 0
-    click.echo(f"{'order':>5} {'exposure':>9} {'cameras':<17} {'pair s':>7} {'MB':>6} {'transfer hidden s':>18}")
-    for order, row in enumerate(estimate.rows, 1):
-        sides = "+".join(row.sides)
-        label = shutter_label(row.asked_s)
-        click.echo(
-            f"{order:>5} {label:>9} {sides:<17} {row.pair_s:>7.2f} "
-            f"{row.bytes_expected / 1e6:>6.1f} {row.hidden_transfer_s:>18.2f}"
-        )
-    click.echo(
-        f"exposures {estimate.exposures_s:.1f} s, readings {estimate.readings_s:.1f} s, transfers left at the end "
-        f"{estimate.unhidden_transfer_s:.1f} s: about {estimate.total_s:.0f} s "
-        f"and {estimate.bytes_expected / 1e6:.0f} MB"
-    )
-    click.echo("camera overheads and rates are typical figures, not measured on your instruments")
-    if mode == "adaptive":
-        click.echo("adaptive: the most it can take; stops that the frames prove useless are left out")
-    return 0
+    path = options["resume_path"]
+    with SessionStore.open(path, writable=False) as store:
+        manifest = store.manifest
+    file, world = _needed(manifest, options)
+    if not (file.cameras() or manifest.missing):
+        with SessionStore.open(path, writable=True) as store:  # session.json may still be behind the journal
+            return summarise(store.finish(), store.path, options)
+    if world and not options["rig_path"]:
+        options = {**options, "size": "full"}  # the record has the pictures' size
+    rig = _open(file, world, options)
+    try:
+        with SessionStore.open(path, writable=True, clock=rig.clock) as store:
+            return _follow(Capture.resume(rig, store, typed_readings=options["readings"]), rig, options)
+    finally:
+        rig.close()
+
+
+def _needed(manifest: SessionManifest, options: dict[str, Any]) -> tuple[RigFile, str | None]:
+    """Return the rig that a session was begun with, by its own record or --rig, without what it needs no more."""
+    from station.capture.rig_file import load_rig
+    from station.errors import SessionError
+    from station.session.verify import verify_session
+
+    path = options["resume_path"]
+    world = options["simulate"] or manifest.rig.get("simulate")
+    if manifest.simulated and not world:
+        raise SessionError("its instruments were simulated", where=str(path), advice="give --simulate WORLD, as before")
+    recorded = _recorded_rig(manifest, str(path))
+    file = load_rig(options["rig_path"]) if options["rig_path"] else recorded
+    changes = _changes(options)
+    damaged = {problem.file.partition("/")[0] for problem in verify_session(path).problems}
+    for side in file.cameras():
+        if not manifest.missing_stops(side) and str(side) not in damaged:
+            changes[str(side)] = None
+    if recorded.meter is None:
+        changes["meter"] = None
+    return _typed(file.model_copy(update=changes), options), world
+
+
+def _recorded_rig(manifest: SessionManifest, where: str) -> RigFile:
+    from pydantic import ValidationError
+
+    from station.capture.rig_file import RigFile
+    from station.errors import SessionError
+
+    try:
+        return RigFile.model_validate({k: v for k, v in manifest.rig.items() if k != "simulate"})
+    except ValidationError as error:
+        raise SessionError("holds no rig to go on with", where=where, advice="give the rig file with --rig") from error

@@ -189,40 +189,43 @@ def verify(session: Path, *, fast: bool, look: bool, repair: bool, as_json: bool
     if as_json:
         click.echo(json.dumps({"ok": whole, **report.to_dict(), "advice": advice}))
         return 0 if whole else 4
-    for problem in report.problems:
+    for problem in () if report.cut_short else report.problems:
         click.echo(f"{problem.file}: {problem.message} ({problem.code})")
     for note in report.notes:
         click.echo(f"note: {note}")
-    for missing in report.missing:
+    for missing in () if report.cut_short else report.missing:
         click.echo(f"missing: {missing}")
     count = len(report.problems)
-    if report.intact:
-        verdict = f"intact, {report.status}"
+    if report.cut_short:
+        verdict = f"cut short, nothing saved is lost: {report.frames_safe} of {report.frames_planned} frames safe"
+    elif report.intact:
+        verdict = f"intact, {report.status}; {report.frames_checked} frames checked"
     else:
-        verdict = f"NOT intact: {count} problem{'s' if count > 1 else ''}"
-    click.echo(f"{verdict}; {report.frames_checked} frames checked in {session}")
+        verdict = f"NOT intact: {count} problem{'s' if count > 1 else ''}; {report.frames_checked} frames checked"
+    click.echo(f"{verdict} in {session}")
     for line in advice:
         click.echo(f"  do: {line}")
     return 0 if whole else 4
 
 
-_CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
 _LOST = {"missing", "size"}
 
 
 def _advice(report: VerifyReport) -> list[str]:
     """Return what to do about the problems of a report, the first thing first."""
+    from station.session.verify import CUT_SHORT
+
     codes = {problem.code for problem in report.problems}
     path = shlex.quote(report.path)
-    resume = f"daylit capture --resume {path} (with the --rig or --simulate, --only and --no-meter it was begun with)"
+    resume = f"daylit capture --resume {path}"
     lines = []
     if any("this daylit knows up to" in problem.message for problem in report.problems):
         lines.append("update daylit; change nothing in the session with this version")
     elif "manifest" in codes:
         lines.append(f"daylit verify --repair {path} writes session.json anew from the journal")
-    if codes & _CUT_SHORT:
+    if codes & CUT_SHORT:
         lines.append(
-            "a capture is running, or was cut short; nothing saved is lost. If it is not running, go on: " + resume
+            "a capture is running, or was cut short; nothing saved is lost. If it is not running, resume: " + resume
         )
     if "journal" in codes:
         lines.append("restore journal.jsonl from a copy; the frames and session.json may still be whole")

@@ -108,6 +108,8 @@ class FrameFacts(Model):
     """Whether the measures count every pixel; otherwise each is a mean over a block of up to 8x8."""
     picture_sha256: Sha256 | None = None
     """Digest of the small picture; None where it is nearly all black or clipped, as others may be too."""
+    patches: tuple[Fraction, ...] = ()
+    """Linear brightness (by the sRGB curve) of 8 rows of 16 parts of the picture; 0 outside a fisheye's circle."""
     notes: tuple[SafeText, ...] = ()
 
     @property

@@ -150,6 +150,23 @@ class RejectedFrame(Model):
     reason: SafeText
 
 
+class ReferenceRecord(Model):
+    """A frame repeated at the end of a bracket; its file is among the rejected, for it is none of the bracket."""
+
+    side: Side
+    stop: Annotated[int, Field(ge=0, le=99)]
+    file: FramePath | None = None
+    taken_utc: AwareDatetime
+    after_s: Annotated[float, Field(ge=0)]
+    """Since the frame of the bracket."""
+    ratio: Annotated[float, Field(gt=0)] | None = None
+    """Of light, to that frame: median over parts of the picture; None where nothing could be compared."""
+    patches: Annotated[int, Field(ge=0)] = 0
+    """Parts of the picture that were compared."""
+    moved_patches: Annotated[int, Field(ge=0)] = 0
+    """Of these, changed by more than a quarter against the median."""
+
+
 class SkippedStop(Model):
     """A stop that was left out on purpose, with the reason."""
 
@@ -230,6 +247,7 @@ class SessionManifest(Model):
     readings_planned: Literal[0, 1, 2] = 2
     drift_frac: float | None = None
     """Change of the meter's luminance from before to after, relative to before."""
+    references: tuple[ReferenceRecord, ...] = ()
     warnings: tuple[WarningRecord, ...] = ()
     status: SessionStatus = SessionStatus.PARTIAL
     missing: tuple[SafeText, ...] = ()

@@ -50,6 +50,9 @@ class VerifyReport:
     status: str = "unknown"
     missing: tuple[str, ...] = ()
     frames_checked: int = 0
+    frames_safe: int = 0
+    """Of those, on disk as they were acknowledged."""
+    frames_planned: int = 0
     bytes_read: int = 0
     problems: list[Problem] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -58,6 +61,11 @@ class VerifyReport:
     def intact(self) -> bool:
         """Whether there is no problem."""
         return not self.problems
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether nothing is wrong but that session.json is behind the journal: a capture runs, or was interrupted."""
+        return bool(self.problems) and {problem.code for problem in self.problems} <= CUT_SHORT
 
     def add(self, code: str, file: str, message: str) -> None:
         """Note a problem; text from a hostile session cannot reach a terminal as control characters."""
@@ -82,6 +90,9 @@ class VerifyReport:
 
 __all__ = ["FrameCheck", "Problem", "VerifyReport", "repair_session", "verify_session"]
 
+WORTH_NOTING = ("moving_light", "clock_step", "paused")
+"""Codes of warnings about the light or the times of a session, which no file shows."""
+CUT_SHORT = {"manifest-behind", "manifest-differs", "journal-torn", "manifest-status"}
 FrameCheck = Callable[[Path, FrameRecord], str | None]
 """Looks into a frame whose digest is right; returns what is wrong with it, or None."""
 
@@ -101,15 +112,26 @@ def verify_session(path: Path, *, fast: bool = False, frame_check: FrameCheck | 
         manifest = _check_manifest(root, report)
         journalled = _check_journal(root, manifest, report)
         _check_root(root, report)
-        best = manifest or journalled
+        behind = journalled is not None and all(p.code != "not-journalled" for p in report.problems)
+        best = journalled if behind else manifest or journalled  # the journal is ahead of a manifest, not beside it
         if best:
+            report.frames_planned = _planned(best)
             report.status, report.missing = best.status.value, best.missing
             listed = {file for m in (manifest, journalled) if m for file in _files(m)}
+            report.notes += [w.message for w in best.warnings if w.code in WORTH_NOTING]
             for name in SUBFOLDERS:
                 _check_folder(root, name, listed, report)
             for record in (*best.frames, *((best.panorama,) if best.panorama else ())):
                 _check_file(root, record, report, frame_check)
     return report
+
+
+def _planned(manifest: SessionManifest) -> int:
+    """Return how many frames the bracket is to have, raw files too; of a given panorama, the one."""
+    bracket = manifest.bracket
+    sides = [*bracket.sides, *bracket.raw_sides]
+    skipped = sum(sides.count(s.side) for s in manifest.skipped)
+    return len(bracket.stops_s) * len(sides) - skipped + (manifest.panorama is not None)
 
 
 def repair_session(path: Path) -> VerifyReport:
@@ -260,6 +282,8 @@ def _check_file(
     report.frames_checked += 1
     if problem:
         report.add(problem.code, record.file, problem.message)
+    else:
+        report.frames_safe += 1
 
 
 def _digest_problem(folder: Folder, frame: FrameRecord | PanoramaRecord, report: VerifyReport) -> FileProblem | None:

@@ -34,6 +34,8 @@ KEYS = {
     "end_to_end": "luminance_median_err_pct iou3d_median empty_median_err_pct staged_median_err_pct seconds peak_mb",
     "batch": "done wrong",
     "files": "",
+    "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
+    "late_partner_lost clock_cases clock_lost",
 }
 NEEDS = {
     "room": "panoramas/zind",
@@ -43,7 +45,7 @@ NEEDS = {
     "arrange": "floorplans",
 }
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
-LONG = {"batch", "capture", "detect", "end_to_end", "photometry", "remove", "room", "sphere", "truth"}
+LONG = {"batch", "capture", "detect", "end_to_end", "instruments", "photometry", "remove", "room", "sphere", "truth"}
 """Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128
 """Of the truth panoramas in the place of 512."""

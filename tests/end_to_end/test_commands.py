@@ -14,8 +14,9 @@ from typing import Any
 
 import pytest
 
-CAPTURE = ("capture", "Try Out", "--simulate", "room", "--size", "small")
-RESUME = ("capture", "--simulate", "room", "--size", "small", "--no-meter", "--resume")
+CAPTURE = ("capture", "Try Out", "--simulate", "room", "--size", "small", "--rate", "4")
+RESUME = ("capture", "--rate", "4", "--resume")
+"""The session has the world, its size, the cameras, and that there was no meter."""
 FEW_STOPS = ("--stops", "1/15,1/60,1/250")
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -123,7 +124,7 @@ def test_adaptive_says_what_it_left_out(cache: Path, tmp_path: Path) -> None:
     world = "uniform:100"
     events = daylit(
         cache, "capture", "x", "--simulate", world, "--size", "small", "--bracket", "adaptive",
-        "--only", "indoor", "--no-meter", cwd=tmp_path,
+        "--only", "indoor", "--no-meter", "--rate", "4", cwd=tmp_path,
     )  # fmt: skip
     skipped = [e for e in events if e.get("event") == "skipped"]
     assert skipped

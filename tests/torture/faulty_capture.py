@@ -12,7 +12,8 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,14 @@ import psutil
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from drivers.clock import Clock
 from drivers.errors import DaylitError
 from mocks.instruments.bench import BenchOptions, make_bench
 from mocks.instruments.clock import ScaledClock
 from mocks.instruments.exposures import ShotRequest
 from mocks.instruments.faults import Fault, FaultKind, FaultSchedule
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind
+from mocks.instruments.theta_z1 import THETA_TIMING
 from station.capture.capture import Capture, CaptureRequest
 from station.capture.conductor import LAST_TRANSFERS_LIMIT_S, SET_UP_LIMIT_S
 from station.capture.events import EventKind
@@ -45,6 +48,8 @@ RIG = RigFile(
 KINDS = {Side.INDOOR: "theta_z1", Side.OUTDOOR: "canon_5d2"}
 RATE = 20.0
 """Times faster than life: the shortest limit of the drivers (1 s) is 50 ms then, more than a busy machine is late."""
+QUICK_THETA = replace(THETA_TIMING, processing_s=0.9, dated_after_s=0.9)
+"""Three times faster than life: its true times would only make the campaigns longer."""
 MAX_RESUMES = 4
 SILENCE_LIMIT_S = SET_UP_LIMIT_S + 2 * max(STOPS_S) + 90.0
 """Longest time without an event: a camera made ready, an exposure with its grace, one recovery."""
@@ -89,13 +94,34 @@ def _exif(request: ShotRequest) -> Image.Exif:
     return exif
 
 
+class SteppedClock:
+    """A computer's clock whose wall time somebody sets; its monotonic time is that of the simulation."""
+
+    def __init__(self, base: Clock) -> None:
+        self.base = base
+        self.step_s = 0.0
+
+    def monotonic_s(self) -> float:
+        return self.base.monotonic_s()
+
+    def utc_now(self) -> datetime:
+        return self.base.utc_now() + timedelta(seconds=self.step_s)
+
+    def sleep(self, duration_s: float) -> None:
+        self.base.sleep(duration_s)
+
+
 @dataclass(frozen=True)
 class Trouble:
-    """What goes wrong in one capture; ``abandoned_at`` is the number of the event after which nobody listens."""
+    """What goes wrong in one capture; ``abandoned_at`` is the number of the event after which nobody listens.
+
+    ``step``: at which pair of exposures, from 1, the computer's clock is set, and by how many seconds.
+    """
 
     cameras: dict[str, FaultSchedule]
     meter: tuple[MeterFault, ...]
     abandoned_at: int | None
+    step: tuple[int, float] = (0, 0.0)
 
     def words(self) -> str:
         """Return it for a report."""
@@ -153,15 +179,18 @@ class FaultyCapture:
 
     @contextmanager
     def _rig(self, trouble: Trouble | None) -> Iterator[Rig]:
+        clock = ScaledClock(RATE)
         options = BenchOptions(
-            clock=ScaledClock(RATE),
+            clock=clock,
+            timing={"theta_z1": QUICK_THETA},
             shots=self.shots,
             faults=trouble.cameras if trouble else {},
             meter_faults=trouble.meter if trouble else (),
             measuring_s=0.5,
         )
-        bench = make_bench("uniform:100", wanted_cameras(RIG), STOPS_S, options)
-        rig = open_simulated_rig(RIG, bench)
+        bench = self.bench = make_bench("uniform:100", wanted_cameras(RIG), STOPS_S, options)
+        self.wall = SteppedClock(clock)
+        rig = open_simulated_rig(RIG, bench, clock=self.wall)
         try:
             yield rig
         finally:
@@ -174,13 +203,13 @@ class FaultyCapture:
         """Capture, or go on with what is there; `DaylitError` kinds may end it, and nothing else."""
         with self._rig(trouble) as rig:
             try:
-                self._listen(rig, trouble.abandoned_at if trouble else None)
+                self._listen(rig, trouble or Trouble({}, (), None))
             except DaylitError as error:
                 self.outcome.errors.append(f"{type(error).__name__}: {error}")
             except Exception as error:
                 self.outcome.wrong.append(f"escaped: {type(error).__name__}: {error}")
 
-    def _listen(self, rig: Rig, abandoned_at: int | None) -> None:
+    def _listen(self, rig: Rig, trouble: Trouble) -> None:
         sessions = list(self.into.iterdir())
         store = SessionStore.open(sessions[0], writable=True) if sessions else None
         if store is None:
@@ -188,7 +217,7 @@ class FaultyCapture:
         else:
             job = Capture.resume(rig, store)
         begun_s = before_s = rig.clock.monotonic_s()
-        events = job.events()
+        events, stops = job.events(), 0
         for number, event in enumerate(events, 1):
             now_s = rig.clock.monotonic_s()
             self.outcome.longest_silence_s = max(self.outcome.longest_silence_s, now_s - before_s)
@@ -196,7 +225,11 @@ class FaultyCapture:
             if event.kind is EventKind.SAVED:
                 file = str(event.data["file"])
                 self.outcome.acknowledged[file] = _digest(job.store.path / file)
-            if number == abandoned_at:
+            stops += event.kind is EventKind.STOP
+            if event.kind is EventKind.STOP and stops == trouble.step[0]:
+                self.outcome.fired += 1
+                self.wall.step_s = trouble.step[1]
+            if number == trouble.abandoned_at:
                 self.outcome.fired += 1
                 events.close()
                 break

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import NamedTuple
 
@@ -110,9 +111,18 @@ class SimulatedCamera(PtpResponder):
             settings.color_temperature_k,
         )
         self.exposure_log.append(record)
-        self.busy_until_s = record.end_s + self.timing.processing_s
+        self.busy_until_s = max(record.end_s + self.timing.processing_s, start_s + self.least_cycle_s())
+        self.busy_until_s += sum(f.number("delay_s") for f in shot_faults if f.kind is FaultKind.LATE_PICTURE)
+        if self.timing.dated_after_s is not None:
+            after_s = record.end_s + self.timing.dated_after_s - self.clock.monotonic_s()
+            dated = (self.local_now() + timedelta(seconds=after_s)).replace(tzinfo=None, microsecond=0)
+            settings = replace(settings, taken_local=dated)
         self.agenda.at(self.busy_until_s, lambda _due_s: self.picture_ready(settings, shot_faults))
         return record
+
+    def least_cycle_s(self) -> float:
+        """Return the least time from one exposure to the next."""
+        return 0.0
 
     def picture_ready(self, settings: ShotRequest, faults: tuple[Fault, ...]) -> None:
         """Store the picture and announce it; each model does this its own way."""

@@ -152,6 +152,7 @@ class PtpResponder:
         self._session_id = 0
         self._last_transaction_id = 0
         self._any_transaction_id = False
+        self._held_until_s = 0.0
         self.gate = EventGate(self.faults, self.agenda, clock)
 
     # ---- power and plug
@@ -227,12 +228,17 @@ class PtpResponder:
         self._begin_conditions(request, faults)
         rule = self._check(request)
         for fault in faults:
+            if fault.kind is FaultKind.HELD_UP:
+                self.faults.note(fault)
+                self._held_until_s = self.clock.monotonic_s() + fault.number("delay_s")
             if fault.kind is FaultKind.BUSY:
                 self.faults.note(fault)
                 raise Refusal(Response.DEVICE_BUSY)
             if fault.kind is FaultKind.ACCESS_DENIED:
                 self.faults.note(fault)
                 raise Refusal(Response.ACCESS_DENIED)
+        if self.clock.monotonic_s() < self._held_until_s:
+            raise Refusal(Response.DEVICE_BUSY)
         self.before(request)
         return rule.handler(request)
 

@@ -222,7 +222,7 @@ def test_while_exposing_it_is_busy() -> None:
     assert bench.host.get(RicohProp.EXPOSURE_STATUS) == b"\1"
     bench.clock.sleep(3.5)
     assert bench.host.get(RicohProp.EXPOSURE_STATUS) == b"\2"
-    bench.clock.sleep(1)
+    bench.clock.sleep(THETA_TIMING.processing_s)
     assert bench.host.get(RicohProp.EXPOSURE_STATUS) == b"\0"
 
 
@@ -236,7 +236,7 @@ def test_transfers_while_exposing_are_an_option(together: bool) -> None:
 
 
 def test_raw_plus_announces_two_objects() -> None:
-    bench = Bench()
+    bench = Bench(timing=replace(THETA_TIMING, raw_cycle_s=0.0))
     set_raw(bench, RicohProp.IMAGE_FORMAT, "01")
     first = bench.shoot()
     formats = [

@@ -113,6 +113,9 @@ class FakeCamera:
     def arm(self) -> None:
         self._call("arm")
 
+    def stand_down(self) -> None:
+        self._call("stand_down")
+
     def release(self) -> None:
         self._call("release")
         now_s = self.clock.monotonic_s()

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from drivers.camera import CameraSettings, ExposureProgress, SettingReadback
-from drivers.clock import SystemClock
+from drivers.clock import SteadyClock, SystemClock
 from drivers.errors import (
     BatteryLowError,
     DaylitError,
@@ -72,7 +72,7 @@ def make_rig(*cameras: FakeCamera, meter: FakeMeter | None = None, **tables: obj
         limits=LimitsTable(min_free_disk_mb=0, max_start_skew_s=1.0),
     )
     file = file.model_copy(update=tables)
-    return Rig(file, dict(zip(sides, cameras, strict=True)), meter, SystemClock(), simulated=True)
+    return Rig(file, dict(zip(sides, cameras, strict=True)), meter, SteadyClock(SystemClock()), simulated=True)
 
 
 def run(rig: Rig, into: Path, **request: object) -> tuple[SessionManifest, Path, list[CaptureEvent]]:

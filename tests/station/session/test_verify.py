@@ -114,6 +114,8 @@ def test_an_intact_session(path: Path) -> None:
         "status": "complete",
         "missing": (),
         "frames_checked": 3,
+        "frames_safe": 3,
+        "frames_planned": 3,
         "bytes_read": 3003,
         "problems": [],
         "notes": [],

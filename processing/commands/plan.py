@@ -1,0 +1,156 @@
+"""``daylit plan``: when the sun looks into which window, and when a clear sky holds stillest for a bracket."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from datetime import datetime, timedelta
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+if TYPE_CHECKING:
+    from processing.calibration.outdoor.sun_place import Place
+
+STEP_MIN = 10
+"""Chosen: the sun moves by 2.5 degrees."""
+LEAST_SUN_RAD = math.radians(1.0)
+"""Chosen: lower suns are behind something."""
+STILL_FRAC_PER_MIN = 0.005
+"""Chosen: a bracket of a minute then drifts by half a percent, a tenth of what `max_drift_frac` allows."""
+WALLS = (("ahead", 0.0), ("right", 90.0), ("behind", 180.0), ("left", 270.0))
+
+
+class Moment(NamedTuple):
+    """A time of the day: the sun, radians, and what a clear sky gives level ground, lux."""
+
+    utc: datetime
+    azimuth_rad: float
+    elevation_rad: float
+    global_lx: float
+
+
+@click.command()
+@click.option("--site", metavar="LAT,LON", required=True, help="Where the room is, degrees north and east.")
+@click.option("--heading", type=float, required=True, metavar="DEG", help="Compass azimuth of the panorama's middle.")
+@click.option("--date", metavar="DATE", help="Such as 2023-06-21; default: today.")
+@click.option(
+    "--window",
+    "windows",
+    type=float,
+    multiple=True,
+    metavar="DEG",
+    help="Compass azimuth a window faces, besides walls.",
+)
+@click.option(
+    "--utc-offset", type=click.FloatRange(-14, 14), metavar="HOURS", help="Of local time; by longitude if unset."
+)
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def plan(*, as_json: bool, **asked: Any) -> int:
+    """Plan a day: hours of sun on each wall of a room, and how fast a clear sky's light changes.
+
+    Walls are named as the indoor camera sees them; the sun stands before one while it is above the horizon and within
+    90 degrees of what the wall faces. Clouds and buildings are not known.
+
+    \b
+    Example:
+      daylit plan --site 40.44,-79.99 --heading 200 --date 2023-06-21 --utc-offset -4
+    """
+    from processing.calibration.outdoor.sun_place import Place
+    from processing.relighting.relit_session import parse_time, zone_hours
+    from station.commands.views import numbers
+
+    latitude, longitude = numbers("--site", asked["site"], 2, "LAT,LON in degrees")
+    place = Place(latitude, longitude)
+    hours = zone_hours(place) if asked["utc_offset"] is None else asked["utc_offset"]
+    today = datetime.now().astimezone().strftime("%Y-%m-%d")  # as a user's calendar shows it
+    noon = parse_time(f"{asked['date'] or today} 12:00", hours)
+    moments = day_moments(noon, place)
+    local = timedelta(hours=hours)
+    walls = [(name, (asked["heading"] + turn) % 360) for name, turn in WALLS]
+    walls += [(f"window {azimuth:g}", azimuth % 360) for azimuth in asked["windows"]]
+    facts = {
+        "utc_offset_h": hours,
+        "sun": [
+            {"wall": name, "faces_deg": deg, "hours": _clock(sun_hours(moments, deg), local)} for name, deg in walls
+        ],
+        **_sky(moments, local),
+    }
+    if as_json:
+        click.echo(json.dumps(facts))
+    else:
+        _show(facts)
+    return 0
+
+
+def day_moments(noon_utc: datetime, place: Place) -> list[Moment]:
+    """Return the moments of the day around a local noon at which the sun is up, every `STEP_MIN` minutes."""
+    from processing.calibration.outdoor.sun_place import clear_beam, sun_place
+
+    turbidity, found = clear_beam(noon_utc, place).linke_turbidity, []
+    for step in range(-720 // STEP_MIN, 720 // STEP_MIN):
+        utc = noon_utc + timedelta(minutes=STEP_MIN * step)
+        sun = sun_place(utc, place)
+        if sun.elevation_rad < LEAST_SUN_RAD:
+            continue
+        beam = clear_beam(utc, place, turbidity)
+        level_lx = beam.normal_lx * math.sin(sun.elevation_rad) + beam.diffuse_lx
+        found.append(Moment(utc, sun.azimuth_rad, sun.elevation_rad, level_lx))
+    return found
+
+
+def sun_hours(moments: list[Moment], faces_deg: float) -> list[tuple[datetime, datetime]]:
+    """Return the spans in which the sun stands before a wall that faces this compass azimuth."""
+    step = timedelta(minutes=STEP_MIN)
+    spans: list[tuple[datetime, datetime]] = []
+    for moment in moments:
+        if math.cos(moment.azimuth_rad - math.radians(faces_deg)) <= 0:
+            continue
+        if spans and spans[-1][1] == moment.utc:
+            spans[-1] = (spans[-1][0], moment.utc + step)
+        else:
+            spans.append((moment.utc, moment.utc + step))
+    return spans
+
+
+def drift_frac_per_min(moments: list[Moment]) -> list[tuple[datetime, float]]:
+    """Return, between moments, how much a clear sky's light on level ground changes a minute, as a fraction of it."""
+    pairs = itertools.pairwise(moments)
+    return [(a.utc + (b.utc - a.utc) / 2, abs(math.log(b.global_lx / a.global_lx)) / STEP_MIN) for a, b in pairs]
+
+
+def _sky(moments: list[Moment], local: timedelta) -> dict[str, Any]:
+    drifts = drift_frac_per_min(moments)
+    if not drifts:
+        return {"stillest": None, "sky_frac_per_min": None, "still": []}
+    best, least = min(drifts, key=lambda drift: drift[1])
+    half = timedelta(minutes=STEP_MIN / 2)
+    spans: list[tuple[datetime, datetime]] = []
+    for utc, frac in drifts:
+        if frac <= STILL_FRAC_PER_MIN:
+            start = spans.pop()[0] if spans and spans[-1][1] == utc - half else utc - half
+            spans.append((start, utc + half))
+    return {"stillest": f"{best + local:%H:%M}", "sky_frac_per_min": round(least, 6), "still": _clock(spans, local)}
+
+
+def _clock(spans: list[tuple[datetime, datetime]], local: timedelta) -> list[list[str]]:
+    return [[f"{a + local:%H:%M}", f"{b + local:%H:%M}"] for a, b in spans]
+
+
+def _show(facts: dict[str, Any]) -> None:
+    def words(spans: list[list[str]]) -> str:
+        return ", ".join(f"{a} to {b}" for a, b in spans) or "never"
+
+    for wall in facts["sun"]:
+        click.echo(f"{wall['wall']:<12} faces {wall['faces_deg']:>5.1f} degrees: sun {words(wall['hours'])}")
+    if facts["stillest"] is None:
+        click.echo("the sun does not rise")
+    else:
+        click.echo(
+            f"a clear sky changes least at {facts['stillest']} ({100 * facts['sky_frac_per_min']:.2f} % a minute); "
+            f"by no more than {100 * STILL_FRAC_PER_MIN:g} %: {words(facts['still'])}"
+        )
+    click.echo(
+        f"local time is UTC{facts['utc_offset_h']:+g} h; the sun moves by a degree in 4 minutes; clouds are not known"
+    )

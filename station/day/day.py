@@ -1,0 +1,240 @@
+"""A day of brackets in one process: by the hour from one tripod, or a queue of rooms, through what a day brings."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from drivers.errors import DeviceError
+from station.capture.capture import Capture, CaptureRequest
+from station.capture.events import CaptureEvent, EventKind
+from station.capture.rig import Rig
+from station.day.watch import Watch
+from station.errors import UsageError
+from station.frames.check import FrameChecker
+from station.session.session import SessionManifest, SessionStatus
+from station.session.store import SessionStore
+
+TICK_S = 0.5
+"""Chosen: how soon a pause or a camera that is back is noticed."""
+PATIENCE_S = 600.0
+"""Chosen: for so long a camera, a battery or a card is waited for once a bracket is due, or a broken one resumed."""
+# Chosen: what breaks more often needs a person; a list longer than a day.
+MAX_RESUMES = 3
+MAX_ROOMS = 500  # as above
+MAX_ROOMS_BYTES = 64 * 1024
+"""Of a list of them: a hundred letters each."""
+
+
+@dataclass(frozen=True)
+class DayPlan:
+    """Rooms in order, each once; or one room every ``every_s`` seconds until ``until_utc``."""
+
+    rooms: tuple[str, ...]
+    every_s: float | None = None
+    until_utc: datetime | None = None
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A session of the day."""
+
+    path: Path
+    manifest: SessionManifest
+
+
+def parse_every(text: str) -> float:
+    """Return seconds of ``60m``, ``1h30m``, ``90s``; `UsageError` for anything else, and below a minute."""
+    match = re.fullmatch(r"(?:(\d{1,2})h)?(?:(\d{1,4})m)?(?:(\d{1,5})s)?", text.strip())
+    hours, minutes, seconds = (int(part or 0) for part in match.groups()) if match else (0, 0, 0)
+    total_s = 3600.0 * hours + 60 * minutes + seconds
+    if total_s < 60:
+        raise UsageError(f"{text!r} is no interval", where="--every", advice="write 60m, 1h30m, at least 1m")
+    return total_s
+
+
+def parse_until(text: str, now_utc: datetime) -> datetime:
+    """Return the next moment at which local clocks show ``HH:MM`` today; `UsageError` if that is past, or no time."""
+    match = re.fullmatch(r"([01]?\d|2[0-3]):([0-5]\d)", text.strip())
+    if match is None:
+        raise UsageError(f"{text!r} is no time of day", where="--until", advice="write HH:MM, e.g. 18:00")
+    until = now_utc.astimezone().replace(hour=int(match[1]), minute=int(match[2]), second=0, microsecond=0)
+    if until <= now_utc:
+        raise UsageError(f"{text} is over", where="--until", advice="give a later time of today")
+    return until
+
+
+def read_rooms(path: Path) -> tuple[str, ...]:
+    """Return the rooms of a file, one a line; what follows # is a comment. `UsageError` where there are none."""
+    try:
+        if path.stat().st_size > MAX_ROOMS_BYTES:
+            raise UsageError("too large for a list of rooms", where=str(path), advice="one room a line")
+        lines = path.read_text("utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(
+            f"cannot be read: {error}", where=str(path), advice="give a text file, one room a line"
+        ) from error
+    rooms = tuple(name for line in lines if (name := line.partition("#")[0].strip()))
+    if not 0 < len(rooms) <= MAX_ROOMS:
+        raise UsageError(f"{len(rooms)} rooms", where=str(path), advice=f"one room a line, 1 to {MAX_ROOMS}")
+    return rooms
+
+
+class Day:
+    """Takes the brackets of a day; iterate `events`, then look at ``taken`` and ``missed``."""
+
+    def __init__(self, rig: Rig, plan: DayPlan, request: CaptureRequest) -> None:
+        self.taken: list[Taken] = []
+        self.missed: list[str] = []
+        self._rig = rig
+        self._plan = plan
+        self._request = request
+        self._watch = Watch(rig, rig.clock)
+        self._job: Capture | None = None
+        self._stop_asked = self._paused = False
+        rig.checkers = rig.checkers or {side: FrameChecker() for side in rig.cameras}
+        first = Capture.new(rig, replace(request, room=plan.rooms[0]))  # refuses at once what no bracket could be
+        self.n_stops, self._frames = (
+            first.n_stops,
+            first.n_stops * (1 + any(t.keep_raw for t in rig.file.cameras().values())),
+        )
+
+    def ask_stop(self) -> None:
+        """End after the running pair, and with it the day. Safe in a signal handler."""
+        self._stop_asked = True
+        if self._job is not None:
+            self._job.ask_stop()
+
+    def ask_pause(self, *, paused: bool) -> None:
+        """Pause at the next pair or bracket, or continue. Safe in a signal handler."""
+        self._paused = paused
+        if self._job is not None:
+            self._job.ask_pause(paused=paused)
+
+    def events(self) -> Iterator[CaptureEvent]:
+        """Run the day. A bracket that cannot be taken is missed and named; errors that are no device's end the day."""
+        self._watch.forget()
+        for number, (room, due_s) in enumerate(self._slots()):
+            if self._plan.every_s is None and number:
+                yield from self._move_to(room)
+            yield from self._wait(due_s)
+            if self._stop_asked:
+                break
+            yield from self._bracket(room)
+            to_come = self._n_to_come(number)
+            for text in self._watch.outlook(self._frames, to_come) if to_come else ():
+                yield self._say(EventKind.WARNING, text)
+        complete = sum(t.manifest.status is SessionStatus.COMPLETE for t in self.taken)
+        text = f"day over: {complete} of {len(self.taken)} sessions complete, {len(self.missed)} brackets missed"
+        yield self._say(EventKind.FINISHED, text, sessions=[str(t.path) for t in self.taken], missed=self.missed)
+
+    def _slots(self) -> Iterator[tuple[str, float]]:
+        """Yield rooms and when each is due, monotonic seconds; a slot that went by while one was taken is left out."""
+        clock, every_s = self._rig.clock, self._plan.every_s
+        start_s = clock.monotonic_s()
+        if every_s is None:
+            yield from ((room, start_s) for room in self._plan.rooms)
+            return
+        slot = 0
+        while not self._stop_asked and not self._over(start_s + slot * every_s):
+            yield self._plan.rooms[0], start_s + slot * every_s
+            slot = max(slot + 1, int((clock.monotonic_s() - start_s) // every_s))
+
+    def _over(self, due_s: float) -> bool:
+        clock, until = self._rig.clock, self._plan.until_utc
+        return until is not None and clock.utc_now() + timedelta(seconds=due_s - clock.monotonic_s()) > until
+
+    def _n_to_come(self, number: int) -> int:
+        if self._plan.every_s is None:
+            return len(self._plan.rooms) - number - 1
+        if self._plan.until_utc is None:
+            return 1
+        left_s = (self._plan.until_utc - self._rig.clock.utc_now()).total_seconds()
+        return max(int(left_s // self._plan.every_s), 0)
+
+    def _move_to(self, room: str) -> Iterator[CaptureEvent]:
+        """Wait for a person: the rig has to stand in the next room."""
+        self.ask_pause(paused=True)
+        yield self._say(EventKind.WAITING, f"move the rig to {room}, then continue", room=room)
+
+    def _wait(self, due_s: float) -> Iterator[CaptureEvent]:
+        """Keep the cameras awake until a bracket is due and nobody wants a pause."""
+        paused = False
+        while not self._stop_asked and (self._paused or self._rig.clock.monotonic_s() < due_s):
+            if self._paused != paused:
+                paused = self._paused
+                yield self._say(EventKind.PAUSED, "paused") if paused else self._say(EventKind.CONTINUED, "continued")
+            yield from self._look()
+            self._rig.clock.sleep(TICK_S)
+        if paused:
+            yield self._say(EventKind.CONTINUED, "continued")
+
+    def _look(self) -> Iterator[CaptureEvent]:
+        for text in self._watch.look():
+            yield self._say(EventKind.WAITING, text)
+
+    def _ready(self, until_s: float) -> Iterator[CaptureEvent]:
+        """Wait for cameras, batteries and cards, at most until ``until_s``."""
+        said = ""
+        while not self._stop_asked:
+            yield from self._look()
+            wants = self._watch.wants(self._frames)
+            if not wants or self._rig.clock.monotonic_s() > until_s:
+                return
+            text = "; ".join(f"{check.name}: {check.text}" for check in wants)
+            if text != said:
+                said = text
+                yield self._say(EventKind.WAITING, text, checks=[check.to_dict() for check in wants])
+            self._rig.clock.sleep(TICK_S)
+
+    def _bracket(self, room: str) -> Iterator[CaptureEvent]:
+        """Take one bracket, resumed when an instrument is back, within `PATIENCE_S`."""
+        until_s = self._rig.clock.monotonic_s() + PATIENCE_S
+        path: Path | None = None
+        why = "nothing was taken"
+        for _ in range(1 + MAX_RESUMES):
+            yield from self._ready(until_s)
+            if self._stop_asked:
+                break
+            job = self._job = self._open(room, path)
+            try:
+                yield from job.events()
+            except DeviceError as error:
+                self._watch.forget()
+                why = str(error)
+                yield self._say(EventKind.WAITING, f"{room}: {error}", error=error.to_dict())
+            finally:
+                self._job = None
+                if job.has_store:
+                    path = job.store.path
+                    job.store.close()
+            if (path and self._manifest(path).status is SessionStatus.COMPLETE) or self._late(until_s):
+                break
+        if path is not None:
+            self.taken.append(Taken(path, self._manifest(path)))
+            return
+        at = f"{self._rig.clock.utc_now().astimezone():%H:%M}"
+        self.missed.append(f"{room} {at}")
+        yield self._say(EventKind.MISSED, f"{room} at {at} is missed: {why}", room=room)
+
+    def _late(self, until_s: float) -> bool:
+        return self._stop_asked or self._rig.clock.monotonic_s() > until_s
+
+    def _open(self, room: str, path: Path | None) -> Capture:
+        if path is None:
+            job = Capture.new(self._rig, replace(self._request, room=room))
+        else:
+            job = Capture.resume(self._rig, SessionStore.open(path, writable=True, clock=self._rig.clock))
+        job.ask_pause(paused=self._paused)
+        return job
+
+    @staticmethod
+    def _manifest(path: Path) -> SessionManifest:
+        with SessionStore.open(path, writable=False) as store:
+            return store.manifest
+
+    def _say(self, kind: EventKind, text: str, /, **data: object) -> CaptureEvent:
+        return CaptureEvent(kind, text, self._rig.clock.monotonic_s(), data)
