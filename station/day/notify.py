@@ -79,7 +79,7 @@ class Notifier:
         if not self._url:
             subprocess.run(
                 self._command,
-                input=body,
+                input=body + b"\n",
                 timeout=SEND_LIMIT_S,
                 check=True,
                 stdout=subprocess.DEVNULL,
