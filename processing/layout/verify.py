@@ -336,12 +336,7 @@ def _walkable(floor: Any, radius: float) -> list[Polygon]:
 
 
 def _unserved(
-    part: Polygon,
-    ways: Sequence[Polygon],
-    needed: set[int],
-    asked: Sequence[_Reached],
-    radius: float,
-    rules: RuleSet,
+    part: Polygon, ways: Sequence[Polygon], needed: set[int], asked: Sequence[_Reached], radius: float, rules: RuleSet
 ) -> list[Violation]:
     found = []
     served = {n for n in needed if part.intersects(ways[n])}

@@ -103,10 +103,7 @@ def _level(values: Floats, share: Floats) -> Floats:
     height, width = share.shape
     small = (max(1, (width + 1) // 2), max(1, (height + 1) // 2))
     even = (0, height % 2, 0, width % 2)
-    coarse = _level(
-        _halved(values, even, small),
-        _halved(share, even, small),
-    )
+    coarse = _level(_halved(values, even, small), _halved(share, even, small))
     up = cv2.resize(coarse, (small[0] * 2, small[1] * 2), interpolation=cv2.INTER_LINEAR)
     up = up.reshape(small[1] * 2, small[0] * 2, *values.shape[2:])[:height, :width]
     out = np.where(_as(fixed, values), own, up).astype(np.float32)

@@ -118,13 +118,7 @@ class _Found:
     notes: tuple[str, ...]
 
 
-def _find(
-    rgb: Floats,
-    probabilities: Floats,
-    room: RoomModel,
-    maps: SurfaceMaps,
-    known: _Known,
-) -> _Found:
+def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known) -> _Found:
     shown = preview_rgb8(rgb)
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)

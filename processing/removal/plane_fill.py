@@ -72,12 +72,7 @@ class FilledPlane:
 
 
 def fill_plane(
-    texture: Texture,
-    hole: Flags,
-    unfit: Flags,
-    room: RoomModel,
-    elsewhere: Floats,
-    skirting: Skirting | None = None,
+    texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats, skirting: Skirting | None = None
 ) -> FilledPlane:
     """Fill a texture's ``hole`` (H, W); ``unfit`` texels (H, W) are known but not copied (sunlight, mixed pixels).
 

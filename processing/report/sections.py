@@ -22,12 +22,7 @@ from processing.surfaces.maps import plane_map, surface_maps
 
 
 WIDTH_PX = 1200
-TINTS = {
-    "furniture": (230, 40, 40),
-    "tripod": (220, 0, 220),
-    "sunlight": (250, 210, 0),
-    "shadow": (40, 90, 240),
-}
+TINTS = {"furniture": (230, 40, 40), "tripod": (220, 0, 220), "sunlight": (250, 210, 0), "shadow": (40, 90, 240)}
 """sRGB by mask."""
 _NAMES = {
     "furniture": "furniture (red)",

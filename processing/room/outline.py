@@ -309,11 +309,7 @@ def with_values(outline: Outline, values: Doubles) -> Outline:
     turned, log_ratio = float(values[0]), float(values[1])
     free = iter(values[2 + len(outline.walls) :])
     walls = [
-        replace(
-            wall,
-            distance=float(distance),
-            normal_rad=float(next(free)) if wall.kind == FREE else wall.normal_rad,
-        )
+        replace(wall, distance=float(distance), normal_rad=float(next(free)) if wall.kind == FREE else wall.normal_rad)
         for wall, distance in zip(outline.walls, values[2:], strict=False)
     ]
     return Outline(tuple(walls), turned, math.exp(log_ratio))

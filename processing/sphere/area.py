@@ -92,10 +92,7 @@ def _rim_solid(lens: Fisheye) -> Callable[[Doubles], Doubles]:
 
 
 def _cells(
-    lens: Fisheye,
-    integral: Integral,
-    rim: Callable[[Doubles], Doubles],
-    normal: tuple[float, float, float] | None,
+    lens: Fisheye, integral: Integral, rim: Callable[[Doubles], Doubles], normal: tuple[float, float, float] | None
 ) -> Doubles:
     """Return all cells' integrals: inside by Gauss's rule where the picture is large, else and at the rim by edges."""
     out = np.zeros((lens.height_px, lens.width_px))

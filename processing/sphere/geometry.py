@@ -256,11 +256,7 @@ def inverse_polynomial(lens: Fisheye, share: Doubles) -> Doubles:
     return np.asarray(radius)
 
 
-KINDS: dict[str, type[Geometry]] = {
-    "equirectangular": Equirectangular,
-    "perspective": Perspective,
-    "fisheye": Fisheye,
-}
+KINDS: dict[str, type[Geometry]] = {"equirectangular": Equirectangular, "perspective": Perspective, "fisheye": Fisheye}
 
 
 def geometry_to_json(geometry: Geometry) -> dict[str, object]:

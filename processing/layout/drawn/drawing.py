@@ -209,10 +209,7 @@ def _caption(plan: FloorPlan, arrangement: Arrangement, x: float, top: float) ->
     second = f"{plan.area_m2:.1f} m2   ·   meets {meets}"
     if arrangement.not_placed:
         second += f"   ·   not placed: {', '.join(n.id for n in arrangement.not_placed)}"
-    return [
-        Text((x, top - 0.20), first, 0.19, INK, "left"),
-        Text((x, top - 0.43), second, 0.12, GREY, "left"),
-    ]
+    return [Text((x, top - 0.20), first, 0.19, INK, "left"), Text((x, top - 0.43), second, 0.12, GREY, "left")]
 
 
 def write_drawings(result: Arrangements, folder: Path, rules: RuleSet | None = None) -> list[Path]:
