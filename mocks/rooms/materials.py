@@ -170,21 +170,6 @@ WOODS: dict[str, Vector] = {
 }
 """Linear albedo of finished woods."""
 
-_BOOK_COLOURS = (
-    "#f2efe6", "#e3dccb", "#2b2b2f", "#1d3a5f", "#7a1f22", "#2f5d50", "#c9a227", "#d9d4c7", "#b8432f", "#3f6e8f",
-    "#6b4a35", "#efe9d8", "#8a8f94", "#d98c5f", "#404a3a", "#f5f5f2",
-)  # fmt: skip
-
-_PICTURES = (
-    ("#f6f4ee", "#e9e2d3", "#b1584a", "#2f4a55", "#d9a441", "#8fa3a0"),
-    ("#f6f4ee", "#d9dfe2", "#e7a26a", "#6f8a95", "#3c5560", "#22333a"),
-    ("#f2efe8", "#f0dcc0", "#f6efe0", "#c98a6a", "#7a4a4a", "#3a2b35"),
-    ("#f7f6f2", "#f2ede2", "#4f6b4a", "#7d9a6a", "#2f4636", "#b9a06a"),
-    ("#fafafa", "#ececea", "#2b2b2d", "#8a8a88", "#c9c7c2", "#55565a"),
-    ("#f4f2ec", "#22304d", "#d9a441", "#e9e0cc", "#b5533c", "#6f8fa8"),
-)
-_PICTURE_KINDS = ("picture fields", "picture hills", "picture shapes", "picture leaves")
-
 
 def linear(colour: str | Vector) -> Vector:
     """Return linear albedo of ``#rrggbb`` (sRGB, IEC 61966-2-1); a vector is linear already."""
@@ -258,21 +243,3 @@ def cloth(rng: np.random.Generator, name: str, colour: str | Vector, kinds: tupl
         shades = (linear(colour), scaled(colour, rng.uniform(1.2, 1.6)))
     options = (("thread_m", rng.uniform(0.002, 0.004)),) if kind == "woven" else ()
     return textured(name, Texture(kind, a_seed(rng), shades, options))
-
-
-def rattan(rng: np.random.Generator) -> Material:
-    """Return the weave of a basket."""
-    return textured("rattan", Texture("rattan", a_seed(rng), (scaled((0.42, 0.26, 0.12), rng.uniform(0.7, 1.2)),)))
-
-
-def picture_material(rng: np.random.Generator, width_m: float = 0.8, height_m: float = 0.6) -> Material:
-    """Return a picture for a wall that just fills ``width_m`` x ``height_m`` of texture coordinates from 0."""
-    colours = tuple(linear(c) for c in _PICTURES[int(rng.integers(len(_PICTURES)))])
-    margin = 0.015 if rng.random() < 0.4 else rng.uniform(0.06, 0.14)
-    options = (("width_m", width_m), ("height_m", height_m), ("margin", margin))
-    return textured("picture", Texture(pick(rng, _PICTURE_KINDS), a_seed(rng), colours, options))
-
-
-def book_colours(rng: np.random.Generator, count: int) -> list[Material]:
-    """Return the covers of some books."""
-    return [plain("book", scaled(pick(rng, _BOOK_COLOURS), rng.uniform(0.8, 1.2)), 0.35) for _ in range(count)]
