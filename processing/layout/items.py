@@ -154,25 +154,12 @@ SETS: dict[str, str] = {
 }
 
 OTHER_NAMES = {
-    "couch": "sofa",
-    "double bed": "bed",
-    "queen bed": "bed",
-    "shelf": "bookshelf",
-    "bookcase": "bookshelf",
-    "bedside table": "nightstand",
-    "night stand": "nightstand",
-    "closet": "wardrobe",
-    "dresser": "chest",
-    "chest of drawers": "chest",
-    "sideboard": "chest",
-    "television": "tv",
-    "tv cabinet": "tv stand",
-    "office chair": "desk chair",
-    "chair": "dining chair",
-    "table": "dining table",
-    "carpet": "rug",
+    "couch": "sofa", "double bed": "bed", "queen bed": "bed", "shelf": "bookshelf", "bookcase": "bookshelf",
+    "bedside table": "nightstand", "night stand": "nightstand", "closet": "wardrobe", "dresser": "chest",
+    "chest of drawers": "chest", "sideboard": "chest", "television": "tv", "tv cabinet": "tv stand",
+    "office chair": "desk chair", "chair": "dining chair", "table": "dining table", "carpet": "rug",
     "lamp": "floor lamp",
-}
+}  # fmt: skip
 
 
 # Lists of furniture as people write them: ``"bed, 2 nightstand, desk"``.
