@@ -23,7 +23,6 @@ from processing.ground.arrays import Floats
 
 # The bytes around the picture: EXIF and GPano segments, splicing them into a JPEG, and small CR2 and DNG files.
 
-
 _BASE, _EXIF = ExifTags.Base, ExifTags.IFD.Exif
 _D65, _OTHER_LIGHT = 21, 255
 _IMAGE_NUMBER = 0x9211

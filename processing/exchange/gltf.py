@@ -30,7 +30,6 @@ from processing.pictures.writing import write_bytes
 #
 # Positions and normals are given in our frame (z up) and written in glTF's (y up): (x, y, z) becomes (x, z, -y).
 
-
 Json: TypeAlias = dict[str, Any]
 
 _FLOAT, _UINT, _USHORT = 5126, 5125, 5123

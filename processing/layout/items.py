@@ -99,7 +99,6 @@ class Item:
 
 # The built-in kinds of furniture and the sets made of them. Sizes are common ones of the trade, in metres.
 
-
 _BED_ZONES = (
     UseZone("left", lambda rules: rules.bed_side),
     UseZone("right", lambda rules: rules.bed_side),
@@ -163,7 +162,6 @@ OTHER_NAMES = {
 
 
 # Lists of furniture as people write them: ``"bed, 2 nightstand, desk"``.
-
 
 MAX_ITEMS = 40
 _ENTRY = re.compile(r"^(?:(\d{1,3})\s*(?:x|×)?\s+)?(.+?)$")

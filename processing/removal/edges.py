@@ -157,7 +157,6 @@ def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
 
 # How unlike the usual colours of a surface a place is: what stands before a plain wall or floor stands out.
 
-
 CLUSTERS = 6
 SAMPLES = 1500
 LEAST_CLUSTER_SHARE = 0.02

@@ -40,7 +40,6 @@ from processing.surfaces.textures import unwrap, wrap
 # (1 in the sun, 0 in the shade) lies above one half, and brighter by as much as the sunlit rim is brighter than the
 # filling beside it.
 
-
 RIM_PX = 6
 SOFT = 0.12
 """Of the membrane about one half, in which the edge of the light lies."""

@@ -18,7 +18,6 @@ from processing.pictures.images import luminance_cd_m2
 
 # Wide Gaussian blurs at a cost that does not grow with their width.
 
-
 NARROW_PX = 4.0
 """Standard deviation up to which the blur is exact; wider ones run on a smaller picture."""
 
@@ -48,7 +47,6 @@ def known_mean(values: Floats, known: Flags, sigma_px: float) -> tuple[Floats, F
 
 
 # Tones: the logarithm of light, in which illumination and reflectance add up and every error is a relative one.
-
 
 TOE = 0.03
 """Of the median luminance: what is added before the logarithm, so that noise near black stays small."""

@@ -22,7 +22,6 @@ from processing.removal.illumination import ToneScale, blurred, fit_illumination
 # rises from what it is at the rim, which stays as it is, to what it is around. What furniture takes
 # from the whole room cannot be put back without changing what is seen.
 
-
 NEAR_M = 0.5
 """From the hole, as far as what is removed is taken to darken the wall."""
 AROUND_M = (1.0, 4.0)

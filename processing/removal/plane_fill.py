@@ -146,7 +146,6 @@ def _surface(
 
 # The skirting of a room: what runs along the foot of its walls, learned from all of them for walls that hide theirs.
 
-
 SKIRTING_PX_PER_M = 80.0
 HIGHEST_M = 0.25
 TOP_M = 0.05

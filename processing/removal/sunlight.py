@@ -230,7 +230,6 @@ def _one_beam(log2_luminance: Floats, depth: Floats, here: Flags) -> Flags:
 # logarithms. Places near furniture that are clearly darker and hang together with it are its shadow. A narrow band
 # along its foot always counts: contact shadow, and light that bounced off it.
 
-
 PX_PER_M = 20.0
 CONTACT_M = 0.10
 FAR_M = 0.7

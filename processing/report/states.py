@@ -75,7 +75,6 @@ def shown(rgb: Floats, look: Look) -> Bytes:
 # (steps of 2 % there, 7 % five stops away) and reach 13 stops to either side, so that the page can expose it anew.
 # ``templates/encoding.js`` is the other half.
 
-
 STEP = 0.001
 """Of the natural logarithm, from a code to the next."""
 LARGEST_ERROR = math.expm1(STEP / 2)

@@ -25,7 +25,6 @@ from processing.segmentation.evidence import SceneClass
 
 # How well rectangles on a wall explain what is seen there (compiled).
 
-
 APART_TEXELS = 1.5
 """Outlines that are nearer to each other are one."""
 
@@ -139,7 +138,6 @@ def box_scores(wall: WallSums, recess_m: float, weights: Any, frames_m: Any, box
 
 
 # Kinds of openings, and the fit of their rectangles.
-
 
 Box = tuple[float, float, float, float]
 

@@ -21,7 +21,6 @@ from processing.sphere import Equirectangular, Perspective, pixels, point_direct
 #
 # The two angles are found by a polynomial of our own, fitted once: good to 1e-10 rad, which is 1e-7 pixel.
 
-
 _FOLD = math.tan(math.pi / 8)  # arctan is fitted up to here, and folded above
 
 

@@ -16,7 +16,6 @@ from mocks.rooms.model import Finish, Item, Plan, Role, Use
 
 # Fill large rooms as people do: a second place to eat or work, more along the walls, pictures where they are bare.
 
-
 PLAIN_M2 = 11.0
 """Rooms up to this size have enough without."""
 PIECE_M2 = 5.0

@@ -185,7 +185,6 @@ def overcast_lx(sun_elevation_rad: float) -> float:
 
 # Colours of sky, sun and clouds as linear RGB (Rec. 709 primaries, white D65) at luminance 1.
 
-
 XYZ_TO_RGB = np.array(
     [[3.2404542, -1.5371385, -0.4985314], [-0.9692660, 1.8760108, 0.0415560], [0.0556434, -0.2040259, 1.0572252]]
 )

@@ -105,7 +105,6 @@ def bounds_of(sets: Sequence[Floats]) -> tuple[Floats, Floats]:
 
 # Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, leather.
 
-
 SIDE = 384
 WOOD_M = (0.40, 1.20)
 CLOTH_M = (0.16, 0.16)
