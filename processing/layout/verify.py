@@ -113,7 +113,11 @@ class Judge:
         if not fits:
             yield from _outside(self.room, pieces, shapes)
             yield from _overlaps(pieces, shapes)
-            yield from _under_ceiling(self._plan, pieces)
+            yield from [
+                Violation("under the ceiling", (p.id,), p.spec.top_m - self._plan.ceiling_height_m)
+                for p in pieces
+                if p.spec.top_m > self._plan.ceiling_height_m + DEEP_M
+            ]
         yield from _apart(pieces, shapes, self.rules.together)
         yield from self._openings(pieces, shapes)
         zones, clashes = _zones(self.room, pieces, shapes, _asked(pieces, self.rules))
@@ -215,14 +219,6 @@ def _apart(pieces: Sequence[Piece], shapes: Sequence[Polygon], within_m: float) 
             if gap_m > within_m + PATH_M:
                 found.append(Violation("kept together", (piece.id,), gap_m - within_m))
     return found
-
-
-def _under_ceiling(plan: FloorPlan, pieces: Sequence[Piece]) -> list[Violation]:
-    return [
-        Violation("under the ceiling", (p.id,), p.spec.top_m - plan.ceiling_height_m)
-        for p in pieces
-        if p.spec.top_m > plan.ceiling_height_m + DEEP_M
-    ]
 
 
 def _edge(plan: FloorPlan, edge: int) -> tuple[float, float, float, float]:

@@ -219,7 +219,7 @@ def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1
     image = state.image
     if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
         raise ParameterError("the viewer shows whole panoramas", where=state.name)
-    codes = picture_codes(_panorama(image.rgb, width_px), _middle(look))
+    codes = picture_codes(_panorama(image.rgb, width_px), MIDDLE / look.exposure)
     luminance = luminance_cd_m2(_map(image.rgb))
     share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
     height, width = luminance.shape
@@ -234,11 +234,6 @@ def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1
         state.file,
         state.staged,
     )
-
-
-def _middle(look: Look) -> float:
-    """Return the light of a picture's middle code: what the eye is most particular about."""
-    return MIDDLE / look.exposure
 
 
 def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:

@@ -254,7 +254,8 @@ def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> 
             key = _key(outline)
             if key in found:
                 continue
-            made = _hypothesis(name, outline, columns)
+            fit = fitted(outline, columns)
+            made = None if fit is None else Hypothesis(name, fit, price_of(outline))
             if made is not None:
                 found[key] = made
     found.update({(f"polygon {t}",): h for t in SIMPLIFIED if (h := _bare(columns, turned_rad, t)) is not None})
@@ -274,11 +275,6 @@ def _key(outline: Outline) -> tuple[object, ...]:
     return tuple(
         (w.kind, w.seen, round(w.normal_rad, 1), round(math.log(abs(w.distance) + 0.1), 1)) for w in outline.walls
     )
-
-
-def _hypothesis(name: str, outline: Outline, columns: Columns) -> Hypothesis | None:
-    fit = fitted(outline, columns)
-    return None if fit is None else Hypothesis(name, fit, price_of(outline))
 
 
 def price_of(outline: Outline) -> float:

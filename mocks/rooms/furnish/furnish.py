@@ -106,7 +106,12 @@ def furnish(plan: Plan, finish: Finish, rng: np.random.Generator) -> tuple[Item,
         items = _furnished(plan, RECIPES[use], finish, rng)
         if items is not None:
             return items
-    return _bare(plan, rng)
+    room = Arrangement(plan, rng)
+    _stand_tripod(room)
+    for _ in range(20):
+        if _stand_board(room):
+            break
+    return tuple(room.items)
 
 
 def _furnished(
@@ -122,16 +127,6 @@ def _furnished(
     fill(room, finish)
     items = tuple(room.items)
     return None if check_items(plan, items) else items
-
-
-def _bare(plan: Plan, rng: np.random.Generator) -> tuple[Item, ...]:
-    """Return the equipment alone."""
-    room = Arrangement(plan, rng)
-    _stand_tripod(room)
-    for _ in range(20):
-        if _stand_board(room):
-            break
-    return tuple(room.items)
 
 
 def _stand_tripod(room: Arrangement) -> None:
