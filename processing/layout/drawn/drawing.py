@@ -31,17 +31,14 @@ CELL_M = 0.08
 """Cells of the grid on which routes are searched (chosen: a route to a stride's tenth)."""
 
 
-def plan_sheet(
-    plan: FloorPlan, arrangement: Arrangement, *, rules: RuleSet | None = None, caption: bool = True
-) -> Sheet:
+def plan_sheet(plan: FloorPlan, arrangement: Arrangement, *, rules: RuleSet | None = None) -> Sheet:
     """Return the drawing of one arrangement."""
     low, high = plan.corners.min(axis=0), plan.corners.max(axis=0)
     shapes = [*_shell(plan), *_furniture(arrangement.items), *_zones(arrangement.items)]
     shapes += _routes(plan, arrangement, rules or built_in_rules().sets.get(arrangement.rule_set))
     shapes += [*_labels(arrangement.items), *_sizes(plan)]
-    top = float(high[1]) + MARGIN_M * 0.6 + (HEAD_M if caption else 0.0)
-    if caption:
-        shapes += _caption(plan, arrangement, float(low[0]) - WALL_M, top)
+    top = float(high[1]) + MARGIN_M * 0.6 + HEAD_M
+    shapes += _caption(plan, arrangement, float(low[0]) - WALL_M, top)
     return Sheet(shapes, (float(low[0]) - MARGIN_M, float(low[1]) - MARGIN_M), (float(high[0]) + MARGIN_M * 0.6, top))
 
 
