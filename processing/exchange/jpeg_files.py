@@ -252,6 +252,3 @@ def write_jpeg(
     """
     data = jpeg_bytes(rgb8, panorama=panorama, staged=staged, relative=relative, title=title, quality=quality)
     write_bytes(path, data)
-
-
-__all__ = ["PanoramaTags", "jpeg_bytes", "write_jpeg"]

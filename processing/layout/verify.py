@@ -150,11 +150,6 @@ class Judge:
         return [Violation("path", ("nowhere to walk",), self.rules.path)] if best is None else best
 
 
-def verify(plan: FloorPlan, pieces: Sequence[Piece], rules: RuleSet) -> Verdict:
-    """Judge pieces once; `Judge` is for many."""
-    return Judge(plan, rules).judge(pieces)
-
-
 def _boxes(pieces: Sequence[Piece], extents: Sequence[tuple[float, float, float, float]]) -> list[Polygon]:
     """Return rectangles x0, x1, y0, y1 of pieces' own frames in the room."""
     if not pieces:

@@ -99,12 +99,6 @@ def luminance_codes(luminance: npt.ArrayLike) -> UInt16s:
     return np.asarray(np.where(there, np.clip(steps, 1, _MOST), NO_VALUE), dtype=np.uint16)
 
 
-def luminance_of(codes: UInt16s) -> npt.NDArray[np.float64]:
-    """Return luminance in cd/m2 of codes, of their shape; NaN where there is no value."""
-    values = LEAST * np.exp((codes.astype(np.float64) - 1) * STEP)
-    return np.where(codes == NO_VALUE, math.nan, values)
-
-
 def uncertainty_codes(relative: npt.ArrayLike) -> Bytes:
     """Return 8-bit codes of relative standard uncertainties, of their shape (to 2.3 %); 0 where nothing is known."""
     values = np.asarray(relative, dtype=np.float64)

@@ -129,11 +129,6 @@ class MapCache:
         self._bytes = 0
         self._lock = threading.Lock()
 
-    @property
-    def held_bytes(self) -> int:
-        """Return what the maps take."""
-        return self._bytes
-
     def get(self, key: object, make: Callable[[], CutMap | StitchMap]) -> CutMap | StitchMap:
         """Return the map of a key, made where it is not there."""
         with self._lock:

@@ -83,9 +83,6 @@ LUMINOUS_SOLAR_CONSTANT_LX = 133_100.0
 TRADITIONAL_OVERCAST = 16
 """CIE S 011's sixteenth sky: Moon and Spencer's overcast sky, (1 + 2 sin elevation) / 3."""
 
-OVERCAST_TYPES = (1, 3, 5, TRADITIONAL_OVERCAST)
-"""The types whose luminance does not depend on the sun's place."""
-
 # CIE S 011/E:2003 (ISO 15469:2004), table 1: gradation a, b; indicatrix c, d, e.
 PARAMETERS = {
     1: (4.0, -0.70, 0.0, -1.0, 0.0), 2: (4.0, -0.70, 2.0, -1.5, 0.15), 3: (1.1, -0.80, 0.0, -1.0, 0.0),
