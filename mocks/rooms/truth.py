@@ -29,7 +29,7 @@ from processing.ground.arrays import Flags, Floats, Int16s
 
 NOTHING = -1
 """Of class, instance and wall pictures: the ray leaves through a window (class), or nothing of that kind is there."""
-WINDOWPANE = 8
+WINDOWPANE = 8  # of ADE20K
 _FINE = 3
 
 

@@ -30,7 +30,7 @@ ROUNDS = 2
 MARGIN_PX = 24
 LEAST_PX = 30
 """Of likely inside, below which a window has nothing to learn colours from."""
-SEED = 1
+SEED = 1  # any, as long as it is the same each time
 TILE_PX = 256
 GUIDE_RADIUS_PX = 8
 GUIDE_EPS = 1e-4

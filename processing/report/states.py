@@ -82,7 +82,7 @@ LARGEST_ERROR = math.expm1(STEP / 2)
 LEAST = 1e-6
 """cd/m2 of code 1; what is darker is stored as this."""
 NO_VALUE = 0
-_MOST = 65535
+_MOST = 65535  # of 16 bits
 
 UNCERTAINTY_LOW, UNCERTAINTY_HIGH = 1e-4, 10.0
 """Relative standard uncertainties of the bytes 1 and 255, evenly spaced in the logarithm; 0: nothing known."""
@@ -141,7 +141,7 @@ DROP = 0.12
 MIDDLE = 0.5
 """On the tone curve, of the middle code of the viewer's pictures."""
 _TALLER = VIEW_PX[1] / VIEW_PX[0] * (1 + 2 * DROP)
-_COLOURS = 256
+_COLOURS = 256  # of 8 bits
 
 
 @dataclass(frozen=True)
