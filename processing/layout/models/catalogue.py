@@ -187,17 +187,28 @@ class Catalogue:
         """Return the names of a category's models."""
         return tuple(name for name, source in self._sources.items() if source.category == category)
 
-    def choose(self, category: str, *, seed: int = 0) -> CatalogueEntry:
-        """Return a readable model of a category, drawn by a seed; raise `CatalogueError` where there is none."""
+    def choose(
+        self, category: str, *, smallest_m: Size | None = None, largest_m: Size | None = None, seed: int = 0
+    ) -> CatalogueEntry:
+        """Return a model of a category whose size lies within limits, drawn by a seed.
+
+        Raises `CatalogueError` where there is none, saying how many were too small, too large or unreadable.
+        """
         names = self.of_category(category)
         if not names:
             known = sorted({s.category for s in self._sources.values()})
             raise CatalogueError(f"no {category} here; there are: {', '.join(known)}", where=self.name)
+        low, high = smallest_m or (0.0, 0.0, 0.0), largest_m or (np.inf, np.inf, np.inf)
         for k in np.random.default_rng(seed).permutation(len(names)):
             entry = self._entry_or_none(names[int(k)])
-            if entry is not None:
+            if entry and all(a - 1e-6 <= v <= b + 1e-6 for a, v, b in zip(low, entry.size_m, high, strict=True)):
                 return entry
-        raise CatalogueError(f"none of {len(names)} models of category {category} is readable", where=self.name)
+        limits = " and ".join(
+            f"{word} {limit}" for word, limit in (("at least", smallest_m), ("at most", largest_m)) if limit
+        )
+        raise CatalogueError(
+            f"none of {len(names)} models of category {category} is {limits or 'readable'}", where=self.name
+        )
 
     def mesh(self, model_id: str, size_m: Size | None = None) -> FurnitureModel:
         """Return a model, made (or, from a file, stretched within limits) to a size.
