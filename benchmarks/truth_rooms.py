@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.seeds import Split, seeds
+from benchmarks.truth_files import load_truth
 from mocks.optics.picture_cache import content_key, default_folder
 from mocks.rooms.model import Use
 from mocks.rooms.room import Room, make_room
-from mocks.rooms.truth import TruthFileError, TruthPictures, load_truth, save_truth, truth_pictures
+from mocks.rooms.truth import TruthFileError, TruthPictures, save_truth, truth_pictures
 from mocks.rooms.world import RoomWorld
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 

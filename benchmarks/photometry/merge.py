@@ -25,9 +25,9 @@ from benchmarks.paired import compare, cost_of
 from benchmarks.photometry import merge_rivals as rivals
 from benchmarks.photometry.merge_plots import draw_all
 from benchmarks.photometry.merge_truth import Summary, summary, true_curve, true_noise, well_exposed
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
 from benchmarks.seeds import seeds
 from mocks.optics.sensor import TrueShutter
-from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8

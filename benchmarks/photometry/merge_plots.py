@@ -12,9 +12,9 @@ import numpy as np
 from benchmarks.paired import cost_of
 from benchmarks.photometry import merge_rivals as rivals
 from benchmarks.photometry.merge_truth import summary, true_curve, true_noise, well_exposed
+from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from benchmarks.plots import IMAGES, Point, time_against_error
 from benchmarks.seeds import seeds
-from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8

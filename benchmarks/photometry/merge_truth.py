@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.photometry.synthetic_bracket import SyntheticBracket
 from mocks.optics.sensor import Exposure
-from mocks.optics.synthetic_bracket import SyntheticBracket
 from mocks.worlds.light import luminance_cd_m2
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 

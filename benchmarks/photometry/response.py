@@ -18,9 +18,9 @@ import numpy as np
 from benchmarks.paired import cost_of
 from benchmarks.photometry.response_plot import error_over_codes
 from benchmarks.photometry.response_rivals import colour_hdri, mitsunaga_nayar, opencv_debevec, opencv_robertson
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
 from benchmarks.seeds import seeds
 from mocks.optics.sensor import TrueShutter
-from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, jpeg_coded, synthetic_bracket
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.ground.arrays import Doubles

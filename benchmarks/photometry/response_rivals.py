@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mocks.optics.synthetic_bracket import SyntheticBracket
+from benchmarks.photometry.synthetic_bracket import SyntheticBracket
 from processing.calibration.response.samples import Bracket8, ChannelSamples, take_samples
 from processing.ground.arrays import Doubles
 

@@ -23,12 +23,11 @@ from processing.ground.arrays import Floats
 
 # The bytes around the picture: EXIF and GPano segments, splicing them into a JPEG, and small CR2 and DNG files.
 
-
 _BASE, _EXIF = ExifTags.Base, ExifTags.IFD.Exif
 _D65, _OTHER_LIGHT = 21, 255
-_IMAGE_NUMBER = 0x9211
+_IMAGE_NUMBER = 0x9211  # EXIF's tag of that name
 _XMP_NAMESPACE = b"http://ns.adobe.com/xap/1.0/\0"
-_MAX_SEGMENT = 65533
+_MAX_SEGMENT = 65533  # of JPEG: two bytes hold the length, itself included
 
 
 def exif_segment(request: ShotRequest, focal_length_mm: float) -> bytes:
@@ -205,7 +204,7 @@ def _dng_entries(frame: RawFrame, request: ShotRequest) -> list[_Entry]:
 # Chosen: the light of a band takes 5 MB.
 _BAND_PX = 400_000
 _EXPOSE_ROWS = 32
-_PIXEL_BYTES = 12
+_PIXEL_BYTES = 12  # three float32
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,10 @@ def draw_floor(rng: np.random.Generator, style: Style, use: Use) -> Material:
     sort = str(rng.choice(_SORTS, p=_SHARES.get(use, _USUAL)))
     roughness = rng.uniform(0.12, 0.35) if rng.random() < _GLOSSY else None
     if sort == "carpet":
-        return _carpet(rng, style)
+        colour = scaled(pick(rng, style.rugs), rng.uniform(0.8, 1.1))
+        kind = pick(rng, ("carpet loop", "carpet pile"))
+        shades = (colour, scaled(colour, rng.uniform(0.5, 1.4))) if rng.random() < 0.5 else (colour,)
+        return textured("carpet", Texture(kind, a_seed(rng), shades))
     if sort == "tiles":
         return _tiles(rng, roughness)
     if sort == "stone":
@@ -91,13 +94,6 @@ def _parquet(rng: np.random.Generator) -> _Drawn:
         sizes = (("block_m", rng.uniform(0.06, 0.11)), ("ratio", float(rng.integers(4, 7))))
         return "herringbone", (*sizes, ("variation", rng.uniform(0.05, 0.13)))
     return "blocks", (("block_m", rng.uniform(0.12, 0.3)), ("ratio", float(rng.integers(4, 7))))
-
-
-def _carpet(rng: np.random.Generator, style: Style) -> Material:
-    colour = scaled(pick(rng, style.rugs), rng.uniform(0.8, 1.1))
-    kind = pick(rng, ("carpet loop", "carpet pile"))
-    shades = (colour, scaled(colour, rng.uniform(0.5, 1.4))) if rng.random() < 0.5 else (colour,)
-    return textured("carpet", Texture(kind, a_seed(rng), shades))
 
 
 def _tiles(rng: np.random.Generator, roughness: float | None) -> Material:

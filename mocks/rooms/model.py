@@ -189,10 +189,7 @@ class Plan:
         """Return the floor point at a distance along a wall and away from it, into the room."""
         (x0, y0), _ = self.wall_ends(wall)
         along, inward = self.wall_axes(wall)
-        return (
-            x0 + along[0] * start_m + inward[0] * away_m,
-            y0 + along[1] * start_m + inward[1] * away_m,
-        )
+        return (x0 + along[0] * start_m + inward[0] * away_m, y0 + along[1] * start_m + inward[1] * away_m)
 
 
 @dataclass(frozen=True)

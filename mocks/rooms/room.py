@@ -59,7 +59,7 @@ def _furnish(rng: np.random.Generator, use: Use, outline: Outline, lamps_on: boo
 
 # Raise when the same seed gives another room, or meshes, sky, street or textures change: light is kept on disk by it.
 ROOMS_VERSION = 2
-_DOMAIN = 4200
+_DOMAIN = 4200  # parts these random numbers from all others of a seed
 _LAMPS_ON = 0.3
 _PLANS = 12
 MAIN_PIECE = {Use.BEDROOM: "bed", Use.LIVING: "sofa", Use.DINING: "dining table", Use.OFFICE: "desk"}

@@ -14,7 +14,7 @@ from mocks.rooms.room import Room, make_room
 from mocks.rooms.sky.daylight import Moment
 from mocks.rooms.sky.sky import SHARES, CloudDrift, Kind, Sky, draw_sky
 
-_DOMAIN = 5100
+_DOMAIN = 5100  # parts these random numbers from all others of a seed
 _SEEDS = 10**9
 _WORDS = (
     (Use.BEDROOM, ("bed", "guest", "nursery")),

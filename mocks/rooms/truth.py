@@ -1,6 +1,6 @@
 """All that is known of a simulated room, as pictures and lists, and on disk: OpenEXR, PNG and truth.json.
 
-It is what every later answer is compared with.
+It is what every later answer is compared with; `benchmarks.truth_files` reads it back.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from processing.ground.arrays import Flags, Floats, Int16s
 
 NOTHING = -1
 """Of class, instance and wall pictures: the ray leaves through a window (class), or nothing of that kind is there."""
-WINDOWPANE = 8
+WINDOWPANE = 8  # of ADE20K
 _FINE = 3
 
 
@@ -233,7 +233,7 @@ NUMBERS = {"ade": "ade.png", "instance": "instance.png", "wall": "wall.png", "su
 """16-bit PNG. All but instances are stored plus 1, so that 0 stands for none (-1)."""
 MASKS = {"furniture": "furniture.png", "tripod": "tripod.png"}
 """8-bit PNG, 0 or 255."""
-_COUNTED_FROM_0 = ("instance",)
+COUNTED_FROM_0 = ("instance",)
 
 Picture = npt.NDArray[Any]
 
@@ -243,15 +243,6 @@ class TruthFileError(DaylitError):
 
     code = "SIM-004"
     exit_code = 6
-
-
-@dataclass(frozen=True)
-class Truth:
-    """What `save_truth` wrote: ``facts`` is truth.json without the lights."""
-
-    facts: dict[str, Any]
-    lights: tuple[PointLight, ...]
-    pictures: TruthPictures
 
 
 def make_truth(world: RoomWorld, folder: Path, rows: int = 512) -> None:
@@ -275,35 +266,12 @@ def save_truth(folder: Path, room: Room, pictures: TruthPictures, lights: list[P
         raise TruthFileError(text, where=str(folder), advice="make room, or choose another folder") from error
 
 
-def load_truth(folder: Path) -> Truth:
-    """Read the truth of a room.
-
-    Raises
-    ------
-    TruthFileError
-        A file is missing or damaged.
-    """
-    try:
-        facts = json.loads((folder / TRUTH_NAME).read_text("utf-8"))
-        if facts.pop("format") != FORMAT:
-            raise TruthFileError(f"is not of format {FORMAT}", where=str(folder), advice="make it anew")
-        lights = tuple(_point_light(values) for values in facts.pop("point_lights"))
-        found: dict[str, Any] = {name: _read_exr(folder / file) for name, file in LIGHT.items()}
-        for name, file in NUMBERS.items():
-            stored = _read_png(folder / file).astype(np.int16)
-            found[name] = stored if name in _COUNTED_FROM_0 else stored - np.int16(1)
-        found |= {name: _read_png(folder / file) > 0 for name, file in MASKS.items()}
-        return Truth(facts, lights, TruthPictures(surface_names=tuple(facts["surface_names"]), **found))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RuntimeError) as error:
-        raise TruthFileError(f"cannot be read ({error!r})", where=str(folder), advice="make it anew") from error
-
-
 def _write(folder: Path, room: Room, pictures: TruthPictures, lights: list[PointLight]) -> None:
     for name, file in LIGHT.items():
         _write_exr(folder / file, getattr(pictures, name))
     for name, file in NUMBERS.items():
         values = getattr(pictures, name)
-        stored = values if name in _COUNTED_FROM_0 else values + np.int16(1)
+        stored = values if name in COUNTED_FROM_0 else values + np.int16(1)
         _write_png(folder / file, stored.astype(np.uint16))
     for name, file in MASKS.items():
         _write_png(folder / file, getattr(pictures, name).astype(np.uint8) * np.uint8(255))
@@ -319,25 +287,12 @@ def _write(folder: Path, room: Room, pictures: TruthPictures, lights: list[Point
     (folder / TRUTH_NAME).write_text(json.dumps(facts, indent=1, allow_nan=False) + "\n", "utf-8")
 
 
-def _point_light(values: dict[str, Any]) -> PointLight:
-    return PointLight(values["name"], tuple(values["point_m"]), tuple(values["normal"]), values["illuminance_lx"])
-
-
 def _write_exr(path: Path, picture: Floats) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     channel = "Y" if picture.ndim == 2 else "RGB"
     OpenEXR.File(header, {channel: np.ascontiguousarray(picture, dtype=np.float32)}).write(os.fspath(path))
-
-
-def _read_exr(path: Path) -> Floats:
-    import OpenEXR
-
-    with OpenEXR.File(os.fspath(path)) as file:
-        channels = file.channels()
-        channel = channels["RGB"] if "RGB" in channels else channels["Y"]
-        return np.array(channel.pixels, dtype=np.float32)
 
 
 def _write_png(path: Path, picture: Picture) -> None:
@@ -347,14 +302,3 @@ def _write_png(path: Path, picture: Picture) -> None:
     if not whole:
         raise OSError("the picture cannot be encoded")
     path.write_bytes(data.tobytes())
-
-
-def _read_png(path: Path) -> Picture:
-    import cv2
-
-    data = np.fromfile(path, np.uint8)
-    # OpenCV's own error for no bytes at all is nobody's to expect.
-    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    if picture is None or picture.ndim != 2:
-        raise ValueError(f"{path.name} is no grey PNG")
-    return np.asarray(picture)

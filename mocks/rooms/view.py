@@ -22,7 +22,7 @@ from processing.ground.arrays import Floats, Indices, Int32s
 
 # Light from the cube's pixels to any direction: interpolated, but never across the edge of a surface.
 
-_REMAP_WIDTH = 8192
+_REMAP_WIDTH = 8192  # below OpenCV's limit of 32767
 _SAME_NORMAL = 0.85
 
 
@@ -113,7 +113,7 @@ def _bilinear(picture: Floats, column: Floats, row: Floats) -> Floats:
     return np.asarray(found.reshape(-1, 3)[: column.size], dtype=np.float32)
 
 
-_FRESNEL_0 = 0.04
+_FRESNEL_0 = 0.04  # of a refractive index of 1.5
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from processing.ground.arrays import Floats
 
 MAX_PIXELS = 16384 * 8192
 _UNDERSHOOT = 0.05
-_REMAP_WIDTH = 8192
+_REMAP_WIDTH = 8192  # below OpenCV's limit of 32767
 _HDR_MAGIC = (b"#?RADIANCE", b"#?RGBE")
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 

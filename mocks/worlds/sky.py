@@ -35,7 +35,8 @@ class SimpleSky:
     @property
     def sun(self) -> BrightDisc:
         """The sun's disc."""
-        colour = _scaled((1.05, 1.0, 0.88), self.sun_luminance_cd_m2)
+        red, green, blue = (float(v) * self.sun_luminance_cd_m2 for v in _colour((1.05, 1.0, 0.88)))
+        colour = (red, green, blue)
         return BrightDisc(self.sun_direction, SUN_RADIUS_RAD, colour)
 
     @property
@@ -89,8 +90,3 @@ def _colour(rgb: Vector) -> Floats:
     """Return the colour at luminance 1."""
     colour = np.array(rgb, dtype=np.float32)
     return np.asarray(colour / luminance_cd_m2(colour), dtype=np.float32)
-
-
-def _scaled(rgb: Vector, luminance: float) -> Vector:
-    red, green, blue = (float(v) * luminance for v in _colour(rgb))
-    return (red, green, blue)

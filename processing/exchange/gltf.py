@@ -30,7 +30,6 @@ from processing.pictures.writing import write_bytes
 #
 # Positions and normals are given in our frame (z up) and written in glTF's (y up): (x, y, z) becomes (x, z, -y).
 
-
 Json: TypeAlias = dict[str, Any]
 
 _FLOAT, _UINT, _USHORT = 5126, 5125, 5123
@@ -207,11 +206,9 @@ def scene_glb(scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Byt
     return glb.data()
 
 
-def write_scene_glb(
-    path: Path, scene: Scene, *, max_texture_px: int = 1024, lit: Mapping[str, Bytes] | None = None
-) -> None:
-    """Write `scene_glb` durably; ``lit``: by surface name, an sRGB picture (H, W, 3)."""
-    write_bytes(path, scene_glb(scene, max_texture_px=max_texture_px, lit=lit))
+def write_scene_glb(path: Path, scene: Scene) -> None:
+    """Write `scene_glb` durably."""
+    write_bytes(path, scene_glb(scene))
 
 
 def _light(scene: Scene) -> Json:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 # Its letters are 3 % of the picture's height, so that it does not vanish in large pictures. On a panorama it stands
 # three times, 120 degrees apart and a little below the horizon: a viewer with the usual field always shows one.
 
-
 TEXT = "Virtually staged"
 LETTERS = 0.03
 """Height of a line, of the picture's."""
@@ -91,7 +90,6 @@ def _plate(text: str, height: int, room_px: int, tallest_px: int) -> Image.Image
 # XMP packets by hand: how a panorama covers the sphere (GPano), what kind of picture it is (IPTC), and its title.
 #
 # Nothing personal goes in: no names, no paths, no times.
-
 
 GPANO = "http://ns.google.com/photos/1.0/panorama/"
 IPTC_EXTENSION = "http://iptc.org/std/Iptc4xmpExt/2008-02-29/"
@@ -254,6 +252,3 @@ def write_jpeg(
     """
     data = jpeg_bytes(rgb8, panorama=panorama, staged=staged, relative=relative, title=title, quality=quality)
     write_bytes(path, data)
-
-
-__all__ = ["PanoramaTags", "jpeg_bytes", "write_jpeg"]

@@ -84,9 +84,7 @@ def arrange(
     too_tall = [item for item in free if item.spec.top_m > plan.ceiling_height_m]
     free = [item for item in free if item not in too_tall]
     inner, frame = canonical_plan(
-        plan,
-        [(s.x_m, s.y_m, s.theta_rad) for s in stood],
-        mirror=not any(item.spec.handed for item in items),
+        plan, [(s.x_m, s.y_m, s.theta_rad) for s in stood], mirror=not any(item.spec.handed for item in items)
     )
     held = [in_frame(s, frame) for s in stood]
     field = make_field(Floor(inner), rules, [row for s in held for row in outline_rows(s)])

@@ -99,7 +99,6 @@ class Item:
 
 # The built-in kinds of furniture and the sets made of them. Sizes are common ones of the trade, in metres.
 
-
 _BED_ZONES = (
     UseZone("left", lambda rules: rules.bed_side),
     UseZone("right", lambda rules: rules.bed_side),
@@ -154,29 +153,15 @@ SETS: dict[str, str] = {
 }
 
 OTHER_NAMES = {
-    "couch": "sofa",
-    "double bed": "bed",
-    "queen bed": "bed",
-    "shelf": "bookshelf",
-    "bookcase": "bookshelf",
-    "bedside table": "nightstand",
-    "night stand": "nightstand",
-    "closet": "wardrobe",
-    "dresser": "chest",
-    "chest of drawers": "chest",
-    "sideboard": "chest",
-    "television": "tv",
-    "tv cabinet": "tv stand",
-    "office chair": "desk chair",
-    "chair": "dining chair",
-    "table": "dining table",
-    "carpet": "rug",
+    "couch": "sofa", "double bed": "bed", "queen bed": "bed", "shelf": "bookshelf", "bookcase": "bookshelf",
+    "bedside table": "nightstand", "night stand": "nightstand", "closet": "wardrobe", "dresser": "chest",
+    "chest of drawers": "chest", "sideboard": "chest", "television": "tv", "tv cabinet": "tv stand",
+    "office chair": "desk chair", "chair": "dining chair", "table": "dining table", "carpet": "rug",
     "lamp": "floor lamp",
-}
+}  # fmt: skip
 
 
 # Lists of furniture as people write them: ``"bed, 2 nightstand, desk"``.
-
 
 MAX_ITEMS = 40
 _ENTRY = re.compile(r"^(?:(\d{1,3})\s*(?:x|×)?\s+)?(.+?)$")

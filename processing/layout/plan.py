@@ -123,15 +123,12 @@ SLACK_M = 0.05
 
 
 @dataclass(frozen=True)
-class Door:
-    """A door; unknown hinges and swings are taken as either."""
+class _OnEdge:
+    """An opening in an edge, from `start_m` to `end_m` along it."""
 
     edge: int
     start_m: float
     end_m: float
-    hinge: Hinge = "unknown"
-    swing: Swing = "unknown"
-    name: str = ""
 
     @property
     def width_m(self) -> float:
@@ -140,20 +137,21 @@ class Door:
 
 
 @dataclass(frozen=True)
-class Window:
+class Door(_OnEdge):
+    """A door; unknown hinges and swings are taken as either."""
+
+    hinge: Hinge = "unknown"
+    swing: Swing = "unknown"
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Window(_OnEdge):
     """A window from sill to head above the floor."""
 
-    edge: int
-    start_m: float
-    end_m: float
     sill_m: float = DEFAULT_SILL_M
     head_m: float = DEFAULT_HEAD_M
     name: str = ""
-
-    @property
-    def width_m(self) -> float:
-        """Return the width of the opening."""
-        return self.end_m - self.start_m
 
 
 @dataclass(frozen=True)

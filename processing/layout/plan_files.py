@@ -120,12 +120,7 @@ def _window(item: Mapping[str, Any], edge: int, start_m: float, end_m: float, no
     if item.get("sill") is None:
         notes.append(f"window on edge {edge}: sill not given, taken as {sill_m:g} m")
     return Window(
-        edge,
-        start_m,
-        end_m,
-        _number(item, "sill", where, sill_m),
-        _number(item, "head", where, DEFAULT_HEAD_M),
-        to,
+        edge, start_m, end_m, _number(item, "sill", where, sill_m), _number(item, "head", where, DEFAULT_HEAD_M), to
     )
 
 

@@ -113,7 +113,11 @@ class Judge:
         if not fits:
             yield from _outside(self.room, pieces, shapes)
             yield from _overlaps(pieces, shapes)
-            yield from _under_ceiling(self._plan, pieces)
+            yield from [
+                Violation("under the ceiling", (p.id,), p.spec.top_m - self._plan.ceiling_height_m)
+                for p in pieces
+                if p.spec.top_m > self._plan.ceiling_height_m + DEEP_M
+            ]
         yield from _apart(pieces, shapes, self.rules.together)
         yield from self._openings(pieces, shapes)
         zones, clashes = _zones(self.room, pieces, shapes, _asked(pieces, self.rules))
@@ -144,11 +148,6 @@ class Judge:
             if not failed:
                 break
         return [Violation("path", ("nowhere to walk",), self.rules.path)] if best is None else best
-
-
-def verify(plan: FloorPlan, pieces: Sequence[Piece], rules: RuleSet) -> Verdict:
-    """Judge pieces once; `Judge` is for many."""
-    return Judge(plan, rules).judge(pieces)
 
 
 def _boxes(pieces: Sequence[Piece], extents: Sequence[tuple[float, float, float, float]]) -> list[Polygon]:
@@ -215,14 +214,6 @@ def _apart(pieces: Sequence[Piece], shapes: Sequence[Polygon], within_m: float) 
             if gap_m > within_m + PATH_M:
                 found.append(Violation("kept together", (piece.id,), gap_m - within_m))
     return found
-
-
-def _under_ceiling(plan: FloorPlan, pieces: Sequence[Piece]) -> list[Violation]:
-    return [
-        Violation("under the ceiling", (p.id,), p.spec.top_m - plan.ceiling_height_m)
-        for p in pieces
-        if p.spec.top_m > plan.ceiling_height_m + DEEP_M
-    ]
 
 
 def _edge(plan: FloorPlan, edge: int) -> tuple[float, float, float, float]:
@@ -336,12 +327,7 @@ def _walkable(floor: Any, radius: float) -> list[Polygon]:
 
 
 def _unserved(
-    part: Polygon,
-    ways: Sequence[Polygon],
-    needed: set[int],
-    asked: Sequence[_Reached],
-    radius: float,
-    rules: RuleSet,
+    part: Polygon, ways: Sequence[Polygon], needed: set[int], asked: Sequence[_Reached], radius: float, rules: RuleSet
 ) -> list[Violation]:
     found = []
     served = {n for n in needed if part.intersects(ways[n])}

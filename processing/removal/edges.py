@@ -30,7 +30,7 @@ ROUNDS = 2
 MARGIN_PX = 24
 LEAST_PX = 30
 """Of likely inside, below which a window has nothing to learn colours from."""
-SEED = 1
+SEED = 1  # any, as long as it is the same each time
 TILE_PX = 256
 GUIDE_RADIUS_PX = 8
 GUIDE_EPS = 1e-4
@@ -156,7 +156,6 @@ def _solved(matrix: list[Floats], right: list[Floats]) -> list[Floats]:
 
 
 # How unlike the usual colours of a surface a place is: what stands before a plain wall or floor stands out.
-
 
 CLUSTERS = 6
 SAMPLES = 1500

@@ -40,7 +40,6 @@ from processing.surfaces.textures import unwrap, wrap
 # (1 in the sun, 0 in the shade) lies above one half, and brighter by as much as the sunlit rim is brighter than the
 # filling beside it.
 
-
 RIM_PX = 6
 SOFT = 0.12
 """Of the membrane about one half, in which the edge of the light lies."""
@@ -208,11 +207,7 @@ def empty_room(
 
 
 def _checked(
-    image: LuminanceImage | RelativeImage,
-    target: Flags,
-    sunlight: Flags | None,
-    foreign: Flags | None,
-    quality: str,
+    image: LuminanceImage | RelativeImage, target: Flags, sunlight: Flags | None, foreign: Flags | None, quality: str
 ) -> Equirectangular:
     if not isinstance(image.geometry, Equirectangular):
         raise ParameterError("a picture that is no whole panorama", advice="give an equirectangular one")
@@ -262,11 +257,7 @@ def _plane(seen: _Seen, plane: Plane, unfit: Flags, quality: str, skirting: Skir
 
 
 def _draw(
-    done: FilledPlane,
-    room: RoomModel,
-    geometry: Equirectangular,
-    where: Flags,
-    into: tuple[Floats, Bytes, Floats],
+    done: FilledPlane, room: RoomModel, geometry: Equirectangular, where: Flags, into: tuple[Floats, Bytes, Floats]
 ) -> None:
     """Draw a plane's filling into the panorama, its provenance and its confidence."""
     out, provenance, confidence = into

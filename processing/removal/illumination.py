@@ -18,7 +18,6 @@ from processing.pictures.images import luminance_cd_m2
 
 # Wide Gaussian blurs at a cost that does not grow with their width.
 
-
 NARROW_PX = 4.0
 """Standard deviation up to which the blur is exact; wider ones run on a smaller picture."""
 
@@ -48,7 +47,6 @@ def known_mean(values: Floats, known: Flags, sigma_px: float) -> tuple[Floats, F
 
 
 # Tones: the logarithm of light, in which illumination and reflectance add up and every error is a relative one.
-
 
 TOE = 0.03
 """Of the median luminance: what is added before the logarithm, so that noise near black stays small."""
@@ -103,10 +101,7 @@ def _level(values: Floats, share: Floats) -> Floats:
     height, width = share.shape
     small = (max(1, (width + 1) // 2), max(1, (height + 1) // 2))
     even = (0, height % 2, 0, width % 2)
-    coarse = _level(
-        _halved(values, even, small),
-        _halved(share, even, small),
-    )
+    coarse = _level(_halved(values, even, small), _halved(share, even, small))
     up = cv2.resize(coarse, (small[0] * 2, small[1] * 2), interpolation=cv2.INTER_LINEAR)
     up = up.reshape(small[1] * 2, small[0] * 2, *values.shape[2:])[:height, :width]
     out = np.where(_as(fixed, values), own, up).astype(np.float32)

@@ -118,13 +118,7 @@ class _Found:
     notes: tuple[str, ...]
 
 
-def _find(
-    rgb: Floats,
-    probabilities: Floats,
-    room: RoomModel,
-    maps: SurfaceMaps,
-    known: _Known,
-) -> _Found:
+def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps, known: _Known) -> _Found:
     shown = preview_rgb8(rgb)
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     luminance = luminance_cd_m2(rgb)
@@ -197,7 +191,8 @@ def _united(
     else:
         furniture = found.furniture.mask
     tripod, sunlight, shadow = (
-        _at(mask, shape) for mask in (found.tripod.mask, found.sunlight.mask, found.shadow.mask)
+        resized(mask.astype(np.float32), shape) > 0.5 if mask.any() else np.zeros(shape, bool)
+        for mask in (found.tripod.mask, found.sunlight.mask, found.shadow.mask)
     )
     sunlight &= ~furniture & ~tripod
     shadow &= ~furniture & ~tripod
@@ -205,11 +200,6 @@ def _united(
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
-
-
-def _at(mask: Flags, shape: tuple[int, int]) -> Flags:
-    """Return a mask at another size; an empty one without work."""
-    return resized(mask.astype(np.float32), shape) > 0.5 if mask.any() else np.zeros(shape, bool)
 
 
 def target_of(things: Flags, sunlight: Flags, openings: Flags, margin_rad: float) -> Flags:

@@ -242,7 +242,6 @@ def _mean(copies: list[Floats], share: Floats) -> Floats:
 
 # The filled hole at full size: the copies' weighted mean, with the fine detail of the best one, met to the rim.
 
-
 MIN_SHARE = 0.01
 LARGEST_STEP = 0.3
 """Tone by which the rim may pull a filling."""

@@ -16,7 +16,6 @@ from processing.removal.illumination import known_mean
 #
 # The masked form of Padfield (2012): each shift's means and variances are those of the pixels known in both.
 
-
 MIN_OVERLAP = 0.12
 """Of the known pixels that a shift must bring onto known ones."""
 
@@ -251,7 +250,6 @@ def _measured(correlation: SelfCorrelation, a: Doubles, b: Doubles) -> Lattice |
 
 
 # Shifts from which a hole may be filled: lattice nodes, steps along planks, or wherever a texture is like itself.
-
 
 MOST = 64
 """Offsets that are tried."""

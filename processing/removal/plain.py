@@ -22,7 +22,6 @@ from processing.removal.illumination import ToneScale, blurred, fit_illumination
 # rises from what it is at the rim, which stays as it is, to what it is around. What furniture takes
 # from the whole room cannot be put back without changing what is seen.
 
-
 NEAR_M = 0.5
 """From the hole, as far as what is removed is taken to darken the wall."""
 AROUND_M = (1.0, 4.0)
@@ -144,7 +143,8 @@ def fill_plain(
     profile = _profile(rest, known, hole, usual_rows) if level_rows else np.zeros((len(rest), 1, 3), np.float32)
     rest = np.where(known[..., None], rest - profile, 0).astype(np.float32)
     clean = known & ~_outliers(rest, known)
-    low = _low(rest, clean)
+    mean, share = known_mean(rest, clean, GRAIN_PX)
+    low = spread(mean, clean & (share > 0.3))
     grain = np.where(clean[..., None], rest - low, 0).astype(np.float32)
     roughness = float(grey(grain)[clean].std()) if clean.any() else 0.0
     smooth = np.asarray(slow + profile + low, np.float32)
@@ -220,12 +220,6 @@ def _outliers(rest: Floats, known: Flags) -> Flags:
     spread_of = max(1.4826 * float(np.median(off[known])), LEAST_SPREAD)
     odd = known & (off > OUTLIER * spread_of)
     return cv2.dilate(odd.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool) & known
-
-
-def _low(rest: Floats, clean: Flags) -> Floats:
-    """Return (H, W, 3) what is left of the light, smooth, and its membrane through holes."""
-    mean, share = known_mean(rest, clean, GRAIN_PX)
-    return spread(mean, clean & (share > 0.3))
 
 
 def _calm(grain: Floats, clean: Flags) -> Flags:

@@ -72,12 +72,7 @@ class FilledPlane:
 
 
 def fill_plane(
-    texture: Texture,
-    hole: Flags,
-    unfit: Flags,
-    room: RoomModel,
-    elsewhere: Floats,
-    skirting: Skirting | None = None,
+    texture: Texture, hole: Flags, unfit: Flags, room: RoomModel, elsewhere: Floats, skirting: Skirting | None = None
 ) -> FilledPlane:
     """Fill a texture's ``hole`` (H, W); ``unfit`` texels (H, W) are known but not copied (sunlight, mixed pixels).
 
@@ -150,7 +145,6 @@ def _surface(
 
 
 # The skirting of a room: what runs along the foot of its walls, learned from all of them for walls that hide theirs.
-
 
 SKIRTING_PX_PER_M = 80.0
 HIGHEST_M = 0.25

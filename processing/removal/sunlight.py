@@ -230,7 +230,6 @@ def _one_beam(log2_luminance: Floats, depth: Floats, here: Flags) -> Flags:
 # logarithms. Places near furniture that are clearly darker and hang together with it are its shadow. A narrow band
 # along its foot always counts: contact shadow, and light that bounced off it.
 
-
 PX_PER_M = 20.0
 CONTACT_M = 0.10
 FAR_M = 0.7
@@ -289,7 +288,9 @@ def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
     # Texels that furniture hides in part belong to the band: the picture's finer pixels beside it fall into them.
     band = _by(thing, CONTACT_M)
     contact = known & band
-    smooth = _known_mean(log2, known, 0.06)
+    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), 0.06 * PX_PER_M)
+    total = cv2.GaussianBlur(np.where(known, log2, 0).astype(np.float32), (0, 0), 0.06 * PX_PER_M)
+    smooth = np.asarray(np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), log2), dtype=np.float32)
     far = known & ~_by(thing, FAR_M)
     if far.sum() < LEAST_FAR:
         return band, False
@@ -308,12 +309,6 @@ def _by(mask: Flags, distance_m: float) -> Flags:
     """Return what lies within a distance of a mask on a texture."""
     away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(away <= max(distance_m * PX_PER_M, 1.0), bool) & mask.any()
-
-
-def _known_mean(values: Floats, known: Flags, sigma_m: float) -> Floats:
-    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_m * PX_PER_M)
-    total = cv2.GaussianBlur(np.where(known, values, 0).astype(np.float32), (0, 0), sigma_m * PX_PER_M)
-    return np.asarray(np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), values), dtype=np.float32)
 
 
 def _smooth_fit(values: Floats, far: Flags) -> tuple[Floats, float]:

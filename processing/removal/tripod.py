@@ -23,7 +23,6 @@ from processing.segmentation.evidence import SceneClass
 
 # The surroundings of the nadir seen straight from above, without the panorama's stretching: there and back.
 
-
 REACH_RAD = math.radians(50)
 SIZE_PX = 320
 """Side of the nadir picture: 0.31 degrees a pixel."""
@@ -183,7 +182,6 @@ def _boards(evidence: Floats, rgb8: Bytes, near: Flags) -> tuple[Flags, int]:
 #
 # The stand is what is thin, hangs together with the board's lower edge, and reaches down from there. A sheet on a wall
 # or on furniture has no stand.
-
 
 THIN_RAD = math.radians(3.5)
 """What is narrower may be a pole or a leg; what is wider is left to other evidence."""

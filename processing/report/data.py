@@ -35,8 +35,20 @@ class Quantity:
         return number_text(self.value, self.uncertainty)
 
 
+class Embedded:
+    """A picture (PNG, JPEG or SVG) that stands in the page itself."""
+
+    data: bytes
+
+    @property
+    def uri(self) -> str:
+        """The picture as a data URI."""
+        kind = next((kind for start, kind in _SIGNATURES.items() if self.data.startswith(start)), "image/svg+xml")
+        return f"data:{kind};base64,{base64.b64encode(self.data).decode('ascii')}"
+
+
 @dataclass(frozen=True)
-class Picture:
+class Picture(Embedded):
     """A plot or picture that stands in the page itself."""
 
     title: str
@@ -47,11 +59,6 @@ class Picture:
     caption: str = ""
     wide: bool = False
     """Whether it takes the page's whole width (panoramas)."""
-
-    @property
-    def uri(self) -> str:
-        """The picture as a data URI."""
-        return data_uri(self.data)
 
 
 @dataclass(frozen=True)
@@ -127,12 +134,6 @@ class ReportData:
     """Of luminance: another where its scale is not known."""
 
 
-def data_uri(data: bytes) -> str:
-    """Return a picture (PNG, JPEG or SVG) as a data URI."""
-    kind = next((kind for start, kind in _SIGNATURES.items() if data.startswith(start)), "image/svg+xml")
-    return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
-
-
 def number_text(value: float, uncertainty: float | None = None) -> str:
     """Return a number for people: to two digits of its uncertainty ('31.42 ± 0.57'), else to four of its own.
 
@@ -179,7 +180,7 @@ def _scientific(value: float, digits: int) -> str:
 
 
 @dataclass(frozen=True)
-class Shot:
+class Shot(Embedded):
     """One state of the room in one picture."""
 
     name: str
@@ -188,11 +189,6 @@ class Shot:
     alt: str
     tag: str = ""
     """What stands on it under the slider, where that is not its name."""
-
-    @property
-    def uri(self) -> str:
-        """The picture as a data URI."""
-        return data_uri(self.data)
 
 
 @dataclass(frozen=True)
@@ -299,7 +295,7 @@ class Models:
 
 
 @dataclass(frozen=True)
-class Card:
+class Card(Embedded):
     """A picture with a few figures."""
 
     title: str
@@ -307,11 +303,6 @@ class Card:
     alt: str
     text: str = ""
     quantities: tuple[Quantity, ...] = ()
-
-    @property
-    def uri(self) -> str:
-        """The picture as a data URI."""
-        return data_uri(self.data)
 
 
 @dataclass(frozen=True)

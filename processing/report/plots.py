@@ -104,7 +104,9 @@ def contact_sheet(thumbnails: Sequence[Bytes], labels: Sequence[str], *, columns
         below.set_yticks([])
         below.set_xticks([0, 128, 255])
         below.tick_params(labelsize=7, pad=1)
-    return _png(figure)
+    out = io.BytesIO()
+    figure.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
 
 
 def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, *, size_px: int = 480) -> bytes:
@@ -212,10 +214,4 @@ def svg_bytes(figure: Figure) -> bytes:
     # Without the salt identifiers are random; without the date the bytes are those of the numbers.
     with mpl.rc_context({"svg.hashsalt": "daylit", "svg.fonttype": "path"}):
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
-    return out.getvalue()
-
-
-def _png(figure: Figure) -> bytes:
-    out = io.BytesIO()
-    figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()

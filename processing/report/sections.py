@@ -1,4 +1,4 @@
-"""Section of the report on the room: its layout on the panorama, its plan, and how sure each part is."""
+"""Sections of the report on what is to be removed, on the emptied room, and on the room's shape."""
 
 from __future__ import annotations
 
@@ -18,16 +18,8 @@ from processing.report.plots import plan_plot
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import plane_map, surface_maps
 
-# Section of the report on what was found in the panorama to be removed.
-
-
 WIDTH_PX = 1200
-TINTS = {
-    "furniture": (230, 40, 40),
-    "tripod": (220, 0, 220),
-    "sunlight": (250, 210, 0),
-    "shadow": (40, 90, 240),
-}
+TINTS = {"furniture": (230, 40, 40), "tripod": (220, 0, 220), "sunlight": (250, 210, 0), "shadow": (40, 90, 240)}
 """sRGB by mask."""
 _NAMES = {
     "furniture": "furniture (red)",
@@ -78,9 +70,6 @@ def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
         inner[:-1] &= target[1:]
         out[target & ~inner] = (0, 220, 60)
     return np.asarray(np.clip(out, 0, 255), dtype=np.uint8)
-
-
-# Section of the report on the emptied room: before and after, and how sure the filling is.
 
 
 def remove_section(before: LuminanceImage, after: LuminanceImage, filled: Flags, facts: Mapping[str, Any]) -> Section:

@@ -21,9 +21,6 @@ from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED
 from station.session import strict_json
 
-# Sections of the report on what stands where, and what the room's surfaces reflect.
-
-
 METHODS = {
     "differential": "the photograph is kept, and changed only where the furniture changes its light",
     "global": "the whole room is rendered",

@@ -75,7 +75,6 @@ def shown(rgb: Floats, look: Look) -> Bytes:
 # (steps of 2 % there, 7 % five stops away) and reach 13 stops to either side, so that the page can expose it anew.
 # ``templates/encoding.js`` is the other half.
 
-
 STEP = 0.001
 """Of the natural logarithm, from a code to the next."""
 LARGEST_ERROR = math.expm1(STEP / 2)
@@ -83,7 +82,7 @@ LARGEST_ERROR = math.expm1(STEP / 2)
 LEAST = 1e-6
 """cd/m2 of code 1; what is darker is stored as this."""
 NO_VALUE = 0
-_MOST = 65535
+_MOST = 65535  # of 16 bits
 
 UNCERTAINTY_LOW, UNCERTAINTY_HIGH = 1e-4, 10.0
 """Relative standard uncertainties of the bytes 1 and 255, evenly spaced in the logarithm; 0: nothing known."""
@@ -98,12 +97,6 @@ def luminance_codes(luminance: npt.ArrayLike) -> UInt16s:
     there = np.isfinite(values) & (values > 0)
     steps = np.rint(np.log(np.where(there, values, LEAST) / LEAST) / STEP) + 1
     return np.asarray(np.where(there, np.clip(steps, 1, _MOST), NO_VALUE), dtype=np.uint16)
-
-
-def luminance_of(codes: UInt16s) -> npt.NDArray[np.float64]:
-    """Return luminance in cd/m2 of codes, of their shape; NaN where there is no value."""
-    values = LEAST * np.exp((codes.astype(np.float64) - 1) * STEP)
-    return np.where(codes == NO_VALUE, math.nan, values)
 
 
 def uncertainty_codes(relative: npt.ArrayLike) -> Bytes:
@@ -148,7 +141,7 @@ DROP = 0.12
 MIDDLE = 0.5
 """On the tone curve, of the middle code of the viewer's pictures."""
 _TALLER = VIEW_PX[1] / VIEW_PX[0] * (1 + 2 * DROP)
-_COLOURS = 256
+_COLOURS = 256  # of 8 bits
 
 
 @dataclass(frozen=True)
@@ -220,7 +213,7 @@ def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1
     image = state.image
     if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
         raise ParameterError("the viewer shows whole panoramas", where=state.name)
-    codes = picture_codes(_panorama(image.rgb, width_px), _middle(look))
+    codes = picture_codes(_panorama(image.rgb, width_px), MIDDLE / look.exposure)
     luminance = luminance_cd_m2(_map(image.rgb))
     share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
     height, width = luminance.shape
@@ -235,11 +228,6 @@ def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1
         state.file,
         state.staged,
     )
-
-
-def _middle(look: Look) -> float:
-    """Return the light of a picture's middle code: what the eye is most particular about."""
-    return MIDDLE / look.exposure
 
 
 def map_pixels(length: int, most: int) -> npt.NDArray[np.intp]:

@@ -26,7 +26,6 @@ from processing.sphere import Equirectangular
 
 # Floor polygons without what is no wall: corners on top of each other or on a straight line.
 
-
 SHORTEST_M = 0.06
 STRAIGHT_RAD = math.radians(2.0)
 
@@ -143,7 +142,7 @@ def estimate_room(
     chosen, refined = _chosen(image, evidence, ranked, columns, camera_height_m, quality)
     room = _model(refined.polygon, refined.outline, camera_height_m)
     assert room is not None
-    loss = _loss(evidence, refined)
+    loss = ClassTable(evidence).loss(refined.polygon, refined.outline.ratio)
     seen = {"overhead": overhead, "blank": facts.blank, "entropy": class_entropy(evidence)}
     found = diagnose(columns, (ranked, chosen), refined, loss=loss, **seen)
     sure = confidence_of(found)
@@ -235,10 +234,6 @@ def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomMo
         ceiling_height_m=round(height, 4),
     )
     return None if geometry_problems(room) else room
-
-
-def _loss(evidence: SceneEvidence, refined: Refined) -> float:
-    return ClassTable(evidence).loss(refined.polygon, refined.outline.ratio)
 
 
 def _note(chosen: Hypothesis, refined: Refined) -> str:

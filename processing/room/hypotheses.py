@@ -27,7 +27,6 @@ from processing.surfaces.sight import wall_ranges
 
 # Walls fitted to boundaries: all parameters of an outline at once, robustly, and what the fit is worth.
 
-
 CAP = 3.0
 """Standard deviations beyond which a column counts as unexplained."""
 BROKEN = 1e3
@@ -148,7 +147,6 @@ def _step(outline: Outline, values: Doubles, start: Doubles, scale: Doubles, col
 
 # How well a room agrees with what the pixels show: classes on floor, ceiling and walls.
 
-
 ON_FLOOR = (SceneClass.FLOOR, SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD)
 ON_CEILING = (SceneClass.CEILING, SceneClass.FIXTURE)
 ON_WALL = (SceneClass.WALL, SceneClass.WINDOW, SceneClass.DOOR, SceneClass.FURNITURE, SceneClass.FIXTURE)
@@ -256,7 +254,8 @@ def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> 
             key = _key(outline)
             if key in found:
                 continue
-            made = _hypothesis(name, outline, columns)
+            fit = fitted(outline, columns)
+            made = None if fit is None else Hypothesis(name, fit, price_of(outline))
             if made is not None:
                 found[key] = made
     found.update({(f"polygon {t}",): h for t in SIMPLIFIED if (h := _bare(columns, turned_rad, t)) is not None})
@@ -276,11 +275,6 @@ def _key(outline: Outline) -> tuple[object, ...]:
     return tuple(
         (w.kind, w.seen, round(w.normal_rad, 1), round(math.log(abs(w.distance) + 0.1), 1)) for w in outline.walls
     )
-
-
-def _hypothesis(name: str, outline: Outline, columns: Columns) -> Hypothesis | None:
-    fit = fitted(outline, columns)
-    return None if fit is None else Hypothesis(name, fit, price_of(outline))
 
 
 def price_of(outline: Outline) -> float:

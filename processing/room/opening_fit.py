@@ -25,7 +25,6 @@ from processing.segmentation.evidence import SceneClass
 
 # How well rectangles on a wall explain what is seen there (compiled).
 
-
 APART_TEXELS = 1.5
 """Outlines that are nearer to each other are one."""
 
@@ -139,7 +138,6 @@ def box_scores(wall: WallSums, recess_m: float, weights: Any, frames_m: Any, box
 
 
 # Kinds of openings, and the fit of their rectangles.
-
 
 Box = tuple[float, float, float, float]
 
@@ -317,7 +315,9 @@ def recess_cost(kind: Kind, recess_m: float) -> float:
 def fitted(field: Field, recess_m: float, start: Box, weights: Sequence[float] | None = None) -> tuple[float, Box]:
     """Return the best score and rectangle near a start: each side is moved in turn, a few times."""
     view = field.view
-    start = _kept_inside(view, start)
+    width, height = view.plane.width_m, view.plane.height_m
+    u0, v0 = max(0.0, start[0]), max(0.0, start[1])
+    start = u0, v0, min(width, max(start[2], u0 + LEAST_SIDE_M)), min(height, max(start[3], v0 + LEAST_SIDE_M))
     sides = list(start)
     step = 1 / view.px_per_m
     moves = np.arange(-math.ceil(REACH_M / step), math.ceil(REACH_M / step) + 1) * step
@@ -368,9 +368,3 @@ def brighter_inside(one: Candidate) -> float:
     if not inside.any() or not around.any():
         return 0.0
     return float(np.median(view.log_luminance[inside]) - np.median(view.log_luminance[around]))
-
-
-def _kept_inside(view: WallView, box: Box) -> Box:
-    width, height = view.plane.width_m, view.plane.height_m
-    u0, v0 = max(0.0, box[0]), max(0.0, box[1])
-    return u0, v0, min(width, max(box[2], u0 + LEAST_SIDE_M)), min(height, max(box[3], v0 + LEAST_SIDE_M))

@@ -22,7 +22,6 @@ from processing.room.columns import Columns
 # pays for every wall and is paid back by explaining columns. Exact over all divisions by dynamic programming; columns
 # that a wall does not explain (a doorway to another room, a mirror) cost a fixed amount and so may stay unexplained.
 
-
 ALONG_X, ALONG_Y, FREE = 0, 1, 2
 """Kinds of wall, in axes turned by the walls' azimuth: seen at +-90 degrees, at 0 or 180 degrees, or at any angle."""
 LEAST_COLUMNS = 3
@@ -309,11 +308,7 @@ def with_values(outline: Outline, values: Doubles) -> Outline:
     turned, log_ratio = float(values[0]), float(values[1])
     free = iter(values[2 + len(outline.walls) :])
     walls = [
-        replace(
-            wall,
-            distance=float(distance),
-            normal_rad=float(next(free)) if wall.kind == FREE else wall.normal_rad,
-        )
+        replace(wall, distance=float(distance), normal_rad=float(next(free)) if wall.kind == FREE else wall.normal_rad)
         for wall, distance in zip(outline.walls, values[2:], strict=False)
     ]
     return Outline(tuple(walls), turned, math.exp(log_ratio))

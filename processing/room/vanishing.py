@@ -24,7 +24,6 @@ from processing.sphere.views import Panorama, covering_views, cut_view
 # perspective view. The views overlap; a segment counts in the view whose axis is nearest to its middle, and nowhere
 # else.
 
-
 WIDEST_PX = 2048
 """Larger panoramas are reduced to this width by area: lines of 1/600 of the picture's width are found there."""
 VIEW_FOV_RAD = math.radians(75)

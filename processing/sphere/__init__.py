@@ -5,8 +5,7 @@ y downwards. World axes: x right, y ahead, z up (right-handed). Longitude is 0 a
 in (-pi, pi); latitude grows upwards, in (-pi/2, pi/2). docs/reference/coordinates.md states all of this,
 docs/reference/sphere.md the rest.
 
-This is the front; the parts are `sphere_geometry` (types), `sphere_lens` (radial mappings), `sphere_maps` (pixels and
-directions) and `sphere_area`, `sphere_fisheye_area` (solid angles).
+This is the front of `geometry` (types and lenses), `maps` (pixels and directions) and `area` (solid angles).
 """
 
 from __future__ import annotations

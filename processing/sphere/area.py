@@ -92,10 +92,7 @@ def _rim_solid(lens: Fisheye) -> Callable[[Doubles], Doubles]:
 
 
 def _cells(
-    lens: Fisheye,
-    integral: Integral,
-    rim: Callable[[Doubles], Doubles],
-    normal: tuple[float, float, float] | None,
+    lens: Fisheye, integral: Integral, rim: Callable[[Doubles], Doubles], normal: tuple[float, float, float] | None
 ) -> Doubles:
     """Return all cells' integrals: inside by Gauss's rule where the picture is large, else and at the rim by edges."""
     out = np.zeros((lens.height_px, lens.width_px))
@@ -157,7 +154,7 @@ def _line(lens: Fisheye, fixed: Doubles, start: Doubles, end: Doubles, integral:
     chord = np.sqrt(np.maximum(1 - fixed * fixed, 0.0))
     safe = np.where(chord > 0, chord, 1.0)
     a0, a1 = (np.where(chord > 0, np.arcsin(np.clip(t / safe, -1.0, 1.0)), 0.0) for t in (start, end))
-    nodes, weights = np.polynomial.legendre.leggauss(_order(lens.radius_px))
+    nodes, weights = np.polynomial.legendre.leggauss(48 if lens.radius_px < 4 else 16 if lens.radius_px < 64 else 6)
     total = np.zeros_like(a0)
     for node, weight in zip(nodes, weights, strict=True):
         a = (a0 + a1) / 2 + (a1 - a0) / 2 * node
@@ -171,10 +168,6 @@ def _line(lens: Fisheye, fixed: Doubles, start: Doubles, end: Doubles, integral:
 
 def _relative(distance_px: npt.NDArray[Any], lens: Fisheye) -> Doubles:
     return np.asarray(distance_px / lens.radius_px, dtype=np.float64)
-
-
-def _order(radius_px: float) -> int:
-    return 48 if radius_px < 4 else 16 if radius_px < 64 else 6
 
 
 def _add_arcs(lens: Fisheye, out: Doubles, rim: Callable[[Doubles], Doubles]) -> None:
@@ -207,7 +200,10 @@ def solid_angles(geometry: Geometry) -> Doubles:
         rows = _row_heights(geometry) * (2 * math.pi / geometry.width_px)
         return np.repeat(rows[:, None], geometry.width_px, axis=1)
     if isinstance(geometry, Perspective):
-        return _perspective_solid_angles(geometry)
+        right, up = _grid(geometry)
+        # The solid angle of the rectangle from the axis to a corner; differences give a cell's.
+        corner = np.arctan2(np.outer(up, right), np.sqrt(1 + up[:, None] ** 2 + right[None, :] ** 2))
+        return -np.diff(np.diff(corner, axis=0), axis=1)
     return fisheye_solid_angles(geometry)
 
 
@@ -257,13 +253,6 @@ def _grid(view: Perspective) -> tuple[Doubles, Doubles]:
     right = (np.arange(view.width_px + 1) - view.width_px / 2) / view.focal_px
     up = (view.height_px / 2 - np.arange(view.height_px + 1)) / view.focal_px
     return np.asarray(right, dtype=np.float64), np.asarray(up, dtype=np.float64)
-
-
-def _perspective_solid_angles(view: Perspective) -> Doubles:
-    right, up = _grid(view)
-    # The solid angle of the rectangle from the axis to a corner; differences give a cell's.
-    corner = np.arctan2(np.outer(up, right), np.sqrt(1 + up[:, None] ** 2 + right[None, :] ** 2))
-    return -np.diff(np.diff(corner, axis=0), axis=1)
 
 
 def _perspective_projected(view: Perspective, n: Doubles) -> Doubles:

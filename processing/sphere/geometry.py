@@ -163,7 +163,6 @@ def _check_polynomial(mapping: LensMapping, coefficients: tuple[float, ...]) -> 
 # Radii are relative (1 at ``half_field_rad``). Angles are handed on as sine and cosine, because an orthographic lens's
 # angle near 90 degrees is known far worse than its sine.
 
-
 FIELD_TOLERANCE_RAD = 1e-9
 """A direction computed to lie on the field's edge is inside it."""
 TABLE_SIZE = 257  # start of Newton's steps; chosen
@@ -256,11 +255,7 @@ def inverse_polynomial(lens: Fisheye, share: Doubles) -> Doubles:
     return np.asarray(radius)
 
 
-KINDS: dict[str, type[Geometry]] = {
-    "equirectangular": Equirectangular,
-    "perspective": Perspective,
-    "fisheye": Fisheye,
-}
+KINDS: dict[str, type[Geometry]] = {"equirectangular": Equirectangular, "perspective": Perspective, "fisheye": Fisheye}
 
 
 def geometry_to_json(geometry: Geometry) -> dict[str, object]:

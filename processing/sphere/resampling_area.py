@@ -132,8 +132,7 @@ def _by_intervals(
     down = _overlaps(_caps(target.height_px), _caps(source.height_px))
     shift = (target.yaw_rad - source.yaw_rad) / (2 * math.pi) % 1.0
     twice = _overlaps(
-        np.arange(target.width_px + 1) / target.width_px + shift,
-        np.arange(2 * source.width_px + 1) / source.width_px,
+        np.arange(target.width_px + 1) / target.width_px + shift, np.arange(2 * source.width_px + 1) / source.width_px
     )
     across = twice[:, : source.width_px] + twice[:, source.width_px :]
     light = np.empty((target.height_px, target.width_px, picture.shape[2]))

@@ -21,7 +21,6 @@ from processing.sphere import Equirectangular, Perspective, pixels, point_direct
 #
 # The two angles are found by a polynomial of our own, fitted once: good to 1e-10 rad, which is 1e-7 pixel.
 
-
 _FOLD = math.tan(math.pi / 8)  # arctan is fitted up to here, and folded above
 
 
@@ -129,11 +128,6 @@ class MapCache:
         self._held: OrderedDict[object, CutMap | StitchMap] = OrderedDict()
         self._bytes = 0
         self._lock = threading.Lock()
-
-    @property
-    def held_bytes(self) -> int:
-        """Return what the maps take."""
-        return self._bytes
 
     def get(self, key: object, make: Callable[[], CutMap | StitchMap]) -> CutMap | StitchMap:
         """Return the map of a key, made where it is not there."""

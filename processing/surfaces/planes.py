@@ -10,9 +10,6 @@ import numpy.typing as npt
 from processing.ground.arrays import Doubles
 from processing.ground.room_model import RoomModel
 
-# A flat surface of a room with its own axes.
-
-
 FLOOR, CEILING, FIRST_WALL = 0, 1, 2
 """Indices of planes; wall i of the room is plane FIRST_WALL + i."""
 
@@ -57,39 +54,14 @@ def planes_of(room: RoomModel) -> tuple[Plane, ...]:
     A wall's texture begins at its *second* corner: seen from inside, walls run from right to left, as the floor's
     corners are counter-clockwise. A place that is s metres along wall i from corner i has u = width_m - s.
     """
-    floor = np.asarray(room.floor, dtype=np.float64)
-    walls = (_wall(floor, i, room.ceiling_height_m) for i in range(len(floor)))
-    return (_floor(floor), _ceiling(floor, room.ceiling_height_m), *walls)
-
-
-def _floor(corners: Doubles) -> Plane:
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    return Plane(
-        index=FLOOR,
-        name="floor",
-        origin_m=np.array([low[0], high[1], 0.0]),
-        u_axis=np.array([1.0, 0.0, 0.0]),
-        v_axis=np.array([0.0, -1.0, 0.0]),
-        normal=np.array([0.0, 0.0, 1.0]),
-        width_m=float(high[0] - low[0]),
-        height_m=float(high[1] - low[1]),
-        outline_m=np.stack([corners[:, 0] - low[0], high[1] - corners[:, 1]], axis=-1),
-    )
-
-
-def _ceiling(corners: Doubles, ceiling_height_m: float) -> Plane:
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    return Plane(
-        index=CEILING,
-        name="ceiling",
-        origin_m=np.array([low[0], low[1], ceiling_height_m]),
-        u_axis=np.array([1.0, 0.0, 0.0]),
-        v_axis=np.array([0.0, 1.0, 0.0]),
-        normal=np.array([0.0, 0.0, -1.0]),
-        width_m=float(high[0] - low[0]),
-        height_m=float(high[1] - low[1]),
-        outline_m=corners - low,
-    )
+    corners, top = np.asarray(room.floor, dtype=np.float64), room.ceiling_height_m
+    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+    right, ahead, up = np.eye(3)
+    back, down, size = 0.0 - ahead, 0.0 - up, (float(x1 - x0), float(y1 - y0))
+    below = np.stack([corners[:, 0] - x0, y1 - corners[:, 1]], axis=-1)
+    floor = Plane(FLOOR, "floor", np.array([x0, y1, 0.0]), right, back, up, *size, below)
+    ceiling = Plane(CEILING, "ceiling", np.array([x0, y0, top]), right, ahead, down, *size, corners - [x0, y0])
+    return (floor, ceiling, *(_wall(corners, wall, top) for wall in range(len(corners))))
 
 
 def _wall(corners: Doubles, wall: int, ceiling_height_m: float) -> Plane:
@@ -105,7 +77,5 @@ def _wall(corners: Doubles, wall: int, ceiling_height_m: float) -> Plane:
         normal=np.array([-along[1], along[0], 0.0]),
         width_m=length,
         height_m=ceiling_height_m,
-        outline_m=np.array(
-            [[0.0, 0.0], [length, 0.0], [length, ceiling_height_m], [0.0, ceiling_height_m]], dtype=np.float64
-        ),
+        outline_m=np.array([[0.0, 0.0], [length, 0.0], [length, ceiling_height_m], [0.0, ceiling_height_m]]),
     )

@@ -13,7 +13,6 @@ from processing.surfaces.planes import planes_of
 
 # How a patch of sun differs from its surface in the shade: by brightness, hardly by colour. Furniture does by both.
 
-
 LEAST_RATIO = 1.8
 """Of sunlit to shaded luminance of one surface, below which it is no direct sun."""
 RED_IN_SUN, BLUE_IN_SUN = (-0.25, 1.0), (-2.5, 0.3)

@@ -17,9 +17,6 @@ from processing.surfaces.maps import plane_map
 from processing.surfaces.planes import FIRST_WALL, Plane
 from processing.surfaces.sight import check_stands, in_sight
 
-# Compiled resampling between a panorama and a plane.
-
-
 MOST_FINE = 8
 """Samples across a texel or pixel: finer detail than that is lost to aliasing, which is then below 1 in 64."""
 LEAST_KNOWN = 0.5
@@ -206,9 +203,6 @@ def _wrapped(texture: _Rectified, index: int, seen: _Seen, out: Any) -> None:
             count += 1
         for c in range(values.shape[2]):
             out[p, c] = sums[c] / max(count, 1)
-
-
-# Textures.
 
 
 MOST_TEXELS = 64_000_000

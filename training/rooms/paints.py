@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from mocks.rooms.finish import draw_finish
-from mocks.rooms.materials import picture_material
-from mocks.rooms.model import Material, Use
+from mocks.rooms.model import Texture, Use
 from mocks.rooms.textures.catalogue import tile
 from processing.ground.arrays import Doubles, Floats, Int32s
+from training.rooms.pictures import draw_picture, picture_tile
 from training.rooms.soup import Paint
 
 SIDE = 128
@@ -56,14 +56,15 @@ def make_bank(count: int = 60, seed: int = 5) -> list[Tile]:
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         finish = draw_finish(rng, uses[k % len(uses)])
-        chosen: list[tuple[str, Material]] = [("floor", finish.floor)]
+        chosen: list[tuple[str, Texture | None]] = [("floor", finish.floor.texture)]
         if k % 3 == 0:
-            chosen += [("rug", finish.rug), ("picture", picture_material(rng)), ("cloth", finish.bedding)]
+            chosen += [("rug", finish.rug.texture), ("picture", draw_picture(rng)), ("cloth", finish.bedding.texture)]
         if k % 4 == 0:
-            chosen += [("wood", finish.wood), ("cloth", finish.fabric), ("wall", finish.accent_wall)]
-        for group, material in chosen:
-            if material.texture is not None:
-                made = tile(material.texture)
+            chosen += [("wood", finish.wood.texture), ("cloth", finish.fabric.texture)]
+            chosen += [("wall", finish.accent_wall.texture)]
+        for group, texture in chosen:
+            if texture is not None:
+                made = picture_tile(texture) if group == "picture" else tile(texture)
                 found.append(_made(group, np.asarray(made.albedo, np.float32), made.size_m))
     return found + [plain_tile(np.random.default_rng([seed, 999, k])) for k in range(40)]
 

@@ -11,11 +11,6 @@ EYE_M = 1.5
 """Pictures hang with their middle about here."""
 
 
-def rug_fits(floor_name: str) -> bool:
-    """Return whether one would lay a rug on this floor."""
-    return "carpet" not in floor_name
-
-
 def picture_over(a: Arrangement, below: Item) -> None:
     """Hang a picture, or two side by side, over a piece of furniture."""
     h = a.draw(0.4, 0.8)
@@ -117,8 +112,8 @@ def on_the_floor(a: Arrangement, toys: bool) -> None:
 def rug_under(
     a: Arrangement, x: float, y: float, size: tuple[float, float], turn_rad: float, floor_name: str
 ) -> Item | None:
-    """Lay a rug with its middle at a place; smaller ones are tried where it does not fit."""
-    if not rug_fits(floor_name):
+    """Lay a rug with its middle at a place, on no carpet; smaller ones are tried where it does not fit."""
+    if "carpet" in floor_name:
         return None
     for scale in (1.0, 0.85, 0.7):
         w, d = round(size[0] * scale, 3), round(size[1] * scale, 3)

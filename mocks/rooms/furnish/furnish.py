@@ -16,7 +16,6 @@ from mocks.rooms.model import Finish, Item, Plan, Role, Use
 
 # Fill large rooms as people do: a second place to eat or work, more along the walls, pictures where they are bare.
 
-
 PLAIN_M2 = 11.0
 """Rooms up to this size have enough without."""
 PIECE_M2 = 5.0
@@ -107,7 +106,12 @@ def furnish(plan: Plan, finish: Finish, rng: np.random.Generator) -> tuple[Item,
         items = _furnished(plan, RECIPES[use], finish, rng)
         if items is not None:
             return items
-    return _bare(plan, rng)
+    room = Arrangement(plan, rng)
+    _stand_tripod(room)
+    for _ in range(20):
+        if _stand_board(room):
+            break
+    return tuple(room.items)
 
 
 def _furnished(
@@ -123,16 +127,6 @@ def _furnished(
     fill(room, finish)
     items = tuple(room.items)
     return None if check_items(plan, items) else items
-
-
-def _bare(plan: Plan, rng: np.random.Generator) -> tuple[Item, ...]:
-    """Return the equipment alone."""
-    room = Arrangement(plan, rng)
-    _stand_tripod(room)
-    for _ in range(20):
-        if _stand_board(room):
-            break
-    return tuple(room.items)
 
 
 def _stand_tripod(room: Arrangement) -> None:

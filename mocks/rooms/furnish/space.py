@@ -46,14 +46,9 @@ class Arrangement:
         return bool(self.rng.random() < probability)
 
     def item(
-        self,
-        kind: str,
-        size_m: Vector,
-        at: Vector,
-        turn_rad: float = 0.0,
-        options: Options = (),
+        self, kind: str, size_m: Vector, at: Vector, turn_rad: float = 0.0, options: Options = (),
         role: Role = Role.FURNITURE,
-    ) -> Item:
+    ) -> Item:  # fmt: skip
         """Return a new item, not yet placed."""
         seed = int(self.rng.integers(1, 2**31))
         return Item(kind, role, len(self.items) + 1, at, size_m, turn_rad, seed, options)
@@ -111,16 +106,10 @@ class Arrangement:
             yield self.plan.on_wall(wall, along, away_m + size_m[1] / 2), math.atan2(inward[0], -inward[1])
 
     def against_wall(
-        self,
-        kind: str,
-        size_m: Vector,
-        score: Score | None = None,
-        options: Options = (),
-        front_m: float = 0.0,
-        role: Role = Role.FURNITURE,
+        self, kind: str, size_m: Vector, score: Score | None = None, front_m: float = 0.0, role: Role = Role.FURNITURE
     ) -> Item | None:
         """Place something with its back to a wall, at the place of the best score; keep ``front_m`` before it free."""
-        model = self.item(kind, size_m, (0.0, 0.0, 0.0), 0.0, options, role)
+        model = self.item(kind, size_m, (0.0, 0.0, 0.0), role=role)
         found = []
         for (x, y), turn in self.wall_places(size_m):
             item = replace(model, position_m=(x, y, 0.0), turn_rad=turn)
@@ -135,9 +124,9 @@ class Arrangement:
             self.keep_free(placed, front_m)
         return placed
 
-    def hang(self, kind: str, size_m: Vector, low_m: float, role: Role = Role.CLUTTER) -> Item | None:
+    def hang(self, kind: str, size_m: Vector, low_m: float) -> Item | None:
         """Hang something on any free wall."""
-        model = self.item(kind, size_m, (0.0, 0.0, low_m), 0.0, (), role)
+        model = self.item(kind, size_m, (0.0, 0.0, low_m), role=Role.CLUTTER)
         for (x, y), turn in self.wall_places(size_m, low_m, 10, HANGING_GAP_M):
             placed = self.add(replace(model, position_m=(x, y, low_m), turn_rad=turn))
             if placed:
@@ -170,13 +159,7 @@ class Arrangement:
         return False
 
     def put_on(
-        self,
-        support: Item,
-        kind: str,
-        size_m: Vector,
-        options: Options = (),
-        at: Point | None = None,
-        turn_rad: float | None = None,
+        self, support: Item, kind: str, size_m: Vector, at: Point | None = None, turn_rad: float | None = None
     ) -> Item | None:
         """Put something on top of an item, at ``at`` (fractions of its half width and depth) or anywhere on it."""
         z = support.position_m[2] + support.size_m[2]
@@ -189,25 +172,17 @@ class Arrangement:
             u, v = at or (float(self.rng.uniform(-1, 1)), float(self.rng.uniform(-1, 1)))
             x, y = beside(support, u * w * round_top, v * d * round_top)
             turn = support.turn_rad + (float(self.rng.normal(0, 0.15)) if turn_rad is None else turn_rad)
-            placed = self.add(self.item(kind, size_m, (x, y, z), turn, options, Role.CLUTTER))
+            placed = self.add(self.item(kind, size_m, (x, y, z), turn, role=Role.CLUTTER))
             if placed or at:
                 return placed
         return None
 
-    def on_floor(
-        self,
-        kind: str,
-        size_m: Vector,
-        tries: int = 25,
-        edge_m: float = 0.35,
-        options: Options = (),
-        role: Role = Role.CLUTTER,
-    ) -> Item | None:
+    def on_floor(self, kind: str, size_m: Vector, edge_m: float = 0.35, role: Role = Role.CLUTTER) -> Item | None:
         """Put something on the floor, near a wall or a piece of furniture rather than in the middle."""
         x0, y0, x1, y1 = Polygon(self.plan.polygon).bounds
-        model = self.item(kind, size_m, (0.0, 0.0, 0.0), 0.0, options, role)
+        model = self.item(kind, size_m, (0.0, 0.0, 0.0), role=role)
         edge = Polygon(self.plan.polygon).exterior
-        for _ in range(tries):
+        for _ in range(25):
             x, y = self.draw(x0, x1), self.draw(y0, y1)
             item = replace(model, position_m=(x, y, 0.0), turn_rad=self.draw(0.0, 6.28))
             near = edge.distance(footprint(item)) < edge_m

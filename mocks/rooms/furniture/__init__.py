@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,65 +15,38 @@ _CHANCE = 7301
 """Sets these generators apart from all others of the same seed."""
 
 
-@dataclass(frozen=True)
-class Model:
-    """How a kind is built, and the name of its ADE20K class ("" for none)."""
-
-    build: Callable[[Build], None]
-    ade: str
-
-
-MODELS: dict[str, Model] = {
-    "bed": Model(soft.bed, "bed"),
-    "nightstand": Model(cases.nightstand, "table"),
-    "wardrobe": Model(cases.wardrobe, "wardrobe"),
-    "chest of drawers": Model(cases.chest_of_drawers, "chest of drawers"),
-    "cabinet": Model(cases.cabinet, "cabinet"),
-    "bookcase": Model(cases.bookcase, "bookcase"),
-    "wall shelf": Model(cases.wall_shelf, "shelf"),
-    "sofa": Model(soft.sofa, "sofa"),
-    "armchair": Model(soft.sofa, "armchair"),
-    "ottoman": Model(soft.ottoman, "ottoman"),
-    "chair": Model(soft.chair, "chair"),
-    "swivel chair": Model(soft.swivel_chair, "swivel chair"),
-    "dining table": Model(cases.dining_table, "table"),
-    "coffee table": Model(cases.coffee_table, "coffee table"),
-    "desk": Model(cases.desk, "desk"),
-    "floor lamp": Model(devices.floor_lamp, "lamp"),
-    "table lamp": Model(devices.table_lamp, "lamp"),
-    "television": Model(devices.television, "television"),
-    "monitor": Model(devices.monitor, "monitor"),
-    "laptop": Model(devices.laptop, "computer"),
-    "keyboard": Model(devices.keyboard, "computer"),
-    "vase": Model(small.vase, "vase"),
-    "bottle": Model(small.bottle, "bottle"),
-    "bowl": Model(small.bowl, "plate"),
-    "mug": Model(small.mug, "glass"),
-    "box": Model(small.carton, "box"),
-    "basket": Model(small.basket, "basket"),
-    "toy blocks": Model(small.toy_blocks, "plaything"),
-    "toy ball": Model(small.toy_ball, "ball"),
-    "books": Model(cases.books, "book"),
-    "plant": Model(small.plant, "plant"),
-    "picture": Model(small.picture, "painting"),
-    "wall clock": Model(small.wall_clock, "clock"),
-    "rug": Model(soft.rug, "rug"),
-    "cushion": Model(soft.cushion, "cushion"),
-    "blanket": Model(soft.blanket, "blanket"),
-    "tripod": Model(devices.tripod, ""),
-    "meter board": Model(devices.meter_board, ""),
-}
-"""Every kind of item."""
+MODELS: dict[str, tuple[Callable[[Build], None], str]] = {
+    "bed": (soft.bed, "bed"), "nightstand": (cases.nightstand, "table"),
+    "wardrobe": (cases.wardrobe, "wardrobe"),
+    "chest of drawers": (cases.chest_of_drawers, "chest of drawers"), "cabinet": (cases.cabinet, "cabinet"),
+    "bookcase": (cases.bookcase, "bookcase"), "wall shelf": (cases.wall_shelf, "shelf"),
+    "sofa": (soft.sofa, "sofa"), "armchair": (soft.sofa, "armchair"),
+    "ottoman": (soft.ottoman, "ottoman"), "chair": (soft.chair, "chair"),
+    "swivel chair": (soft.swivel_chair, "swivel chair"), "dining table": (cases.dining_table, "table"),
+    "coffee table": (cases.coffee_table, "coffee table"), "desk": (cases.desk, "desk"),
+    "floor lamp": (devices.floor_lamp, "lamp"), "table lamp": (devices.table_lamp, "lamp"),
+    "television": (devices.television, "television"), "monitor": (devices.monitor, "monitor"),
+    "laptop": (devices.laptop, "computer"), "keyboard": (devices.keyboard, "computer"),
+    "vase": (small.vase, "vase"), "bottle": (small.bottle, "bottle"), "bowl": (small.bowl, "plate"),
+    "mug": (small.mug, "glass"), "box": (small.carton, "box"), "basket": (small.basket, "basket"),
+    "toy blocks": (small.toy_blocks, "plaything"), "toy ball": (small.toy_ball, "ball"),
+    "books": (cases.books, "book"), "plant": (small.plant, "plant"),
+    "picture": (small.picture, "painting"), "wall clock": (small.wall_clock, "clock"),
+    "rug": (soft.rug, "rug"), "cushion": (soft.cushion, "cushion"),
+    "blanket": (soft.blanket, "blanket"), "tripod": (devices.tripod, ""),
+    "meter board": (devices.meter_board, ""),
+}  # fmt: skip
+"""Every kind of item: how it is built, and the name of its ADE20K class ("" for none)."""
 
 
 def item_parts(item: Item, finish: Finish) -> list[Part]:
     """Return the meshes of an item in world coordinates, one part for each of its materials and classes."""
-    model = MODELS[item.kind]
+    make, usual_ade = MODELS[item.kind]
     build = Build(item, finish, np.random.default_rng([item.seed, _CHANCE]))
-    model.build(build)
+    make(build)
     groups: dict[tuple[Material, str], list[Mesh]] = {}
     for mesh, material, ade in build.pieces:
-        groups.setdefault((material, ade or model.ade), []).append(mesh)
+        groups.setdefault((material, ade or usual_ade), []).append(mesh)
     return [
         Part(merge(meshes), material, item.kind, ADE20K[ade] if ade else NO_CLASS, item.role, item.instance).placed(
             item.position_m, item.turn_rad

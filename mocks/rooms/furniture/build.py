@@ -25,6 +25,8 @@ WHITE_PLASTIC = Material("white plastic", (0.74, 0.74, 0.72), roughness=0.35)
 SCREEN = Material("screen", (0.012, 0.012, 0.014), roughness=0.12)
 PAGES = Material("paper", (0.76, 0.73, 0.64))
 SOIL = Material("soil", (0.055, 0.038, 0.025))
+CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
+"""Signs of x and y of the four corners."""
 SHADE = Material("lampshade", (0.76, 0.71, 0.60))
 
 
@@ -58,9 +60,9 @@ class Build:
             mesh = replace(mesh, uv=mesh.uv + self.rng.uniform(0.0, 2.0, 2))
         self.pieces.append((mesh, material, ade))
 
-    def block(self, low: Vector, high: Vector, material: Material, radius_m: float = 0.003, ade: str = "") -> None:
+    def block(self, low: Vector, high: Vector, material: Material, radius_m: float = 0.003) -> None:
         """Add a block with slightly rounded edges."""
-        self.add(rounded_box(low, high, radius_m), material, ade)
+        self.add(rounded_box(low, high, radius_m), material)
 
     def bar(self, start: Vector, end: Vector, width_m: float, thickness_m: float, material: Material) -> None:
         """Add a straight bar."""
@@ -85,10 +87,9 @@ class Build:
         """Return one of the materials, by chance."""
         return materials[int(self.rng.integers(len(materials)))]
 
-    def legs(self, inset_m: float, height_m: float, thick_m: float, material: Material, splay_m: float = 0.0) -> None:
+    def legs(self, inset_m: float, height_m: float, thick_m: float, material: Material) -> None:
         """Add four square legs from the floor up to a height."""
         w, d, _ = self.size
-        for sx in (-1, 1):
-            for sy in (-1, 1):
-                x, y = sx * (w / 2 - inset_m), sy * (d / 2 - inset_m)
-                self.bar((x + sx * splay_m, y + sy * splay_m, 0.0), (x, y, height_m), thick_m, thick_m, material)
+        for sx, sy in CORNERS:
+            x, y = sx * (w / 2 - inset_m), sy * (d / 2 - inset_m)
+            self.bar((x, y, 0.0), (x, y, height_m), thick_m, thick_m, material)

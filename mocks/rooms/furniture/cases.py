@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocks.rooms.furniture.build import CERAMIC, PAGES, PAPER, Build
+from mocks.rooms.furniture.build import CERAMIC, CORNERS, PAGES, PAPER, Build
 from mocks.rooms.model import Material
 from processing.ground.mesh import Mesh, box, merge, moved, turned
 from processing.ground.shapes import ball, cylinder, lathe, rounded_box, tube
@@ -105,10 +105,9 @@ def _stand(b: Build, height: float) -> None:
         b.block((-w / 2 + 0.01, -d / 2 + 0.05, 0.0), (w / 2 - 0.01, d / 2 - 0.01, height), b.finish.lacquer)
         return
     leg = b.pick(b.finish.wood, b.finish.metal)
-    for sx in (-1, 1):
-        for sy in (-1, 1):
-            x, y = sx * (w / 2 - 0.06), sy * (d / 2 - 0.06)
-            b.leg((x + sx * 0.02, y + sy * 0.02, 0.0), (x, y, height + 0.005), 0.010, 0.017, leg)
+    for sx, sy in CORNERS:
+        x, y = sx * (w / 2 - 0.06), sy * (d / 2 - 0.06)
+        b.leg((x + sx * 0.02, y + sy * 0.02, 0.0), (x, y, height + 0.005), 0.010, 0.017, leg)
 
 
 def _fronts_material(b: Build, body: Material) -> Material:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mocks.rooms.furniture.build import BLACK_PLASTIC, CERAMIC, SCREEN, SHADE, WHITE_PLASTIC, Build
+from mocks.rooms.furniture.build import BLACK_PLASTIC, CERAMIC, CORNERS, SCREEN, SHADE, WHITE_PLASTIC, Build
 from mocks.rooms.model import Material
 from processing.ground.mesh import moved, turned
 from processing.ground.shapes import ball, cylinder, lathe, rounded_box, tube
@@ -112,10 +112,9 @@ def television(b: Build) -> None:
     b.block((-w / 2, -0.012, low), (w / 2, 0.018, h), BLACK_PLASTIC, 0.004)
     b.block((-w / 2 + 0.008, -0.0135, low + 0.014), (w / 2 - 0.008, -0.008, h - 0.008), SCREEN, 0.001)
     b.block((-w * 0.3, 0.015, low + 0.05), (w * 0.3, 0.045, h - 0.25), BLACK_PLASTIC, 0.01)
-    for side in (-1, 1):
-        for end in (-1, 1):
-            foot = (side * w * 0.36, end * (d / 2 - 0.01), 0.004)
-            b.bar(foot, (side * w * 0.35, 0.003, low + 0.01), 0.02, 0.008, BLACK_PLASTIC)
+    for side, end in CORNERS:
+        foot = (side * w * 0.36, end * (d / 2 - 0.01), 0.004)
+        b.bar(foot, (side * w * 0.35, 0.003, low + 0.01), 0.02, 0.008, BLACK_PLASTIC)
 
 
 def monitor(b: Build) -> None:

@@ -322,11 +322,11 @@ def _tree(b: Build, radius: float, soil: float) -> None:
             b.add(_aimed(mesh, 0.25 + 0.6 * t, k * 2.39996 + stem, place), green)
 
 
-def leaf(length_m: float, width_m: float, bend_rad: float, fold: float = 0.25, cells: int = 5) -> Mesh:
+def leaf(length_m: float, width_m: float, bend_rad: float, fold: float = 0.25) -> Mesh:
     """Return a leaf that grows from the origin along y, rising first and drooping by ``bend_rad`` over its length."""
-    t = np.linspace(0.0, 1.0, cells + 1)
+    t = np.linspace(0.0, 1.0, 6)
     angle = -bend_rad * t
-    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (length_m / cells)
+    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (length_m / 5)
     line = np.concatenate([np.zeros((1, 2)), np.cumsum(step[:-1], axis=0)])
     half = width_m / 2 * np.maximum(np.sin(math.pi * np.clip(t, 0.02, 0.985) ** 0.75), 0.03)
     across = np.array([-1.0, 0.0, 1.0])
@@ -337,11 +337,11 @@ def leaf(length_m: float, width_m: float, bend_rad: float, fold: float = 0.25, c
     return sheet(surface, 0.0012)
 
 
-def blade(length_m: float, width_m: float, lean_rad: float, bend_rad: float, cells: int = 6) -> Mesh:
+def blade(length_m: float, width_m: float, lean_rad: float, bend_rad: float) -> Mesh:
     """Return an upright sword leaf: wide in the middle, pointed, leaning and bending towards y."""
-    t = np.linspace(0.0, 1.0, cells + 1)
+    t = np.linspace(0.0, 1.0, 7)
     angle = math.pi / 2 - lean_rad - bend_rad * t
-    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (length_m / cells)
+    step = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (length_m / 6)
     line = np.concatenate([np.zeros((1, 2)), np.cumsum(step[:-1], axis=0)])
     half = width_m / 2 * np.clip(np.minimum(0.55 + t, (1.0 - t) * 2.2), 0.03, 1.0)
     x = half[:, None] * np.array([-1.0, 0.0, 1.0])

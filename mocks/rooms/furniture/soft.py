@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mocks.rooms.furniture.build import BLACK_PLASTIC, Build
+from mocks.rooms.furniture.build import BLACK_PLASTIC, CORNERS, Build
 from mocks.rooms.model import Material
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Doubles
@@ -182,10 +182,9 @@ def _cushions(b: Build, fabric: Material, arm: float, base: float) -> None:
 def _feet(b: Build, height: float, design: int) -> None:
     w, d, _ = b.size
     material = b.pick(b.finish.wood, b.finish.metal) if design != 1 else BLACK_PLASTIC
-    for sx in (-1, 1):
-        for sy in (-1, 1):
-            x, y = sx * (w / 2 - 0.10), sy * (d / 2 - 0.10)
-            b.leg((x + sx * 0.03, y + sy * 0.03, 0.0), (x, y, height + 0.01), 0.014, 0.024, material)
+    for sx, sy in CORNERS:
+        x, y = sx * (w / 2 - 0.10), sy * (d / 2 - 0.10)
+        b.leg((x + sx * 0.03, y + sy * 0.03, 0.0), (x, y, height + 0.01), 0.014, 0.024, material)
 
 
 def ottoman(b: Build) -> None:
@@ -244,10 +243,9 @@ def _shell(b: Build) -> None:
     from_below = np.stack([x, y, z], axis=-1)
     b.add(sheet(from_below.transpose(1, 0, 2), 0.010), shell)
     leg = b.pick(b.finish.wood, b.finish.metal)
-    for sx in (-1, 1):
-        for sy in (-1, 1):
-            foot, top = (sx * (w / 2 - 0.015), sy * (d / 2 - 0.02), 0.0), (sx * 0.12, sy * 0.13, SEAT_M - 0.03)
-            b.leg(foot, top, 0.010, 0.015, leg)
+    for sx, sy in CORNERS:
+        foot, top = (sx * (w / 2 - 0.015), sy * (d / 2 - 0.02), 0.0), (sx * 0.12, sy * 0.13, SEAT_M - 0.03)
+        b.leg(foot, top, 0.010, 0.015, leg)
     for sy in (-1, 1):
         b.add(tube([(-0.13, sy * 0.13, SEAT_M - 0.045), (0.13, sy * 0.13, SEAT_M - 0.045)], 0.009, 8), leg)
 
@@ -260,11 +258,10 @@ def _upholstered(b: Build) -> None:
     tall = h - SEAT_M + 0.04
     back = pad((-w / 2 + 0.01, -0.03, 0.0), (w / 2 - 0.01, 0.03, tall - 0.01), 0.028, 0.008)
     b.add(moved(turned(back, (1, 0, 0), -0.13), (0, d / 2 - 0.115, SEAT_M - 0.03)), cloth)
-    for sx in (-1, 1):
-        for sy in (-1, 1):
-            x, y = sx * (w / 2 - 0.05), sy * (d / 2 - 0.06) - 0.02 * (sy > 0)
-            foot = (x + sx * 0.02, y + sy * 0.03, 0.0)
-            b.leg(foot, (x, y, SEAT_M - 0.05), 0.010, 0.018, leg)
+    for sx, sy in CORNERS:
+        x, y = sx * (w / 2 - 0.05), sy * (d / 2 - 0.06) - 0.02 * (sy > 0)
+        foot = (x + sx * 0.02, y + sy * 0.03, 0.0)
+        b.leg(foot, (x, y, SEAT_M - 0.05), 0.010, 0.018, leg)
 
 
 def swivel_chair(b: Build) -> None:

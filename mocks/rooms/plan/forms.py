@@ -49,7 +49,8 @@ def draw_outline(rng: np.random.Generator, use: Use) -> Outline:
     elif form == "t":
         outline = _notched(rng, area, two=True)
     elif form == "cut corner":
-        outline = _cut_corner(rng, width, depth)
+        a, b = (float(v) for v in rng.uniform(0.7, 1.5, 2))
+        outline = Outline(((0.0, 0.0), (width, 0.0), (width, depth - b), (width - a, depth), (0.0, depth)))
     elif form == "slanted wall":
         slope = float(rng.uniform(0.12, 0.35)) * depth
         outline = Outline(((0.0, 0.0), (width, 0.0), (width, depth - slope / 2), (0.0, depth + slope / 2)))
@@ -148,11 +149,6 @@ def _notched(rng: np.random.Generator, area_m2: float, two: bool) -> Outline:
     return Outline(tuple(right + left))
 
 
-def _cut_corner(rng: np.random.Generator, w: float, d: float) -> Outline:
-    a, b = (float(v) for v in rng.uniform(0.7, 1.5, 2))
-    return Outline(((0.0, 0.0), (w, 0.0), (w, d - b), (w - a, d), (0.0, d)))
-
-
 def _bay(rng: np.random.Generator, w: float, d: float) -> Outline:
     """Return a rectangle with a bay of three facets on its long side."""
     span = float(rng.uniform(2.4, max(2.5, min(3.4, w - 0.6))))
@@ -229,23 +225,15 @@ def fixture_span(fixture: Fixture) -> WallSpan:
     return WallSpan(fixture.start_m, fixture.start_m + fixture.width_m, fixture.bottom_m, top_m)
 
 
-def taken_spans(plan: Plan, wall: int, flush_too: bool = False) -> list[WallSpan]:
-    """Return what windows, doors (with their trim) and fixtures take of a wall.
-
-    ``flush_too`` counts sockets and switches as well, which matters for pictures and not for cupboards.
-    """
-    openings = [opening_span(o) for o in openings_of(plan, wall)]
-    fixtures = [fixture_span(f) for f in plan.fixtures if f.wall == wall and (flush_too or f.depth_m >= FLUSH_M)]
-    return openings + fixtures
-
-
 def free_spans(plan: Plan, wall: int, flush_too: bool = False) -> list[WallSpan]:
     """Return the largest free rectangles of a wall, widest first. They overlap: each cannot grow to any side.
 
     A sofa fits below a window where a span with ``bottom_m`` 0 is wide and high enough; a picture hangs in any.
     """
     length = plan.wall_length_m(wall)
-    taken = taken_spans(plan, wall, flush_too)
+    openings = [opening_span(o) for o in openings_of(plan, wall)]
+    fixtures = [fixture_span(f) for f in plan.fixtures if f.wall == wall and (flush_too or f.depth_m >= FLUSH_M)]
+    taken = openings + fixtures
     rows = _ticks([t for s in taken for t in (s.bottom_m, s.top_m)], plan.height_m)
     found: list[WallSpan] = []
     for i, bottom in enumerate(rows):

@@ -172,13 +172,7 @@ PIER_M = 0.3
 STYLES = ("standard", "wide", "tall", "french", "high")
 STYLE_SHARES = (0.42, 0.2, 0.13, 0.17, 0.08)
 WIDTHS_M = {"standard": (0.8, 1.5), "wide": (1.5, 3.6), "tall": (0.55, 0.9), "french": (0.8, 2.4), "high": (0.9, 1.8)}
-SILLS_M = {
-    "standard": (0.78, 1.0),
-    "wide": (0.4, 0.92),
-    "tall": (0.3, 0.6),
-    "french": (0.0, 0.0),
-    "high": (1.0, 1.1),
-}
+SILLS_M = {"standard": (0.78, 1.0), "wide": (0.4, 0.92), "tall": (0.3, 0.6), "french": (0.0, 0.0), "high": (1.0, 1.1)}
 MOST_WINDOWS = 4
 LEAST_GLAZING = 0.09
 """Window area per floor area; building codes ask for about a tenth to an eighth."""

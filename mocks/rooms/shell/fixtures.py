@@ -105,13 +105,7 @@ def _pendant(
     high, narrow = (0.22, radius) if choice < 0.7 else (0.2, radius * 0.35)
     wall = 0.003
     shade = lathe(
-        [
-            (radius - wall, low),
-            (radius, low),
-            (narrow, low + high),
-            (narrow - wall, low + high),
-            (radius - wall, low),
-        ],
+        [(radius - wall, low), (radius, low), (narrow, low + high), (narrow - wall, low + high), (radius - wall, low)],
         40,
     )
     return ([(shade, SHADE, 0.0), bulb], []) if choice < 0.7 else ([bulb], [(shade, SHADE)])
@@ -347,10 +341,7 @@ def _sockets(fixture: Fixture, finish: Finish) -> list[Part]:
         for side in (-0.0095, 0.0095):
             at = (x + side, y, z)
             dark.append(turned(cylinder(at, 0.0028, 0.0018, sides=10), (1.0, 0.0, 0.0), -math.pi / 2, at))
-    return [
-        part_of(white, PLASTIC, "socket", role=Role.FIXTURE),
-        part_of(dark, DARK, "socket", role=Role.FIXTURE),
-    ]
+    return [part_of(white, PLASTIC, "socket", role=Role.FIXTURE), part_of(dark, DARK, "socket", role=Role.FIXTURE)]
 
 
 def _switch(fixture: Fixture, finish: Finish) -> list[Part]:

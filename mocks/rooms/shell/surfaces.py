@@ -21,11 +21,7 @@ from processing.ground.mesh import Mesh, merge
 
 
 def part_of(
-    meshes: Mesh | Iterable[Mesh],
-    material: Material,
-    surface: str,
-    ade: str = "wall",
-    role: Role = Role.SHELL,
+    meshes: Mesh | Iterable[Mesh], material: Material, surface: str, ade: str = "wall", role: Role = Role.SHELL
 ) -> Part:
     """Return one part of the meshes; ``ade`` is the name of its class."""
     mesh = meshes if isinstance(meshes, Mesh) else merge(meshes)

@@ -100,34 +100,12 @@ class Coat:
 
 @dataclass(frozen=True)
 class Backdrop:
-    """The band: ``layers`` (ROWS, COLUMNS, 9) hold albedo, normal, mirror, haze and coverage."""
+    """The band: ``layers`` (ROWS, COLUMNS, 9) hold albedo (3), unit normal (3), mirror, haze and coverage, 0 to 1.
+
+    Mirror is the share of the sky's light near the horizon that is mirrored, haze that of air light before the surface.
+    """
 
     layers: Floats
-
-    @property
-    def albedo(self) -> Floats:
-        """Diffuse albedo (H, W, 3), 0 to 1."""
-        return self.layers[..., 0:3]
-
-    @property
-    def normal(self) -> Floats:
-        """Unit normals (H, W, 3) in room axes."""
-        return self.layers[..., 3:6]
-
-    @property
-    def mirror(self) -> Floats:
-        """Share (H, W) of the sky's light near the horizon that is mirrored."""
-        return self.layers[..., 6:7]
-
-    @property
-    def haze(self) -> Floats:
-        """Share (H, W) of air light before the surface."""
-        return self.layers[..., 7:8]
-
-    @property
-    def coverage(self) -> Floats:
-        """How much of each pixel (H, W) is skyline, 0 to 1."""
-        return self.layers[..., 8:9]
 
     def put(self, row: int, column: int, alpha: Reals, coat: Coat) -> None:
         """Lay a patch over the band, wrapping around; ``alpha`` (H, W) is its coverage, 0 to 1."""

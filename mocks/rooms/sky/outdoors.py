@@ -259,17 +259,18 @@ def _lawn_and_street(x: Floats, y: Floats, footprint: Floats, surroundings: Surr
 @lru_cache(maxsize=2)
 def _lit_band(seed: int, eye_height_m: float, light: Ambient, component: Component) -> tuple[Halves, ...]:
     """Return the skyline's radiance times coverage, and coverage, (H, W, 4), at ever coarser levels."""
-    painted = backdrop.paint(seed, eye_height_m)
+    layers = backdrop.paint(seed, eye_height_m).layers
+    albedo, normal, mirror, haze, coverage = np.split(layers, (3, 6, 7, 8), axis=-1)
     lit = light.lit(component)
-    received = lit.irradiance(painted.normal)
+    received = lit.irradiance(normal)
     if component == "sun":
-        facing = np.maximum(painted.normal @ np.array(light.sun_direction, np.float32), 0)
+        facing = np.maximum(normal @ np.array(light.sun_direction, np.float32), 0)
         received = received + facing[..., None] * np.array(light.beam, np.float32)
     air = np.array(lit.air, np.float32)
-    radiance = painted.albedo * received / np.float32(math.pi) + painted.mirror * air
-    radiance += painted.haze * (air - radiance)
+    radiance = albedo * received / np.float32(math.pi) + mirror * air
+    radiance += haze * (air - radiance)
     radiance = np.minimum(radiance, np.float32(6e4))
-    level = np.concatenate([radiance * painted.coverage, painted.coverage], axis=-1)
+    level = np.concatenate([radiance * coverage, coverage], axis=-1)
     levels = [level]
     while len(levels) < 6:
         rows, columns = levels[-1].shape[:2]

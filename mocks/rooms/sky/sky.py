@@ -62,13 +62,6 @@ def _edge(seed: int, cover: float) -> float:
     return float(np.quantile(cloud_height(seed, x, y, footprint), 1 - cover)) - 0.16
 
 
-def overcast_relief(seed: int, directions: Floats, pixel_rad: float) -> Floats:
-    """Return the undulation (N,) of a closed cloud deck in directions (N, 3), around 0, about -1..1."""
-    x, y, footprint = _on_layer(directions, pixel_rad)
-    bend = fractal(seed + 1, x * np.float32(0.4), y * np.float32(0.4), footprint, 2)
-    return fractal(seed, x * np.float32(0.5) + bend, y * np.float32(0.9), footprint, 5)
-
-
 def _on_layer(directions: Floats, pixel_rad: float) -> tuple[Floats, Floats, Floats]:
     """Return where directions meet the layer, and how large a pixel is there, in heights of the layer."""
     z = np.maximum(directions[..., 2], np.float32(0))
@@ -234,7 +227,9 @@ class Sky:
         )
         if self.kind == "overcast":
             if self.cloud_cover > 0:
-                relief = overcast_relief(self.seed, directions, pixel_rad)
+                x, y, footprint = _on_layer(directions, pixel_rad)
+                bend = fractal(self.seed + 1, x * np.float32(0.4), y * np.float32(0.4), footprint, 2)
+                relief = fractal(self.seed, x * np.float32(0.5) + bend, y * np.float32(0.9), footprint, 5)
                 luminance = luminance * (1 + np.float32(0.16 * self.cloud_cover) * relief)
             return daylight.daylight(OVERCAST_K) * luminance[..., None]
         air = daylight.clear_sky(luminance)

@@ -14,46 +14,25 @@ import cv2
 import numpy as np
 
 from mocks.rooms.model import Texture
-from mocks.rooms.textures import cloth, pictures, tiles, wood
+from mocks.rooms.textures import cloth, tiles, wood
 from mocks.rooms.textures.base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, with_mean
 from mocks.worlds.hdr_world import MipTexture
 from mocks.worlds.light import Vector
 
 _ONE_TONE: dict[str, Callable[[Texture], Tile]] = {
-    "planks": wood.planks,
-    "veneer": wood.veneer,
-    "laminate": wood.laminate,
-    "herringbone": wood.herringbone,
-    "blocks": wood.blocks,
-    "concrete": tiles.concrete,
-    "paint": tiles.paint,
-    "plaster": tiles.plaster,
-    "carpet loop": cloth.carpet_loop,
-    "carpet pile": cloth.carpet_pile,
-    "woven": cloth.woven,
-    "boucle": cloth.boucle,
-    "knit": cloth.knit,
-    "leather": cloth.leather,
-    "rattan": cloth.rattan,
-}
+    "planks": wood.planks, "veneer": wood.veneer, "laminate": wood.laminate, "herringbone": wood.herringbone,
+    "blocks": wood.blocks, "concrete": tiles.concrete, "paint": tiles.paint, "plaster": tiles.plaster,
+    "carpet loop": cloth.carpet_loop, "carpet pile": cloth.carpet_pile, "woven": cloth.woven, "boucle": cloth.boucle,
+    "knit": cloth.knit, "leather": cloth.leather,
+}  # fmt: skip
 _PATTERNED: dict[str, Callable[[Texture], Tile]] = {
-    "tiles": tiles.tiles,
-    "hexagons": tiles.hexagons,
-    "terrazzo": tiles.terrazzo,
-    "striped": cloth.striped,
-    "wallpaper stripes": tiles.wallpaper_stripes,
-    "wallpaper motifs": tiles.wallpaper_motifs,
-    "wallpaper damask": tiles.wallpaper_damask,
-    "rug medallions": cloth.medallions,
-    "rug lozenges": cloth.lozenges,
+    "tiles": tiles.tiles, "hexagons": tiles.hexagons, "terrazzo": tiles.terrazzo, "striped": cloth.striped,
+    "wallpaper stripes": tiles.wallpaper_stripes, "wallpaper motifs": tiles.wallpaper_motifs,
+    "wallpaper damask": tiles.wallpaper_damask, "rug medallions": cloth.medallions, "rug lozenges": cloth.lozenges,
     "rug bands": cloth.bands,
-    "picture fields": pictures.fields,
-    "picture hills": pictures.hills,
-    "picture shapes": pictures.shapes,
-    "picture leaves": pictures.leaves,
-}
+}  # fmt: skip
 KINDS = (*_ONE_TONE, *_PATTERNED)
-"""All kinds of pattern. The mean of those up to rattan is their first colour; the others have several colours."""
+"""All kinds of pattern. The mean of those up to leather is their first colour; the others have several colours."""
 
 
 def tile(texture: Texture) -> Tile:

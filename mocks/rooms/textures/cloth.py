@@ -1,4 +1,4 @@
-"""Carpets, cloths, leather and rattan, and rugs: knotted ornaments that repeat without a border.
+"""Carpets, cloths, leather, and rugs: knotted ornaments that repeat without a border.
 
 First colour: the whole; a second, where used, is mixed in thread by thread; of rugs the field, then the ornaments'.
 """
@@ -140,21 +140,6 @@ def leather(texture: Texture) -> Tile:
     creases = np.exp(-6 * np.abs(_grains(rng, 2.5))) + np.float32(0.6) * np.exp(-10 * np.abs(clouds(rng, _GRID, 16, 3)))
     tone = 1 - np.float32(0.10) * creases + np.float32(0.025) * clouds(rng, _GRID, 8, 3)
     return Tile(toned(np.clip(tone, 0.4, 1.4).astype(np.float32), texture.colours[0], 0.3), (0.8, 0.8))
-
-
-def rattan(texture: Texture) -> Tile:
-    """Return a basket's weave: strands of 8 mm over and under stakes. Options: strand_m."""
-    rng = generator(texture.seed)
-    size_m = 0.48
-    stakes, strands = 16, 2 * max(4, round(size_m / texture.option("strand_m", 0.008) / 2))
-    u, v = centres(_PIXELS, stakes)[None, :], centres(_PIXELS, strands)[:, None]
-    strand = v.astype(np.int32)
-    bulge = np.sin(math.pi * (v - strand))
-    lift = 0.5 + 0.5 * np.cos(2 * math.pi * (u / 2 + 0.5 * (strand % 2)))
-    tint = rng.normal(1, 0.10, strands).astype(np.float32)[strand]
-    fibres = np.float32(0.05) * noise(rng, _GRID, (_PIXELS, 16))
-    tone = tint * (0.25 + 0.85 * bulge**0.6 * (0.35 + 0.65 * lift)) + fibres
-    return Tile(toned(np.clip(tone.astype(np.float32), 0.15, 1.5), texture.colours[0], 0.25), (size_m, size_m))
 
 
 _CELL = 384

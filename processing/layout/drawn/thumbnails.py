@@ -20,7 +20,7 @@ GROUND = np.array([0.86, 0.85, 0.835])
 """Linear colour of the ground."""
 SUPER = 2
 """Pixels are drawn this much finer and averaged; each of the finer ones sees another share of the lights."""
-EXPOSURE = 0.86
+EXPOSURE = 0.86  # chosen by eye, as said above
 FIELD_RAD = math.radians(24.0)
 MARGIN = 0.86
 """Share of the picture that the furniture's bounds fill at most."""
@@ -29,6 +29,7 @@ KEY = np.array([-0.62, 0.50, 0.72])
 KEY_SPREAD = 0.22
 """Tangent of half the window's angle."""
 DOME_LIGHTS, KEY_LIGHTS = 48, 32
+FROM_THE_RIGHT_RAD, ELEVATION_RAD = -0.62, 0.30
 LIFT_M = 0.004
 """Shadow rays begin this far above a surface."""
 
@@ -49,11 +50,7 @@ class Surface(NamedTuple):
 
 
 def preview(
-    model: FurnitureModel | Sequence[Part],
-    *,
-    size_px: tuple[int, int] = (480, 480),
-    azimuth_rad: float = 0.6,
-    elevation_rad: float = 0.30,
+    model: FurnitureModel | Sequence[Part], *, size_px: tuple[int, int] = (480, 480), azimuth_rad: float = 0.6
 ) -> Image.Image:
     """Return a picture seen from the front (+y), the camera going round to the left (-x) by `azimuth_rad`.
 
@@ -64,7 +61,7 @@ def preview(
     low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     scene = _embree(triangles)
     columns, rows = size_px[0] * SUPER, size_px[1] * SUPER
-    eye, rays, focal_px = _camera((low, high), (columns, rows), azimuth_rad, elevation_rad)
+    eye, rays, focal_px = _camera((low, high), (columns, rows), azimuth_rad, ELEVATION_RAD)
     found = scene.run(
         np.tile(eye.astype(np.float32), (len(rays), 1)), rays.astype(np.float32), query="INTERSECT", output=True
     )
@@ -239,11 +236,9 @@ def _base(material: Material, uv: Doubles, grain_m: float) -> Doubles:
     return colours
 
 
-def model_sheet(
-    models: Sequence[FurnitureModel], *, columns: int = 0, cell_px: int = 300, azimuth_rad: float = -0.62
-) -> Image.Image:
+def model_sheet(models: Sequence[FurnitureModel], *, cell_px: int = 300) -> Image.Image:
     """Return pictures of models in rows, each with its name and its size in centimetres."""
-    columns = columns or max(1, min(len(models), round(math.sqrt(1.6 * len(models)))))
+    columns = max(1, min(len(models), round(math.sqrt(1.6 * len(models)))))
     rows = math.ceil(len(models) / columns)
     text_px = round(0.15 * cell_px)
     sheet = Image.new("RGB", (columns * cell_px, rows * (cell_px + text_px)), PAPER)
@@ -251,7 +246,7 @@ def model_sheet(
     name_font, size_font = ImageFont.load_default(0.052 * cell_px), ImageFont.load_default(0.042 * cell_px)
     for number, model in enumerate(models):
         x, y = number % columns * cell_px, number // columns * (cell_px + text_px)
-        sheet.paste(preview(model, size_px=(cell_px, cell_px), azimuth_rad=azimuth_rad), (x, y))
+        sheet.paste(preview(model, size_px=(cell_px, cell_px), azimuth_rad=FROM_THE_RIGHT_RAD), (x, y))
         middle, base = x + cell_px // 2, y + cell_px
         draw.text((middle, base + 0.01 * cell_px), model.model_id, INK, name_font, anchor="mt")
         size = " x ".join(f"{100 * v:.0f}" for v in model.size_m) + " cm"
@@ -259,9 +254,10 @@ def model_sheet(
     return sheet
 
 
-def two_sides(model: FurnitureModel, side_px: int = 640) -> Image.Image:
+def two_sides(model: FurnitureModel) -> Image.Image:
     """Return a model seen from the front and from behind, side by side."""
+    side_px = 640
     sheet = Image.new("RGB", (2 * side_px, side_px), PAPER)
-    for number, azimuth_rad in enumerate((-0.62, 2.45)):
+    for number, azimuth_rad in enumerate((FROM_THE_RIGHT_RAD, 2.45)):
         sheet.paste(preview(model, size_px=(side_px, side_px), azimuth_rad=azimuth_rad), (number * side_px, 0))
     return sheet

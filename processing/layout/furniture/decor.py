@@ -193,9 +193,6 @@ def _leaf(long: float, wide: float, droop: float) -> Solid:
     return sheets(np.stack([x, y, z + thick], -1), np.stack([x, y, z - thick], -1))
 
 
-# The rug: a woven pattern and fringes.
-
-
 FRINGE_M = 0.05
 
 

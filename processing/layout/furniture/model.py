@@ -6,7 +6,6 @@ width, +y to the front, z up, metres. Triangles wind counter-clockwise seen from
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Literal, TypeAlias
@@ -93,18 +92,13 @@ class FurnitureModel:
 
     def bounds(self) -> tuple[Floats, Floats]:
         """Return the lowest and highest corner, each of shape (3,), metres."""
-        return bounds_of([part.vertices for part in self.parts])
-
-
-def bounds_of(sets: Sequence[Floats]) -> tuple[Floats, Floats]:
-    """Return the lowest and highest corner, each of shape (3,), of several sets of points (N, 3) in metres."""
-    low = np.min([v.min(axis=0) for v in sets], axis=0)
-    high = np.max([v.max(axis=0) for v in sets], axis=0)
-    return low, high
+        sets = [part.vertices for part in self.parts]
+        low = np.min([v.min(axis=0) for v in sets], axis=0)
+        high = np.max([v.max(axis=0) for v in sets], axis=0)
+        return low, high
 
 
 # Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, leather.
-
 
 SIDE = 384
 WOOD_M = (0.40, 1.20)
@@ -231,10 +225,6 @@ def _leather(name: str, colour: Colour) -> Material:
     return Material(name, (1.0, 1.0, 1.0), 0.42, texture=leather(colour), texture_m=LEATHER_M)
 
 
-def _paint(name: str, colour: Colour) -> Material:
-    return Material(name, colour, 0.45)
-
-
 BLACK_STEEL = Material("black steel", (0.03, 0.03, 0.032), 0.45)
 BRASS = Material("brass", (0.78, 0.56, 0.26), 0.28, 1.0)
 NICKEL = Material("nickel", (0.62, 0.60, 0.57), 0.30, 1.0)
@@ -265,7 +255,7 @@ def _walnut() -> Style:
 
 @lru_cache(maxsize=1)
 def _white() -> Style:
-    white = _paint("white lacquer", (0.76, 0.75, 0.72))
+    white = Material("white lacquer", (0.76, 0.75, 0.72), 0.45)
     birch = _wood("birch", (0.64, 0.50, 0.33), 0.55)
     return Style(
         "white", white, white, birch, _cloth("cotton, blue", (0.115, 0.19, 0.315)),

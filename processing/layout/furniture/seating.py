@@ -1,4 +1,4 @@
-"""Chairs: the dining chair and the desk chair."""
+"""Seats: the sofa, the armchair with a wooden frame, the dining chair and the desk chair."""
 
 from __future__ import annotations
 
@@ -22,9 +22,6 @@ from processing.layout.furniture.solids import (
     tube,
     turned_piece,
 )
-
-# Upholstered seats: the sofa, and the armchair with a wooden frame.
-
 
 LEG_M = 0.13
 SEAT_M = 0.43

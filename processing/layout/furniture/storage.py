@@ -1,4 +1,4 @@
-"""Cases with doors and drawers: nightstand, chest, wardrobe, TV stand."""
+"""Cases with doors and drawers: nightstand, chest, wardrobe, TV stand; the bookshelf and what stands in it."""
 
 from __future__ import annotations
 
@@ -190,9 +190,6 @@ def _slatted(b: Bench, x0: float, x1: float, z0: float, z1: float) -> None:
             b.style.front,
             grain=2,
         )
-
-
-# The bookshelf, and what stands in it.
 
 
 SHELF_BOARD_M = 0.022

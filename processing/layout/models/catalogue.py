@@ -16,68 +16,21 @@ from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model
 from processing.layout.furniture.model import STYLES, FurnitureModel, Size, style_named
 from processing.layout.items import KINDS, ItemSpec, UseZone
 
-RULES: tuple[tuple[tuple[str, ...], str], ...] = (
-    # The first rule all of whose words are in the name holds; longer descriptions go first.
-    (("kitchen",), "kitchen"),
-    (("bathroom",), "bathroom"),
-    (("bath",), "bathroom"),
-    (("toilet",), "bathroom"),
-    (("bunk",), "bunk bed"),
-    (("bedside",), "nightstand"),
-    (("nightstand",), "nightstand"),
-    (("night", "stand"), "nightstand"),
-    (("cabinet", "bed"), "nightstand"),
-    (("bed", "single"), "single bed"),
-    (("bed", "king"), "king bed"),
-    (("bed",), "bed"),
-    (("tv", "stand"), "tv stand"),
-    (("television", "cabinet"), "tv stand"),
-    (("tv", "cabinet"), "tv stand"),
-    (("television",), "tv"),
-    (("tv",), "tv"),
-    (("bookcase",), "bookshelf"),
-    (("bookshelf",), "bookshelf"),
-    (("shelves",), "bookshelf"),
-    (("shelf",), "bookshelf"),
-    (("books",), "books"),
-    (("wardrobe",), "wardrobe"),
-    (("closet",), "wardrobe"),
-    (("ottoman",), "ottoman"),
-    (("footstool",), "ottoman"),
-    (("stool",), "stool"),
-    (("bench",), "bench"),
-    (("pillow",), "pillow"),
-    (("lamp", "floor"), "floor lamp"),
-    (("lamp",), "lamp"),
-    (("desk", "chair"), "desk chair"),
-    (("office", "chair"), "desk chair"),
-    (("swivel", "chair"), "desk chair"),
-    (("armchair",), "armchair"),
-    (("lounge", "chair"), "armchair"),
-    (("lounge", "design", "chair"), "armchair"),
-    (("relax", "chair"), "armchair"),
-    (("sofa",), "sofa"),
-    (("couch",), "sofa"),
-    (("loveseat",), "sofa"),
-    (("dining", "table"), "dining table"),
-    (("coffee", "table"), "coffee table"),
-    (("tea", "table"), "coffee table"),
-    (("side", "table"), "side table"),
-    (("corner", "table"), "side table"),
-    (("desk",), "desk"),
-    (("chair",), "dining chair"),
-    (("table",), "dining table"),
-    (("sideboard",), "chest"),
-    (("dresser",), "chest"),
-    (("drawer",), "chest"),
-    (("drawers",), "chest"),
-    (("chest",), "chest"),
-    (("cupboard",), "chest"),
-    (("cabinet",), "cabinet"),
-    (("rug",), "rug"),
-    (("carpet",), "rug"),
-    (("plant",), "plant"),
-)
+RULES = (
+    # The first category one of whose names ("|" between them) has all its words in the model's; longer ones go first.
+    ("kitchen", "kitchen"), ("bathroom", "bathroom|bath|toilet"), ("bunk bed", "bunk"),
+    ("nightstand", "bedside|nightstand|night stand|cabinet bed"), ("single bed", "bed single"),
+    ("king bed", "bed king"), ("bed", "bed"), ("tv stand", "tv stand|television cabinet|tv cabinet"),
+    ("tv", "television|tv"), ("bookshelf", "bookcase|bookshelf|shelves|shelf"), ("books", "books"),
+    ("wardrobe", "wardrobe|closet"), ("ottoman", "ottoman|footstool"), ("stool", "stool"), ("bench", "bench"),
+    ("pillow", "pillow"), ("floor lamp", "lamp floor"), ("lamp", "lamp"),
+    ("desk chair", "desk chair|office chair|swivel chair"),
+    ("armchair", "armchair|lounge chair|lounge design chair|relax chair"), ("sofa", "sofa|couch|loveseat"),
+    ("dining table", "dining table"), ("coffee table", "coffee table|tea table"),
+    ("side table", "side table|corner table"), ("desk", "desk"), ("dining chair", "chair"), ("dining table", "table"),
+    ("chest", "sideboard|dresser|drawer|drawers|chest|cupboard"), ("cabinet", "cabinet"), ("rug", "rug|carpet"),
+    ("plant", "plant"),
+)  # fmt: skip
 OTHER = "other"
 APART = {"desklamp": "desk lamp", "bedside": "bedside", "nightstand": "nightstand"}
 """Words that are written as one and are two."""
@@ -91,10 +44,8 @@ def category_of(name: str) -> str:
     words |= {"plant" for word in words if word.endswith("plant")} | {
         "bed" for word in words if re.match(r"bed(with|double)", word)
     }
-    for needed, category in RULES:
-        if words.issuperset(needed):
-            return category
-    return OTHER
+    named = (category for category, names in RULES if any(words.issuperset(n.split()) for n in names.split("|")))
+    return next(named, OTHER)
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,13 @@ def check_gltf(data: bytes, where: str, max_triangles: int) -> None:
     """Raise `ModelFileError` where a file's JSON, counts, sizes or tree of nodes cannot be right."""
     document = _document(data, where)
     try:
-        _check(document, where, max_triangles)
+        for name in document.get("extensionsRequired", ()):
+            if name in COMPRESSED:
+                raise ModelFileError(f"compressed ({name})", where=where, advice="export it without compression")
+        triangles = _mesh_triangles(document, where, max_triangles)
+        total = _tree_triangles(document, triangles, where)
+        if total > max_triangles:
+            raise ModelFileError(f"{total} triangles; at most {max_triangles} are read", where=where)
     except (TypeError, KeyError, ValueError, AttributeError, IndexError, OverflowError):
         raise ModelFileError("its JSON is not glTF's", where=where, likely="a damaged file") from None
 
@@ -64,16 +70,6 @@ def _glb_json(data: bytes, where: str) -> bytes:
     if length > len(data) or 20 + chunk > len(data):
         raise ModelFileError(f"cut off: {len(data)} of {max(length, 20 + chunk)} bytes", where=where)
     return data[20 : 20 + chunk]
-
-
-def _check(document: dict[str, Any], where: str, max_triangles: int) -> None:
-    for name in document.get("extensionsRequired", ()):
-        if name in COMPRESSED:
-            raise ModelFileError(f"compressed ({name})", where=where, advice="export it without compression")
-    triangles = _mesh_triangles(document, where, max_triangles)
-    total = _tree_triangles(document, triangles, where)
-    if total > max_triangles:
-        raise ModelFileError(f"{total} triangles; at most {max_triangles} are read", where=where)
 
 
 def _mesh_triangles(document: dict[str, Any], where: str, most: int) -> list[int]:

@@ -23,14 +23,6 @@ from processing.layout.furniture.solids import rotation
 from processing.layout.models.catalogue import Catalogue
 
 
-def placed_models(arrangement: Arrangement, catalogue: Catalogue) -> list[tuple[PlacedItem, FurnitureModel]]:
-    """Return each piece with its model in its own frame, made to the piece's size.
-
-    A model that the catalogue lacks is replaced by the built-in one of the piece's category, and its notes say so.
-    """
-    return [(item, _model_of(item, catalogue)) for item in arrangement.items]
-
-
 def _model_of(item: PlacedItem, catalogue: Catalogue) -> FurnitureModel:
     try:
         return catalogue.mesh(item.model or item.category, item.size_m)
@@ -62,7 +54,7 @@ def write_model(path: Path, model: FurnitureModel) -> None:
 
 def write_arrangement(path: Path, arrangement: Arrangement, catalogue: Catalogue) -> list[FurnitureModel]:
     """Write an arrangement's furniture as GLB, one node a piece, without the room; return the models used."""
-    placed = placed_models(arrangement, catalogue)
+    placed = [(item, _model_of(item, catalogue)) for item in arrangement.items]
     _write(path, [(item.id, in_place(item, model)) for item, model in placed], [model for _, model in placed])
     return [model for _, model in placed]
 

@@ -27,22 +27,10 @@ from processing.layout.solver.units import (
 GAP_M = 0.05
 """Between a bed and its nightstands."""
 ROLES = {
-    "bed": "bed",
-    "single bed": "bed",
-    "king bed": "bed",
-    "sofa": "sofa",
-    "tv stand": "tv",
-    "tv": "tv",
-    "desk": "desk",
-    "armchair": "seat",
-    "dining table": "dining",
-    "nightstand": "night",
-    "wardrobe": "tall",
-    "bookshelf": "tall",
-    "chest": "low",
-    "coffee table": "table",
-    "rug": "rug",
-}
+    "bed": "bed", "single bed": "bed", "king bed": "bed", "sofa": "sofa", "tv stand": "tv", "tv": "tv", "desk": "desk",
+    "armchair": "seat", "dining table": "dining", "nightstand": "night", "wardrobe": "tall", "bookshelf": "tall",
+    "chest": "low", "coffee table": "table", "rug": "rug",
+}  # fmt: skip
 HUNG_TV_M = 1.0
 END_TO_WALL = -0.6
 """Bonus of a desk with an end to the wall."""

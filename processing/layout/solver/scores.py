@@ -102,7 +102,13 @@ AT_WALL_M = 0.06
 
 def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
     """Return the scores that apply to what is placed (in the frame of the floor's plan)."""
-    solid = _boxes(placed)
+    rows = [
+        (s.x_m, s.y_m, math.cos(s.theta_rad), math.sin(s.theta_rad), w / 2, d / 2)
+        for s in placed
+        for w, d, _ in [s.item.spec.size_m]
+        if not s.item.spec.is_rug and s.item.spec.base_m < HEAD_ROOM_M
+    ]
+    solid = np.array(rows, dtype=np.float64).reshape(-1, 6)
     found: dict[str, float | None] = {
         "conversation": _conversation(placed),
         "viewing": _viewing(placed),
@@ -114,7 +120,8 @@ def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
         "balance": _balance(floor, placed),
         "openness": _openness(floor, placed, solid),
         "daylight": _daylight(floor, placed),
-        "walk": _walk(floor, solid),
+        # A slim walker: 0 where 90 % of what he can stand on is in one piece, 1 where all is.
+        "walk": _ramp(share_in_one_piece(floor.samples.cells2, floor.samples.grid, SLIM_M, solid), 0.9, 1.0),
         "together": _together(placed),
     }
     return {name: round(min(1.0, max(0.0, value)), 4) for name, value in found.items() if value is not None}
@@ -264,17 +271,6 @@ def _balance(floor: Floor, placed: Sequence[Stand]) -> float | None:
     return 1 - away_m / (0.5 * math.sqrt(floor.plan.area_m2))
 
 
-def _boxes(placed: Sequence[Stand]) -> Doubles:
-    """Return (x, y, cos, sin, half width, half depth, underside) of what stands on the floor."""
-    rows = [
-        (s.x_m, s.y_m, math.cos(s.theta_rad), math.sin(s.theta_rad), w / 2, d / 2)
-        for s in placed
-        for w, d, _ in [s.item.spec.size_m]
-        if not s.item.spec.is_rug and s.item.spec.base_m < HEAD_ROOM_M
-    ]
-    return np.array(rows, dtype=np.float64).reshape(-1, 6)
-
-
 def _openness(floor: Floor, placed: Sequence[Stand], solid: Doubles) -> float:
     """Return how large a free circle is left, against the largest that furniture of this area could leave."""
     covered = sum(s.item.spec.footprint_m2 for s in placed if not s.item.spec.is_rug)
@@ -301,11 +297,6 @@ def _daylight(floor: Floor, placed: Sequence[Stand]) -> float | None:
             worst += near * _ramp(aside, width_m / 2 + 0.9, width_m / 2) * min(1.0, s.item.spec.size_m[0])
         lost += width_m * min(1.0, worst)
     return 1 - lost / total
-
-
-def _walk(floor: Floor, solid: Doubles) -> float:
-    """Return how much of the floor that a slim walker (0.4 m) can stand on is in one piece: 0 at 90 %, 1 at all."""
-    return _ramp(share_in_one_piece(floor.samples.cells2, floor.samples.grid, SLIM_M, solid), 0.9, 1.0)
 
 
 def _together(placed: Sequence[Stand]) -> float | None:

@@ -18,7 +18,7 @@ from numba import njit
 from processing.ground.arrays import Doubles, Flags, UInt64s
 from processing.layout.solver.free_sets import inside_walls
 
-WORD = 64
+WORD = 64  # bits of a word
 TOUCH_M = 0.05
 """A walker has reached a use zone when overlapping it by this much (chosen; the judge asks for the same)."""
 MOST_PATCHES = 4

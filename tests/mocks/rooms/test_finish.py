@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mocks.rooms.finish import draw_finish, draw_floor
-from mocks.rooms.materials import RENTAL, book_colours, linear, picture_material, plain, rattan, scaled, turned, veneer
+from mocks.rooms.materials import RENTAL, linear, plain, scaled, turned, veneer
 from mocks.rooms.model import Finish, Material, Use
-from mocks.rooms.textures.catalogue import mean_albedo, tile
+from mocks.rooms.textures.catalogue import tile
 
 
 def finish_of(seed: int, use: Use = Use.LIVING) -> Finish:
@@ -100,22 +100,9 @@ def test_srgb_is_decoded():
     assert scaled((0.3, 0.2, 0.1), 4.0) == pytest.approx((0.9, 0.8, 0.4))
 
 
-def test_a_picture_fills_its_frame_once():
-    picture = picture_material(np.random.default_rng(1), 0.5, 0.7)
-    assert tile(picture.texture).size_m == (0.5, 0.7)
-    assert picture.colour == pytest.approx(mean_albedo(picture.texture))
-
-
 def test_turning_twice_gives_the_pattern_back():
     wood = veneer(np.random.default_rng(1), "oak")
     assert np.array_equal(tile(turned(turned(wood)).texture).albedo, tile(wood.texture).albedo)
     assert not np.array_equal(tile(turned(wood).texture).albedo, tile(wood.texture).albedo)
     flat = plain("white", "#ffffff")
     assert turned(flat) is flat
-
-
-def test_books_and_baskets_have_colours():
-    books = book_colours(np.random.default_rng(1), 12)
-    assert len(books) == 12
-    assert len({b.colour for b in books}) > 6
-    assert rattan(np.random.default_rng(1)).texture.kind == "rattan"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.truth_files import load_truth
 from mocks.rooms.room import make_room
 from mocks.rooms.truth import (
     LIGHT,
@@ -18,7 +19,6 @@ from mocks.rooms.truth import (
     PointLight,
     TruthFileError,
     TruthPictures,
-    load_truth,
     save_truth,
 )
 from mocks.worlds.hdr_world import read_equirect

@@ -25,7 +25,7 @@ from processing.layout.items import SETS, parse_items, set_items
 from processing.layout.plan import Door, FloorPlan, Window, make_plan
 from processing.layout.rules import built_in_rules, read_rules
 from processing.layout.solver.poses import mirrored_plan
-from processing.layout.verify import Piece, verify
+from processing.layout.verify import Judge, Piece
 
 ROOM = make_plan(
     [[0, 0], [4.6, 0], [4.6, 3.9], [0, 3.4]], doors=[Door(0, 0.1, 0.95)], windows=[Window(1, 1.0, 2.6, 0.9, 2.1)]
@@ -37,7 +37,7 @@ def judged(plan: FloorPlan, one: Arrangement, rules: str) -> list[str]:
     for i in one.items:
         spec = replace(ITEMS[i.category], size_m=i.size_m, base_m=i.base_m)
         pieces.append(Piece(i.id, spec, i.t_m[0], i.t_m[1], i.theta_rad, i.group))
-    return [str(v) for v in verify(plan, pieces, built_in_rules().named(rules)).violations]
+    return [str(v) for v in Judge(plan, built_in_rules().named(rules)).judge(pieces).violations]
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -150,7 +150,7 @@ def test_bound_pieces_stand_by_their_hosts_or_are_refused_with_the_reason() -> N
 
 def test_a_nightstand_far_from_its_bed_is_a_fault() -> None:
     pieces = [Piece("bed", ITEMS["bed"], 0.75, 2.1, 0.0, "bed"), Piece("n", ITEMS["nightstand"], 4.2, 0.4, 0.0, "n")]
-    found = verify(ROOM, pieces, built_in_rules().named("tight")).violations
+    found = Judge(ROOM, built_in_rules().named("tight")).judge(pieces).violations
     assert "kept together" in {v.rule for v in found}
 
 
@@ -203,7 +203,7 @@ def test_every_ratio_of_the_papers_form_is_legal(along: float, away: float, faci
     rules = built_in_rules().named("tight")
     poses = placed_by_ratios(ROOM, items, rules, [Place("desk", edge, along, away, facing)], {})
     piece = Piece("desk", items[0].spec, *poses["desk"], "desk")
-    broken = [v for v in verify(ROOM, [piece], rules).violations if v.rule != "path"]
+    broken = [v for v in Judge(ROOM, rules).judge([piece]).violations if v.rule != "path"]
     assert not broken
 
 
@@ -222,7 +222,7 @@ def test_the_judge_sees_each_rule_broken() -> None:
         ),
     ]
     for rule, pieces in cases:
-        assert rule in {v.rule for v in verify(ROOM, pieces, rules).violations}, rule
+        assert rule in {v.rule for v in Judge(ROOM, rules).judge(pieces).violations}, rule
 
 
 def test_results_are_read_again_and_drawn(tmp_path: Path) -> None:

@@ -15,12 +15,17 @@ from processing.report.states import (
     LEAST,
     NO_VALUE,
     SHAPE,
+    STEP,
     luminance_codes,
-    luminance_of,
     packed,
     picture_codes,
     uncertainty_codes,
 )
+
+
+def luminance_of(codes: np.ndarray) -> np.ndarray:
+    """What the page reads out of codes."""
+    return np.where(codes == NO_VALUE, np.nan, LEAST * np.exp((codes.astype(np.float64) - 1) * STEP))
 
 
 def unpacked(text: str, shape: tuple[int, int], size: int) -> np.ndarray:

@@ -121,7 +121,7 @@ def test_maps_are_kept_within_bounds_and_the_oldest_go():
     for name in ("a", "b", "a", "c", "a", "b"):
         cache.get(name, maker(name))
     assert made == ["a", "b", "c", "b"]
-    assert cache.held_bytes == 800
+    assert cache._bytes == 800
     assert map_bytes(CutMap(np.zeros(50), np.zeros(1), None)) == 408
 
 

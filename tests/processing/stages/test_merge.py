@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from mocks.optics.sensor import ToneCurve
-from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.profile import CameraProfile, CameraState, RigProfile, save_profile
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord, ShutterRecord
 from processing.calibration.response.response import recover_response

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import daylit
+from benchmarks.truth_files import load_truth
 from drivers.errors import DeviceTimeoutError
 from mocks.rooms.light import light
 from mocks.rooms.room import make_room
-from mocks.rooms.truth import load_truth
 from mocks.worlds.simple_room import SimpleRoom
 from station.errors import ConditionsError, SessionExistsError
 from station.session.manifest import load_manifest

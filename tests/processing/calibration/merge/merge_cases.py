@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from mocks.optics.sensor import ToneCurve
-from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.pictures.frames import array_frame

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, expose, synthetic_bracket
 from mocks.optics.sensor import ToneCurve, TrueShutter
-from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, expose, synthetic_bracket
 from processing.errors import BracketError
 from tests.processing.calibration.merge.merge_cases import SIZE, bracket, errors, merged, true_curve
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR
 from mocks.optics.sensor import Exposure
-from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR
 from processing.calibration.merge.merge import merge
 from processing.pictures.frames import array_frame
 from processing.pictures.images import Validity, luminance_cd_m2

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, expose
+from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, expose
 from processing.calibration.merge.bracket import middle_out
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.errors import PictureFileError

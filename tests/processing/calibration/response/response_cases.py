@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from mocks.optics.sensor import ToneCurve, TrueShutter
-from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, SyntheticBracket, synthetic_bracket
 from processing.calibration.response.curve import ResponseCurve
 from processing.calibration.response.response import ResponseFit, recover_response
 from processing.calibration.response.samples import Bracket8

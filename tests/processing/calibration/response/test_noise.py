@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocks.optics.synthetic_bracket import REFERENCE_SENSOR
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.calibration.response.response import estimate_noise
 from processing.calibration.response.samples import Bracket8

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from benchmarks.photometry.synthetic_bracket import REFERENCE_SENSOR, synthetic_bracket
 from mocks.optics.sensor import ToneCurve
-from mocks.optics.synthetic_bracket import REFERENCE_SENSOR, synthetic_bracket
 from processing.calibration.response.response import ResponseFit, check_response, recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.errors import BracketError, ResponseError

@@ -6,15 +6,39 @@ Row 0, v = 0, is the picture's lower edge. The plain margin all round lets even 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
+from mocks.rooms.materials import a_seed, linear, pick
 from mocks.rooms.model import Texture
-from mocks.rooms.textures.base import Tile, clouds, generator, mixed, noise
+from mocks.rooms.textures.base import HIGHEST_ALBEDO, LOWEST_ALBEDO, Tile, clouds, generator, mixed, noise
 from processing.ground.arrays import Floats
 
 _PIXELS = 512
 _GRID = (_PIXELS, _PIXELS)
+_COLOURS = (
+    ("#f6f4ee", "#e9e2d3", "#b1584a", "#2f4a55", "#d9a441", "#8fa3a0"),
+    ("#f6f4ee", "#d9dfe2", "#e7a26a", "#6f8a95", "#3c5560", "#22333a"),
+    ("#f2efe8", "#f0dcc0", "#f6efe0", "#c98a6a", "#7a4a4a", "#3a2b35"),
+    ("#f7f6f2", "#f2ede2", "#4f6b4a", "#7d9a6a", "#2f4636", "#b9a06a"),
+    ("#fafafa", "#ececea", "#2b2b2d", "#8a8a88", "#c9c7c2", "#55565a"),
+    ("#f4f2ec", "#22304d", "#d9a441", "#e9e0cc", "#b5533c", "#6f8fa8"),
+)
+
+
+def draw_picture(rng: np.random.Generator) -> Texture:
+    """Return a picture that just fills 0.8 m x 0.6 m of texture coordinates from 0."""
+    colours = tuple(linear(c) for c in _COLOURS[int(rng.integers(len(_COLOURS)))])
+    margin = 0.015 if rng.random() < 0.4 else rng.uniform(0.06, 0.14)
+    options = (("width_m", 0.8), ("height_m", 0.6), ("margin", margin))
+    return Texture(pick(rng, tuple(_PAINTERS)), a_seed(rng), colours, options)
+
+
+def picture_tile(texture: Texture) -> Tile:
+    """Return the picture of a texture of `draw_picture`."""
+    made = _PAINTERS[texture.kind](texture)
+    return replace(made, albedo=np.clip(made.albedo, LOWEST_ALBEDO, HIGHEST_ALBEDO))
 
 
 def _size_m(texture: Texture) -> tuple[float, float]:
@@ -125,3 +149,6 @@ def leaves(texture: Texture) -> Tile:
             inside = np.clip((outline - across) * _PIXELS, 0, 1) * ((along > 0) & (along < 1))
             picture = mixed(picture, _motif(texture, pair % 2), inside.astype(np.float32))
     return _framed(texture, rng, picture)
+
+
+_PAINTERS = {"picture fields": fields, "picture hills": hills, "picture shapes": shapes, "picture leaves": leaves}
