@@ -229,6 +229,15 @@ class DetectParameters(StageParameters):
     ] = "auto"
 
 
+class LightParameters(StageParameters):
+    """What a user may say about the light that old furniture takes."""
+
+    shade: Annotated[
+        Literal["lift", "keep"],
+        Field(description="keep: pixels outside the target stay as captured, in the shade of the old furniture"),
+    ] = "lift"
+
+
 class RemoveParameters(StageParameters):
     """What a user may say about removal."""
 

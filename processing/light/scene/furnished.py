@@ -115,13 +115,13 @@ def furnished_light(
     own = large.solid & both.known & ~gone.ravel()
     sun = _sunlit(bare, large, rgb, both.with_lx, own)
     shape = (rows, 2 * rows, 3)
-    whole = (both.without_lx + sun).reshape(shape)
-    log_change = np.log(_ratio((both.with_lx + sun).reshape(shape), whole))
+    among, whole = (both.with_lx + sun).reshape(shape), (both.without_lx + sun).reshape(shape)
     maps = surface_maps(room, geometry)
     seen = (own & valid.ravel()).reshape(shape[:2]) & _on_walls(maps, room)
-    level = np.log(_ratio(*(light.reshape(shape) @ WEIGHTS for light in (both.with_lx + sun, both.without_lx + sun))))
+    level = np.log(_ratio(among @ WEIGHTS, whole @ WEIGHTS))
     gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
-    log_change = np.where(seen[..., None], log_change + gain[..., None], 0).astype(np.float32)
+    change = np.log(_ratio(among, whole)) + gain[..., None]
+    log_change = np.where(seen[..., None], change, 0).astype(np.float32)
     notes = (*notes, f"{len(parts)} stand-ins, {lamps} patches of lamps")
     return FurnishedLight(both.without_lx.reshape(shape).astype(np.float32), log_change, seen, parts, notes)
 
@@ -178,9 +178,23 @@ def _measured(
         shines = known & shell & (apparent @ WEIGHTS > LAMP_TIMES)
         exitance = np.where(shines[:, None], np.maximum(given - usual * level, 0), 0)
         albedo = _everywhere(full, np.where(shines[:, None], usual, apparent), known)
-    count = bare.patches.count
-    lit = replace(full, albedo=albedo, exitance=exitance)
-    return lit, replace(bare, albedo=albedo[:count], exitance=exitance[:count]), int(shines.sum())
+    count, area = bare.patches.count, full.patches.area_m2[:, None]
+    # As much sun as the picture shows: what holds it back besides furniture (trees, slats, sashes) no model knows.
+    shown = (np.maximum(given - albedo * (level - sun), 0) * area)[seen & sunny].sum()
+    share = min(float(shown / max((albedo * sun * area)[seen & sunny].sum(), 1e-9)), 1.0) if sunny.any() else 1.0
+    lit = _dimmed_sun(replace(full, albedo=albedo, exitance=exitance), share)
+    empty = _dimmed_sun(replace(bare, albedo=albedo[:count], exitance=exitance[:count]), share)
+    return lit, empty, int(shines.sum())
+
+
+def _dimmed_sun(stage: Stage, share: float) -> Stage:
+    """Return a stage under ``share`` of its sun."""
+    outdoors = stage.scene.outdoors
+    if outdoors.sun is None:
+        return stage
+    red, green, blue = (share * value for value in outdoors.sun.normal_illuminance_lx)
+    sun = replace(outdoors.sun, normal_illuminance_lx=(red, green, blue))
+    return stage.under(replace(outdoors, sun=sun), stage.scene.panes)
 
 
 def _everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:
@@ -306,7 +320,7 @@ def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Fla
         if far.sum() < LEAST_FAR:
             continue
         goal = float(np.median((shown + log_ratio)[far]))
-        weight = cv2.GaussianBlur(mine.astype(np.float32), (0, 0), sigma)
+        weight = np.asarray(cv2.GaussianBlur(mine.astype(np.float32), (0, 0), sigma), np.float32)
 
         def around(values: Doubles, mine: Flags = mine, weight: Floats = weight) -> Doubles:
             blurred = cv2.GaussianBlur(np.where(mine, values, 0).astype(np.float32), (0, 0), sigma)
@@ -314,7 +328,7 @@ def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Fla
 
         wanted, offered = goal - around(shown + usual), around(local)
         strong = np.abs(offered) > LEAST_LOCAL
-        part = np.where(strong, np.clip(wanted / np.where(strong, offered, 1), 0, 1), 1).astype(np.float32)
+        part = np.where(strong, np.clip(wanted / np.where(strong, offered, 1), 0, 1), 1)
         part = cv2.GaussianBlur(part, (0, 0), max(sigma / 2, 0.5))
         out[mine] = (usual + part * local)[mine]
     return out

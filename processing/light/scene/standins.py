@@ -23,20 +23,21 @@ from processing.surfaces.maps import Columns, columns_of, latitudes
 
 VOXEL_M = 0.08
 """Chosen: finer than furniture is deep, and some 50,000 voxels in a room."""
-EDGE_M = 0.25
-"""Height of a mask's lower edge where it is no foot: between that of beds and cabinets, which stand on the floor, and
-that of table tops, which the mask cuts off from their thin legs (measured: docs/measurements/emptying.md)."""
+EDGE_M, UNEVEN = 0.5, 0.25
+"""Height of the lower edge of what stands on legs: chairs and tables, whose thin legs masks leave out. A piece counts
+as such as far as this share of its columns ends above the floor; beds and cabinets end on it (fitted to six validation
+rooms: docs/measurements/emptying.md)."""
 SLAB_M = 0.12
 """Thickness that what floats has at least: table tops with their frame; chosen."""
-LOW_M = 0.45
-"""Height at which furniture that the camera looks down on ends: seats and mattresses, DIN 68935 (0.42 to 0.48 m)."""
+LOW_M = 0.6
+"""Height at which furniture that the camera looks down on ends: between seats (0.45 m) and tables (0.75 m); chosen."""
 DEPTH_M = 0.4
 """Of what is as high as the camera or higher: shelves and wardrobes have 0.3 to 0.6 m."""
 MOST_DEPTH_M = 2.2
 """No piece is deeper: the length of a bed."""
 HUNG_M = 0.1
 """Depth of what hangs on a wall; chosen."""
-FLOATS = 1.3
+FLOATS = 1.15
 """Times the distance of the feet around it, from which a column's lower edge is not on the floor; chosen."""
 AROUND_RAD = math.radians(4.0)
 """Within which those feet are looked for: half a table at 3 m."""
@@ -99,12 +100,12 @@ def _grid_of(room: RoomModel, geometry: Equirectangular) -> _Grid:
     turn = np.arctan2(x, y) / (2 * math.pi) + 0.5
     column = np.floor(turn * geometry.width_px).astype(int) % geometry.width_px
     indoors = inside(floor, np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
-    return _Grid(np.array([*low, 0.0]), height, np.hypot(x, y), column, indoors)
+    return _Grid(np.array([*low, 0.0]), np.asarray(height, np.float64), np.hypot(x, y), column, indoors)
 
 
 def _outline_of(piece: Flags, columns: Columns, room: RoomModel, geometry: Equirectangular) -> _Outline:
     rows, latitude = len(piece), latitudes(geometry)
-    used = piece.any(axis=0)
+    used = np.asarray(piece.any(axis=0), bool)
     first, last = piece.argmax(axis=0), rows - 1 - piece[::-1].argmax(axis=0)
     # The lower edge of the lowest pixel, not its middle.
     bottom = latitude[last] - math.pi / (2 * rows)
@@ -122,12 +123,14 @@ def _standing(outline: _Outline, columns: Columns, grid: _Grid, room: RoomModel)
     eye = room.camera_height_m
     reach = 2 * max(1, round(AROUND_RAD / (2 * math.pi) * len(outline.used))) + 1
     around = ndimage.minimum_filter1d(np.where(np.isfinite(outline.foot_m), outline.foot_m, 1e9), reach, mode="wrap")
-    near = np.where(outline.foot_m > FLOATS * around, around, outline.foot_m)
+    floats = outline.used & (outline.foot_m > FLOATS * around)
+    edge = EDGE_M * min(float(floats.sum() / outline.used.sum()) / UNEVEN, 1.0)
+    near = np.where(floats, around, outline.foot_m)
     near = np.where(near > 1e8, outline.foot_m[np.isfinite(outline.foot_m)].min(), near)
-    start = near * (eye - EDGE_M) / eye
+    start = near * (eye - edge) / eye
     slope = np.tan(np.clip(outline.top_rad, -1.5, 1.4))
     front = eye + start * slope
-    low = max(LOW_M, EDGE_M + SLAB_M)
+    low = max(LOW_M, edge + SLAB_M)
     room_behind = columns.range_m - start
     looked_down_on = (slope < 0) & (front > low)
     depth = np.where(looked_down_on, np.minimum((low - eye) / np.minimum(slope, -1e-6) - start, MOST_DEPTH_M), DEPTH_M)
@@ -140,7 +143,7 @@ def _standing(outline: _Outline, columns: Columns, grid: _Grid, room: RoomModel)
     sight = eye + grid.level_m * slope[at]
     limit = np.where(slope[at] >= 0, np.minimum(sight, top[at]), np.maximum(np.minimum(sight, top[at]), VOXEL_M))
     height = grid.height_m
-    return np.asarray(foot[..., None] & (height >= EDGE_M - SLAB_M) & (height <= limit[..., None]))
+    return np.asarray(foot[..., None] & (height >= edge - SLAB_M) & (height <= limit[..., None]))
 
 
 def _hung(outline: _Outline, columns: Columns, grid: _Grid, room: RoomModel) -> Flags:
