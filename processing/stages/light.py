@@ -99,6 +99,7 @@ def _write(context: StageContext, found: FurnishedLight) -> None:
             log_change=found.log_change.astype(np.float16),
             log_without_lx=np.log(np.maximum(found.without_lx, 1e-6)).astype(np.float16),
             seen=found.seen,
+            standin_m=found.standin_m.astype(np.float16),
         )
 
 

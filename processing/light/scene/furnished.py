@@ -65,6 +65,8 @@ class FurnishedLight:
     """(H, W, 3): natural logarithm of what the furniture's removal changes radiance by, guarded; 0 where unknown."""
     seen: Flags
     """(H, W): pixels that show the room's own surface, and its light among the furniture is known."""
+    standin_m: Floats
+    """(H, W): distance from the camera to the stand-in that a pixel sees; 0 where it sees none."""
     parts: tuple[Part, ...]
     notes: tuple[str, ...]
 
@@ -108,7 +110,9 @@ def furnished_light(
     eye = (0.0, 0.0, room.camera_height_m)
     geometry = Equirectangular(2 * rows, rows)
     bare = Stage.of(replace(full.scene, parts=()), effort.texel_m)
-    sight = _consistent(sight_of(full, geometry, eye), mask, gone)
+    everything = sight_of(full, geometry, eye)
+    standin_m = np.where(everything.label >= FIRST_PART, everything.distance_m, 0).astype(np.float32)
+    sight = _consistent(everything, mask, gone)
     full, bare, lamps = _measured(full, bare, rgb * valid[..., None], sight, eye, effort, seed)
     both = _both_lights(full, bare, room, rows, effort, seed)
     large = sight_of(bare, geometry, eye)
@@ -123,7 +127,8 @@ def furnished_light(
     change = np.log(_ratio(among, whole)) + gain[..., None]
     log_change = np.where(seen[..., None], change, 0).astype(np.float32)
     notes = (*notes, f"{len(parts)} stand-ins, {lamps} patches of lamps")
-    return FurnishedLight(both.without_lx.reshape(shape).astype(np.float32), log_change, seen, parts, notes)
+    without_lx = both.without_lx.reshape(shape).astype(np.float32)
+    return FurnishedLight(without_lx, log_change, seen, standin_m.reshape(shape[:2]), parts, notes)
 
 
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
