@@ -24,6 +24,7 @@ from processing.sphere.resampling import linear_samples
 from processing.surfaces.maps import surface_maps
 
 BAND_ROWS = 256
+"""Rows that are lifted at once; chosen, 40 MB at full size."""
 LIFT_DOUBT = 0.25
 """Share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)."""
 REACHES_PX = (1.0, 4.0, 16.0, 64.0)

@@ -10,7 +10,7 @@ import numpy as np
 from processing.ground.arrays import Flags
 from processing.ground.room_model import OpeningKind
 from processing.ground.seam import share_of_sphere
-from processing.light.scene.furnished import FurnishedLight, furnished_light
+from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light
 from processing.light.scene.standins import standins_of
 from processing.light.solver.irradiance import Effort
 from processing.removal.lift import Shade
@@ -73,7 +73,9 @@ def run(context: StageContext) -> StageOutput:
     parts = standins_of(room, furniture)
     context.progress(0.3, "light with and without furniture")
     rows = min(work.rows, image.rgb.shape[0])
-    found = furnished_light(image, room, outdoors, furniture, parts, target=target, rows=rows, effort=work.effort)
+    found = furnished_light(
+        image, room, outdoors, OldFurniture(furniture, target, parts), rows=rows, effort=work.effort
+    )
     _write(context, found)
     return _output(found, source, warnings)
 
@@ -116,6 +118,7 @@ def read_shade(context: StageContext) -> Shade | None:
 
 
 UNKNOWN_LX = 1e-5
+"""Chosen: ten times what is written for a place of unknown light."""
 
 
 def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOutput:

@@ -71,14 +71,23 @@ class FurnishedLight:
     notes: tuple[str, ...]
 
 
+class OldFurniture(NamedTuple):
+    """What stands in the room and is to go."""
+
+    mask: Flags
+    """(H, W), of the panorama."""
+    target: Flags
+    """(H, W): all that is to be removed: furniture, shadows, equipment, sunlight."""
+    parts: tuple[Part, ...]
+    """Stand-ins for it, in the world."""
+
+
 def furnished_light(
     panorama: LuminanceImage,
     room: RoomModel,
     outdoors: Outdoors | None,
-    furniture: Flags,
-    parts: tuple[Part, ...],
+    old: OldFurniture,
     *,
-    target: Flags,
     reveal_m: float = REVEAL_M,
     rows: int = 256,
     effort: Effort,
@@ -92,8 +101,6 @@ def furnished_light(
         The furnished room, upright, equirectangular, in cd/m2.
     outdoors
         The light outside at the same moment; None: the windows light as they look from inside.
-    furniture, target
-        (H, W) bool, of the panorama's size: what the ``parts`` stand for, and all that is to be removed.
     rows
         Height of the pictures returned.
 
@@ -104,9 +111,9 @@ def furnished_light(
     RoomError
         The room cannot stand.
     """
-    rgb, valid = brought_to(panorama, rows, target & ~furniture)
-    mask, gone = _reduced(furniture, rows), _reduced(target, rows)
-    full, _, notes = lit_stage(room, outdoors, rgb, valid & ~mask, reveal_m, effort.texel_m, parts)
+    rgb, valid = brought_to(panorama, rows, old.target & ~old.mask)
+    mask, gone = _reduced(old.mask, rows), _reduced(old.target, rows)
+    full, _, notes = lit_stage(room, outdoors, rgb, valid & ~mask, reveal_m, effort.texel_m, old.parts)
     eye = (0.0, 0.0, room.camera_height_m)
     geometry = Equirectangular(2 * rows, rows)
     bare = Stage.of(replace(full.scene, parts=()), effort.texel_m)
@@ -126,9 +133,9 @@ def furnished_light(
     gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
     change = np.log(_ratio(among, whole)) + gain[..., None]
     log_change = np.where(seen[..., None], change, 0).astype(np.float32)
-    notes = (*notes, f"{len(parts)} stand-ins, {lamps} patches of lamps")
+    notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
     without_lx = both.without_lx.reshape(shape).astype(np.float32)
-    return FurnishedLight(without_lx, log_change, seen, standin_m.reshape(shape[:2]), parts, notes)
+    return FurnishedLight(without_lx, log_change, seen, standin_m.reshape(shape[:2]), old.parts, notes)
 
 
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)

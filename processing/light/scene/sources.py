@@ -41,6 +41,7 @@ LEAST_PIXELS = 24
 ABOVE_HORIZON = 0.02
 """Sine of the elevation above which the outdoor picture is compared."""
 CELL_M = 0.04
+"""Of a pane; chosen, as wide as sashes are."""
 CLEAR_FROM, CLEAR_TO, CLEAR_COLOUR = 0.8, 1.25, 0.25
 """Of what clear glass would show, between which a cell before the sky is clear, and by how much (natural logarithm) its
 colour may differ: sunlit slats and curtains are brighter than the sky, others are not of its colour (measured in three

@@ -10,7 +10,7 @@ import pytest
 
 from processing.ground.arrays import Flags, Floats
 from processing.light.picture.render import render
-from processing.light.scene.furnished import FurnishedLight, furnished_light, guarded
+from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light, guarded
 from processing.light.scene.scene import Part
 from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
 from processing.light.solver.irradiance import Effort
@@ -53,9 +53,8 @@ def pictured(parts: tuple[Part, ...]) -> tuple[LuminanceImage, Flags]:
 
 
 def light_of(picture: LuminanceImage, furniture: Flags, parts: tuple[Part, ...]) -> FurnishedLight:
-    return furnished_light(
-        picture, box_room(), uniform_sky(4000.0), furniture, parts, target=furniture, rows=ROWS, effort=WORK
-    )
+    old = OldFurniture(furniture, furniture, parts)
+    return furnished_light(picture, box_room(), uniform_sky(4000.0), old, rows=ROWS, effort=WORK)
 
 
 @pytest.fixture(scope="module")
