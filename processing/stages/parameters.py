@@ -233,9 +233,11 @@ class LightParameters(StageParameters):
     """What a user may say about the light that old furniture takes."""
 
     shade: Annotated[
-        Literal["lift", "keep"],
-        Field(description="keep: pixels outside the target stay as captured, in the shade of the old furniture"),
-    ] = "lift"
+        Literal["auto", "lift", "keep"],
+        Field(
+            description="The old furniture's shade on what stays; auto: lifted where the light of the windows is known"
+        ),
+    ] = "auto"
 
 
 class RemoveParameters(StageParameters):

@@ -65,6 +65,14 @@ def test_it_is_skipped_with_a_reason(tmp_path: Path) -> None:
     assert "no window" in str(nothing_to_lift(context(tmp_path, room=blind)))
 
 
+def test_clipped_windows_without_a_sky_are_no_light_to_reckon_with(tmp_path: Path) -> None:
+    image = picture()
+    image.validity[image.rgb[..., 0] == 2000.0] = Validity.CLIPPED
+    assert "clipped" in str(nothing_to_lift(context(tmp_path, indoor=image)))
+    assert nothing_to_lift(context(tmp_path, LightParameters(shade="lift"), indoor=image)) is None
+    assert nothing_to_lift(context(tmp_path, indoor=image, outdoor=image)) is None
+
+
 def test_a_given_target_counts_as_furniture(tmp_path: Path) -> None:
     assert nothing_to_lift(context(tmp_path, furniture=None)) is None
     assert "less than" in str(nothing_to_lift(context(tmp_path, furniture=None, tripod=furniture())))
