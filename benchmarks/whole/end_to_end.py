@@ -20,7 +20,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -91,10 +91,17 @@ def rig_profile(seed: int) -> Path:
     return path
 
 
-def rows_of(profile: Path, seed: int, *, quick: bool) -> list[dict[str, Any]]:
-    """Return a row a room; rows of an earlier run of the same code are read again, but not in a quick run."""
+def rows_of(
+    profile: Path, seed: int, *, quick: bool, rooms: int | None = None, options: Mapping[str, object] | None = None
+) -> list[dict[str, Any]]:
+    """Return a row a room; rows of an earlier run of the same code are read again, but not in a quick run.
+
+    ``rooms``: fewer than usual; ``options``: of `daylit process`, besides the benchmark's own.
+    """
     count, divisor = (QUICK_ROOMS, QUICK_DIVISOR) if quick else (FULL_ROOMS, FULL_DIVISOR)
-    path = default_folder().parent / f"end-to-end-rows-{seed}-{_digest('processing', 'mocks')}.jsonl"
+    count, asked = rooms or count, dict(options or {})
+    named = "".join(f"-{flag.strip('-')}-{value}" for flag, value in asked.items())
+    path = default_folder().parent / f"end-to-end-rows-{seed}{named}-{_digest('processing', 'mocks')}.jsonl"
     known: dict[str, dict[str, Any]] = {}
     if path.is_file() and not quick:
         known = {row["key"]: row for row in map(json.loads, path.read_text("utf-8").splitlines())}
@@ -107,7 +114,7 @@ def rows_of(profile: Path, seed: int, *, quick: bool) -> list[dict[str, Any]]:
                 print(f"{len(known)} of {count} rooms are done; run again to go on", file=sys.stderr)
                 break
             try:
-                row = measured(number, use, profile, divisor, "draft" if quick else "standard")
+                row = measured(number, use, profile, divisor, "draft" if quick else "standard", asked)
             except ProcessingError as error:
                 row = {"room": f"{use}-{number}", "refused": f"{error.code}: {error.message}"}
             known[key] = {"key": key, **row}
@@ -122,6 +129,6 @@ def _digest(*folders: str) -> str:
     """Return a digest of the code that rows depend on."""
     told = hashlib.sha256()
     files = [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
-    for path in [*files, *sorted((ROOT / "benchmarks").glob("_end_to_end_r*.py"))]:
+    for path in [*files, *sorted((ROOT / "benchmarks" / "whole").glob("end_to_end_r*.py"))]:
         told.update(path.name.encode() + path.read_bytes())
     return os.environ.get("DAYLIT_BENCH_ROWS", told.hexdigest()[:12])

@@ -7,10 +7,12 @@ import math
 import shutil
 import tempfile
 import time
+from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from benchmarks.room.detect_truth import score, simulated_masks
@@ -24,9 +26,10 @@ from mocks.rooms.truth import TruthPictures
 from mocks.rooms.world import RoomWorld
 from processing.ground.arrays import Doubles, Flags
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import grown
 from processing.layout.arrangement import Arrangements
 from processing.light.scene.scene_file import read_scene
-from processing.light.solver.sight import albedo_of, sight_of
+from processing.light.solver.sight import GLASS, albedo_of, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
@@ -42,8 +45,13 @@ CHANGED = 0.02
 PANORAMA_PX = 6720
 
 
-def measured(number: int, use: Use, profile: Path, divisor: int, quality: str) -> dict[str, Any]:
-    """Return the figures of one room; what a stage left out has no key and is named under ``left_out``."""
+def measured(
+    number: int, use: Use, profile: Path, divisor: int, quality: str, options: Mapping[str, object]
+) -> dict[str, Any]:
+    """Return the figures of one room; what a stage left out has no key and is named under ``left_out``.
+
+    ``options``: of `daylit process`, besides the benchmark's own.
+    """
     rows = PANORAMA_PX // divisor // 2 * 2 // 2
     room, truth = truth_of(number, use, rows=rows)
     folder = Path(tempfile.mkdtemp(prefix="end-to-end-"))
@@ -51,7 +59,8 @@ def measured(number: int, use: Use, profile: Path, divisor: int, quality: str) -
         session = write_session(folder / room.name, taken_of(room, divisor))
         start_s = time.process_time()
         request = RunRequest(
-            quality=Quality(quality), options={"--calibration": str(profile), "--alternatives": 1, "--set": "auto"}
+            quality=Quality(quality),
+            options={"--calibration": str(profile), "--alternatives": 1, "--set": "auto", **options},
         )
         done = process(session, request)
         row: dict[str, Any] = {"room": room.name, "cpu_s": round(time.process_time() - start_s, 2)}
@@ -95,8 +104,9 @@ def compared(stages: Path, room: Room, truth: TruthPictures) -> dict[str, Any]:
         filled = read_mask(stages / "remove" / "filled.png")
         found |= _errors("empty", _picture(empty).rgb, truth.empty_rgb, filled)
         found |= _errors("empty_all", _picture(empty).rgb, truth.empty_rgb, valid | filled)
+        found |= _emptied(stages, _picture(empty), truth, filled, valid)
     if (stages / "materials" / "scene.npz").is_file():
-        found |= _albedo(stages, model, truth)
+        found |= _albedo(stages, model, truth) | _panes(stages, model, picture)
     if (stages / "render" / "staged-1.exr").is_file():
         found |= _staged(stages, room, truth)
     return found
@@ -142,6 +152,57 @@ def _masks(folder: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
     return found
 
 
+NEAR_RAD = math.radians(4)
+"""Around what was to be removed: where ghosts of it would be."""
+
+
+def _emptied(
+    stages: Path, empty: LuminanceImage, truth: TruthPictures, filled: Flags, valid: Flags
+) -> dict[str, float]:
+    """Return the bias of filled pixels, the error of seen ones beside them, and that of the stand-ins' distance."""
+    ours, true = (luminance_cd_m2(rgb).astype(np.float64) for rgb in (empty.rgb, truth.empty_rgb))
+    found = {"empty_bias_pct": _bias_pct(ours, true, filled)} if filled.any() else {}
+    near = grown(filled, NEAR_RAD) & ~filled & valid & ~(truth.furniture | truth.tripod)
+    found |= {k: v for k, v in _quantiles("empty_near", ours, true, near).items() if "p95" in k}
+    shade = stages / "light" / "shade.npz"
+    if shade.is_file():
+        with np.load(shade) as kept:
+            standin_m = kept["standin_m"].astype(np.float32)
+        size = (truth.depth_m.shape[1], truth.depth_m.shape[0])
+        standin_m = cv2.resize(standin_m, size, interpolation=cv2.INTER_NEAREST)
+        both = (standin_m > 0) & truth.furniture & (truth.depth_m > 0)
+        if both.any():
+            found["depth_err_pct"] = round(100 * float(np.median(np.abs(standin_m / truth.depth_m - 1)[both])), 2)
+    return found
+
+
+def _bias_pct(ours: Doubles, true: Doubles, where: Flags) -> float:
+    """Return by how much the median ratio of luminance is off, %."""
+    use = where & (true > 0)
+    middle = float(np.median(np.log(np.maximum(ours[use] / true[use], 1e-6))))
+    return round(100 * math.expm1(middle), 2)
+
+
+def _panes(stages: Path, model: RoomModel, picture: LuminanceImage) -> dict[str, float]:
+    """Return the worst error of a pane's mean radiance towards the camera, against what the camera sees on it."""
+    height, width = picture.rgb.shape[:2]
+    stage = Stage.of(read_scene(stages / "materials" / "scene.npz"), 0.5)
+    sight = sight_of(stage, Equirectangular(width, height), (0.0, 0.0, model.camera_height_m))
+    given = luminance_cd_m2(seen_outdoors(stage, sight).reshape(height, width, 3)).ravel()
+    seen, good = luminance_cd_m2(picture.rgb).ravel(), (picture.validity == Validity.VALID).ravel()
+    area = solid_angles(Equirectangular(width, height)).ravel()
+    off = []
+    for number in range(len(stage.scene.panes)):
+        mine = (sight.label == GLASS) & (sight.pane == number) & good
+        if mine.sum() >= LEAST_PANE_PX:
+            off.append(abs(float((given * area)[mine].sum() / max((seen * area)[mine].sum(), 1e-9)) - 1))
+    return {"pane_worst_pct": round(100 * max(off), 2)} if off else {}
+
+
+LEAST_PANE_PX = 20
+"""A pane that the camera sees less of says nothing."""
+
+
 def _albedo(stages: Path, model: RoomModel, truth: TruthPictures) -> dict[str, float]:
     """Return errors of the albedo that the camera sees, mean of the channels, where both have one."""
     height, width = truth.empty_albedo.shape[:2]
@@ -169,6 +230,5 @@ def _staged(stages: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
     changed = np.abs(true / np.maximum(bare, 1e-9) - 1) > CHANGED
     found = _quantiles("staged", ours, true, changed)
     found["staged_changed_share"] = round(float(changed.mean()), 4)
-    ratio = ours[changed & (true > 0)] / true[changed & (true > 0)]
-    found["staged_bias_pct"] = round(100 * (math.exp(float(np.median(np.log(np.maximum(ratio, 1e-6))))) - 1), 2)
+    found["staged_bias_pct"] = _bias_pct(ours, true, changed)
     return found

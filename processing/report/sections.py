@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Bytes, Flags
+from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.pictures.preview import jpeg_bytes, preview_rgb8
@@ -72,10 +72,17 @@ def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
     return np.asarray(np.clip(out, 0, 255), dtype=np.uint8)
 
 
-def remove_section(before: LuminanceImage, after: LuminanceImage, filled: Flags, facts: Mapping[str, Any]) -> Section:
+def remove_section(
+    before: LuminanceImage,
+    after: LuminanceImage,
+    filled: Flags,
+    facts: Mapping[str, Any],
+    log_lift: Floats | None = None,
+) -> Section:
     """Return the emptied panorama with what was filled and how, in the exposure of the one before.
 
-    ``filled``: (H, W); ``facts``: the stage's metrics.
+    ``filled``: (H, W); ``facts``: the stage's metrics; ``log_lift`` (H, W): natural logarithm of what changed the
+    luminance of each pixel that stayed, None: nothing did.
     """
     step = max(1, -(-after.rgb.shape[1] // WIDTH_PX))
     rows = slice(step // 2, None, step)
@@ -87,15 +94,32 @@ def remove_section(before: LuminanceImage, after: LuminanceImage, filled: Flags,
     inner[1:] &= mask[:-1]
     inner[:-1] &= mask[1:]
     outlined[mask & ~inner] = (0, 220, 60)
-    pictures = (Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True),)
-    quantities = (
+    pictures = [Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True)]
+    quantities = [
         Quantity("Filled", 100 * float(facts.get("filled_share", filled.mean())), "% of the picture"),
         Quantity("of it made up", 100 * float(facts.get("synthesised_share", 0.0)), "% of the picture"),
         Quantity("Mean confidence of the filling", float(facts.get("mean_confidence", 0.0)), ""),
-    )
+    ]
     notes = facts.get("notes", [])
     tables = (Table("Surfaces", ("how it was filled",), tuple((note,) for note in notes)),) if notes else ()
-    return Section("Emptied room", "Pixels outside the outlines are the captured ones.", quantities, pictures, tables)
+    text = "Pixels outside the outlines are the captured ones."
+    if log_lift is not None:
+        text = "Pixels outside the outlines are the captured ones, lit as they are without the furniture's shade."
+        note = f"brighter (red) or darker (blue) by up to {100 * MOST_SHOWN:.0f} % than captured"
+        pictures.append(Picture("Shade lifted", jpeg_bytes(_change_rgb8(log_lift[rows, rows])), note, wide=True))
+        quantities.append(Quantity("Median pixel brightened by", float(facts["lifted_median_pct"]), "%"))
+    return Section("Emptied room", text, tuple(quantities), tuple(pictures), tables)
+
+
+MOST_SHOWN = 0.5
+"""Relative change of luminance at the ends of the colour scale; chosen."""
+
+
+def _change_rgb8(log_change: Floats) -> Bytes:
+    """Return a change (H, W) as white, red where brighter and blue where darker: (H, W, 3)."""
+    share = np.clip(np.expm1(log_change) / MOST_SHOWN, -1, 1)[..., None]
+    towards = np.where(share > 0, np.array([178, 24, 43]), np.array([33, 102, 172]))
+    return np.asarray(np.round(255 + (towards - 255) * np.abs(share)), np.uint8)
 
 
 EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
+
 from processing.ground.room_model import RoomModel
 from processing.report.calibration_sections import (
     camera_section,
@@ -23,7 +25,10 @@ from processing.stages.parameters import MOST_STAGED, NO_SUCH
 from processing.stages.upright import upright_panorama
 from station.session.session import SessionManifest, Side
 
-BEFORE = ("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render")
+BEFORE = (
+    *("verify", "merge", "calibrate", "room", "figures"),
+    *("detect", "light", "remove", "materials", "arrange", "render"),
+)
 """Stages that the report covers; each of them is also in its row's ``needs``."""
 FILES = {
     ("merge", "indoor.exr"): "room before calibration, relative",
@@ -41,7 +46,9 @@ FILES = {
     ("detect", "tripod.png"): "tripod and equipment alone",
     ("detect", "sunlight.png"): "direct sunlight alone",
     ("detect", "shadow.png"): "shadows of furniture alone",
+    ("light", "shade.npz"): "what the furniture took from the room's light, and the light without it",
     ("remove", "empty.exr"): "the emptied room in cd/m2",
+    ("remove", "lift.npz"): "natural logarithm of what removal changed the luminance of each kept pixel by",
     ("remove", "filled.png"): "which pixels were filled",
     ("remove", "surfaces.npz"): "provenance, confidence, and the filled surfaces as textures",
     ("materials", "materials.json"): "albedo, gloss, windows",
@@ -186,8 +193,12 @@ def _remove(context: StageContext) -> list[Section]:
     after = context.optional_artifact("remove", "empty")
     if after is None:
         return []
-    filled = context.artifact("remove", "filled")
-    return [remove_section(upright_panorama(context), after, filled, context.summary("remove")["metrics"])]
+    filled, lift = context.artifact("remove", "filled"), context.optional_artifact("remove", "lift")
+    log_lift = None
+    if lift is not None:
+        with np.load(lift) as kept:
+            log_lift = kept["log_luminance"].astype(np.float32)
+    return [remove_section(upright_panorama(context), after, filled, context.summary("remove")["metrics"], log_lift)]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.errors import SceneError
-from processing.ground.room_model import RoomModel
 from processing.light.scene.albedo import RoomAlbedo, albedo_of_room
 from processing.light.scene.emptied import EmptyRoom, with_sunlight
-from processing.light.scene.facing import facing_without_heading
-from processing.light.scene.outdoor import outdoors_of
-from processing.light.scene.scene import Outdoors, Surface
+from processing.light.scene.scene import Surface
 from processing.light.scene.scene_file import write_scene
 from processing.light.scene.shell import REVEAL_M
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.outdoors import light_outdoors
 from processing.stages.parameters import MaterialsParameters
 from processing.stages.upright import known_room, upright_panorama
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
 EFFORT = Effort(pixel_samples=32)
-HEADING_ADVICE = "(heading_deg in the rig file, --heading of daylit import)"
 MOST_LAMPS = 100
 """That are listed one by one; the light of all is in the scene."""
 
@@ -48,7 +43,7 @@ def run(context: StageContext) -> StageOutput:
     image = empty.image
     room = known_room(context)
     context.progress(0.0, "the light outdoors")
-    outdoors, source, warnings = _outdoors(context, image, room)
+    outdoors, source, warnings = light_outdoors(context, image, room)
     context.progress(0.1, "albedo")
     rows = min(ROWS[context.quality.value], image.rgb.shape[0])
     found = albedo_of_room(
@@ -93,32 +88,6 @@ def emptied(context: StageContext) -> EmptyRoom:
         if mask is not None:
             hidden |= np.asarray(mask, bool)
     return with_sunlight(empty, before, filled, np.asarray(sunlight, bool), hidden)
-
-
-def _outdoors(context: StageContext, image: LuminanceImage, room: RoomModel) -> tuple[Outdoors | None, str, list[str]]:
-    """Return the light outside, what it was taken from, and warnings."""
-    inside = "windows as seen from inside"
-    picture = context.optional_artifact("calibrate", "outdoor")
-    if picture is None:
-        why = context.summary("calibrate")["left_out"].get("outdoor", "the session has no outdoor picture")
-        text = f"the windows light as they look from inside, without direct sun: {why}"
-        return None, inside, [text]
-    try:
-        found = outdoors_of(picture)
-    except SceneError as error:
-        return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
-    if context.session.heading_rad is not None:
-        return found, "outdoor picture", []
-    facing, how = facing_without_heading(found, image, room, _sun_seen(context))
-    return facing, "outdoor picture", [f"the panorama's heading is not recorded: {how} {HEADING_ADVICE}"]
-
-
-def _sun_seen(context: StageContext) -> tuple[float, float] | None:
-    """Return azimuth and elevation (rad) of the sun as its light in the room shows it; None where it does not."""
-    metrics = context.summary("detect")["metrics"]
-    if "sun_azimuth_deg" not in metrics:
-        return None
-    return math.radians(metrics["sun_azimuth_deg"]), math.radians(metrics["sun_elevation_deg"])
 
 
 def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:

@@ -229,6 +229,17 @@ class DetectParameters(StageParameters):
     ] = "auto"
 
 
+class LightParameters(StageParameters):
+    """What a user may say about the light that old furniture takes."""
+
+    shade: Annotated[
+        Literal["auto", "lift", "keep"],
+        Field(
+            description="The old furniture's shade on what stays; auto: lifted where the light of the windows is known"
+        ),
+    ] = "auto"
+
+
 class RemoveParameters(StageParameters):
     """What a user may say about removal."""
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.ground.arrays import Flags
+from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown, resized
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
+from processing.removal.lift import lifted
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.light import read_shade
 from processing.stages.parameters import RemoveParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama
 
@@ -48,18 +50,29 @@ def run(context: StageContext) -> StageOutput:
         target, sunlight = _without_sunlight(context, target, sunlight)
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
     context.progress(0.05, "surfaces")
-    found = empty_room(
-        image,
-        target,
-        known_room(context),
-        sunlight=sunlight,
-        foreign=_foreign(context, target.shape),
-        quality=context.quality.value,
-        filler=filler,
-    )
+    shade, room, change = read_shade(context), known_room(context), None
+    others: _Filling = {
+        "sunlight": sunlight,
+        "foreign": _foreign(context, target.shape),
+        "quality": context.quality.value,
+        "filler": filler,
+    }
+    if shade is None:
+        found = empty_room(image, target, room, **others)
+    else:
+        found, change = lifted(image, target, room, shade, **others)
+        with (context.folder / "lift.npz").open("wb") as file:
+            np.savez_compressed(file, log_luminance=change.astype(np.float16))
     context.progress(0.95, "writing")
     _write_details(context.folder / "surfaces.npz", found)
-    return _output(found, context)
+    return _output(found, change, context)
+
+
+class _Filling(TypedDict):
+    sunlight: Flags | None
+    foreign: Flags | None
+    quality: str
+    filler: LamaFiller | None
 
 
 def _optional_mask(context: StageContext, name: str) -> Flags | None:
@@ -104,7 +117,7 @@ def _write_details(path: Path, found: Emptied) -> None:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
-def _output(found: Emptied, context: StageContext) -> StageOutput:
+def _output(found: Emptied, change: Floats | None, context: StageContext) -> StageOutput:
     filled = found.provenance > 0
     sure = float(found.confidence[filled].mean()) if filled.any() else 1.0
     warnings = []
@@ -114,16 +127,24 @@ def _output(found: Emptied, context: StageContext) -> StageOutput:
     warnings += [StageWarning(code="hidden", message=note) for note in found.notes if "hidden altogether" in note]
     assert isinstance(found.image, LuminanceImage)
     return StageOutput(
-        artifacts={"empty": found.image, "filled": filled, "surfaces": True},
+        artifacts={"empty": found.image, "filled": filled, "surfaces": True, "lift": None if change is None else True},
         metrics={
             "filled_share": round(float(filled.mean()), 5),
             "synthesised_share": round(float((found.provenance == 2).mean()), 5),
             "mean_confidence": round(sure, 4),
             "notes": list(found.notes),
+            **({} if change is None else {"lifted_median_pct": _lifted_pct(change)}),
         },
         warnings=tuple(warnings),
+        left_out={} if change is not None else {"lift": context.summary("light").get("skipped") or "shade is kept"},
         honoured={"quality": f"textures of up to {_finest(found)} pixels ({context.quality.value})"},
     )
+
+
+def _lifted_pct(change: Floats) -> float:
+    """Return by how many percent the median pixel that changed is brighter than the captured one."""
+    changed = change[change != 0]
+    return round(100 * math.expm1(float(np.median(changed))), 2) if len(changed) else 0.0
 
 
 def _finest(found: Emptied) -> int:

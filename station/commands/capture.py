@@ -128,8 +128,8 @@ def _refuse_what_would_do_nothing(options: dict[str, Any]) -> None:
         raise UsageError("--every and --until belong together", where="capture", advice="--every 60m --until 18:00")
     if options["resume_path"] is None:
         return
-    names = ("rooms", "rooms_path", "every", "stops", "bracket", "target", "dry_run")
-    given = [name for name in names if options[name]]
+    taken = ("rooms", "rooms_path", "every", "stops", "bracket", "target", "dry_run")
+    given = [name for name in taken if options[name]]
     if given:
         names_given = ", ".join("ROOM" if n in ("rooms", "rooms_path") else f"--{n.replace('_', '-')}" for n in given)
         raise UsageError(

@@ -32,6 +32,8 @@ KEYS = {
     "render": "analytic_err_pct radiance_diff_pct equal_error_speedup changed_median_err_pct",
     "relight": "speedup median_err_pct",
     "end_to_end": "luminance_median_err_pct iou3d_median empty_median_err_pct staged_median_err_pct seconds peak_mb",
+    "emptying": "filled_median_err_pct filled_bias_pct all_median_err_pct near_holes_p95_err_pct staged_median_err_pct "
+    "staged_bias_pct pane_worst_pct depth_err_pct cpu_s",
     "batch": "done wrong",
     "files": "",
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
@@ -45,7 +47,10 @@ NEEDS = {
     "arrange": "floorplans",
 }
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
-LONG = {"batch", "capture", "detect", "end_to_end", "instruments", "photometry", "remove", "room", "sphere", "truth"}
+LONG = {
+    *("batch", "capture", "detect", "emptying", "end_to_end", "instruments"),
+    *("photometry", "remove", "room", "sphere", "truth"),
+}
 """Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128
 """Of the truth panoramas in the place of 512."""

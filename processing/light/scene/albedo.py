@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from processing.errors import AlbedoError
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.light.scene.room_light import (
     MOST_SHARE,
@@ -26,7 +26,7 @@ from processing.light.scene.room_light import (
     measured_light,
     mirrored,
 )
-from processing.light.scene.scene import Outdoors, Scene, Vector, plain
+from processing.light.scene.scene import Outdoors, Part, Scene, Vector, plain
 from processing.light.scene.shell import REVEAL_M, shell_of
 from processing.light.scene.sources import Lamp, find_lamps, measured_windows, windows_from_inside
 from processing.light.solver.irradiance import Effort
@@ -110,8 +110,8 @@ def albedo_of_room(
         The room cannot stand.
     """
     effort = effort or Effort(pixel_samples=32)
-    rgb, valid = _brought_to(panorama, rows, filled)
-    stage, transmittance, notes = _stage(room, outdoors, rgb, valid, reveal_m, effort)
+    rgb, valid = brought_to(panorama, rows, filled)
+    stage, transmittance, notes = lit_stage(room, outdoors, rgb, valid, reveal_m, effort.texel_m)
     eye = (0.0, 0.0, room.camera_height_m)
     sight = sight_of(stage, Equirectangular(2 * rows, rows), eye)
     small = sight_of(stage, Equirectangular(2 * min(effort.rows, rows), min(effort.rows, rows)), eye)
@@ -121,7 +121,7 @@ def albedo_of_room(
         # What the floor mirrors towards the camera is not what it gives to the room.
         gathered = _gathered(stage, flat.reshape(rgb.shape).astype(np.float32), (sight, small), eye, effort, seed)
     sky, sun, error = gathered.sky, sun_of(stage, sight, effort.sun_samples, seed), gathered.error
-    full = _open_sun(stage, sight)
+    full = open_sun(stage, sight)
     value, whole, measured = _values(
         flat, sky.astype(np.float64), sun.astype(np.float64), full, sight, valid.ravel() & ~highlight
     )
@@ -155,7 +155,12 @@ def _filled_in(filled: np.ndarray | None, rows: int) -> np.ndarray:
     return np.asarray(small.ravel() > 0)
 
 
-def _brought_to(panorama: LuminanceImage, rows: int, filled: np.ndarray | None) -> tuple[Floats, np.ndarray]:
+def brought_to(panorama: LuminanceImage, rows: int, filled: Flags | None) -> tuple[Floats, Flags]:
+    """Return a whole panorama at a height of ``rows``: its light (ROWS, 2 ROWS, 3) cd/m2, and where it is measured.
+
+    Measured are pixels (ROWS, 2 ROWS) that are valid and not ``filled`` (H, W). Raises `AlbedoError` for a picture
+    without light, or of no whole panorama.
+    """
     source = panorama.geometry
     if not isinstance(source, Equirectangular) or source.yaw_rad != 0 or source.width_px != 2 * source.height_px:
         raise AlbedoError("not a whole panorama", where="panorama", advice="bring it to equirectangular, 2 to 1")
@@ -172,15 +177,25 @@ def _brought_to(panorama: LuminanceImage, rows: int, filled: np.ndarray | None) 
     return rgb, share > 0.99
 
 
-def _stage(
-    room: RoomModel, outdoors: Outdoors | None, rgb: Floats, valid: np.ndarray, reveal_m: float, effort: Effort
+def lit_stage(
+    room: RoomModel,
+    outdoors: Outdoors | None,
+    rgb: Floats,
+    valid: Flags,
+    reveal_m: float,
+    texel_m: float,
+    parts: tuple[Part, ...] = (),
 ) -> tuple[Stage, dict[int, Vector], tuple[str, ...]]:
-    """Return the room under its light with windows that let through what the pictures show."""
+    """Return the room under its light with windows that let through what a picture (H, 2 H, 3), cd/m2, shows of them.
+
+    Of use are pixels that are ``valid`` (H, 2 H); ``parts`` stand in the room, and before its windows. With the stage
+    come the glass's transmittance by opening, where it could be measured, and notes.
+    """
     surfaces, panes = shell_of(room, reveal_m=reveal_m)
     eye = (0.0, 0.0, room.camera_height_m)
-    stage = Stage.of(Scene(surfaces, panes, outdoors or Outdoors(DARK)), effort.texel_m)
+    stage = Stage.of(Scene(surfaces, panes, outdoors or Outdoors(DARK), parts), texel_m)
     if outdoors is None:
-        lit = replace(stage, scene=replace(stage.scene, panes=windows_from_inside(stage, rgb, eye)))
+        lit = stage.under(stage.scene.outdoors, windows_from_inside(stage, rgb, eye))
         note = "no picture of the sky: windows light as they look from inside, and their transmittance is not known"
         return lit, {}, (note,) if panes else ()
     geometry = Equirectangular(2 * rgb.shape[0], rgb.shape[0])
@@ -189,10 +204,10 @@ def _stage(
     note = "the windows' transmittance cannot be measured: that of double glazing is taken"
     notes = () if known or not panes else (note,)
     every = {pane.opening: pane.transmittance for pane in clear}
-    return replace(stage, scene=Scene(surfaces, clear, measured)), every, notes
+    return stage.under(measured, clear), every, notes
 
 
-def _open_sun(stage: Stage, sight: Sight) -> Doubles:
+def open_sun(stage: Stage, sight: Sight) -> Doubles:
     """Return the sun's irradiance (N, 3) where nothing were in its way but glass; 0 far from where it can fall."""
     sun, panes = stage.scene.outdoors.sun, stage.scene.panes
     out = np.zeros((len(sight.label), 3))
@@ -327,7 +342,7 @@ def _textured(
         if surface.plane >= 0 and mine.any():
             hidden = ~mine.reshape(sight.shape)
             found = unwrap(shaped, geometry, room, planes[surface.plane], PX_PER_M, mask=hidden)
-            texture = _filled(found.values, found.known, colour)
+            texture = continued(found.values, found.known, colour)
         emits = plain(0.0)
         if surface.plane >= 0 and emission[sight.label == number].any():
             other = (sight.label != number).reshape(sight.shape)
@@ -349,8 +364,11 @@ def _median(value: Doubles, among: np.ndarray, otherwise: Doubles) -> Doubles:
     return np.asarray(np.median(value[among], axis=0) if among.sum() >= 8 else otherwise)
 
 
-def _filled(values: Floats, known: np.ndarray, colour: Doubles) -> Floats:
-    """Return a texture whose unknown texels take the mean of what is known around them, ever farther."""
+def continued(values: Floats, known: Flags, colour: Doubles) -> Floats:
+    """Return albedo (H, W, 3) whose texels that are not ``known`` (H, W) take the mean around them, ever farther.
+
+    ``colour`` (3,) stands where nothing is known.
+    """
     out = np.where(known[..., None], values, 0).astype(np.float32)
     weight = known.astype(np.float32)
     todo = ~known

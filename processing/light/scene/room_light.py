@@ -20,8 +20,8 @@ import numpy as np
 from processing.ground.arrays import Doubles, Floats
 from processing.light.scene.scene import Vector
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
-from processing.light.solver.kernels import PANE, STEP_OFF_M, Key
-from processing.light.solver.sight import Sight, looked_up
+from processing.light.solver.kernels import FURNITURE, PANE, STEP_OFF_M, Key
+from processing.light.solver.sight import FIRST_PART, Sight, looked_up
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import BrightPatches, bounced, links_of
@@ -72,7 +72,11 @@ def measured_light(stage: Stage, panorama: Floats, sight: Sight, eye_m: Vector, 
 
 
 def _surface_of(stage: Stage) -> np.ndarray:
-    out = np.full(stage.patches.count, -1)
+    """Return each patch's label in a `Sight` (P,): its surface, or its part of furniture."""
+    p = stage.patches
+    out = np.full(p.count, -1)
+    furniture = p.owner == FURNITURE
+    out[p.item[furniture]] = FIRST_PART + p.part[furniture]
     for number, (columns, rows, first) in enumerate(stage.patches.grids):
         out[first : first + columns * rows] = number
     return out

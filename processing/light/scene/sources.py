@@ -32,15 +32,22 @@ USUAL: Vector = (0.75, 0.77, 0.75)
 """Transmittance of double glazing, where it cannot be measured."""
 LEAST_GLASS, MOST_GLASS = 0.4, 0.95
 """Between which a transmittance is believed: coated triple glazing has 0.5 and more, single glass 0.9."""
-CLEAR_QUANTILE = 0.8
-"""Of ratios indoors to outdoors: the share of a window that bars and curtains leave clear is often small."""
+GLASS_WIDTH, GLASS_STEPS = 0.05, 80
+"""Natural logarithm: over which ratios indoors to outdoors count as alike, and at how many levels they are counted."""
+LEAST_CLEAR = 0.08
+"""Of the window, below which what is like clear glass may be chance: bars and curtains often leave little clear."""
 LEAST_PIXELS = 24
 """Of sky seen through windows, for their transmittance to be measured."""
 ABOVE_HORIZON = 0.02
 """Sine of the elevation above which the outdoor picture is compared."""
 CELL_M = 0.04
-CLEAR_FROM, GROUND_FROM = 0.85, 0.4
-"""Of what clear glass would show, from which a cell is taken to be clear: before the sky, before the ground."""
+"""Of a pane; chosen, as wide as sashes are."""
+CLEAR_FROM, CLEAR_TO, CLEAR_COLOUR = 0.8, 1.25, 0.25
+"""Of what clear glass would show, between which a cell before the sky is clear, and by how much (natural logarithm) its
+colour may differ: sunlit slats and curtains are brighter than the sky, others are not of its colour (measured in three
+simulated rooms: docs/measurements/albedo.md)."""
+GROUND_FROM = 0.4
+"""Of what clear glass would show of the ground, from which a cell is clear."""
 GROUND_QUANTILE = 0.5
 MOST_GROUND = 8.0
 """By which the ground may be brighter or darker than its usual albedo makes it."""
@@ -102,9 +109,13 @@ def _clear_glass(inside: Doubles, outside: Doubles) -> tuple[Vector, bool]:
     if usable.sum() < LEAST_PIXELS:
         return USUAL, False
     ratio = (inside[usable] @ weights) / (outside[usable] @ weights)
-    level = float(np.quantile(ratio, CLEAR_QUANTILE))
-    if not LEAST_GLASS <= level <= MOST_GLASS:
+    believed = np.log(ratio[(ratio > LEAST_GLASS) & (ratio < MOST_GLASS)])
+    if len(believed) < max(LEAST_PIXELS, LEAST_CLEAR * len(ratio)):
         return USUAL, False
+    # The most frequent ratio: glass is one, what covers it is many.
+    levels = np.linspace(math.log(LEAST_GLASS), math.log(MOST_GLASS), GLASS_STEPS)
+    alike = np.exp(-0.5 * ((levels[:, None] - believed) / GLASS_WIDTH) ** 2).sum(axis=1)
+    level = math.exp(levels[alike.argmax()])
     clear = np.abs(ratio / level - 1) < 0.1
     colour = np.median(inside[usable][clear] / np.maximum(outside[usable][clear], 1e-9), axis=0)
     red, green, blue = (float(v) for v in np.clip(colour, 0.8 * level, min(1.2 * level, 1.0)))
@@ -123,7 +134,9 @@ def _covered(stage: Stage, pane: Pane, ground: float, panorama: Floats, eye_m: V
     weights = np.asarray(LUMINANCE_WEIGHTS)
     ratio = (shown @ weights) / np.maximum(through @ weights, 1e-9)
     down = way[:, 2] <= ABOVE_HORIZON
-    clear = np.where(ratio > np.where(down, GROUND_FROM * ground, CLEAR_FROM), 1.0, 0.0)
+    tint = np.log(np.maximum(shown, 1e-6) / np.maximum(through, 1e-6)) - np.log(np.maximum(ratio, 1e-9))[:, None]
+    like_sky = (ratio > CLEAR_FROM) & (ratio < CLEAR_TO) & (np.abs(tint).max(axis=1) < CLEAR_COLOUR)
+    clear = np.where(down, ratio > GROUND_FROM * ground, like_sky).astype(np.float64)
     veil = np.where((clear == 1)[:, None], 0, shown)
     if seen.any():
         clear[~seen], veil[~seen] = clear[seen].mean(), veil[seen].mean(axis=0)

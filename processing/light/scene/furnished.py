@@ -1,0 +1,346 @@
+"""The light in a room with its old furniture and without it: what removal has to change besides texture.
+
+Furniture takes light from the whole room, not only from where it stands. Stand-ins of it (`standins`) are put into the
+room as the picture shows it; what each surface gives off is read off the furnished picture, so that its reflectance
+follows from the light that falls on it among the furniture. The same rays then give the light with and without the
+stand-ins, and their ratio is how much brighter each place is in the empty room (differential rendering, Debevec 1998,
+with the photograph as its own light probe).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from processing.ground.arrays import Doubles, Flags, Floats
+from processing.ground.room_model import OpeningKind, RoomModel
+from processing.light.scene.albedo import (
+    LEAST_ALBEDO,
+    MOST_ALBEDO,
+    brought_to,
+    continued,
+    lit_stage,
+    near_sun,
+    open_sun,
+)
+from processing.light.scene.room_light import LEAST_SHARE, measured_light
+from processing.light.scene.scene import Outdoors, Part, Vector
+from processing.light.scene.shell import REVEAL_M
+from processing.light.scene.sources import LAMP_TIMES
+from processing.light.solver.irradiance import Effort, cleaned, gathered
+from processing.light.solver.kernels import FURNITURE
+from processing.light.solver.sight import FIRST_PART, Sight, sight_of
+from processing.light.solver.sky import skylight
+from processing.light.solver.stage import Stage
+from processing.light.solver.sun import sunlight
+from processing.light.solver.transport import bounced, light_map, links_of, patch_points
+from processing.light.solver.upsample import upsampled
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import SurfaceMaps, surface_maps
+
+ROUNDS = 6
+"""Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
+SUNNY_SHARE = 0.02
+"""Of the sky's light, from which a patch in the sun shows no albedo; chosen."""
+DARK_SHARE = 0.002
+"""Of the median irradiance, below which a patch shows none; chosen."""
+MOST_RATIO = 3.0
+"""By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
+MISFIT = -7
+"""Label of pixels in which mask and stand-ins disagree: they show neither the room nor its furniture for sure."""
+
+
+@dataclass(frozen=True)
+class FurnishedLight:
+    """Irradiance (lx) and radiance of the room's own surfaces, by a panorama's pixels (H, W)."""
+
+    without_lx: Floats
+    """(H, W, 3): in the empty room, without direct sun; 0 on glass."""
+    log_change: Floats
+    """(H, W, 3): natural logarithm of what the furniture's removal changes radiance by, guarded; 0 where unknown."""
+    seen: Flags
+    """(H, W): pixels that show the room's own surface, and its light among the furniture is known."""
+    standin_m: Floats
+    """(H, W): distance from the camera to the stand-in that a pixel sees; 0 where it sees none."""
+    parts: tuple[Part, ...]
+    notes: tuple[str, ...]
+
+
+class OldFurniture(NamedTuple):
+    """What stands in the room and is to go."""
+
+    mask: Flags
+    """(H, W), of the panorama."""
+    target: Flags
+    """(H, W): all that is to be removed: furniture, shadows, equipment, sunlight."""
+    parts: tuple[Part, ...]
+    """Stand-ins for it, in the world."""
+
+
+def furnished_light(
+    panorama: LuminanceImage,
+    room: RoomModel,
+    outdoors: Outdoors | None,
+    old: OldFurniture,
+    *,
+    reveal_m: float = REVEAL_M,
+    rows: int = 256,
+    effort: Effort,
+    seed: int = 0,
+) -> FurnishedLight:
+    """Return the light in a room with and without what stands in it.
+
+    Parameters
+    ----------
+    panorama
+        The furnished room, upright, equirectangular, in cd/m2.
+    outdoors
+        The light outside at the same moment; None: the windows light as they look from inside.
+    rows
+        Height of the pictures returned.
+
+    Raises
+    ------
+    AlbedoError
+        A picture without light, or of no whole panorama.
+    RoomError
+        The room cannot stand.
+    """
+    rgb, valid = brought_to(panorama, rows, old.target & ~old.mask)
+    mask, gone = _reduced(old.mask, rows), _reduced(old.target, rows)
+    full, _, notes = lit_stage(room, outdoors, rgb, valid & ~mask, reveal_m, effort.texel_m, old.parts)
+    eye = (0.0, 0.0, room.camera_height_m)
+    geometry = Equirectangular(2 * rows, rows)
+    bare = Stage.of(replace(full.scene, parts=()), effort.texel_m)
+    everything = sight_of(full, geometry, eye)
+    standin_m = np.where(everything.label >= FIRST_PART, everything.distance_m, 0).astype(np.float32)
+    sight = _consistent(everything, mask, gone)
+    full, bare, lamps = _measured(full, bare, rgb * valid[..., None], sight, eye, effort, seed)
+    both = _both_lights(full, bare, room, rows, effort, seed)
+    large = sight_of(bare, geometry, eye)
+    own = large.solid & both.known & ~gone.ravel()
+    sun = _sunlit(bare, large, rgb, both.with_lx, own)
+    shape = (rows, 2 * rows, 3)
+    among, whole = (both.with_lx + sun).reshape(shape), (both.without_lx + sun).reshape(shape)
+    maps = surface_maps(room, geometry)
+    seen = (own & valid.ravel()).reshape(shape[:2]) & _on_walls(maps, room)
+    level = np.log(_ratio(among @ WEIGHTS, whole @ WEIGHTS))
+    gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
+    change = np.log(_ratio(among, whole)) + gain[..., None]
+    log_change = np.where(seen[..., None], change, 0).astype(np.float32)
+    notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
+    without_lx = both.without_lx.reshape(shape).astype(np.float32)
+    return FurnishedLight(without_lx, log_change, seen, standin_m.reshape(shape[:2]), old.parts, notes)
+
+
+WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
+
+
+def _reduced(mask: Flags, rows: int) -> Flags:
+    """Return a mask at a height of ``rows``: pixels that hold any of it."""
+    if mask.shape[0] == rows:
+        return mask
+    return np.asarray(cv2.resize(mask.astype(np.float32), (2 * rows, rows), interpolation=cv2.INTER_AREA) > 0.25)
+
+
+def _on_walls(maps: SurfaceMaps, room: RoomModel) -> Flags:
+    """Return pixels (H, W) that show no window: doors are part of their wall."""
+    windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
+    return np.asarray(~np.isin(maps.opening, windows))
+
+
+def _consistent(sight: Sight, furniture: Flags, target: Flags) -> Sight:
+    """Return what pixels see, `MISFIT` where a stand-in is not furniture by the mask, or something else is to go."""
+    standin = sight.label >= FIRST_PART
+    fits = np.where(standin, furniture.ravel(), ~furniture.ravel() & ~target.ravel())
+    return replace(sight, label=np.where(fits | ~sight.solid, sight.label, MISFIT).astype(np.int32))
+
+
+def _measured(
+    full: Stage, bare: Stage, rgb: Floats, sight: Sight, eye: Vector, effort: Effort, seed: int
+) -> tuple[Stage, Stage, int]:
+    """Return both rooms with the albedo and the lamps that the furnished picture shows, and how many patches shine."""
+    light = measured_light(full, rgb.astype(np.float32), sight, eye, (seed, 70))
+    seen = (light.seen >= LEAST_SHARE) & (light.radiance @ WEIGHTS > 0)
+    given = np.where(seen[:, None], math.pi * light.radiance, 0.0)
+    samples, normals = effort.patch_samples, full.patches.normal
+    few = max(1, samples // 4)
+    points = patch_points(full, samples, (seed, 71))
+    links = links_of(full, points, normals, samples, (seed, 72))
+    sky = skylight(full, patch_points(full, few, (seed, 73)), normals, few, (seed, 74))
+    sun = sunlight(full, patch_points(full, few, (seed, 75)), normals, few, (seed, 76))
+    first = sky + sun
+    shell = np.arange(full.patches.count) < bare.patches.count
+    sunny = sun @ WEIGHTS > SUNNY_SHARE * float(np.median(sky @ WEIGHTS + 1e-9))
+    albedo, exitance = np.full(first.shape, 0.5), np.zeros(first.shape)
+    level = first + given[shell].mean(axis=0)
+    for _ in range(ROUNDS):
+        # What is seen is taken as it is given; only what is hidden gives what it would reflect.
+        radiosity = np.where(seen[:, None], given, albedo * level)
+        passed, _ = bounced(full, links, radiosity, None, (points, normals), 1, (seed, 77))
+        level = first + passed
+        apparent = given / np.maximum(level, 1e-9)
+        known = seen & ~sunny & (level @ WEIGHTS > DARK_SHARE * float(np.median(level @ WEIGHTS)))
+        usual = np.median(apparent[known & shell], axis=0) if (known & shell).any() else np.full(3, 0.5)
+        shines = known & shell & (apparent @ WEIGHTS > LAMP_TIMES)
+        exitance = np.where(shines[:, None], np.maximum(given - usual * level, 0), 0)
+        albedo = _everywhere(full, np.where(shines[:, None], usual, apparent), known)
+    count, area = bare.patches.count, full.patches.area_m2[:, None]
+    # As much sun as the picture shows: what holds it back besides furniture (trees, slats, sashes) no model knows.
+    shown = (np.maximum(given - albedo * (level - sun), 0) * area)[seen & sunny].sum()
+    share = min(float(shown / max((albedo * sun * area)[seen & sunny].sum(), 1e-9)), 1.0) if sunny.any() else 1.0
+    lit = _dimmed_sun(replace(full, albedo=albedo, exitance=exitance), share)
+    empty = _dimmed_sun(replace(bare, albedo=albedo[:count], exitance=exitance[:count]), share)
+    return lit, empty, int(shines.sum())
+
+
+def _dimmed_sun(stage: Stage, share: float) -> Stage:
+    """Return a stage under ``share`` of its sun."""
+    outdoors = stage.scene.outdoors
+    if outdoors.sun is None:
+        return stage
+    red, green, blue = (share * value for value in outdoors.sun.normal_illuminance_lx)
+    sun = replace(outdoors.sun, normal_illuminance_lx=(red, green, blue))
+    return stage.under(replace(outdoors, sun=sun), stage.scene.panes)
+
+
+def _everywhere(stage: Stage, albedo: Doubles, known: Flags) -> Doubles:
+    """Return albedo (P, 3) of all patches: hidden ones take that of their surface nearby, or of their own body."""
+    out = np.clip(albedo, LEAST_ALBEDO, MOST_ALBEDO)
+    p = stage.patches
+    usual = np.median(out[known], axis=0) if known.any() else np.full(3, 0.5)
+    for columns, rows, first in p.grids:
+        mine = slice(first, first + columns * rows)
+        texture = out[mine].reshape(rows, columns, 3).astype(np.float32)
+        out[mine] = continued(texture, known[mine].reshape(rows, columns), usual).reshape(-1, 3)
+    furniture = p.owner == FURNITURE
+    body = np.full(p.count, -1)
+    body[p.item[furniture]] = p.part[furniture]
+    for number, part in enumerate(stage.scene.parts):
+        mine = body == number
+        shown = mine & known
+        out[mine & ~known] = np.median(out[shown], axis=0) if shown.any() else part.material.colour
+    return np.asarray(out)
+
+
+class _Both(NamedTuple):
+    """Irradiance (N, 3), lx, of the room's own surfaces without the sun's disc."""
+
+    with_lx: Floats
+    without_lx: Floats
+    known: Flags
+    """(N,): pixels of which the light among the furniture is known."""
+
+
+def _both_lights(full: Stage, bare: Stage, room: RoomModel, rows: int, effort: Effort, seed: int) -> _Both:
+    """Gather both lights in a small picture by the same rays, and bring them to a height of ``rows``."""
+    eye = (0.0, 0.0, room.camera_height_m)
+    small_rows = min(effort.rows, rows)
+    geometry = Equirectangular(2 * small_rows, small_rows)
+    small, seen = sight_of(bare, geometry, eye), sight_of(full, geometry, eye)
+    solid = np.flatnonzero(small.solid)
+    pictures = []
+    for stage in (full, bare):
+        light = light_map(stage, effort.patch_samples, seed)
+        picture = np.zeros((len(small.label), 3), np.float32)
+        points = small.point[solid], small.normal[solid]
+        picture[solid] = gathered(stage, light, *points, effort.pixel_samples, seed)
+        pictures.append(picture)
+    own = small.solid & (seen.label == small.label)
+    own &= np.abs(seen.distance_m - small.distance_m) < SAME_PLACE * (1 + small.distance_m)
+    with_lx, without_lx = pictures
+    # For the denoiser, which knows no holes: behind furniture the light as it were with a middling shade.
+    levels = np.maximum((with_lx @ WEIGHTS)[own], 1e-9) / np.maximum((without_lx @ WEIGHTS)[own], 1e-9)
+    shade = float(np.median(levels)) if own.any() else 1.0
+    whole = np.where(own[:, None], with_lx, without_lx * np.float32(shade))
+    clean = [cleaned(one.reshape(*small.shape, 3), small, wraps=True) for one in (whole, without_lx)]
+    large = sight_of(bare, Equirectangular(2 * rows, rows), eye)
+    beside = replace(small, label=np.where(own, small.label, MISFIT).astype(np.int32))
+    with_up, missed = upsampled(clean[0], beside, large, wraps=True)
+    without_up, _ = upsampled(clean[1], small, large, wraps=True)
+    return _Both(with_up, without_up, ~missed & (with_up @ WEIGHTS > 0))
+
+
+SAME_PLACE = 0.02
+"""Of a place's distance and in metres: nearer to each other, both rooms show the same place."""
+
+
+def _sunlit(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: Flags) -> Floats:
+    """Return the direct sun (N, 3), lx, of pixels that show it: whether they do is what fits their surface better."""
+    near = near_sun(bare, large)
+    if not near.any():
+        return np.zeros((len(near), 3), np.float32)
+    full = open_sun(bare, large)
+    luminance, level = rgb.reshape(-1, 3) @ WEIGHTS, np.maximum(light_lx @ WEIGHTS, 1e-9)
+    shaded = math.pi * luminance / level
+    usual = np.full(len(near), 0.5)
+    for label in np.unique(large.label[near]):
+        mine = large.label == label
+        among = mine & own & ~near
+        usual[mine] = np.median(shaded[among]) if among.any() else 0.5
+    lit = math.pi * luminance / (level + full @ WEIGHTS)
+    away = [np.abs(np.log(np.maximum(one, 1e-6) / np.maximum(usual, 1e-6))) for one in (lit, shaded)]
+    return np.where((near & (away[0] < away[1]))[:, None], full, 0).astype(np.float32)
+
+
+def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:
+    """Return how many times brighter places are without the furniture, within `MOST_RATIO`."""
+    ratio = np.asarray(without_lx, np.float64) / np.maximum(with_lx, 1e-9)
+    return np.asarray(np.clip(ratio, 1 / MOST_RATIO, MOST_RATIO))
+
+
+GUARD_RAD = 0.02
+"""Over which reflectance is compared; chosen: contact shadows are wider, patterns finer."""
+FAR_RATIO = 0.1
+"""Of a plane's own ratio, within which a place counts as far from furniture; chosen."""
+LEAST_FAR = 50
+"""Pixels, fewer of which say nothing of a plane's reflectance."""
+LEAST_LOCAL = 0.03
+"""Natural logarithm: a local change below it is not weighed; chosen, 3 % is not seen."""
+
+
+def guarded(log_ratio: Doubles, luminance: Floats, without_lx: Floats, seen: Flags, maps: SurfaceMaps) -> Doubles:
+    """Return the log ratio (H, W) with its local part taken only as far as it makes reflectance even.
+
+    Where stand-ins are wrong, the light among the furniture is wrong beside them, and would leave bright or dark ghosts
+    there. Each plane keeps its own ratio; what a place differs from it by is multiplied by 0 to 1, whichever brings the
+    place's reflectance nearest to that of the plane far from furniture. So no rug is bleached beyond what the light
+    explains.
+
+    Parameters
+    ----------
+    luminance, without_lx
+        (H, W): of the furnished picture, cd/m2; illuminance in the empty room, lx.
+    seen
+        (H, W) bool: pixels that count.
+    maps
+        Of the room, of the same size.
+    """
+    sigma = GUARD_RAD / math.pi * len(log_ratio)
+    shown = np.log(np.maximum(math.pi * luminance / np.maximum(without_lx, 1e-6), 1e-4))
+    out = np.array(log_ratio, np.float64)
+    for plane in np.unique(maps.plane[seen]):
+        mine = (maps.plane == plane) & seen
+        usual = float(np.median(log_ratio[mine]))
+        local = log_ratio - usual
+        far = mine & (np.abs(local) < FAR_RATIO)
+        if far.sum() < LEAST_FAR:
+            continue
+        goal = float(np.median((shown + log_ratio)[far]))
+        weight = np.asarray(cv2.GaussianBlur(mine.astype(np.float32), (0, 0), sigma), np.float32)
+
+        def around(values: Doubles, mine: Flags = mine, weight: Floats = weight) -> Doubles:
+            blurred = cv2.GaussianBlur(np.where(mine, values, 0).astype(np.float32), (0, 0), sigma)
+            return np.asarray(blurred / np.maximum(weight, 1e-6), np.float64)
+
+        wanted, offered = goal - around(shown + usual), around(local)
+        strong = np.abs(offered) > LEAST_LOCAL
+        part = np.where(strong, np.clip(wanted / np.where(strong, offered, 1), 0, 1), 1)
+        part = cv2.GaussianBlur(part, (0, 0), max(sigma / 2, 0.5))
+        out[mine] = (usual + part * local)[mine]
+    return out

@@ -1,0 +1,141 @@
+"""The emptied room in its own light: holes are filled in reflectance, and what stays is lifted out of the old shade.
+
+A filling that copies seen pixels copies the shade in which they lie; reflectance has none. So holes are filled in the
+picture of pi x radiance over irradiance among the furniture, and then lit as the empty room is. Pixels that stay change
+by the same ratio of lights, guarded against ghosts (`light.scene.furnished`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from processing.ground.arrays import Flags, Floats, Int16s
+from processing.ground.room_model import OpeningKind, RoomModel
+from processing.pictures.images import LuminanceImage, Validity
+from processing.removal.fill import Emptied, PlaneFiller, empty_room
+from processing.sphere import Equirectangular
+from processing.sphere.resampling import linear_samples
+from processing.surfaces.maps import surface_maps
+
+BAND_ROWS = 256
+"""Rows that are lifted at once; chosen, 40 MB at full size."""
+LIFT_DOUBT = 0.25
+"""Share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)."""
+REACHES_PX = (1.0, 4.0, 16.0, 64.0)
+"""Of the working size: over which light goes on where a plane's own is not known."""
+
+
+class Shade(NamedTuple):
+    """What furniture takes from the light of a room, at a working size (h, w)."""
+
+    log_change: Floats
+    """(h, w, 3): natural logarithm of what its removal changes radiance by."""
+    without_lx: Floats
+    """(h, w, 3): irradiance in the empty room without direct sun; 0 where unknown."""
+    seen: Flags
+    """(h, w): where the change is known."""
+
+
+def lifted(
+    image: LuminanceImage,
+    target: Flags,
+    room: RoomModel,
+    shade: Shade,
+    *,
+    sunlight: Flags | None = None,
+    foreign: Flags | None = None,
+    quality: str = "standard",
+    filler: PlaneFiller | None = None,
+) -> tuple[Emptied, Floats]:
+    """Return the room emptied and lit as it is without its furniture, and the log change (H, W) of luminance.
+
+    Parameters are those of `removal.fill.empty_room`, which fills the holes. Outside the target, pixels change by the
+    shade that is lifted off them, and state that in their uncertainty; windows, and what lies outside the picture or is
+    clipped, stay as they are, bit for bit. The textures of the result are reflectances.
+    """
+    geometry = image.geometry
+    assert isinstance(geometry, Equirectangular)
+    maps = surface_maps(room, geometry)
+    windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
+    glass = np.isin(maps.opening, windows)
+    planes = _by_plane(shade, room)
+    reflectance = np.empty_like(image.rgb)
+    change = np.zeros(image.rgb.shape[:2], np.float32)
+    for rows, lift, light in _bands(planes, maps.plane, glass):
+        reflectance[rows] = math.pi * image.rgb[rows] * np.exp(lift) / light
+        change[rows] = lift.mean(axis=-1)
+    done = empty_room(
+        replace(image, rgb=reflectance),
+        target,
+        room,
+        sunlight=sunlight,
+        foreign=foreign,
+        quality=quality,
+        filler=filler,
+    )
+    made, rgb = done.image.rgb, image.rgb.copy()
+    stays = ~target & (image.validity == Validity.VALID)
+    for rows, lift, light in _bands(planes, maps.plane, glass):
+        hole, kept = target[rows], stays[rows]
+        rgb[rows][hole] = (made[rows] * light / math.pi)[hole]
+        rgb[rows][kept] = (image.rgb[rows] * np.exp(lift))[kept]
+    change[~stays] = 0
+    uncertainty = np.where(stays, np.hypot(done.image.uncertainty, LIFT_DOUBT * np.abs(change)), done.image.uncertainty)
+    lit = replace(done.image, rgb=rgb, uncertainty=uncertainty.astype(np.float32))
+    return replace(done, image=lit), change
+
+
+def _by_plane(shade: Shade, room: RoomModel) -> dict[int, Floats]:
+    """Return, for each plane, log change and log light (h, w + 2, 6), continued beyond it, a column round the seam."""
+    high, wide = shade.seen.shape
+    plane = surface_maps(room, Equirectangular(wide, high)).plane
+    light = np.log(np.maximum(shade.without_lx, 1e-6))
+    lit = shade.without_lx.max(axis=-1) > 0
+    found = {}
+    for number in np.unique(plane):
+        mine = plane == number
+        usual = _continued(light, mine & lit) if (mine & lit).any() else _continued(light, lit)
+        lift = _continued(shade.log_change, mine & shade.seen)
+        both = np.concatenate([lift, usual], axis=-1)
+        found[int(number)] = np.concatenate([both[:, -1:], both, both[:, :1]], axis=1)
+    return found
+
+
+def _continued(values: Floats, known: Flags) -> Floats:
+    """Return values (h, w, 3) that go on smoothly where they are not ``known`` (h, w); 0 where none is."""
+    out = np.where(known[..., None], values, 0).astype(np.float32)
+    weight, todo = known.astype(np.float32), ~known
+    for reach in REACHES_PX:
+        share = cv2.GaussianBlur(weight, (0, 0), reach)
+        ready = todo & (share > 0.05)
+        mean = cv2.GaussianBlur(np.where(known[..., None], values, 0).astype(np.float32), (0, 0), reach)
+        out[ready] = mean[ready] / share[ready, None]
+        todo &= ~ready
+    if known.any():
+        out[todo] = np.median(values[known], axis=0)
+    return out
+
+
+def _bands(planes: dict[int, Floats], plane: Int16s, glass: Flags) -> Iterator[tuple[slice, Floats, Floats]]:
+    """Yield bands of rows of the whole picture: log change (h, W, 3), 0 on glass, and irradiance (h, W, 3), lx."""
+    high, wide = plane.shape
+    small_high, small_wide = next(iter(planes.values())).shape[:2]
+    x = ((np.arange(wide) + 0.5) * (small_wide - 2) / wide + 0.5).astype(np.float32)
+    for start in range(0, high, BAND_ROWS):
+        rows = slice(start, min(start + BAND_ROWS, high))
+        y = ((np.arange(rows.start, rows.stop) + 0.5) * small_high / high - 0.5).astype(np.float32)
+        both = np.zeros((rows.stop - rows.start, wide, 6), np.float32)
+        for number in np.unique(plane[rows]):
+            row, column = np.nonzero(plane[rows] == number)
+            for first in range(0, len(row), 1 << 14):
+                part = slice(first, first + (1 << 14))
+                at = x[None, column[part]], y[None, row[part]]
+                both[row[part], column[part]] = linear_samples(planes[int(number)], *at)[0]
+        both[..., :3][glass[rows]] = 0
+        yield rows, both[..., :3], np.exp(both[..., 3:])

@@ -1,0 +1,176 @@
+"""Old furniture's shade: stand-ins from its outline, and the light with and without it, in rooms rendered with it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from processing.ground.arrays import Flags, Floats
+from processing.light.picture.render import render
+from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light, guarded
+from processing.light.scene.scene import Part
+from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
+from processing.light.solver.irradiance import Effort
+from processing.light.solver.sight import FIRST_PART, sight_of
+from processing.light.solver.stage import Stage
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.removal.lift import Shade, lifted
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import surface_maps
+from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
+
+ROWS = 64
+GEOMETRY = Equirectangular(2 * ROWS, ROWS)
+LOOK = Effort(texel_m=0.25, patch_samples=128, rows=ROWS, pixel_samples=256, clean=False)
+WORK = Effort(texel_m=0.2, patch_samples=128, rows=ROWS, pixel_samples=128, sun_samples=16)
+PLACE, SIZE = (1.1, -0.4, 0.0), (1.2, 2.2, 1.1)
+"""Of a cabinet: its corner nearest to the camera and its size, m."""
+
+
+def colours(name: str) -> Floats:
+    return np.full((1, 1, 3), {"floor": 0.3, "ceiling": 0.85}.get(name, 0.65), np.float32)
+
+
+def cabinet(albedo: float) -> Part:
+    middle = tuple(low + size / 2 for low, size in zip(PLACE, SIZE, strict=True))
+    return box(middle, SIZE, (albedo,) * 3)
+
+
+def image(rgb: Floats) -> LuminanceImage:
+    shape = rgb.shape[:2]
+    return LuminanceImage(rgb, np.full(shape, 0.02, np.float32), np.zeros(shape, np.uint8), GEOMETRY, 0.02)
+
+
+def pictured(parts: tuple[Part, ...]) -> tuple[LuminanceImage, Flags]:
+    """Return the room rendered with parts in it, and where they are seen."""
+    scene = replace(scene_of(box_room(), uniform_sky(4000.0), colours, reveal_m=0.2), parts=parts)
+    rgb = render(scene, GEOMETRY, EYE, effort=LOOK, seed=5).rgb
+    seen = sight_of(Stage.of(scene, 0.5), GEOMETRY, EYE).label >= FIRST_PART
+    return image(rgb), seen.reshape(ROWS, 2 * ROWS)
+
+
+def light_of(picture: LuminanceImage, furniture: Flags, parts: tuple[Part, ...]) -> FurnishedLight:
+    old = OldFurniture(furniture, furniture, parts)
+    return furnished_light(picture, box_room(), uniform_sky(4000.0), old, rows=ROWS, effort=WORK)
+
+
+@pytest.fixture(scope="module")
+def bare() -> LuminanceImage:
+    return pictured(())[0]
+
+
+@pytest.fixture(scope="module")
+def dark() -> tuple[LuminanceImage, Flags]:
+    return pictured((cabinet(0.05),))
+
+
+def test_what_furniture_took_comes_back(bare: LuminanceImage, dark: tuple[LuminanceImage, Flags]) -> None:
+    """A black cabinet, its mesh given: the lifted room is the one rendered without it; it took more than 5 %."""
+    picture, furniture = dark
+    found = light_of(picture, furniture, (cabinet(0.35),))
+    done, change = lifted(
+        picture, furniture, box_room(), Shade(found.log_change, found.without_lx, found.seen), quality="draft"
+    )
+    true, before, after = (luminance_cd_m2(one.rgb) for one in (bare, picture, done.image))
+    seen = found.seen & ~furniture
+    assert np.median(np.abs(before / true - 1)[seen]) > 0.05, "there is something to lift"
+    assert np.median(np.abs(after / true - 1)[seen]) < 0.03
+    assert abs(np.median((after / true - 1)[seen])) < 0.02
+    assert np.median(np.abs(after / true - 1)[furniture]) < 0.06
+    assert (done.image.uncertainty[seen] >= picture.uncertainty[seen]).all()
+    assert change[seen].mean() > 0.03
+
+
+def test_a_darker_thing_takes_more(dark: tuple[LuminanceImage, Flags]) -> None:
+    white, furniture = pictured((cabinet(0.9),))
+    gains = []
+    for picture in (white, dark[0]):
+        found = light_of(picture, furniture, (cabinet(0.35),))
+        gains.append(float(np.median(found.log_change.mean(axis=-1)[found.seen])))
+    assert gains[0] < 0.5 * gains[1]
+
+
+def test_without_furniture_nothing_changes(bare: LuminanceImage) -> None:
+    nothing = np.zeros((ROWS, 2 * ROWS), bool)
+    found = light_of(bare, nothing, ())
+    assert not found.log_change.any()
+    hole = nothing.copy()
+    hole[40:46, 60:68] = True
+    shade = Shade(found.log_change, found.without_lx, found.seen)
+    done, change = lifted(bare, hole, box_room(), shade, quality="draft")
+    assert np.array_equal(done.image.rgb[~hole], bare.rgb[~hole])
+    assert not change.any()
+    assert np.median(np.abs(luminance_cd_m2(done.image.rgb) / luminance_cd_m2(bare.rgb) - 1)[hole]) < 0.05
+
+
+def test_windows_and_clipped_pixels_stay_as_they_are(dark: tuple[LuminanceImage, Flags]) -> None:
+    picture, furniture = dark
+    validity = picture.validity.copy()
+    validity[10:14, 5:20] = 1
+    clipped = replace(picture, validity=validity)
+    found = light_of(clipped, furniture, (cabinet(0.35),))
+    done, _ = lifted(
+        clipped, furniture, box_room(), Shade(found.log_change, found.without_lx, found.seen), quality="draft"
+    )
+    glass = (surface_maps(box_room(), GEOMETRY).opening >= 0) & ~furniture
+    for where in (glass, validity == 1):
+        assert np.array_equal(done.image.rgb[where], picture.rgb[where])
+
+
+def test_the_same_input_gives_the_same_bytes(dark: tuple[LuminanceImage, Flags]) -> None:
+    one, other = (light_of(*dark, (cabinet(0.35),)) for _ in range(2))
+    assert np.array_equal(one.log_change, other.log_change)
+    assert np.array_equal(one.without_lx, other.without_lx)
+
+
+def test_a_standin_stands_where_the_furniture_does() -> None:
+    """From its outline alone: within 20 cm on the near side, within the room, and no more than a third too large."""
+    _, furniture = pictured((cabinet(0.3),))
+    parts = standins_of(box_room(), furniture)
+    assert len(parts) == 1
+    low, high = parts[0].vertices_m.min(axis=0), parts[0].vertices_m.max(axis=0)
+    assert low[0] == pytest.approx(PLACE[0], abs=0.2)
+    assert low[2] < VOXEL_M
+    assert LOW_M <= high[2] + VOXEL_M <= SIZE[2] + 0.2, "how high it is, nobody sees: between usual and true"
+    stage = Stage.of(replace(scene_of(box_room(), uniform_sky(), colours), parts=parts), 0.5)
+    seen = (sight_of(stage, GEOMETRY, EYE).label >= FIRST_PART).reshape(ROWS, 2 * ROWS)
+    assert (seen & furniture).sum() > 0.7 * furniture.sum()
+    assert (seen & ~furniture).sum() < 0.2 * furniture.sum()
+
+
+def test_no_standin_where_there_is_no_furniture_or_only_the_tripod() -> None:
+    nothing = np.zeros((ROWS, 2 * ROWS), bool)
+    assert standins_of(box_room(), nothing) == ()
+    nothing[-4:] = True
+    assert standins_of(box_room(), nothing) == ()
+
+
+def test_what_hangs_is_thin_and_at_its_wall() -> None:
+    picture = np.zeros((ROWS, 2 * ROWS), bool)
+    picture[28:34, 90:100] = True
+    (part,) = standins_of(box_room(), picture)
+    assert part.vertices_m[:, 2].min() > 1.0
+    floor = np.asarray(box_room().floor)
+    away = np.minimum(
+        np.abs(part.vertices_m[:, :2] - floor.min(axis=0)), np.abs(floor.max(axis=0) - part.vertices_m[:, :2])
+    )
+    assert away.min(axis=1).max() < 0.3
+
+
+def test_a_ghost_is_kept_down() -> None:
+    """A local brightening that no shade in the picture answers to is taken back; one that a shade answers to stays."""
+    maps = surface_maps(box_room(), GEOMETRY)
+    seen = maps.opening < 0
+    even = np.full((ROWS, 2 * ROWS), 50.0, np.float32)
+    spot = np.zeros(even.shape, bool)
+    spot[46:54, 60:72] = True
+    log_ratio = np.where(spot, math.log(1.5), 0.1)
+    light = np.full(even.shape, 500.0, np.float32)
+    ghost = guarded(log_ratio, even, light, seen, maps)
+    assert np.median(ghost[spot & seen]) < 0.2
+    shaded = np.where(spot, even * math.exp(0.1) / 1.5, even).astype(np.float32)
+    assert np.median(guarded(log_ratio, shaded, light, seen, maps)[spot & seen]) > 0.8 * math.log(1.5)
+    assert np.allclose(guarded(log_ratio, shaded, light, seen, maps)[~spot & seen], 0.1, atol=0.05)
