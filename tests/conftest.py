@@ -1,4 +1,4 @@
-"""For all tests: Hypothesis draws the same examples in every run, new ones where DAYLIT_TORTURE=1; no model is installed.
+"""For all tests: Hypothesis draws the same examples in every run, new ones where DAYLIT_TORTURE=1; models: none.
 
 A run that fails by chance tells a user nothing about what he changed; the long runs look for new examples.
 """

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from processing.errors import ModelError
-from processing.segmentation.adapters import NetworkContract
+from processing.segmentation.adapters import ADE20K, NetworkContract
 from processing.segmentation.segmenters import TfliteSegmenter
 
 DOWNLOAD_TIMEOUT_S = 30.0
@@ -51,11 +51,7 @@ ADE20K_DEEPLAB = KnownModel(
         input_type="uint8",
         input_range=255,
         size_px=512,
-        classes=tuple(
-            "other wall building sky floor tree ceiling road bed windowpane grass cabinet sidewalk person earth door "
-            "table mountain plant curtain chair car water painting sofa shelf house sea mirror rug field "
-            "armchair".split()
-        ),
+        classes=("other", *ADE20K[:31]),
         # Lamps, cushions, desks and chests are among the others, and so are radiators and switches.
         meanings={"other": ("furniture", "fixture")},
         output="logits",
@@ -174,7 +170,8 @@ def segmenter_file(asked: Path | None) -> Path | None:
     there = installed()
     if there is None and asked is not None:
         raise ModelError(
-            "--segmenter fuse: no model is installed", advice=f"daylit models get {ADE20K_DEEPLAB.name}, or leave it out"
+            "--segmenter fuse: no model is installed",
+            advice=f"daylit models get {ADE20K_DEEPLAB.name}, or leave it out",
         )
     return there
 

@@ -100,7 +100,7 @@ class OnnxSegmenter(_ByContract):
 
 
 class TfliteSegmenter(_ByContract):
-    """A TensorFlow Lite network, of fixed size whatever its contract says; an output may be one of its inner tensors."""
+    """A TensorFlow Lite network, of fixed size whatever its contract says; outputs may be inner tensors."""
 
     def __init__(self, path: Path, contract: NetworkContract, *, threads: int = THREADS) -> None:
         """Load and check; `SegmenterError` says what does not fit."""
@@ -147,9 +147,9 @@ def _with_outputs(network: bytes, names: tuple[str, ...]) -> bytes:
     tensors = [(graph.Tensors(i).Name() or b"").decode() for i in range(graph.TensorsLength())]
     # A view of the file's own bytes: the numbers of the output tensors.
     outputs = graph.OutputsAsNumpy()
-    if not any(tensors[number] in names for number in outputs) and all(name in tensors for name in names):
-        if len(names) <= len(outputs):
-            outputs[: len(names)] = [tensors.index(name) for name in names]
+    given = [tensors[number] for number in outputs]
+    if not set(given) & set(names) and set(names) <= set(tensors) and len(names) <= len(given):
+        outputs[: len(names)] = [tensors.index(name) for name in names]
     return bytes(changed)
 
 

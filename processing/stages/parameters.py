@@ -207,7 +207,8 @@ class RoomParameters(StageParameters):
         ),
     ] = None
     segmenter_contract: Annotated[
-        Path | None, path_field("file", "JSON that describes your network's inputs and outputs.", beside=["--segmenter"])
+        Path | None,
+        path_field("file", "JSON that describes your network's inputs and outputs.", beside=["--segmenter"]),
     ] = None
     layout_model: Annotated[Path | None, path_field("file", "ONNX of HorizonNet, LED2-Net or LGT-Net.")] = None
     camera_height_m: Annotated[

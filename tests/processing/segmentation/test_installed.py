@@ -22,7 +22,14 @@ from processing.pipeline import stage_named
 from processing.running.requests import RunRequest, given_files
 from processing.segmentation import installed as module
 from processing.segmentation.evidence import SceneClass
-from processing.segmentation.installed import ADE20K_DEEPLAB, KnownModel, add_model, get_model, installed, open_installed
+from processing.segmentation.installed import (
+    ADE20K_DEEPLAB,
+    KnownModel,
+    add_model,
+    get_model,
+    installed,
+    open_installed,
+)
 
 CONTENT = b"weights of a network" * 100
 REAL = DATA / "weights" / ADE20K_DEEPLAB.file
@@ -62,7 +69,9 @@ def test_a_model_is_fetched_once_and_checked(known: KnownModel, server: str) -> 
     assert get_model(known, url=f"{server}/gone") == path  # it is there: nothing is fetched
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the client leaves a socket to the collector
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning"
+)  # the client leaves a socket to the collector
 @pytest.mark.parametrize("name", ["other", "gone"])
 def test_another_file_and_none_leave_nothing_behind(known: KnownModel, server: str, name: str) -> None:
     with pytest.raises(ModelError, match="cannot be fetched") as caught:
