@@ -164,7 +164,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="remove",
-        version=4,
+        version=5,
         title="remove furniture",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect"),

@@ -16,6 +16,8 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
+from processing.ground.seam import components
+from processing.pictures.images import luminance_cd_m2
 from processing.sphere import Equirectangular
 from processing.surfaces.planes import CEILING, FLOOR, planes_of
 from processing.surfaces.sun import (
@@ -31,6 +33,15 @@ from processing.surfaces.textures import unwrap, wrap
 
 SURE_RATIO = 2.5
 """The same, where no window is known that could confirm it."""
+# Without time and site nothing says that there is a sun. Only what looks like nothing else is then taken for its light.
+UNKNOWN_RATIO = 4.0
+"""Times its plane's median that such a patch must have (white in an ordinary picture is clipped there)."""
+SHARP_STOPS, SHARP_SHARE, SHARP_RAD = 1.0, 0.6, math.radians(1)
+"""Step across its border, along which share of it, within which angle: reflections and lamps fade."""
+FULL_SHARE = 0.75
+"""Of its convex outline on the plane that it fills, as what falls through a window does."""
+FREE_SHARE = 0.7
+"""Of its border that runs over one bare surface: what ends where a wall, a door or furniture begins has its colour."""
 CORE_M, RING_M, SLACK_M = 0.12, 0.35, 0.15
 """Depth in a beam that is sure to be in it; width of the shade beside it; by how much edges of beams may be wrong."""
 LEAST_PX = 40
@@ -89,7 +100,7 @@ def find_sunlight(
     weight
         (H, W): solid angles.
     sun
-        Azimuth (from +y towards +x) and elevation in rad, or None: not known.
+        Azimuth (from +y towards +x) and elevation in rad, or None: not known; then only what is unmistakable is taken.
     """
     none = np.zeros(luminance.shape, bool)
     if sun is not None and sun[1] <= 0:
@@ -97,6 +108,8 @@ def find_sunlight(
     if usable.sum() < LEAST_PX:
         return SunFound(none, None, False, "hardly any floor or wall is seen")
     relative = relative_log2(luminance, plane, usable)
+    if not glazed(room) and sun is None:
+        return SunFound(none, None, False, "no window is known, nor where the sun was: none is assumed")
     if not glazed(room):
         bright = usable & (relative > math.log2(SURE_RATIO))
         reason = "the room has no window that could confirm it: bright places by luminance alone"
@@ -112,11 +125,56 @@ def find_sunlight(
     lit = _in_beams(scene, room, sun_vector(*direction))
     mask = none.copy()
     mask[usable] = lit
+    if sun is None:
+        mask = unmistakable(mask, relative, points_m, np.where(usable, plane, np.int16(-1)))
+        if not mask.any():
+            return SunFound(none, None, False, "when and where is not known, and no patch can be nothing but sun")
     if float(weight[mask].sum()) < LEAST_SR:
         return SunFound(none, None, False, "no window's beam is brighter than the shade beside it")
     how = "given" if sun is not None else "searched"
     where = f"azimuth {math.degrees(direction[0]):.0f}, elevation {math.degrees(direction[1]):.0f} degrees"
     return SunFound(mask, direction, True, f"windows along the sun's {how} direction ({where}) confirm it")
+
+
+def unmistakable(mask: Flags, relative: Floats, points_m: Doubles, bare: Int16s) -> Flags:
+    """Return the patches of a mask (H, W) that hardly anything but the sun makes: bright, sharp, full, all seen.
+
+    ``relative`` (H, W): log2 of luminance over the plane's median; ``points_m`` (H, W, 3); ``bare`` (H, W): the
+    plane of what nothing hides, -1 elsewhere.
+    """
+    side = np.ones((2 * max(1, round(SHARP_RAD / math.pi * len(mask))) + 1,) * 2, np.uint8)
+    step = np.asarray(cv2.dilate(relative, side) - cv2.erode(relative, side), np.float32)
+    kept = np.zeros_like(mask)
+    for index in np.unique(bare[mask & (bare >= 0)]):
+        free = cv2.erode((bare == index).astype(np.uint8), side).astype(bool)
+        count, labels = components(mask & (bare == index))
+        for label in range(1, count + 1):
+            here = labels == label
+            border = here & (cv2.erode(here.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+            if here.sum() < LEAST_PX or free[border].mean() < FREE_SHARE:
+                continue
+            bright = float(np.median(relative[here])) > math.log2(UNKNOWN_RATIO)
+            sharp = float((step[border] > SHARP_STOPS).mean()) > SHARP_SHARE
+            if bright and sharp and _fullness(points_m, here) > FULL_SHARE:
+                kept |= here
+    return kept
+
+
+def _fullness(points_m: Doubles, here: Flags) -> float:
+    """Return the share of its convex outline that a part of a plane fills."""
+    points = points_m[here]
+    middle = points - points.mean(axis=0)
+    axes = np.linalg.svd(middle[:: max(1, len(middle) // 500)], full_matrices=False)[2][:2]
+    flat = (middle @ axes.T).astype(np.float32)
+    fine = max(float(np.ptp(flat, axis=0).max()), 1e-6) / 64
+    cells = ((flat - flat.min(axis=0)) / fine).astype(np.int32)
+    drawn = np.zeros((cells[:, 1].max() + 1, cells[:, 0].max() + 1), np.uint8)
+    drawn[cells[:, 1], cells[:, 0]] = 1
+    # Far pixels are farther apart than cells.
+    drawn = cv2.morphologyEx(drawn, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    outline = np.zeros_like(drawn)
+    cv2.fillConvexPoly(outline, cv2.convexHull(cells), 1)
+    return float(drawn.sum() / max(1, outline.sum()))
 
 
 def relative_log2(luminance: Floats, plane: Int16s, usable: Flags) -> Floats:
@@ -241,6 +299,8 @@ LEAST_STOPS = 0.3
 """Darker than without furniture."""
 NOISE_FACTOR = 2.0
 """Times the spread (robust standard deviation) of the light far from furniture."""
+MOST_LIFT = 1.5
+"""Stops by which a soft shadow is lifted at most: what is darker is no shadow of furniture."""
 LEAST_FAR = 60
 """Texels far from furniture that a fit needs."""
 LEAST_M2 = 0.01
@@ -251,6 +311,8 @@ class ShadowFound:
     """Shadows at working size."""
 
     mask: Flags
+    contact: Flags
+    """Of it, the narrow band along the foot: what cannot be relit, and is replaced."""
     planes_without_fit: int
     """Planes too full to estimate the light without furniture: only contact bands there."""
 
@@ -263,7 +325,7 @@ def find_shadows(
     ``luminance`` (H, W), linear; ``furniture`` (H, W); ``other`` (H, W): what else hides a plane or is no part of it
     (openings, pictures, direct sun, tripod).
     """
-    found = np.zeros(furniture.shape, bool)
+    found, band = np.zeros(furniture.shape, bool), np.zeros(furniture.shape, bool)
     without = 0
     log2 = np.log2(np.maximum(luminance, 1e-6)).astype(np.float32)
     hidden = furniture | other
@@ -279,9 +341,37 @@ def find_shadows(
         without += not whole
         if plane.index != FLOOR:
             shadow &= _by(object_here, REACH_M / 2)
-        values, where = wrap(shadow.astype(np.float32), plane, PX_PER_M, room, geometry, ~hidden)
-        found[where] |= values > 0.5
-    return ShadowFound(found & ~hidden, without)
+        layers = np.stack([shadow, _by(object_here, CONTACT_M)], axis=-1).astype(np.float32)
+        values, where = wrap(layers, plane, PX_PER_M, room, geometry, ~hidden)
+        found[where] |= values[:, 0] > 0.5
+        band[where] |= values[:, 1] > 0.5
+    return ShadowFound((found | band) & ~hidden, band & ~hidden, without)
+
+
+def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Floats:
+    """Return factors (H, W) that make the soft ``shadow`` (H, W) of a panorama (H, W, 3) as bright as what is around.
+
+    ``hidden`` (H, W): what else lies before a surface; it stays as it is. Light is smooth: a quadratic surface through
+    the logarithms outside the shadow says what the places would have had (as in `find_shadows`).
+    """
+    geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
+    log2 = np.log2(np.maximum(luminance_cd_m2(rgb), 1e-6)).astype(np.float32)
+    gain = np.ones(shadow.shape, np.float32)
+    for plane in planes_of(room):
+        if plane.index == CEILING:
+            continue
+        shade = unwrap(shadow.astype(np.float32), geometry, room, plane, PX_PER_M).values > 0.5
+        texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=hidden)
+        far = texture.known & ~_by(shade, 2 * CONTACT_M)
+        if not shade.any() or far.sum() < LEAST_FAR:
+            continue
+        smooth = _known_mean(texture.values, texture.known, 0.06)
+        lift = np.where(texture.known, np.clip(_smooth_fit(smooth, far)[0] - smooth, 0, MOST_LIFT), 0)
+        soft = cv2.GaussianBlur(shade.astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
+        lift = cv2.GaussianBlur((lift * soft).astype(np.float32), (0, 0), 0.06 * PX_PER_M)
+        values, where = wrap(lift, plane, PX_PER_M, room, geometry, ~hidden)
+        gain[where] = np.exp2(values).ravel()
+    return gain
 
 
 def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:

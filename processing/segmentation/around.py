@@ -125,6 +125,7 @@ def fused(own: SceneEvidence, image: LuminanceImage | RelativeImage | Bytes, seg
         source=f"{own.source}, fused with {other.source}",
         views_used=own.views_used + other.views_used,
         notes=(*own.notes, *other.notes),
+        networks=2,
     )
 
 

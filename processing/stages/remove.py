@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.ground.arrays import Flags
-from processing.ground.seam import grown, resized
+from processing.ground.seam import grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
+from processing.removal.sunlight import relit_gain
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RemoveParameters
@@ -21,6 +23,10 @@ from processing.stages.upright import check_mask_size, known_room, upright_panor
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""
+RELIT_ROWS = 1024
+"""Of the size at which soft shadows are relit: their light is smooth."""
+LEAST_GAIN = 1.02
+"""From which a place counts as relit (chosen: what the eye sees)."""
 LITTLE = 0.3
 """Mean confidence of the filled pixels below which there is a warning (chosen)."""
 
@@ -47,6 +53,7 @@ def run(context: StageContext) -> StageOutput:
     if asked.keep_sunlight and sunlight is not None:
         target, sunlight = _without_sunlight(context, target, sunlight)
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
+    image, lifted = _relit(context, image, target)
     context.progress(0.05, "surfaces")
     found = empty_room(
         image,
@@ -59,7 +66,24 @@ def run(context: StageContext) -> StageOutput:
     )
     context.progress(0.95, "writing")
     _write_details(context.folder / "surfaces.npz", found)
-    return _output(found, context)
+    return _output(found, lifted, context)
+
+
+def _relit(context: StageContext, image: LuminanceImage, target: Flags) -> tuple[LuminanceImage, float]:
+    """Return the picture without the soft shadows of furniture beyond the target, and the share that was relit."""
+    shadow = _optional_mask(context, "shadow")
+    if shadow is None or not (shadow & ~target).any():
+        return image, 0.0
+    small = (min(target.shape[0], RELIT_ROWS), min(target.shape[1], 2 * RELIT_ROWS))
+    foreign = _foreign(context, target.shape)
+    hidden = target if foreign is None else target | foreign
+    gain = relit_gain(resized(image.rgb, small), *(_at(mask, small) for mask in (shadow, hidden)), known_room(context))
+    gain = np.where(target, 1, resized(gain, (target.shape[0], target.shape[1])))
+    return replace(image, rgb=image.rgb * gain[..., None].astype(np.float32)), share_of_sphere(gain > LEAST_GAIN)
+
+
+def _at(mask: Flags, shape: tuple[int, int]) -> Flags:
+    return resized(mask.astype(np.float32), shape) > 0.5
 
 
 def _optional_mask(context: StageContext, name: str) -> Flags | None:
@@ -104,7 +128,7 @@ def _write_details(path: Path, found: Emptied) -> None:
         np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
 
 
-def _output(found: Emptied, context: StageContext) -> StageOutput:
+def _output(found: Emptied, lifted: float, context: StageContext) -> StageOutput:
     filled = found.provenance > 0
     sure = float(found.confidence[filled].mean()) if filled.any() else 1.0
     warnings = []
@@ -117,6 +141,7 @@ def _output(found: Emptied, context: StageContext) -> StageOutput:
         artifacts={"empty": found.image, "filled": filled, "surfaces": True},
         metrics={
             "filled_share": round(float(filled.mean()), 5),
+            "relit_share": round(lifted, 5),
             "synthesised_share": round(float((found.provenance == 2).mean()), 5),
             "mean_confidence": round(sure, 4),
             "notes": list(found.notes),
