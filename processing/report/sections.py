@@ -106,7 +106,14 @@ def remove_section(before: LuminanceImage, after: LuminanceImage, filled: Flags,
     )
     notes = facts.get("notes", [])
     tables = (Table("Surfaces", ("how it was filled",), tuple((note,) for note in notes)),) if notes else ()
-    return Section("Emptied room", "Pixels outside the outlines are the captured ones.", quantities, pictures, tables)
+    lifted = float(facts.get("relit_share", 0.0))
+    text = "Pixels outside the outlines are the captured ones"
+    text += (
+        f", but for soft shadows of furniture: {lifted:.1%} of all directions, made as bright as around."
+        if lifted
+        else "."
+    )
+    return Section("Emptied room", text, quantities, pictures, tables)
 
 
 EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)

@@ -246,7 +246,16 @@ class DetectParameters(StageParameters):
     ] = "auto"
 
 
-class RemoveParameters(StageParameters):
+class _InTheRoom(StageParameters):
+    """Whether a stage that hangs on the room's shape goes on where that is doubtful."""
+
+    doubtful_room: Annotated[
+        bool,
+        Field(description="Empty and stage although the room's estimated shape is doubtful (confidence below 0.3)."),
+    ] = False
+
+
+class RemoveParameters(_InTheRoom):
     """What a user may say about removal."""
 
     keep_sunlight: Annotated[bool, Field(description="Leave direct sunlight where it is (not for relighting).")] = False
@@ -257,7 +266,7 @@ class RemoveParameters(StageParameters):
     ] = "rgb"
 
 
-class _Furnished(StageParameters):
+class _Furnished(_InTheRoom):
     """Which furniture is wanted, for the stages that need to know."""
 
     set: Annotated[str, Field(description="Furniture: bedroom, living, dining, office, auto, none")] = "auto"

@@ -19,7 +19,7 @@ from processing.removal.sunlight import relit_gain
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RemoveParameters
-from processing.stages.upright import check_mask_size, known_room, upright_panorama
+from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_doubtful
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""
@@ -40,7 +40,7 @@ def nothing_to_remove(context: StageContext) -> str | None:
         return "nothing to remove"
     if context.optional_artifact("room", "room") is None:
         return "the stage room found no room; give one (--room)"
-    return None
+    return why_doubtful(context, asked=context.parameters_of(RemoveParameters).doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:
