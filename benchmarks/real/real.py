@@ -1,8 +1,8 @@
 """Furnished real rooms, emptied end to end with our own layout and masks: nine photographs, five of them tuned on.
 
 Each goes through the pipeline as `daylit process --panorama` takes it, up to the stage remove, also where the room is
-doubtful (``doubtful``: how many are not emptied unasked). With the model of `daylit models` where ../shared/data/weights
-has it, else with our own network alone. `benchmarks.real.rules` are checked on each. Grades (1 to 5: may be shown to a
+doubtful (``doubtful``: how many are not emptied unasked). With the model of `daylit models` where ../shared/data has
+it, else with our own network alone. `benchmarks.real.rules` are checked on each. Grades (1 to 5: may be shown to a
 client) were given by looking and stand with faults and date in ``grades.toml``. Sessions are kept in the cache, where
 the pipeline makes anew what has changed. ``python -m benchmarks.real.real FOLDER`` draws the contact sheet.
 """

@@ -1,4 +1,4 @@
-"""Rules that an emptied photograph keeps, checked without a truth: rests, tones, doors, skirting, the floor's direction."""
+"""Rules that an emptied photograph keeps, checked without a truth: rests, tones, doors, skirting, the floor's grain."""
 
 from __future__ import annotations
 

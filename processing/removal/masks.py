@@ -204,7 +204,7 @@ def _united(
     )
     sunlight &= ~furniture & ~tripod
     shadow &= ~furniture & ~tripod
-    target = target_of(furniture | tripod | contact, sunlight, found.openings, margin_rad)
+    target = target_of((furniture | tripod, contact), sunlight, found.openings, margin_rad)
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
@@ -215,12 +215,13 @@ def _at(mask: Flags, shape: tuple[int, int]) -> Flags:
     return resized(mask.astype(np.float32), shape) > 0.5 if mask.any() else np.zeros(shape, bool)
 
 
-def target_of(things: Flags, sunlight: Flags, openings: Flags, margin_rad: float) -> Flags:
-    """Return what is to be removed (H, W): things, with what they enclose, and sunlight, each with a margin.
+def target_of(things: tuple[Flags, Flags], sunlight: Flags, openings: Flags, margin_rad: float) -> Flags:
+    """Return what is to be removed (H, W): things with a margin, their contact shadow, what both enclose, and sunlight.
 
+    ``things``: they themselves, and their contact shadow, which is a margin already, (H, W) each.
     What lies within a patch of sunlight is no island: it may be kept with the patch (--keep-sunlight).
     """
-    return with_islands(grown(things, margin_rad), openings) | grown(sunlight, margin_rad)
+    return with_islands(grown(things[0], margin_rad) | things[1], openings) | grown(sunlight, margin_rad)
 
 
 def with_islands(target: Flags, openings: Flags) -> Flags:

@@ -341,7 +341,9 @@ def find_shadows(
         without += not whole
         if plane.index != FLOOR:
             shadow &= _by(object_here, REACH_M / 2)
-        layers = np.stack([shadow, _by(object_here, CONTACT_M)], axis=-1).astype(np.float32)
+        # What furniture hides of a wall is mostly not what it touches.
+        contact = _by(object_here, CONTACT_M if plane.index == FLOOR else CONTACT_M / 2)
+        layers = np.stack([shadow, contact], axis=-1).astype(np.float32)
         values, where = wrap(layers, plane, PX_PER_M, room, geometry, ~hidden)
         found[where] |= values[:, 0] > 0.5
         band[where] |= values[:, 1] > 0.5

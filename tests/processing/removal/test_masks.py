@@ -156,12 +156,12 @@ def test_what_sunlight_encloses_is_no_island() -> None:
     ring[50:90, 60:120] = True
     ring[64:70, 80:86] = False
     openings = np.zeros((64, 128), bool)
-    assert np.array_equal(target_of(none, ring, openings, 0.0), ring)
-    assert target_of(ring, none, openings, 0.0)[50:90, 60:120].all()
+    assert np.array_equal(target_of((none, none), ring, openings, 0.0), ring)
+    assert target_of((ring, none), none, openings, 0.0)[50:90, 60:120].all()
     # Half of the ring is a thing's: then it is not closed by things, and stays open.
     half = ring.copy()
     half[:, 83:] = False
-    assert np.array_equal(target_of(half, ring & ~half, openings, 0.0), ring)
+    assert np.array_equal(target_of((half, none), ring & ~half, openings, 0.0), ring)
 
 
 def test_edges_are_found_in_the_picture() -> None:
