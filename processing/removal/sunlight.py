@@ -341,9 +341,7 @@ def find_shadows(
         without += not whole
         if plane.index != FLOOR:
             shadow &= _by(object_here, REACH_M / 2)
-        # What furniture hides of a wall is mostly not what it touches.
-        contact = _by(object_here, CONTACT_M if plane.index == FLOOR else CONTACT_M / 2)
-        layers = np.stack([shadow, contact], axis=-1).astype(np.float32)
+        layers = np.stack([shadow, _by(object_here, CONTACT_M)], axis=-1).astype(np.float32)
         values, where = wrap(layers, plane, PX_PER_M, room, geometry, ~hidden)
         found[where] |= values[:, 0] > 0.5
         band[where] |= values[:, 1] > 0.5
@@ -351,27 +349,28 @@ def find_shadows(
 
 
 def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Floats:
-    """Return factors (H, W) that make the soft ``shadow`` (H, W) of a panorama (H, W, 3) as bright as what is around.
+    """Return factors (H, W) that make the soft ``shadow`` (H, W) of a panorama (H, W, 3), linear, as bright as around.
 
-    ``hidden`` (H, W): what else lies before a surface; it stays as it is. Light is smooth: a quadratic surface through
-    the logarithms outside the shadow says what the places would have had (as in `find_shadows`).
+    ``hidden`` (H, W): what else lies before a surface. Light is smooth: a quadratic surface through the logarithms
+    outside the shadow says what the places would have had (as in `find_shadows`).
     """
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
     log2 = np.log2(np.maximum(luminance_cd_m2(rgb), 1e-6)).astype(np.float32)
     gain = np.ones(shadow.shape, np.float32)
     for plane in planes_of(room):
-        if plane.index == CEILING:
-            continue
         shade = unwrap(shadow.astype(np.float32), geometry, room, plane, PX_PER_M).values > 0.5
+        if plane.index == CEILING or not shade.any():
+            continue
         texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=hidden)
         far = texture.known & ~_by(shade, 2 * CONTACT_M)
-        if not shade.any() or far.sum() < LEAST_FAR:
+        if far.sum() < LEAST_FAR:
             continue
         smooth = _known_mean(texture.values, texture.known, 0.06)
-        lift = np.where(texture.known, np.clip(_smooth_fit(smooth, far)[0] - smooth, 0, MOST_LIFT), 0)
-        soft = cv2.GaussianBlur(shade.astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
-        lift = cv2.GaussianBlur((lift * soft).astype(np.float32), (0, 0), 0.06 * PX_PER_M)
-        values, where = wrap(lift, plane, PX_PER_M, room, geometry, ~hidden)
+        lift = np.clip(_smooth_fit(smooth, far)[0] - smooth, 0, MOST_LIFT).astype(np.float32)
+        # It goes on under what is removed, so that it does not fade towards the rim.
+        lift = _known_mean(np.where(texture.known, lift, 0), texture.known, CONTACT_M)
+        lift *= cv2.GaussianBlur((shade | ~texture.known).astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
+        values, where = wrap(lift, plane, PX_PER_M, room, geometry, np.ones_like(hidden))
         gain[where] = np.exp2(values).ravel()
     return gain
 

@@ -78,7 +78,7 @@ def _relit(context: StageContext, image: LuminanceImage, target: Flags) -> tuple
     foreign = _foreign(context, target.shape)
     hidden = target if foreign is None else target | foreign
     gain = relit_gain(resized(image.rgb, small), *(_at(mask, small) for mask in (shadow, hidden)), known_room(context))
-    gain = np.where(target, 1, resized(gain, (target.shape[0], target.shape[1])))
+    gain = np.where(hidden, 1, resized(gain, (target.shape[0], target.shape[1])))
     return replace(image, rgb=image.rgb * gain[..., None].astype(np.float32)), share_of_sphere(gain > LEAST_GAIN)
 
 
