@@ -59,7 +59,7 @@ from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
 from processing.segmentation.installed import ADE20K_DEEPLAB, open_installed
 
-MASKS = ("masks", "furniture", "edges", "tripod", "sunlight")
+MASKS = ("masks", "furniture", "edges", "tripod", "sunlight", "shadows")
 CODE = {
     "ours": (
         *("processing/room/*.py", "processing/segmentation/*", "processing/surfaces/*.py"),

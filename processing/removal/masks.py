@@ -18,7 +18,8 @@ from processing.pictures.images import LuminanceImage, RelativeImage, luminance_
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound, find_furniture, islands_in
-from processing.removal.sunlight import ShadowFound, SunFound, find_shadows, find_sunlight
+from processing.removal.shadows import ShadowFound, find_shadows
+from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions

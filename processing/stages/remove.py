@@ -15,7 +15,7 @@ from processing.ground.seam import grown, resized, share_of_sphere
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
-from processing.removal.sunlight import relit_gain
+from processing.removal.shadows import relit_gain
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RemoveParameters

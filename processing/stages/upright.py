@@ -35,6 +35,7 @@ LEAST_CONFIDENCE = 0.3
 """Of an estimated room, below which it is emptied and staged on request only (chosen: where confidence is from .02 to
 .3, walls of real rooms stood across open space)."""
 LEAST_OF_PART = 0.5
+"""Of a wall or the ceiling, from which it is said to stand (chosen: more likely right than wrong)."""
 
 
 def why_doubtful(context: StageContext, *, asked: bool) -> str | None:

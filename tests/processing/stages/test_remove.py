@@ -15,7 +15,7 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
-from processing.removal.sunlight import relit_gain
+from processing.removal.shadows import relit_gain
 from processing.report.sections import remove_section
 from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
