@@ -77,7 +77,8 @@ def _relit(context: StageContext, image: LuminanceImage, target: Flags) -> tuple
     small = (min(target.shape[0], RELIT_ROWS), min(target.shape[1], 2 * RELIT_ROWS))
     foreign = _foreign(context, target.shape)
     hidden = target if foreign is None else target | foreign
-    gain = relit_gain(resized(image.rgb, small), *(_at(mask, small) for mask in (shadow, hidden)), known_room(context))
+    room = known_room(context)
+    gain = relit_gain(resized(image.rgb, small), _at(shadow, small), _at(hidden, small), room)
     gain = np.where(hidden, 1, resized(gain, (target.shape[0], target.shape[1])))
     return replace(image, rgb=image.rgb * gain[..., None].astype(np.float32)), share_of_sphere(gain > LEAST_GAIN)
 
