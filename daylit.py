@@ -89,6 +89,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
         "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),
         "furniture": Entry("processing.commands.furniture", "furniture", "List, show and export furniture models."),
+        "models": Entry("processing.commands.models", "models", "Networks of others: list, get, add."),
         "relight": Entry("processing.commands.relight", "relight", "Show a room at another time, or through a day."),
         "view-from": Entry("processing.commands.view_from", "view_from", "Show a room from another place in it."),
     },

@@ -143,6 +143,12 @@ class SegmenterError(ProcessingError):
     code = "SEG-001"
 
 
+class ModelError(ProcessingError):
+    """A model of the list that cannot be fetched or kept, is not installed, or a file that is none of them."""
+
+    code = "SEG-002"
+
+
 class RenderingError(ProcessingError):
     """A picture cannot be rendered as asked."""
 

@@ -120,7 +120,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="room",
-        version=4,
+        version=5,
         title="estimate room layout",
         function="processing.stages.room:run",
         data=NETWORK,
@@ -145,7 +145,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=5,
+        version=6,
         title="detect furniture and sunlight",
         function="processing.stages.detect:run",
         data=NETWORK,

@@ -23,13 +23,16 @@ import numpy as np
 
 from benchmarks.kept_rows import Rows
 from benchmarks.memory import MemoryWatch
+from benchmarks.real.real import HELD, TUNED, picture_file
 from benchmarks.room import detect_rivals as rivals
 from benchmarks.room.detect_paper import paper_figures
 from benchmarks.room.detect_plot import trade_plot
 from benchmarks.room.detect_truth import (
     DATA,
+    FURNITURE,
     LOOKED_AT,
     SCORED_ONLY,
+    TRIPOD,
     Score,
     hand_mask,
     photograph,
@@ -51,10 +54,12 @@ from processing.pictures.images import RelativeImage
 from processing.removal.masks import Masks, find_masks
 from processing.room.estimate import estimate_room
 from processing.room.opening_sun import find_openings_in_sun
+from processing.segmentation.around import fused
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence
+from processing.segmentation.installed import ADE20K_DEEPLAB, open_installed
 
-MASKS = ("masks", "furniture", "edges", "tripod", "sunlight")
+MASKS = ("masks", "furniture", "edges", "tripod", "sunlight", "shadows")
 CODE = {
     "ours": (
         *("processing/room/*.py", "processing/segmentation/*", "processing/surfaces/*.py"),
@@ -65,9 +70,24 @@ CODE = {
 }
 QUICK_ROOMS, FULL_ROOMS, LISTED = 1, 24, 48
 REAL = (LOOKED_AT, SCORED_ONLY)
+QUICK_SUN = ("panodr_s3d_1",)
+FURNISHED = (*TUNED, *HELD, *QUICK_SUN)
+MODEL = DATA / "weights" / ADE20K_DEEPLAB.file
 SUNNY_SHARE = 0.002
 FULL_SIZE = (6720, 3360)
-SCORES = ("ours", "true_room", "target", "tripod", "equipment", "sun", "sun_true_room", "raw", "colours", "voc")
+SCORES = (
+    "ours",
+    "fused",
+    "true_room",
+    "target",
+    "tripod",
+    "equipment",
+    "sun",
+    "sun_true_room",
+    "raw",
+    "colours",
+    "voc",
+)
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
@@ -80,6 +100,13 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     found += _one_sunny(kept, found, seed)
     real = {name: _kept(kept, name, lambda name=name: _real(name)) for name in REAL} if _has_real(notes) else {}
     metrics = _simulated_metrics(found) | _real_metrics(real, notes)
+    if real:
+        sunny = {
+            name: kept.row(f"sun {name}", lambda name=name: _false_sun(name))
+            for name in (QUICK_SUN if quick else FURNISHED)
+        }
+        metrics["false_sun_pictures"] = sum(share > 0 for share in sunny.values())
+        notes.append("direct sun in pictures without any: " + ", ".join(f"{k} {v:.2%}" for k, v in sunny.items()))
     metrics["seconds"] = round(max(one["seconds"] for one in (*found, *real.values())), 2)
     if not quick:
         metrics |= kept.row("full size", lambda: _full(*rooms[0]))
@@ -209,11 +236,35 @@ def _real(name: str) -> dict[str, Any]:
     drawn = hand_mask(name)
     result: dict[str, Any] = {"seconds": seconds, "ours": score_by_hand(found.furniture, name)}
     result["target"] = score_by_hand(found.target, name)
+    result["target_ratio"] = share(found.target) / share((drawn == FURNITURE) | (drawn == TRIPOD))
+    result |= _fused(image, evidence, name)
     result["raw"] = score_by_hand(rivals.raw_network(evidence, drawn.shape), name)
     result["colours"] = score_by_hand(rivals.appearance_outliers(image, room), name)
     voc = rivals.voc_furniture(image)
     result["voc"] = score_by_hand(voc, name) if voc is not None else None
     return result
+
+
+def _fused(image: RelativeImage, own: SceneEvidence, name: str) -> dict[str, Any]:
+    """Return the scores with the model of `daylit models`; empty without it."""
+    if not MODEL.is_file():
+        return {}
+    evidence = fused(own, image, open_installed(MODEL))
+    found = find_masks(image, evidence, estimated(image, evidence))
+    drawn = hand_mask(name)
+    ratio = share(found.target) / share((drawn == FURNITURE) | (drawn == TRIPOD))
+    return {"fused": score_by_hand(found.furniture, name), "fused_target_ratio": ratio}
+
+
+def _false_sun(name: str) -> float:
+    """Return the share of the sphere that is taken for direct sun in a furnished picture without any."""
+    image = photograph(picture_file(name))
+    own = scene_evidence(image)
+    evidence = fused(own, image, open_installed(MODEL)) if MODEL.is_file() else own
+    try:
+        return share(find_masks(image, evidence, estimated(image, evidence)).sunlight)
+    except ProcessingError:
+        return 0.0
 
 
 def _simulated_metrics(found: list[dict[str, Any]]) -> dict[str, float]:
@@ -250,6 +301,11 @@ def _real_metrics(real: dict[str, dict[str, Any]], notes: list[str]) -> dict[str
         "furniture_precision_real": _mean(one["ours"].precision for one in real.values()),
         "target_recall_real": _mean(one["target"].recall for one in real.values()),
     }
+    fused_ones = [one for one in real.values() if one.get("fused")]
+    metrics["target_share_ratio"] = _mean(one.get("fused_target_ratio", one["target_ratio"]) for one in real.values())
+    if fused_ones:
+        metrics["furniture_iou_real_fused"] = _mean(one["fused"].iou for one in fused_ones)
+        metrics["furniture_recall_real_fused"] = _mean(one["fused"].recall for one in fused_ones)
     for name, one in real.items():
         metrics[f"{name}_iou"] = round(one["ours"].iou, 4)
         metrics[f"{name}_recall"] = round(one["ours"].recall, 4)

@@ -223,4 +223,5 @@ def _summary(
     for name in sorted((path / "stages" / "render").glob("staged-?.exr")):
         click.echo(f"staged:  {name}")
     click.echo(f"look at: {page.resolve()}")
+    click.echo("real furnished rooms: `daylit models get ade20k-deeplab` (2.3 MB) makes their masks much better")
     return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from processing.ground.arrays import Bytes, Flags, Floats, Indices, Int32s
@@ -37,6 +38,12 @@ SHARPNESS = 4.0
 """Of the soft mask about that."""
 ISLAND_SR = 0.08
 """What furniture goes all round is taken with it up to this size (16 degrees square): it would be left hanging."""
+SEGMENTS = (150.0, 300.0)
+"""Thresholds of the graph segmentation (Felzenszwalb, Huttenlocher 2004): colour segments at two scales ..."""
+SEGMENT_BLUR, SEGMENT_PX = 0.6, 40
+DOUBTFUL, SEED_SHARE = 0.3, 0.3
+"""... whose parts of more than the first probability are furniture where so much of them already is. Chosen on one real
+room (bedroom_hn): recall 0.91 -> 0.95 at the same IoU, by fused evidence; by our network alone IoU falls by 0.03."""
 CEILING_DOUBT, OPENING_DOUBT = 0.7, 0.65
 """Natural logarithm of odds taken off before the ceiling, and before windows and doors."""
 
@@ -54,7 +61,7 @@ class FurnitureFound:
 
 
 def find_furniture(
-    probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, floor_filter: bool = True
+    probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes, *, floor_filter: bool = True, whole: bool = False
 ) -> FurnitureFound:
     """Return the furniture of an upright panorama.
 
@@ -68,10 +75,14 @@ def find_furniture(
         (H, W, 3), sRGB.
     floor_filter
         False: keep what hangs on walls too.
+    whole
+        Complete things to the borders of their colours: for evidence that two networks share.
     """
     prior = furniture_prior(probabilities, maps, rgb8)
     vote = CUT_SHARE * snapped(prior, rgb8) + (1 - CUT_SHARE) * prior
     soft = np.clip(0.5 + SHARPNESS * (vote - TAKEN), 0, 1).astype(np.float32)
+    if whole:
+        soft = np.where(completed(soft > 0.5, prior, rgb8), np.maximum(soft, np.float32(0.75)), soft)
     mask = soft > 0.5
     if not floor_filter:
         return FurnitureFound(mask, soft, 0, 0.0)
@@ -92,6 +103,23 @@ def furniture_prior(probabilities: Floats, maps: SurfaceMaps, rgb8: Bytes) -> Fl
     odds += HERE_WEIGHT * unusual + AROUND_WEIGHT * smoothed(unusual, AROUND_RAD)
     odds -= CEILING_DOUBT * (maps.plane == CEILING) + OPENING_DOUBT * (maps.opening >= 0)
     return np.asarray(1 / (1 + np.exp(-odds)), dtype=np.float32)
+
+
+def completed(mask: Flags, probability: Floats, rgb8: Bytes) -> Flags:
+    """Return a mask (H, W) grown to doubtful places (``probability``, (H, W)) within one connected segment of colour.
+
+    Half a bed is worse than none: what has the colour of its other half, and may be furniture, goes with it.
+    """
+    doubtful = probability > DOUBTFUL
+    weight = np.broadcast_to(row_solid_angles((mask.shape[0], mask.shape[1])), mask.shape)
+    grown_to = mask.copy()
+    for scale in SEGMENTS:
+        cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, scale, SEGMENT_PX)
+        labels = cutter.processImage(rgb8).ravel()
+        seeds = np.bincount(labels, (weight * mask).ravel())
+        parts = np.bincount(labels, (weight * doubtful).ravel())
+        grown_to |= (seeds > SEED_SHARE * np.maximum(parts, 1e-9))[labels].reshape(mask.shape) & doubtful
+    return grown_to
 
 
 def attached(mask: Flags, floor: Flags) -> tuple[Flags, int, float]:

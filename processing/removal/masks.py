@@ -18,7 +18,8 @@ from processing.pictures.images import LuminanceImage, RelativeImage, luminance_
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import FurnitureFound, find_furniture, islands_in
-from processing.removal.sunlight import ShadowFound, SunFound, find_shadows, find_sunlight
+from processing.removal.shadows import ShadowFound, find_shadows
+from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
@@ -44,7 +45,7 @@ class Masks:
     sunlight: Flags
     """Direct sunlight on floor and walls."""
     shadow: Flags
-    """Of furniture, on floor and walls."""
+    """Of furniture, on floor and walls: of it only the contact with furniture is in the target, the rest is relit."""
     target: Flags
     notes: tuple[str, ...] = ()
     """What was skipped, dropped or not found, and why."""
@@ -94,7 +95,7 @@ def find_masks(
         return _nothing((geometry.height_px, geometry.width_px), "the picture is black: nothing can be found in it")
     small = Equirectangular(shape[1], shape[0])
     maps = surface_maps(room, small)
-    known = _Known(sun_direction if sun_possible else None, sun_possible, meter_target)
+    known = _Known(sun_direction if sun_possible else None, sun_possible, meter_target, evidence.networks > 1)
     found = _find(rgb, _evidence_at(evidence, shape), room, maps, known)
     return _united(found, image, geometry, margin_rad)
 
@@ -106,6 +107,7 @@ class _Known:
     sun: tuple[float, float] | None
     sun_possible: bool
     meter_target: tuple[float, float] | None
+    two_networks: bool
 
 
 @dataclass(frozen=True)
@@ -125,13 +127,16 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     tripod = find_tripod(probabilities, shown, maps.plane == FLOOR)
     board, stand = _board(luminance, known.meter_target, maps.opening >= 0)
     tripod = replace(tripod, mask=tripod.mask | board)
-    furniture = find_furniture(probabilities, maps, shown)
+    furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks)
     hidden = furniture.mask | tripod.mask
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
+    fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
     unsure = (maps.opening < 0) & (maps.plane != CEILING) & furniture.mask & ~tripod.mask
     bare |= coloured_as_behind(rgb, maps.plane, unsure, hidden | (maps.opening >= 0))
+    if known.sun is None:
+        bare &= ~(others | fixtures)
     if known.sun_possible:
         d, _ = directions(geometry)
         points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
@@ -140,7 +145,6 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     else:
         sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board)
-    fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
     notes = _notes(furniture, tripod, sunlight, shadow)
@@ -190,24 +194,29 @@ def _united(
         furniture = at_full_size(soft, preview_rgb8(image.rgb)) > 0.5
     else:
         furniture = found.furniture.mask
-    tripod, sunlight, shadow = (
-        resized(mask.astype(np.float32), shape) > 0.5 if mask.any() else np.zeros(shape, bool)
-        for mask in (found.tripod.mask, found.sunlight.mask, found.shadow.mask)
+    tripod, sunlight, shadow, contact = (
+        _at(mask, shape) for mask in (found.tripod.mask, found.sunlight.mask, found.shadow.mask, found.shadow.contact)
     )
     sunlight &= ~furniture & ~tripod
     shadow &= ~furniture & ~tripod
-    target = target_of(furniture | tripod | shadow, sunlight, found.openings, margin_rad)
+    target = target_of((furniture | tripod, contact), sunlight, found.openings, margin_rad)
     named = {"furniture": furniture, "tripod": tripod, "sunlight": sunlight, "shadow": shadow, "target": target}
     shares = {name: share_of_sphere(mask) for name, mask in named.items()}
     return Masks(**named, notes=found.notes, sun=found.sunlight.direction, shares=shares)
 
 
-def target_of(things: Flags, sunlight: Flags, openings: Flags, margin_rad: float) -> Flags:
-    """Return what is to be removed (H, W): things, with what they enclose, and sunlight, each with a margin.
+def _at(mask: Flags, shape: tuple[int, int]) -> Flags:
+    """Return a mask at another size; an empty one without work."""
+    return resized(mask.astype(np.float32), shape) > 0.5 if mask.any() else np.zeros(shape, bool)
 
+
+def target_of(things: tuple[Flags, Flags], sunlight: Flags, openings: Flags, margin_rad: float) -> Flags:
+    """Return what is to be removed (H, W): things with a margin, their contact shadow, what both enclose, and sunlight.
+
+    ``things``: they themselves, and their contact shadow, which is a margin already, (H, W) each.
     What lies within a patch of sunlight is no island: it may be kept with the patch (--keep-sunlight).
     """
-    return with_islands(grown(things, margin_rad), openings) | grown(sunlight, margin_rad)
+    return with_islands(grown(things[0], margin_rad) | things[1], openings) | grown(sunlight, margin_rad)
 
 
 def with_islands(target: Flags, openings: Flags) -> Flags:

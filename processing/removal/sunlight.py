@@ -1,4 +1,4 @@
-"""What the sun and the furniture do to the light on floor and walls: patches of direct sunlight, and shadows.
+"""Patches of direct sunlight on floor and walls.
 
 The sun adds several times what the room's own light gives, a step that hardly any pattern of a floor has. With the
 sun's direction, windows are projected along it (as Zhi et al. 2022 do in a search); without, the direction that
@@ -16,8 +16,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
-from processing.sphere import Equirectangular
-from processing.surfaces.planes import CEILING, FLOOR, planes_of
+from processing.ground.seam import components
 from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,
@@ -27,10 +26,18 @@ from processing.surfaces.sun import (
     wall_between,
     window_depth,
 )
-from processing.surfaces.textures import unwrap, wrap
 
 SURE_RATIO = 2.5
 """The same, where no window is known that could confirm it."""
+# Without time and site nothing says that there is a sun. Only what looks like nothing else is then taken for its light.
+UNKNOWN_RATIO = 4.0
+"""Times its plane's median that such a patch must have (white in an ordinary picture is clipped there)."""
+SHARP_STOPS, SHARP_SHARE, SHARP_RAD = 1.0, 0.6, math.radians(1)
+"""Step across its border, along which share of it, within which angle: reflections and lamps fade."""
+FULL_SHARE = 0.75
+"""Of its convex outline on the plane that it fills, as what falls through a window does."""
+FREE_SHARE = 0.7
+"""Of its border that runs over one bare surface: what ends where a wall, a door or furniture begins has its colour."""
 CORE_M, RING_M, SLACK_M = 0.12, 0.35, 0.15
 """Depth in a beam that is sure to be in it; width of the shade beside it; by how much edges of beams may be wrong."""
 LEAST_PX = 40
@@ -89,7 +96,7 @@ def find_sunlight(
     weight
         (H, W): solid angles.
     sun
-        Azimuth (from +y towards +x) and elevation in rad, or None: not known.
+        Azimuth (from +y towards +x) and elevation in rad, or None: not known; then only what is unmistakable is taken.
     """
     none = np.zeros(luminance.shape, bool)
     if sun is not None and sun[1] <= 0:
@@ -97,6 +104,8 @@ def find_sunlight(
     if usable.sum() < LEAST_PX:
         return SunFound(none, None, False, "hardly any floor or wall is seen")
     relative = relative_log2(luminance, plane, usable)
+    if not glazed(room) and sun is None:
+        return SunFound(none, None, False, "no window is known, nor where the sun was: none is assumed")
     if not glazed(room):
         bright = usable & (relative > math.log2(SURE_RATIO))
         reason = "the room has no window that could confirm it: bright places by luminance alone"
@@ -112,11 +121,56 @@ def find_sunlight(
     lit = _in_beams(scene, room, sun_vector(*direction))
     mask = none.copy()
     mask[usable] = lit
+    if sun is None:
+        mask = unmistakable(mask, relative, points_m, np.where(usable, plane, np.int16(-1)))
+        if not mask.any():
+            return SunFound(none, None, False, "when and where is not known, and no patch can be nothing but sun")
     if float(weight[mask].sum()) < LEAST_SR:
         return SunFound(none, None, False, "no window's beam is brighter than the shade beside it")
     how = "given" if sun is not None else "searched"
     where = f"azimuth {math.degrees(direction[0]):.0f}, elevation {math.degrees(direction[1]):.0f} degrees"
     return SunFound(mask, direction, True, f"windows along the sun's {how} direction ({where}) confirm it")
+
+
+def unmistakable(mask: Flags, relative: Floats, points_m: Doubles, bare: Int16s) -> Flags:
+    """Return the patches of a mask (H, W) that hardly anything but the sun makes: bright, sharp, full, all seen.
+
+    ``relative`` (H, W): log2 of luminance over the plane's median; ``points_m`` (H, W, 3); ``bare`` (H, W): the
+    plane of what nothing hides, -1 elsewhere.
+    """
+    side = np.ones((2 * max(1, round(SHARP_RAD / math.pi * len(mask))) + 1,) * 2, np.uint8)
+    step = np.asarray(cv2.dilate(relative, side) - cv2.erode(relative, side), np.float32)
+    kept = np.zeros_like(mask)
+    for index in np.unique(bare[mask & (bare >= 0)]):
+        free = cv2.erode((bare == index).astype(np.uint8), side).astype(bool)
+        count, labels = components(mask & (bare == index))
+        for label in range(1, count + 1):
+            here = labels == label
+            border = here & (cv2.erode(here.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0)
+            if here.sum() < LEAST_PX or free[border].mean() < FREE_SHARE:
+                continue
+            bright = float(np.median(relative[here])) > math.log2(UNKNOWN_RATIO)
+            sharp = float((step[border] > SHARP_STOPS).mean()) > SHARP_SHARE
+            if bright and sharp and _fullness(points_m, here) > FULL_SHARE:
+                kept |= here
+    return kept
+
+
+def _fullness(points_m: Doubles, here: Flags) -> float:
+    """Return the share of its convex outline that a part of a plane fills."""
+    points = points_m[here]
+    middle = points - points.mean(axis=0)
+    axes = np.linalg.svd(middle[:: max(1, len(middle) // 500)], full_matrices=False)[2][:2]
+    flat = (middle @ axes.T).astype(np.float32)
+    fine = max(float(np.ptp(flat, axis=0).max()), 1e-6) / 64
+    cells = ((flat - flat.min(axis=0)) / fine).astype(np.int32)
+    drawn = np.zeros((cells[:, 1].max() + 1, cells[:, 0].max() + 1), np.uint8)
+    drawn[cells[:, 1], cells[:, 0]] = 1
+    # Far pixels are farther apart than cells.
+    drawn = cv2.morphologyEx(drawn, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    outline = np.zeros_like(drawn)
+    cv2.fillConvexPoly(outline, cv2.convexHull(cells), 1)
+    return float(drawn.sum() / max(1, outline.sum()))
 
 
 def relative_log2(luminance: Floats, plane: Int16s, usable: Flags) -> Floats:
@@ -222,108 +276,3 @@ def _one_beam(log2_luminance: Floats, depth: Floats, here: Flags) -> Flags:
         return np.zeros(here.shape, bool)
     threshold = (shade + float(np.median(bright))) / 2
     return beam & (log2_luminance > max(threshold, shade + math.log2(LEAST_RATIO) / 2))
-
-
-# Contact and soft shadows of furniture, plane by plane.
-#
-# The light far from all furniture shows what the light would be without it: a smooth surface, fitted robustly to
-# logarithms. Places near furniture that are clearly darker and hang together with it are its shadow. A narrow band
-# along its foot always counts: contact shadow, and light that bounced off it.
-
-PX_PER_M = 20.0
-CONTACT_M = 0.10
-FAR_M = 0.7
-"""From furniture, where its shadow no longer counts as seen."""
-REACH_M = 0.8
-"""How far a shadow is followed."""
-LEAST_STOPS = 0.3
-"""Darker than without furniture."""
-NOISE_FACTOR = 2.0
-"""Times the spread (robust standard deviation) of the light far from furniture."""
-LEAST_FAR = 60
-"""Texels far from furniture that a fit needs."""
-LEAST_M2 = 0.01
-
-
-@dataclass(frozen=True)
-class ShadowFound:
-    """Shadows at working size."""
-
-    mask: Flags
-    planes_without_fit: int
-    """Planes too full to estimate the light without furniture: only contact bands there."""
-
-
-def find_shadows(
-    luminance: Floats, room: RoomModel, geometry: Equirectangular, furniture: Flags, other: Flags
-) -> ShadowFound:
-    """Return shadow and contact of furniture on floor and walls.
-
-    ``luminance`` (H, W), linear; ``furniture`` (H, W); ``other`` (H, W): what else hides a plane or is no part of it
-    (openings, pictures, direct sun, tripod).
-    """
-    found = np.zeros(furniture.shape, bool)
-    without = 0
-    log2 = np.log2(np.maximum(luminance, 1e-6)).astype(np.float32)
-    hidden = furniture | other
-    for plane in planes_of(room):
-        if plane.index == CEILING:
-            continue
-        texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=hidden)
-        cover = unwrap(furniture.astype(np.float32), geometry, room, plane, PX_PER_M)
-        object_here = cover.known & (cover.values > 0.5)
-        if not object_here.any() or not texture.known.any():
-            continue
-        shadow, whole = _on_plane(texture.values, texture.known, object_here)
-        without += not whole
-        if plane.index != FLOOR:
-            shadow &= _by(object_here, REACH_M / 2)
-        values, where = wrap(shadow.astype(np.float32), plane, PX_PER_M, room, geometry, ~hidden)
-        found[where] |= values > 0.5
-    return ShadowFound(found & ~hidden, without)
-
-
-def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
-    """Return shadow on a plane's texture, and whether the light without furniture could be estimated."""
-    # Texels that furniture hides in part belong to the band: the picture's finer pixels beside it fall into them.
-    band = _by(thing, CONTACT_M)
-    contact = known & band
-    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), 0.06 * PX_PER_M)
-    total = cv2.GaussianBlur(np.where(known, log2, 0).astype(np.float32), (0, 0), 0.06 * PX_PER_M)
-    smooth = np.asarray(np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), log2), dtype=np.float32)
-    far = known & ~_by(thing, FAR_M)
-    if far.sum() < LEAST_FAR:
-        return band, False
-    expected, spread = _smooth_fit(smooth, far)
-    dark = known & (smooth < expected - max(LEAST_STOPS, NOISE_FACTOR * spread)) & _by(thing, REACH_M)
-    count, labels = cv2.connectedComponents((dark | contact).astype(np.uint8), connectivity=8)
-    areas = np.bincount(labels.ravel(), minlength=count) / PX_PER_M**2
-    kept = np.zeros(count, bool)
-    kept[np.unique(labels[contact])] = True
-    kept &= areas >= LEAST_M2
-    kept[0] = False
-    return kept[labels] | band, True
-
-
-def _by(mask: Flags, distance_m: float) -> Flags:
-    """Return what lies within a distance of a mask on a texture."""
-    away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-    return np.asarray(away <= max(distance_m * PX_PER_M, 1.0), bool) & mask.any()
-
-
-def _smooth_fit(values: Floats, far: Flags) -> tuple[Floats, float]:
-    """Return a quadratic surface through the far texels (robust), held within their range, and the spread around it."""
-    rows, columns = np.indices(values.shape)
-    y, x = rows / values.shape[0] - 0.5, columns / values.shape[1] - 0.5
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
-    a, b = terms[far], values[far].astype(np.float64)
-    weight = np.ones(len(b))
-    ridge = 1e-3 * len(b) * np.diag([0, 1, 1, 4, 4, 4])
-    spread = 0.0
-    for _ in range(4):
-        solution = np.linalg.solve(a.T @ (a * weight[:, None]) + ridge, a.T @ (b * weight))
-        off = b - a @ solution
-        spread = float(1.4826 * np.median(np.abs(off)))
-        weight = 1 / np.maximum(1.0, np.abs(off) / max(1.5 * spread, 1e-3))
-    low, high = np.quantile(b, [0.02, 0.98])
-    return np.clip(terms @ solution, low, high).astype(np.float32), spread

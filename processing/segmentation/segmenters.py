@@ -1,4 +1,4 @@
-"""Networks that segment views: ONNX through onnxruntime, TensorFlow Lite where ai-edge-litert is installed."""
+"""Networks that segment views: ONNX through onnxruntime, TensorFlow Lite through ai-edge-litert."""
 
 from __future__ import annotations
 
@@ -100,26 +100,22 @@ class OnnxSegmenter(_ByContract):
 
 
 class TfliteSegmenter(_ByContract):
-    """A TensorFlow Lite network, of fixed size whatever its contract says; run by the optional ai-edge-litert."""
+    """A TensorFlow Lite network, of fixed size whatever its contract says; outputs may be inner tensors."""
 
     def __init__(self, path: Path, contract: NetworkContract, *, threads: int = THREADS) -> None:
-        """Load and check; `SegmenterError` says what does not fit, or that the package is not there."""
-        try:
-            from ai_edge_litert.interpreter import Interpreter
-        except ImportError as exc:
-            raise SegmenterError(
-                "TensorFlow Lite networks need the package ai-edge-litert",
-                where=str(path),
-                advice="pip install ai-edge-litert, or give an ONNX network",
-            ) from exc
+        """Load and check; `SegmenterError` says what does not fit."""
+        from ai_edge_litert.interpreter import Interpreter
+
         self.contract = contract
         try:
-            self._network: Any = Interpreter(model_path=str(path), num_threads=threads)
+            network = _with_outputs(path.read_bytes(), contract.outputs)
+            self._network: Any = Interpreter(model_content=network, num_threads=threads)
             self._network.allocate_tensors()
-        except (ValueError, RuntimeError, OSError) as exc:
+        # What a damaged file raises while it is parsed has no common base.
+        except Exception as exc:
             raise _unreadable(path, f"cannot be loaded: {str(exc)[:300]}") from exc
         self._inputs = {one["name"]: one["index"] for one in self._network.get_input_details()}
-        self._outputs = {one["name"]: one["index"] for one in self._network.get_output_details()}
+        self._outputs = {one["name"]: one for one in self._network.get_output_details()}
         self._check(path, list(self._inputs), list(self._outputs))
 
     @property
@@ -130,7 +126,31 @@ class TfliteSegmenter(_ByContract):
     def _outputs_of(self, fed: Array) -> list[Array]:
         self._network.set_tensor(self._inputs[self.contract.input], fed)
         self._network.invoke()
-        return [self._network.get_tensor(self._outputs[name]) for name in self.contract.outputs]
+        return [self._output(self._outputs[name]) for name in self.contract.outputs]
+
+    def _output(self, tensor: Any) -> Array:
+        """Return an output's values; quantised ones as the real numbers that they stand for."""
+        values: Array = self._network.get_tensor(tensor["index"])
+        scale, zero = tensor["quantization"]
+        return (values.astype(np.float32) - zero) * np.float32(scale) if scale else values
+
+
+def _with_outputs(network: bytes, names: tuple[str, ...]) -> bytes:
+    """Return a TensorFlow Lite file that gives inner tensors of those names in place of as many of its outputs.
+
+    So class scores can be read of networks that end in class numbers. Names that it does not have change nothing.
+    """
+    from ai_edge_litert.schema_py_generated import Model
+
+    changed = bytearray(network)
+    graph = Model.GetRootAs(changed, 0).Subgraphs(0)
+    tensors = [(graph.Tensors(i).Name() or b"").decode() for i in range(graph.TensorsLength())]
+    # A view of the file's own bytes: the numbers of the output tensors.
+    outputs = graph.OutputsAsNumpy()
+    given = [tensors[number] for number in outputs]
+    if not set(given) & set(names) and set(names) <= set(tensors) and len(names) <= len(given):
+        outputs[: len(names)] = [tensors.index(name) for name in names]
+    return bytes(changed)
 
 
 def open_segmenter(

@@ -16,7 +16,7 @@ from processing.layout.plan import FloorPlan, from_room_model
 from processing.layout.rules import built_in_rules
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, ArrangeParameters
-from processing.stages.upright import known_room
+from processing.stages.upright import known_room, why_doubtful
 
 
 def judged(given: Arrangements, context: StageContext) -> tuple[StageWarning, ...]:
@@ -41,7 +41,7 @@ def nothing_to_arrange(context: StageContext) -> str | None:
         return "no furniture asked"
     if context.optional_artifact("room", "room") is None:
         return "the stage room found no room; give one (--room)"
-    return None
+    return why_doubtful(context, asked=asked.doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:

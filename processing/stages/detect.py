@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from processing.errors import ParameterError
 from processing.pictures.images import LuminanceImage
 from processing.removal.masks import Masks, find_masks
-from processing.segmentation.around import segment_around
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, read_evidence
-from processing.segmentation.segmenters import open_segmenter
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import DetectParameters
 from processing.stages.upright import known_room, sky_without_sun, sun_direction, upright_panorama
@@ -34,7 +31,7 @@ def run(context: StageContext) -> StageOutput:
     image = upright_panorama(context)
     room = known_room(context)
     context.progress(0.0, "segmentation")
-    evidence = _evidence(context, image, asked)
+    evidence = _evidence(context, image)
     context.progress(0.4, "masks")
     sun = sun_direction(context.session)
     possible, why = _sun_possible(context, sun, asked)
@@ -70,18 +67,10 @@ def _sun_possible(context: StageContext, sun: tuple[float, float] | None, asked:
     return True, ""
 
 
-def _evidence(context: StageContext, image: LuminanceImage, asked: DetectParameters) -> SceneEvidence:
-    """Return what the room stage's network sees, or the user's through views, skipping by the former."""
+def _evidence(context: StageContext, image: LuminanceImage) -> SceneEvidence:
+    """Return what the room stage's networks saw; of a given room in a picture that shows none, our own's."""
     kept = context.optional_artifact("room", "evidence")
-    embedded = scene_evidence(image, quality=context.quality.value) if kept is None else read_evidence(kept)
-    network, contract = asked.segmenter, asked.segmenter_contract
-    if (network is None) != (contract is None):
-        raise ParameterError(
-            "--segmenter and --segmenter-contract belong together", advice="give the network and its contract (JSON)"
-        )
-    if network is None:
-        return embedded
-    return segment_around(image, open_segmenter(network, contract), first=embedded)
+    return scene_evidence(image, quality=context.quality.value) if kept is None else read_evidence(kept)
 
 
 def _output(found: Masks, evidence: SceneEvidence, why_no_sun: str, margin_deg: float) -> StageOutput:

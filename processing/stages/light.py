@@ -19,7 +19,7 @@ from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
 from processing.stages.outdoors import light_outdoors
 from processing.stages.parameters import LightParameters
-from processing.stages.upright import check_mask_size, known_room, upright_panorama
+from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_doubtful
 from processing.surfaces.maps import surface_maps
 
 LEAST_SHARE = 0.005
@@ -48,8 +48,8 @@ WORK = {
 
 def nothing_to_lift(context: StageContext) -> str | None:
     """Return why there is nothing to do: not asked, nothing to remove, no room, or no light known in it."""
-    shade = context.parameters_of(LightParameters).shade
-    if shade == "keep":
+    asked = context.parameters_of(LightParameters)
+    if asked.shade == "keep":
         return "the shade of furniture is kept (--shade keep)"
     target = context.optional_artifact("detect", "target")
     if target is None or not np.asarray(target).any():
@@ -61,14 +61,14 @@ def nothing_to_lift(context: StageContext) -> str | None:
         return f"furniture covers less than {100 * LEAST_SHARE:.1f} % of the picture: its shade is small"
     if not any(opening.kind is OpeningKind.WINDOW for opening in room.openings):
         return "no window is known: the light of the room cannot be estimated"
-    if shade == "auto" and context.optional_artifact("calibrate", "outdoor") is None:
+    if asked.shade == "auto" and context.optional_artifact("calibrate", "outdoor") is None:
         clipped = _clipped_windows(upright_panorama(context), room)
         if clipped > MOST_CLIPPED:
             return (
                 f"{100 * clipped:.0f} % of the windows is clipped and there is no outdoor picture: how strong their "
                 "light is, is not known (--shade lift estimates it all the same)"
             )
-    return None
+    return why_doubtful(context, asked=asked.doubtful_room)
 
 
 MOST_CLIPPED = 0.1

@@ -17,7 +17,7 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.outdoors import light_outdoors
 from processing.stages.parameters import MaterialsParameters
-from processing.stages.upright import known_room, upright_panorama
+from processing.stages.upright import known_room, upright_panorama, why_doubtful
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
@@ -33,7 +33,7 @@ def nothing_to_stage(context: StageContext) -> str | None:
         return "staging not asked"
     if context.optional_artifact("room", "room") is None:
         return "the stage room found no room; give one (--room)"
-    return None
+    return why_doubtful(context, asked=asked.doubtful_room)
 
 
 def run(context: StageContext) -> StageOutput:

@@ -16,12 +16,14 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
 OptionKind = Literal["parameter", "file", "folder", "answer"]
 MOST_STAGED = 7
 """Alternatives: as many as the paper shows."""
+WORDS = ("own", "fuse")
+"""What --segmenter takes beside a file."""
 NO_SUCH = "no such alternative"
 """Why an artifact of an alternative that was not requested is left out."""
 _UNIT = re.compile(r"_(deg|m)$")
@@ -54,6 +56,9 @@ class Option:
     """Flags that would do nothing beside this one: a run that asks for both is refused."""
     beside: tuple[str, ...] = ()
     """Flags without which this one would do nothing."""
+    installed: bool = False
+    """Of a file: own, fuse and nothing stand for the installed model's file, or for none
+    (`processing.segmentation.installed`)."""
 
 
 @cache
@@ -192,6 +197,19 @@ class RoomParameters(StageParameters):
             excludes=["--camera-height", "--layout-model"],
         ),
     ] = None
+    segmenter: Annotated[
+        Path | None,
+        path_field(
+            "file",
+            "What says which pixels are furniture and windows: own (the shipped network), fuse (with the model of "
+            "`daylit models`; the default where it is installed), or a network of yours (ONNX, tflite).",
+            installed=True,
+        ),
+    ] = None
+    segmenter_contract: Annotated[
+        Path | None,
+        path_field("file", "JSON that describes your network's inputs and outputs.", beside=["--segmenter"]),
+    ] = None
     layout_model: Annotated[Path | None, path_field("file", "ONNX of HorizonNet, LED2-Net or LGT-Net.")] = None
     camera_height_m: Annotated[
         Annotated[float, Field(ge=0.1, lt=20)] | None,
@@ -200,6 +218,12 @@ class RoomParameters(StageParameters):
     level: Annotated[
         Literal["auto", "off"], Field(description="A tilted panorama: auto makes it upright, off leaves it")
     ] = "auto"
+
+    @model_validator(mode="after")
+    def _contract_of_a_file(self) -> RoomParameters:
+        if (self.segmenter_contract is None) == (self.segmenter is not None and str(self.segmenter) not in WORDS):
+            raise ValueError("--segmenter FILE and --segmenter-contract belong together; own and fuse have none")
+        return self
 
 
 class DetectParameters(StageParameters):
@@ -211,15 +235,8 @@ class DetectParameters(StageParameters):
             "answer",
             "Picture: white is to be removed; instead of detection.",
             artifact="target",
-            excludes=["--segmenter", "--segmenter-contract", "--margin", "--sunlight", "--keep-sunlight"],
+            excludes=["--margin", "--sunlight", "--keep-sunlight"],
         ),
-    ] = None
-    segmenter: Annotated[
-        Path | None,
-        path_field("file", "Segmentation network of your own, ONNX or tflite.", beside=["--segmenter-contract"]),
-    ] = None
-    segmenter_contract: Annotated[
-        Path | None, path_field("file", "JSON that describes its inputs and outputs.", beside=["--segmenter"])
     ] = None
     margin_deg: Annotated[
         float, Field(ge=0, le=10, description="Degrees by which the target extends beyond what was detected")
@@ -229,7 +246,16 @@ class DetectParameters(StageParameters):
     ] = "auto"
 
 
-class LightParameters(StageParameters):
+class _InTheRoom(StageParameters):
+    """Whether a stage that hangs on the room's shape goes on where that is doubtful."""
+
+    doubtful_room: Annotated[
+        bool,
+        Field(description="Empty and stage although the room's estimated shape is doubtful (confidence below 0.3)."),
+    ] = False
+
+
+class LightParameters(_InTheRoom):
     """What a user may say about the light that old furniture takes."""
 
     shade: Annotated[
@@ -240,7 +266,7 @@ class LightParameters(StageParameters):
     ] = "auto"
 
 
-class RemoveParameters(StageParameters):
+class RemoveParameters(_InTheRoom):
     """What a user may say about removal."""
 
     keep_sunlight: Annotated[bool, Field(description="Leave direct sunlight where it is (not for relighting).")] = False
@@ -251,7 +277,7 @@ class RemoveParameters(StageParameters):
     ] = "rgb"
 
 
-class _Furnished(StageParameters):
+class _Furnished(_InTheRoom):
     """Which furniture is wanted, for the stages that need to know."""
 
     set: Annotated[str, Field(description="Furniture: bedroom, living, dining, office, auto, none")] = "auto"

@@ -15,8 +15,11 @@ from processing.room.estimate import RoomEstimate, estimate_room
 from processing.room.layout_networks import layout_boundary, load_layout_network
 from processing.room.level import Upright, find_upright, make_upright
 from processing.room.opening_sun import find_openings_in_sun
+from processing.segmentation.around import fused, segment_around
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, write_evidence
+from processing.segmentation.installed import open_installed, segmenter_file
+from processing.segmentation.segmenters import open_segmenter
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RoomParameters
 from processing.stages.upright import sky_without_sun, sun_direction
@@ -49,10 +52,12 @@ def run(context: StageContext) -> StageOutput:
         upright, turned = _levelled(image, asked, gathered)
         context.progress(0.3, "what the pixels show")
         evidence = _evidence(context, upright, turned, asked.layout_model)
-        write_evidence(context.folder / EVIDENCE_FILE, evidence)
+        context.progress(0.4, "furniture and windows by another network")
+        seen = _seen(evidence, upright, asked)
+        write_evidence(context.folder / EVIDENCE_FILE, seen)
         gathered.artifacts["evidence"] = True
         context.progress(0.6, "the room")
-        _estimate(context, upright, evidence, (given, turned), gathered)
+        _estimate(context, upright, (evidence, seen), (given, turned), gathered)
     except NoRoomError as error:
         _refused(error, given, gathered)
     return StageOutput(
@@ -92,14 +97,25 @@ def _evidence(context: StageContext, image: LuminanceImage, turned: Upright, mod
     return replace(evidence, boundary=boundary, source=source)
 
 
+def _seen(own: SceneEvidence, image: LuminanceImage, asked: RoomParameters) -> SceneEvidence:
+    """Return our evidence fused with the installed model's, or a user's network's in its place."""
+    network, contract = segmenter_file(asked.segmenter), asked.segmenter_contract
+    if network is None:
+        return own
+    if contract is None:
+        return fused(own, image, open_installed(network))
+    return segment_around(image, open_segmenter(network, contract), first=own)
+
+
 def _estimate(
     context: StageContext,
     image: LuminanceImage,
-    evidence: SceneEvidence,
+    evidences: tuple[SceneEvidence, SceneEvidence],
     known: tuple[RoomModel | None, Upright],
     gathered: _Gathered,
 ) -> None:
     given, turned = known
+    evidence, seen = evidences
     asked = context.parameters_of(RoomParameters)
     if given is not None:
         gathered.left_out["estimate"] = "the room is given"
@@ -119,7 +135,9 @@ def _estimate(
     context.progress(0.8, "windows and doors")
     outdoor = context.optional_artifact("calibrate", "outdoor")
     sun = None if sky_without_sun(context) else sun_direction(context.session)
-    openings = find_openings_in_sun(image, evidence, found.room, sun, outdoor=outdoor)
+    openings = find_openings_in_sun(
+        image, evidence if asked.segmenter_contract else seen, found.room, sun, outdoor=outdoor
+    )
     room = found.room.model_copy(update={"openings": openings})
     gathered.artifacts["room"] = room
     gathered.metrics |= _metrics(found, evidence) | {"openings": len(openings)}

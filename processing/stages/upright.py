@@ -31,6 +31,29 @@ def known_room(context: StageContext) -> RoomModel:
     return room
 
 
+LEAST_CONFIDENCE = 0.3
+"""Of an estimated room, below which it is emptied and staged on request only (chosen: where confidence is from .02 to
+.3, walls of real rooms stood across open space)."""
+LEAST_OF_PART = 0.5
+"""Of a wall or the ceiling, from which it is said to stand (chosen: more likely right than wrong)."""
+
+
+def why_doubtful(context: StageContext, *, asked: bool) -> str | None:
+    """Return why nothing is built on the room, and which parts of it stand; None where it may be, or is asked."""
+    room = known_room(context)
+    if asked or room.source == "given" or room.confidence >= LEAST_CONFIDENCE:
+        return None
+    facts: dict[str, Any] = context.summary("room").get("metrics", {})
+    walls = [str(k + 1) for k, sure in enumerate(facts.get("wall_confidences", ())) if sure >= LEAST_OF_PART]
+    parts = [f"wall{'s' * (len(walls) > 1)} {', '.join(walls)}"] if walls else []
+    parts += ["the ceiling's height"] * (facts.get("ceiling_confidence", 0) >= LEAST_OF_PART)
+    return (
+        f"the room's shape is doubtful (confidence {room.confidence:.2f}, below {LEAST_CONFIDENCE:g}); "
+        f"of it {' and '.join(parts) or 'no part'} can be trusted, and the masks do not depend on it: correct it "
+        "(daylit room SESSION --edit), or ask for it all the same (--doubtful-room)"
+    )
+
+
 def check_mask_size(mask: npt.NDArray[np.bool_], context: StageContext) -> None:
     """Raise `ParameterError` naming both sizes unless a mask (H, W) has the panorama's."""
     panorama = upright_panorama(context).rgb.shape[:2]

@@ -57,6 +57,7 @@ ONLY_IN = {
     "pyoidn": ("mocks/rooms/light/", "processing/light/"),
     "onnxruntime": ("processing/segmentation/",),
     "ai_edge_litert": ("processing/segmentation/",),
+    "pooch": ("processing/segmentation/installed.py",),
     "distributed": ("processing/batch/",),
     "dask": ("processing/batch/",),
     "trimesh": ("processing/layout/", "processing/light/", "processing/room/"),

@@ -25,7 +25,9 @@ KEYS = {
     "photometry": "k1_err_pct k2_err_pct indoor_median_err_pct indoor_p95_err_pct outdoor_lux_err_pct",
     "sphere": "speedup_py360convert remap_ratio uniform_err hemisphere_err sun_energy_err_pct",
     "room": "iou3d_empty_median iou3d_furnished_median corner_err_pct window_iou iou3d_zind_median seconds",
-    "detect": "furniture_iou_sim sunlight_iou_sim furniture_iou_real furniture_recall_real seconds",
+    "detect": "furniture_iou_sim sunlight_iou_sim furniture_iou_real furniture_recall_real furniture_iou_real_fused "
+    "furniture_recall_real_fused target_share_ratio false_sun_pictures seconds",
+    "real": "pictures mean_grade share_at_4 rests_px_share two_tone_planes",
     "remove": "npp_psnr_db npp_gain_db room_median_err_pct room_gain_db seconds_full",
     "arrange": "hard_violations layouts rooms placed_all_pct p95_ms seven_p95_ms paper_faulty_pct",
     "albedo": "median_err p95_err relight_median_err_pct",
@@ -42,6 +44,7 @@ KEYS = {
 NEEDS = {
     "room": "panoramas/zind",
     "detect": "panoramas",
+    "real": "panoramas/furnished",
     "remove": "textures",
     "batch": "paper",
     "arrange": "floorplans",
@@ -49,7 +52,7 @@ NEEDS = {
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
     *("batch", "capture", "detect", "emptying", "end_to_end", "instruments"),
-    *("photometry", "remove", "room", "sphere", "truth"),
+    *("photometry", "real", "remove", "room", "sphere", "truth"),
 }
 """Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128

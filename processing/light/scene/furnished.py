@@ -126,11 +126,13 @@ def furnished_light(
     own = large.solid & both.known & ~gone.ravel()
     sun = _sunlit(bare, large, rgb, both.with_lx, own)
     shape = (rows, 2 * rows, 3)
-    among, whole = (both.with_lx + sun).reshape(shape), (both.without_lx + sun).reshape(shape)
+    among: Floats = (both.with_lx + sun).reshape(shape)
+    whole: Floats = (both.without_lx + sun).reshape(shape)
     maps = surface_maps(room, geometry)
     seen = (own & valid.ravel()).reshape(shape[:2]) & _on_walls(maps, room)
-    level = np.log(_ratio(among @ WEIGHTS, whole @ WEIGHTS))
-    gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
+    shown_lx, true_lx = _luminance(among), _luminance(whole)
+    level = np.log(_ratio(shown_lx, true_lx))
+    gain = guarded(level, _luminance(rgb), true_lx, seen, maps) - level
     change = np.log(_ratio(among, whole)) + gain[..., None]
     log_change = np.where(seen[..., None], change, 0).astype(np.float32)
     notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
@@ -286,6 +288,10 @@ def _sunlit(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: Flags
     lit = math.pi * luminance / (level + full @ WEIGHTS)
     away = [np.abs(np.log(np.maximum(one, 1e-6) / np.maximum(usual, 1e-6))) for one in (lit, shaded)]
     return np.where((near & (away[0] < away[1]))[:, None], full, 0).astype(np.float32)
+
+
+def _luminance(rgb: Floats) -> Floats:
+    return np.asarray(rgb @ WEIGHTS, np.float32)
 
 
 def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:

@@ -13,7 +13,7 @@ from processing.ground.seam import grown, share_of_sphere
 from processing.pictures.images import RelativeImage
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size, snapped
-from processing.removal.furniture import attached, islands_in
+from processing.removal.furniture import attached, completed, islands_in
 from processing.removal.masks import find_masks, target_of, with_islands
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
@@ -50,7 +50,9 @@ def test_a_contact_band_lies_around_the_foot(painted: Painted) -> None:
 def test_the_margin_is_kept(painted: Painted) -> None:
     none = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.0)
     wide = find_masks(painted.image, painted.evidence, painted.room, sun_possible=False, margin_rad=0.05)
-    np.testing.assert_array_equal(wide.target, grown(none.target, 0.05))
+    things = grown(none.furniture | none.tripod, 0.05)
+    assert wide.target[things].all()
+    assert none.target[wide.target & ~things].all(), "contact shadow is a margin already"
     assert not none.sunlight.any()
     assert any("no sun" in note for note in none.notes)
 
@@ -156,12 +158,12 @@ def test_what_sunlight_encloses_is_no_island() -> None:
     ring[50:90, 60:120] = True
     ring[64:70, 80:86] = False
     openings = np.zeros((64, 128), bool)
-    assert np.array_equal(target_of(none, ring, openings, 0.0), ring)
-    assert target_of(ring, none, openings, 0.0)[50:90, 60:120].all()
+    assert np.array_equal(target_of((none, none), ring, openings, 0.0), ring)
+    assert target_of((ring, none), none, openings, 0.0)[50:90, 60:120].all()
     # Half of the ring is a thing's: then it is not closed by things, and stays open.
     half = ring.copy()
     half[:, 83:] = False
-    assert np.array_equal(target_of(half, ring & ~half, openings, 0.0), ring)
+    assert np.array_equal(target_of((half, none), ring & ~half, openings, 0.0), ring)
 
 
 def test_edges_are_found_in_the_picture() -> None:
@@ -223,3 +225,17 @@ def test_a_patch_of_sun_that_the_network_takes_for_furniture_is_sunlight(painted
     assert (found.furniture & patch).sum() < 0.2 * patch.sum()
     assert iou(found.furniture, painted.furniture) > 0.85
     assert found.target[patch].all()
+
+
+def test_what_is_doubtful_within_one_colour_goes_with_the_rest_and_no_further() -> None:
+    """Half of a red bed is surely furniture, the other half perhaps; a floor beside it is as doubtful."""
+    rgb8 = np.full((128, 256, 3), (150, 110, 70), np.uint8)
+    rgb8[60:100, 60:140] = (180, 30, 30)
+    probability = np.full((128, 256), 0.4, np.float32)
+    probability[:50] = 0.1
+    mask = np.zeros((128, 256), bool)
+    mask[62:98, 62:100] = True
+    found = completed(mask, probability, rgb8)
+    assert found[64:96, 64:136].mean() > 0.98
+    assert found[:, :50].mean() < 0.02
+    assert (found & mask).sum() == mask.sum()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import row_solid_angles
 from processing.pictures.images import luminance_cd_m2
-from processing.removal.sunlight import Scene, SunFound, find_sunlight
+from processing.removal.sunlight import Scene, SunFound, find_sunlight, unmistakable
 from processing.surfaces.planes import CEILING
 from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
@@ -55,11 +56,9 @@ def sunlight(painted: Painted, sun: tuple[float, float] | None) -> SunFound:
     return find_sunlight(luminance, painted.points_m, painted.maps.plane, usable, weight, painted.room, sun)
 
 
-@pytest.mark.parametrize("sun", [SUN, (SUN[0] + 0.08, SUN[1] - 0.03), None])
+@pytest.mark.parametrize("sun", [SUN, (SUN[0] + 0.08, SUN[1] - 0.03)])
 @pytest.mark.parametrize("ratio", [3.0, 30.0, 1.6e5])
-def test_a_beam_is_found_with_the_sun_known_roughly_known_and_searched(
-    sun: tuple[float, float] | None, ratio: float
-) -> None:
+def test_a_beam_is_found_with_the_sun_known_and_roughly_known(sun: tuple[float, float], ratio: float) -> None:
     painted = paint(sun_ratio=ratio)
     found = sunlight(painted, sun)
     assert painted.sunlit.sum() > 100
@@ -108,9 +107,28 @@ def test_a_bright_spot_that_no_window_explains_is_no_sunlight() -> None:
     assert not sunlight(painted, SUN).mask.any()
 
 
+@pytest.mark.parametrize("case", ["a patch", "dim", "soft", "hollow", "cut off"])
+def test_without_knowledge_of_a_sun_only_what_nothing_else_can_be_is_its_light(case: str) -> None:
+    """A square of 8 times the floor's luminance; the same as a reflection, a lamp's ring, a pane behind furniture."""
+    y, x = np.indices((256, 512))
+    points = np.stack([x / 64, y / 64, np.zeros_like(x)], axis=-1)
+    patch = (np.abs(x - 250) < 40) & (np.abs(y - 180) < 30)
+    if case == "hollow":
+        patch &= ~((np.abs(x - 250) < 30) & (y > 160))
+    relative = np.where(patch, 1.5 if case == "dim" else 3.0, 0.0).astype(np.float32)
+    if case == "soft":
+        relative = cv2.GaussianBlur(relative, (0, 0), 8)
+    bare = np.zeros((256, 512), np.int16)
+    if case == "cut off":
+        bare[(x > 260) | (y < 165)] = -1
+    found = unmistakable(patch, relative, points, bare)
+    assert (found == patch).all() if case == "a patch" else not found.any()
+
+
 def test_without_windows_luminance_alone_decides_and_says_so() -> None:
     painted = paint(window=False)
-    found = sunlight(painted, None)
+    assert "none is assumed" in sunlight(painted, None).reason
+    found = sunlight(painted, SUN)
     assert iou(found.mask, painted.sunlit) > 0.9
     assert not found.confirmed
     assert "luminance alone" in found.reason

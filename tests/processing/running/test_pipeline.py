@@ -228,13 +228,13 @@ def test_nothing_that_is_asked_may_do_nothing(session: Path, request_: dict[str,
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (("--mask", "--segmenter", "--segmenter-contract"), "--segmenter, --segmenter-contract: of no effect beside"),
         (("--mask", "--margin"), "--margin: of no effect beside --mask"),
         (("--mask", "--sunlight"), "--sunlight: of no effect beside --mask"),
         (("--mask", "--keep-sunlight"), "--keep-sunlight: of no effect beside --mask"),
         (("--room", "--camera-height"), "--camera-height: of no effect beside --room"),
         (("--room", "--layout-model"), "--layout-model: of no effect beside --room"),
-        (("--segmenter",), "--segmenter: of no effect without --segmenter-contract"),
+        (("--segmenter-contract",), "--segmenter-contract: of no effect without --segmenter"),
+        (("--segmenter",), "--segmenter FILE and --segmenter-contract belong together"),
         (("--filler-channels",), "--filler-channels: of no effect without --filler"),
     ],
 )

@@ -12,7 +12,7 @@ import pytest
 
 from processing.errors import ParameterError, SegmenterError
 from processing.ground.arrays import Floats
-from processing.segmentation.around import ViewPlan, segment_around
+from processing.segmentation.around import ViewPlan, fused, segment_around
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.segmentation.segmenters import OnnxSegmenter, open_segmenter
 from processing.sphere import Equirectangular, directions
@@ -171,7 +171,6 @@ def test_files_that_are_no_network_are_refused(tmp_path: Path) -> None:
 
 def test_a_real_network_of_pascal_voc() -> None:
     """The published picture and its mask: fore- and background agree to 97 % at least (98.2 % is stated)."""
-    pytest.importorskip("ai_edge_litert")
     from PIL import Image
 
     from benchmarks.room.detect_rivals import voc_segmenter
@@ -187,3 +186,15 @@ def test_a_real_network_of_pascal_voc() -> None:
     found = network.probabilities(picture)
     # A bird is seen through a window.
     assert float(((found[..., SceneClass.WINDOW] > 0.9) == mask).mean()) > 0.97
+
+
+def test_fused_evidence_is_the_mean_where_views_see_and_ours_elsewhere() -> None:
+    """Ours says wall everywhere: what the other sees right is believed by half; straight up no view looks."""
+    ours = np.zeros((len(SceneClass), 64, 128), np.float32)
+    ours[SceneClass.WALL] = 1
+    found = fused(SceneEvidence(ours, "ours", views_used=4), COLOURS[world(256)], ByColour())
+    true = world(256)
+    seen = true == SceneClass.FURNITURE
+    assert np.median(found.probabilities[SceneClass.FURNITURE][seen]) == pytest.approx(0.5, abs=1e-3)
+    np.testing.assert_allclose(found.probabilities[SceneClass.WALL][0], 1.0, atol=1e-3)
+    assert (found.views_used, found.source) == (18, "ours, fused with by colour")

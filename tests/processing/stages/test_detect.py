@@ -97,11 +97,6 @@ def test_a_mask_of_another_size_is_refused_when_it_is_read(painted: Painted, tmp
         fits(np.ones((320, 640), bool), context(painted, tmp_path))
 
 
-def test_a_network_without_its_contract_is_refused(painted: Painted, tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match="belong together"):
-        run(context(painted, tmp_path, parameters=DetectParameters(segmenter=tmp_path / "network.onnx")))
-
-
 def test_the_sun_s_place_is_the_panorama_s() -> None:
     """Noon in June at the Tropic of Cancer's longitude 0: the sun due south, so behind a panorama that faces north."""
     frame = FrameRecord(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from processing.ground.room_model import RoomModel
 from processing.ground.seam import grown
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
+from processing.removal.shadows import relit_gain
 from processing.report.sections import remove_section
 from processing.segmentation.evidence import SceneClass, SceneEvidence, write_evidence
 from processing.sphere import Equirectangular
@@ -162,3 +164,40 @@ def test_sunlight_that_is_kept_keeps_its_rim_too(tmp_path: Path) -> None:
     assert not np.asarray(alone.artifacts["filled"]).any()
     gone = run(context(tmp_path, **found))
     assert np.array_equal(np.asarray(gone.artifacts["filled"]), found["target"])
+
+
+def test_a_doubtful_room_is_not_emptied_unasked_and_what_stands_is_said(tmp_path: Path) -> None:
+    doubtful = ROOM.model_copy(update={"source": "estimated", "confidence": 0.1})
+    target = np.ones((ROWS, 2 * ROWS), bool)
+    facts = {"wall_confidences": [0.9, 0.1, 0.2, 0.8], "ceiling_confidence": 0.9}
+
+    def _reason(room: RoomModel, **asked: bool) -> str | None:
+        made = context(tmp_path, RemoveParameters(**asked), room=room, target=target)
+        return nothing_to_remove(replace(made, summary=lambda _stage: {"metrics": facts}))
+
+    reason = _reason(doubtful)
+    assert reason is not None
+    assert "walls 1, 4 and the ceiling's height can be trusted" in reason
+    assert "--doubtful-room" in reason
+    assert _reason(doubtful, doubtful_room=True) is None
+    assert _reason(doubtful.model_copy(update={"confidence": 0.3})) is None
+    assert _reason(ROOM.model_copy(update={"confidence": 0.1})) is None, "who gives a room vouches for it"
+
+
+def test_soft_shadow_is_lifted_beyond_the_target_and_the_page_says_so(tmp_path: Path) -> None:
+    """A third of the light is missing in a strip beside the target: most of it comes back, nothing else moves."""
+    maps, shape = plane_map(ROOM, Equirectangular(256, 128)), (128, 256)
+    light = np.full((*shape, 3), 40.0, np.float32)
+    columns = np.arange(256)[None, :]
+    target = (maps == FLOOR) & (np.abs(columns - 128) < 8)
+    shadow = (maps == FLOOR) & (np.abs(columns - 128) < 20) & ~target
+    light[shadow] *= 0.67
+    gain = relit_gain(light, shadow, target, ROOM)
+    inner = (maps == FLOOR) & (np.abs(columns - 128) < 14) & ~target
+    inner[:90], inner[118:] = False, False
+    lit = float(np.median((light[..., 0] * gain)[inner]))
+    assert 36 < lit < 41
+    far = np.abs(columns - 128) > 60
+    assert np.abs(np.broadcast_to(far, shape) * (gain - 1)).max() < 0.05
+    section = remove_section(picture(), picture(), np.zeros((ROWS, 2 * ROWS), bool), {"relit_share": 0.05})
+    assert "5.0% of all directions" in section.text

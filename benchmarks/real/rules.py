@@ -1,0 +1,109 @@
+"""Rules that an emptied photograph keeps, checked without a truth: rests, tones, doors, skirting, the floor's grain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from benchmarks.room.detect_truth import picture_of, share
+from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import OpeningKind, RoomModel
+from processing.ground.seam import grown, resized
+from processing.pictures.images import luminance_cd_m2
+from processing.removal.plane_fill import find_skirting
+from processing.segmentation.embedded import scene_evidence
+from processing.segmentation.evidence import SceneClass, SceneEvidence
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import surface_maps
+from processing.surfaces.planes import FLOOR, planes_of
+from processing.surfaces.textures import unwrap
+
+ROWS = 512
+THING = 0.5
+"""Probability from which our network sees furniture in the emptied picture: a rest."""
+BESIDE_RAD = math.radians(4)
+"""Width of the filled and of the seen strip whose tones are compared along the rim."""
+TWO_TONE = 0.3
+"""Natural logarithm, in any channel, by which they differ where a surface has two tones (chosen: plain to the eye)."""
+LEAST_PX = 300
+HALVED = (0.1, 0.9)
+"""Share of a door within the target between which it is cut in two."""
+FLOOR_PX_PER_M = 60.0
+LEAST_COHERENCE = 0.25
+"""Of the structure tensor, from which a floor has one direction: boards have, carpets and square tiles have not."""
+
+
+@dataclass(frozen=True)
+class Emptying:
+    """A photograph before and after, linear light, (H, W, 3)."""
+
+    before: Floats
+    after: Floats
+    target: Flags
+    room: RoomModel
+    evidence: SceneEvidence
+    """Of the photograph."""
+
+
+def checked(one: Emptying) -> dict[str, float]:
+    """Return the figures of one emptied photograph."""
+    shape = (ROWS, 2 * ROWS)
+    before, after = (resized(rgb, shape) for rgb in (one.before, one.after))
+    target = resized(one.target.astype(np.float32), shape) > 0.5
+    geometry = Equirectangular(shape[1], shape[0])
+    maps = surface_maps(one.room, geometry)
+    seen = resized(scene_evidence(picture_of(after)).share(SceneClass.FURNITURE), shape) > THING
+    things = resized(one.evidence.share(SceneClass.FURNITURE, SceneClass.FIXTURE, SceneClass.TRIPOD), shape) > THING / 2
+    tones = [
+        _step(after, target, (maps.plane == plane) & (maps.opening < 0), things) for plane in np.unique(maps.plane)
+    ]
+    doors = [k for k, o in enumerate(one.room.openings) if o.kind is OpeningKind.DOOR and (maps.opening == k).any()]
+    cut = [float(target[maps.opening == k].mean()) for k in doors]
+    had = find_skirting(before, geometry, one.room, target)
+    has = find_skirting(after, geometry, one.room, ~target)
+    return {
+        "rests": share(seen & (maps.opening < 0)),
+        "two_tone_planes": sum(tone is not None and tone > TWO_TONE for tone in tones),
+        "planes": sum(tone is not None for tone in tones),
+        "halved_doors": sum(HALVED[0] < part < HALVED[1] for part in cut),
+        "skirting_lost": float(had is not None and has is None),
+        "floor_turned_deg": _floor_turned_deg(after, target, one.room),
+    }
+
+
+def _step(after: Floats, target: Flags, plane: Flags, things: Flags) -> float | None:
+    """Return the largest difference of median tone between both sides of the rim on a plane; None: hardly a rim."""
+    inside = target & plane & grown(~target & plane, BESIDE_RAD)
+    outside = ~target & plane & grown(target & plane, BESIDE_RAD) & ~things
+    if min(inside.sum(), outside.sum()) < LEAST_PX:
+        return None
+    level = np.log(np.maximum(after, 1e-4))
+    return float(np.abs(np.median(level[inside], axis=0) - np.median(level[outside], axis=0)).max())
+
+
+def _floor_turned_deg(after: Floats, target: Flags, room: RoomModel) -> float:
+    """Return by how much the floor's main direction differs between what was filled and what is seen (degrees)."""
+    geometry, plane = Equirectangular(after.shape[1], after.shape[0]), planes_of(room)[FLOOR]
+    level = np.log(np.maximum(luminance_cd_m2(after), 1e-4)).astype(np.float32)
+    layers = np.stack([level, target.astype(np.float32)], axis=-1)
+    floor = unwrap(layers, geometry, room, plane, FLOOR_PX_PER_M)
+    filled = floor.values[..., 1] > 0.5
+    angles = [_direction(floor.values[..., 0], floor.known & part) for part in (filled, ~filled)]
+    if angles[0] is None or angles[1] is None:
+        return 0.0
+    return abs((angles[0] - angles[1] + 90) % 180 - 90)
+
+
+def _direction(level: Floats, where: Flags) -> float | None:
+    """Return the main direction of gradients (degrees, 0 to 180); None where there is none to speak of."""
+    fine = np.ascontiguousarray(level - cv2.GaussianBlur(level, (0, 0), 8))
+    gx, gy = cv2.Sobel(fine, cv2.CV_32F, 1, 0), cv2.Sobel(fine, cv2.CV_32F, 0, 1)
+    inner = cv2.erode(where.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+    if inner.sum() < LEAST_PX:
+        return None
+    xx, yy, xy = (float((a * b)[inner].sum()) for a, b in ((gx, gx), (gy, gy), (gx, gy)))
+    coherence = math.hypot(xx - yy, 2 * xy) / max(xx + yy, 1e-9)
+    return math.degrees(0.5 * math.atan2(2 * xy, xx - yy)) % 180 if coherence > LEAST_COHERENCE else None

@@ -1,0 +1,89 @@
+"""``daylit models``: networks of others that daylit can use: what there is, fetched on request, or added by hand."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.group()
+def models() -> None:
+    """List, get and add networks that others made; daylit uses them once they are installed.
+
+    Nothing is fetched without `get`. They lie in the user's data folder, or where DAYLIT_MODELS says.
+
+    \b
+    Examples:
+      daylit models list
+      daylit models get ade20k-deeplab
+      daylit models add Downloads/deeplabv3_mnv2_ade20k_uint8.tflite
+    """
+
+
+@models.command("list")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def list_(*, as_json: bool) -> int:
+    """List the models with size, licence, SHA-256, source, and whether they are installed.
+
+    \b
+    Example:
+      daylit models list --json
+    """
+    from processing.segmentation.installed import KNOWN_MODELS, installed
+
+    rows = [
+        {
+            **{key: getattr(model, key) for key in ("name", "what", "file", "size_bytes", "sha256", "licence", "url")},
+            "installed": str(there) if (there := installed(model)) else None,
+        }
+        for model in KNOWN_MODELS
+    ]
+    if as_json:
+        click.echo(json.dumps({"ok": True, "models": rows}))
+        return 0
+    for row in rows:
+        click.echo(f"{row['name']}  {'installed' if row['installed'] else 'not installed'}: {row['what']}")
+        click.echo(f"    {row['file']}, {row['size_bytes'] / 1e6:.1f} MB, SHA-256 {row['sha256']}")
+        click.echo(f"    {row['licence']}\n    {row['installed'] or row['url']}")
+    return 0
+
+
+@models.command()
+@click.argument("name")
+@click.option("--url", help="Another place that has the file: a mirror, a server of your own.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def get(name: str, url: str | None, *, as_json: bool) -> int:
+    """Download model NAME, check its SHA-256 and install it; nothing is fetched that is there already.
+
+    \b
+    Example:
+      daylit models get ade20k-deeplab
+    """
+    from processing.segmentation.installed import get_model, model_named
+
+    model = model_named(name)
+    return _done(model.name, get_model(model, url=url), as_json=as_json)
+
+
+@models.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def add(file: Path, *, as_json: bool) -> int:
+    """Install FILE, fetched by other means; which model it is, its SHA-256 says.
+
+    \b
+    Example:
+      daylit models add deeplabv3_mnv2_ade20k_uint8.tflite
+    """
+    from processing.segmentation.installed import add_model
+
+    model, path = add_model(file)
+    return _done(model.name, path, as_json=as_json)
+
+
+def _done(name: str, path: Path, *, as_json: bool) -> int:
+    done = json.dumps({"ok": True, "model": name, "file": str(path)})
+    click.echo(done if as_json else f"{name}: {path}\nfrom now on used by `daylit process` (--segmenter own: not)")
+    return 0

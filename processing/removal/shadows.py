@@ -1,0 +1,155 @@
+"""Contact and soft shadows of furniture, plane by plane: found, and relit.
+
+The light far from all furniture shows what the light would be without it: a smooth surface, fitted robustly to
+logarithms. Places near furniture that are clearly darker and hang together with it are its shadow. A narrow band
+along its foot always counts: contact shadow, and light that bounced off it. The band is replaced, the rest relit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from processing.ground.arrays import Flags, Floats
+from processing.ground.room_model import RoomModel
+from processing.pictures.images import luminance_cd_m2
+from processing.sphere import Equirectangular
+from processing.surfaces.planes import CEILING, FLOOR, planes_of
+from processing.surfaces.textures import unwrap, wrap
+
+PX_PER_M = 20.0
+CONTACT_M = 0.10
+FAR_M = 0.7
+"""From furniture, where its shadow no longer counts as seen."""
+REACH_M = 0.8
+"""How far a shadow is followed."""
+LEAST_STOPS = 0.3
+"""Darker than without furniture."""
+NOISE_FACTOR = 2.0
+"""Times the spread (robust standard deviation) of the light far from furniture."""
+MOST_LIFT = 1.5
+"""Stops by which a soft shadow is lifted at most: what is darker is no shadow of furniture."""
+LEAST_FAR = 60
+"""Texels far from furniture that a fit needs."""
+LEAST_M2 = 0.01
+
+
+@dataclass(frozen=True)
+class ShadowFound:
+    """Shadows at working size."""
+
+    mask: Flags
+    contact: Flags
+    """Of it, the narrow band along the foot: what cannot be relit, and is replaced."""
+    planes_without_fit: int
+    """Planes too full to estimate the light without furniture: only contact bands there."""
+
+
+def find_shadows(
+    luminance: Floats, room: RoomModel, geometry: Equirectangular, furniture: Flags, other: Flags
+) -> ShadowFound:
+    """Return shadow and contact of furniture on floor and walls.
+
+    ``luminance`` (H, W), linear; ``furniture`` (H, W); ``other`` (H, W): what else hides a plane or is no part of it
+    (openings, pictures, direct sun, tripod).
+    """
+    found, band = np.zeros(furniture.shape, bool), np.zeros(furniture.shape, bool)
+    without = 0
+    log2 = np.log2(np.maximum(luminance, 1e-6)).astype(np.float32)
+    hidden = furniture | other
+    for plane in planes_of(room):
+        if plane.index == CEILING:
+            continue
+        texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=hidden)
+        cover = unwrap(furniture.astype(np.float32), geometry, room, plane, PX_PER_M)
+        object_here = cover.known & (cover.values > 0.5)
+        if not object_here.any() or not texture.known.any():
+            continue
+        shadow, whole = _on_plane(texture.values, texture.known, object_here)
+        without += not whole
+        if plane.index != FLOOR:
+            shadow &= _by(object_here, REACH_M / 2)
+        layers = np.stack([shadow, _by(object_here, CONTACT_M)], axis=-1).astype(np.float32)
+        values, where = wrap(layers, plane, PX_PER_M, room, geometry, ~hidden)
+        found[where] |= values[:, 0] > 0.5
+        band[where] |= values[:, 1] > 0.5
+    return ShadowFound((found | band) & ~hidden, band & ~hidden, without)
+
+
+def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Floats:
+    """Return factors (H, W) that make the soft ``shadow`` (H, W) of a panorama (H, W, 3), linear, as bright as around.
+
+    ``hidden`` (H, W): what else lies before a surface. Light is smooth: a quadratic surface through the logarithms
+    outside the shadow says what the places would have had (as in `find_shadows`).
+    """
+    geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
+    log2 = np.log2(np.maximum(luminance_cd_m2(rgb), 1e-6)).astype(np.float32)
+    gain = np.ones(shadow.shape, np.float32)
+    for plane in planes_of(room):
+        shade = unwrap(shadow.astype(np.float32), geometry, room, plane, PX_PER_M).values > 0.5
+        if plane.index == CEILING or not shade.any():
+            continue
+        texture = unwrap(log2, geometry, room, plane, PX_PER_M, mask=hidden)
+        far = texture.known & ~_by(shade, 2 * CONTACT_M)
+        if far.sum() < LEAST_FAR:
+            continue
+        smooth = _known_mean(texture.values, texture.known, 0.06)
+        lift = np.clip(_smooth_fit(smooth, far)[0] - smooth, 0, MOST_LIFT).astype(np.float32)
+        # It goes on under what is removed, so that it does not fade towards the rim.
+        lift = _known_mean(np.where(texture.known, lift, 0), texture.known, CONTACT_M)
+        lift *= cv2.GaussianBlur((shade | ~texture.known).astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
+        values, where = wrap(lift, plane, PX_PER_M, room, geometry, np.ones_like(hidden))
+        gain[where] = np.exp2(values).ravel()
+    return gain
+
+
+def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:
+    """Return shadow on a plane's texture, and whether the light without furniture could be estimated."""
+    # Texels that furniture hides in part belong to the band: the picture's finer pixels beside it fall into them.
+    band = _by(thing, CONTACT_M)
+    contact = known & band
+    smooth = _known_mean(log2, known, 0.06)
+    far = known & ~_by(thing, FAR_M)
+    if far.sum() < LEAST_FAR:
+        return band, False
+    expected, spread = _smooth_fit(smooth, far)
+    dark = known & (smooth < expected - max(LEAST_STOPS, NOISE_FACTOR * spread)) & _by(thing, REACH_M)
+    count, labels = cv2.connectedComponents((dark | contact).astype(np.uint8), connectivity=8)
+    areas = np.bincount(labels.ravel(), minlength=count) / PX_PER_M**2
+    kept = np.zeros(count, bool)
+    kept[np.unique(labels[contact])] = True
+    kept &= areas >= LEAST_M2
+    kept[0] = False
+    return kept[labels] | band, True
+
+
+def _by(mask: Flags, distance_m: float) -> Flags:
+    """Return what lies within a distance of a mask on a texture."""
+    away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(away <= max(distance_m * PX_PER_M, 1.0), bool) & mask.any()
+
+
+def _known_mean(values: Floats, known: Flags, sigma_m: float) -> Floats:
+    weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), sigma_m * PX_PER_M)
+    total = cv2.GaussianBlur(np.where(known, values, 0).astype(np.float32), (0, 0), sigma_m * PX_PER_M)
+    return np.asarray(np.where(weight > 1e-3, total / np.maximum(weight, 1e-3), values), dtype=np.float32)
+
+
+def _smooth_fit(values: Floats, far: Flags) -> tuple[Floats, float]:
+    """Return a quadratic surface through the far texels (robust), held within their range, and the spread around it."""
+    rows, columns = np.indices(values.shape)
+    y, x = rows / values.shape[0] - 0.5, columns / values.shape[1] - 0.5
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    a, b = terms[far], values[far].astype(np.float64)
+    weight = np.ones(len(b))
+    ridge = 1e-3 * len(b) * np.diag([0, 1, 1, 4, 4, 4])
+    spread = 0.0
+    for _ in range(4):
+        solution = np.linalg.solve(a.T @ (a * weight[:, None]) + ridge, a.T @ (b * weight))
+        off = b - a @ solution
+        spread = float(1.4826 * np.median(np.abs(off)))
+        weight = 1 / np.maximum(1.0, np.abs(off) / max(1.5 * spread, 1e-3))
+    low, high = np.quantile(b, [0.02, 0.98])
+    return np.clip(terms @ solution, low, high).astype(np.float32), spread
