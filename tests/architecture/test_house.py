@@ -32,10 +32,10 @@ MOST_UNEXPLAINED_CONSTANTS = 384
 MOST_TOLD = 12
 FORBIDDEN_NAMES = {"utils.py", "helpers.py", "misc.py", "common.py", "manager.py"}
 LINES = {
-    "drivers": 6_400,
-    "station": 8_900,
+    "drivers": 7_300,
+    "station": 11_300,
     "mocks": 16_750,
-    "processing": 49_450,
+    "processing": 51_300,
 }
 """The budget of lines of each room."""
 OWN_PROGRAMS = {"__init__", "__main__", "child", "worker"}
