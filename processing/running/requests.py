@@ -23,6 +23,8 @@ class RunRequest:
     dry_run: bool = False
     recheck: bool = False
     """Read every file again instead of trusting size and times."""
+    first_picture: bool = False
+    """Somebody waits: of a stage whose result has parts the first goes through all later stages before the rest."""
     quality: Quality = Quality.STANDARD
     max_error: float | None = None
     time_budget_s: float | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,6 +139,16 @@ class ResultStore:
         parent.sync()
         _clear(parent, f"{_OLD_PREFIX}{stage}")
         return sealed
+
+    def known_again(self, stage: str, files: Mapping[str, FileRecord]) -> None:
+        """Remember the digests of files that were taken over from the former result: their change times are new."""
+        if files:
+            folder = self._open().sub(stage)
+            try:
+                for name, record in files.items():
+                    self._memory.renamed(folder, name, f"{STAGES}/{stage}/{name}", record.sha256)
+            finally:
+                folder.close()
 
     def _open(self) -> Folder:
         if self._folder is None:
