@@ -22,6 +22,8 @@ from station.session import strict_json
 
 SUMMARY = "result"
 ABSENT = "(absent)"
+_ANY = "()"
+"""As the last part of a name: whether there is anything."""
 _LONGEST = 60
 """Characters of a text that is kept as it is; longer ones, lists and objects count by their digest."""
 Note = Callable[[str], None]
@@ -69,6 +71,8 @@ class Earlier:
 
 def _at(value: Json, path: list[str]) -> Json:
     for key in path:
+        if key == _ANY:
+            return bool(value)
         if not isinstance(value, Mapping) or key not in value:
             return ABSENT
         value = value[key]
@@ -105,6 +109,10 @@ class Noted(Mapping[str, Any]):
     def __len__(self) -> int:
         self._note(self._name)
         return len(self._value)
+
+    def __bool__(self) -> bool:
+        self._note(f"{self._name}/{_ANY}")
+        return bool(self._value)
 
     def __eq__(self, other: object) -> bool:
         return self.plain() == (other.plain() if isinstance(other, Noted) else other)

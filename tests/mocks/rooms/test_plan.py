@@ -17,8 +17,10 @@ from mocks.rooms.model import Door, Fixture, Plan, Use, Window
 from mocks.rooms.plan.forms import AREA_M2, floor_seen, inner_angle_rad, reveal_floor
 from mocks.rooms.plan.openings import check_plan
 from mocks.rooms.room import draw_plan
+from tests.conftest import LONG
 
-SEEDS = range(300)
+SEEDS = range(300 if LONG else 150)
+pytestmark = pytest.mark.sweep
 USES = tuple(Use)
 SQUARE = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0))
 CUT = ((-2.0, -2.0), (2.0, -2.0), (2.0, 0.2), (1.0, 2.0), (-2.0, 2.0))
