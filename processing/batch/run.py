@@ -127,7 +127,6 @@ def run_batch(
         workers = max(1, min(request.workers, len(tasks)))
         with connected(request.cluster, workers, Path(scratch)) as client:
 
-
             def widest(width: int) -> None:
                 report.at_once = max(report.at_once, width)
 

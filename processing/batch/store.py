@@ -179,7 +179,7 @@ def process_in(store: Store, task: Task, do: Callable[[Task], Outcome]) -> Outco
     key = request_key(task, manifest)
     former = done_of(store)
     if former is not None and former["key"] == key:
-        return Outcome(task.name, "done", stages={name: "skipped" for name in former["stages"]}, row=former["row"])
+        return Outcome(task.name, "done", stages=dict.fromkeys(former["stages"], "skipped"), row=former["row"])
     with tempfile.TemporaryDirectory(prefix="daylit-scratch-") as scratch:
         here = Path(scratch) / posixpath.basename(store.root)
         _pull(store, here, former)

@@ -70,7 +70,9 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
     help="A session that takes longer is ended and listed.",
 )
 @click.option("--zone", default="UTC", show_default=True, metavar="NAME", help="Of dates and times in the table.")
-@click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="For the table (default: FOLDER; of a URL: here).")
+@click.option(
+    "--into", type=click.Path(path_type=Path, file_okay=False), help="For the table (default: FOLDER; of a URL: here)."
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
 def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     """Process every session in FOLDER (or URL), several at a time; takes the options of `daylit process`.

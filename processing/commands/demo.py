@@ -182,7 +182,7 @@ def _processed(session: Path, options: dict[str, str], quality: str, *, as_json:
     from processing.stages.contract import Quality
     from station.commands.views import SilentView
 
-    request = RunRequest(quality=Quality(quality), options=options)
+    request = RunRequest(first_picture=sys.stdout.isatty() and not as_json, quality=Quality(quality), options=options)
     with SilentView() if as_json else stage_view() as view:
         report = process(session, request, on_event=view.show)
     if not as_json:

@@ -108,6 +108,7 @@ def run_request(asked: Mapping[str, Any]) -> RunRequest:
         force=asked["force"],
         dry_run=asked.get("dry_run", False),
         recheck=asked["recheck"],
+        first_picture=sys.stdout.isatty() and not asked.get("as_json"),
         quality=Quality(asked.get("quality") or "standard"),
         max_error=asked.get("max_error"),
         time_budget_s=asked.get("time_budget"),
@@ -206,7 +207,7 @@ class PlainView(SilentView):
 
     def show(self, event: RunEvent) -> None:
         """Write a line for what takes time."""
-        if event.kind == "started":
+        if event.kind in ("started", "first"):
             click.echo(printable(f"{event.stage}: {event.text}{_left(event.left_s)}"))
 
 
@@ -225,7 +226,9 @@ class TerminalView(SilentView):
     def show(self, event: RunEvent) -> None:
         """Update the bar."""
         words = printable(event.text + _left(event.left_s))
-        if event.kind == "started":
+        if event.kind == "first":
+            self._stages.console.print(words, markup=False, highlight=False)
+        elif event.kind == "started":
             self._task = self._stages.add_task(event.stage, total=None, words=words)
         elif self._task is not None and event.kind == "progress":
             self._stages.update(self._task, total=1.0, completed=event.fraction, words=words)

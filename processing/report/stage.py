@@ -20,7 +20,7 @@ from processing.report.sections import TINTS, detect_section, floor_area_m2, rem
 from processing.report.staging import staging_sections
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import MOST_STAGED, NO_SUCH
-from processing.stages.upright import upright_panorama
+from processing.stages.upright import in_size, upright_panorama
 from station.session.session import SessionManifest, Side
 
 BEFORE = ("verify", "merge", "calibrate", "room", "figures", "detect", "remove", "materials", "arrange", "render")
@@ -187,7 +187,8 @@ def _remove(context: StageContext) -> list[Section]:
     if after is None:
         return []
     filled = context.artifact("remove", "filled")
-    return [remove_section(upright_panorama(context), after, filled, context.summary("remove")["metrics"])]
+    before = in_size(upright_panorama(context), after.rgb.shape[1])
+    return [remove_section(before, after, filled, context.summary("remove")["metrics"])]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

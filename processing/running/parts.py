@@ -46,7 +46,7 @@ class Parts:
                 self.records[name] = record.model_copy(update={"files": files})
                 return record.facts
         facts = make()
-        read = {key: value for key, value in self.reads.found.items() if key.partition("/")[0] != apart}
+        read = {key: value for key, value in sorted(self.reads.found.items()) if key.partition("/")[0] != apart}
         self.records[name] = PartRecord(own=own_digest, reads=read, files=files, facts=facts)
         self.made += 1
         return facts

@@ -140,7 +140,7 @@ class Reads:
 
     def ingredients(self) -> Ingredients:
         """Return what was read, as part of what a result depends on."""
-        return {"parameters": dict(self.parameters), "reads": dict(self.found)}
+        return {"parameters": dict(sorted(self.parameters.items())), "reads": dict(sorted(self.found.items()))}
 
     def again(self, ingredients: Ingredients) -> Ingredients:
         """Return what earlier reads give now."""

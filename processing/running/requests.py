@@ -108,10 +108,16 @@ def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
     return answers
 
 
+def quality_of(stage: Stage, request: RunRequest) -> Quality:
+    """Return the quality that a stage works at."""
+    spared = stage.draft_is_standard and request.quality is Quality.DRAFT
+    return Quality.STANDARD if spared or "quality" not in stage.trades else request.quality
+
+
 def trade_values(stage: Stage, request: RunRequest) -> dict[Trade, object]:
     """Return what of quality, max_error and time_budget counts for a stage."""
     every: dict[Trade, object] = {
-        "quality": request.quality.value,
+        "quality": quality_of(stage, request).value,
         "max_error": request.max_error,
         "time_budget": request.time_budget_s,
     }

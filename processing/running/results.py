@@ -212,6 +212,8 @@ class RunEventKind(StrEnum):
     STARTED = "started"
     PROGRESS = "progress"
     FINISHED = "finished"
+    FIRST = "first"
+    """The first part of a result has gone through all later stages; the rest is being made."""
     FAILED = "failed"
 
 

@@ -15,7 +15,7 @@ from processing.running.fingerprint import DigestMemory
 from processing.running.parts import Parts, unread
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
 from processing.running.reads import SUMMARY, Earlier, Reads
-from processing.running.requests import RunRequest, parameters, planned
+from processing.running.requests import RunRequest, parameters, planned, quality_of
 from processing.running.result_store import ResultStore, Stored, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
 from processing.running.stage_inputs import Decision, StageInputs, decide, make_context
@@ -106,6 +106,8 @@ class PipelineRun:
             report = self._reported(stage, later, first_only=self._request.first_picture)
             if stage.name in self._unfinished:
                 shown = [self._reported(one, later[at + 1 :]) for at, one in enumerate(later)]
+                where = self._store.path(later[-1].name if later else stage.name)
+                self._on_event(RunEvent(RunEventKind.FIRST, stage.name, f"the first is there: {where}"))
                 report = self._reported(stage, later).after(report)
                 self._shown = {one.stage: one for one in shown}
             self._shelf.drop_unneeded(later)
@@ -238,7 +240,7 @@ class PipelineRun:
         return summary
 
     def _key(self, stage: Stage) -> str:
-        quality = self._request.quality if "quality" in stage.trades else ""
+        quality = quality_of(stage, self._request) if "quality" in stage.trades else ""
         return f"{stage.name} {stage.version} {quality}".strip()
 
     def _expected(self, later: tuple[Stage, ...]) -> list[float | None]:

@@ -20,10 +20,10 @@ from processing.running.fingerprint import (
     visible_part,
 )
 from processing.running.reads import Reads
-from processing.running.requests import RunRequest, given_answers, given_files, parameters, trade_values
+from processing.running.requests import RunRequest, given_answers, given_files, parameters, quality_of, trade_values
 from processing.running.result_store import Stored
 from processing.running.results import Change, StageResult
-from processing.stages.contract import Fetch, KeepsParts, Progress, Quality, StageContext
+from processing.stages.contract import Fetch, KeepsParts, Progress, StageContext
 from station.errors import IntegrityError
 from station.session.folder import Folder
 from station.session.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
@@ -124,7 +124,7 @@ def make_context(
         parameters=parameters(stage, request).noting(reads.note_parameter),
         fetch=fetch,
         summary=summary,
-        quality=request.quality if "quality" in trades else Quality.STANDARD,
+        quality=quality_of(stage, request),
         max_error=request.max_error if "max_error" in trades else None,
         time_budget_s=request.time_budget_s if "time_budget" in trades else None,
         progress=progress,

@@ -39,7 +39,7 @@ class StageParameters(BaseModel):
     def noting(self, note: Callable[[str], None]) -> Self:
         """Return the parameters as a stage gets them: ``note(name)`` learns which it reads (paths count by content)."""
         copied = self.model_copy()
-        copied._note = note
+        copied._note = note  # noqa: SLF001 (its own)
         return copied
 
     def __getattribute__(self, name: str) -> Any:

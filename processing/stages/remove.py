@@ -17,7 +17,7 @@ from processing.removal.learned import LamaFiller
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import RemoveParameters
-from processing.stages.upright import check_mask_size, known_room, upright_panorama
+from processing.stages.upright import check_mask_size, known_room, mask_in_size, working_panorama
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""
@@ -40,10 +40,12 @@ def nothing_to_remove(context: StageContext) -> str | None:
 def run(context: StageContext) -> StageOutput:
     """Fill the target plane by plane."""
     asked = context.parameters_of(RemoveParameters)
-    image = upright_panorama(context)
+    image = working_panorama(context)
+    width_px = image.rgb.shape[1]
     target = np.asarray(context.artifact("detect", "target"), bool)
     check_mask_size(target, context)
-    sunlight = _optional_mask(context, "sunlight")
+    target = mask_in_size(target, width_px)
+    sunlight = _optional_mask(context, "sunlight", width_px)
     if asked.keep_sunlight and sunlight is not None:
         target, sunlight = _without_sunlight(context, target, sunlight)
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
@@ -62,9 +64,9 @@ def run(context: StageContext) -> StageOutput:
     return _output(found, context)
 
 
-def _optional_mask(context: StageContext, name: str) -> Flags | None:
+def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | None:
     mask = context.optional_artifact("detect", name)
-    return None if mask is None else np.asarray(mask, bool)
+    return None if mask is None else mask_in_size(np.asarray(mask, bool), width_px)
 
 
 def _foreign(context: StageContext, shape: tuple[int, ...]) -> Flags | None:
@@ -84,7 +86,7 @@ def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> 
     margin_rad = math.radians(float(context.summary("detect")["metrics"]["margin_deg"]))
     others = np.zeros_like(target)
     for name in ("furniture", "tripod", "shadow"):
-        mask = _optional_mask(context, name)
+        mask = _optional_mask(context, name, target.shape[1])
         others |= False if mask is None else mask
     return target & grown(others, margin_rad) & ~sunlight, grown(sunlight, margin_rad)
 

@@ -140,7 +140,7 @@ def whole_or_not_done(files: Any, root: str) -> str:
 
 
 def campaign(files: Any, least: int, seed: int) -> tuple[int, int, list[str]]:
-    """Inject at least so many faults; returns how many were injected, how many runs then said so, and what was wrong."""
+    """Inject at least so many faults; returns how many there were, how many runs said so, and what was wrong."""
     rng = random.Random(seed)
     injected = told = number = 0
     wrong: list[str] = []
