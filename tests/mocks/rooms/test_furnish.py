@@ -63,6 +63,7 @@ def test_rooms_hold_what_they_are_for() -> None:
     assert len(kinds) >= 30
 
 
+@pytest.mark.skipif(not LONG, reason="of 120 rooms: make torture")
 def test_rooms_differ_in_how_full_they_are() -> None:
     counts = [sum(item.role is not Role.EQUIPMENT for item in items) for _, items in rooms()]
     assert min(counts) <= 8

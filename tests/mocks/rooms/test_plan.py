@@ -58,6 +58,7 @@ def test_the_camera_stands_clear_and_sees_the_floor_but_not_always_from_the_midd
     assert np.quantile(off, 0.1) < 0.1 < 0.25 < np.quantile(off, 0.9)
 
 
+@pytest.mark.skipif(not LONG, reason="of 300 plans: make torture")
 def test_all_forms_turns_and_openings_occur() -> None:
     plans = [plan_of(seed) for seed in SEEDS]
     sides = Counter(len(p.polygon) for p in plans)
