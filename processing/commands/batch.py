@@ -98,7 +98,7 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
         raise ParameterError("--workers is of this computer's own cluster: leave it out with --cluster")
     request = BatchRequest(
         folder,
-        _arguments(_checked(asked)),
+        (*_arguments(_checked(asked)), "--keep", asked["keep"]),
         asked["workers"] or usual_workers(),
         asked["cluster"],
         asked["session_timeout"],

@@ -65,6 +65,12 @@ def _run_options() -> tuple[click.Option, ...]:
             help="Run this stage although nothing has changed (repeatable).",
         ),
         click.Option(["--recheck"], is_flag=True, help="Read every file again instead of trusting size and times."),
+        click.Option(
+            ["--keep"],
+            type=click.Choice(["all", "results"]),
+            default="all",
+            help="results: when all is done, drop what only the stages need (as `daylit clean`).",
+        ),
     )
 
 
@@ -145,6 +151,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
       daylit process --until merge --max-error 0.02 --explain sessions/2023-05-19T1554Z_coda-320
       daylit process --panorama bedroom.jpg
     """
+    from processing.running.runner import clean
     from processing.running.runner import process as run
 
     request = run_request(asked)
@@ -156,6 +163,8 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
         session = _session(session, asked["panorama"], asked["into"])
     with SilentView() if as_json else stage_view() as view:
         report = run(session, request, on_event=view.show)
+    if asked["keep"] == "results" and not request.dry_run:
+        clean(session)
     if as_json:
         click.echo(json.dumps({"ok": True, "dry_run": request.dry_run, **report.to_dict()}))
         return 0

@@ -108,6 +108,20 @@ class ResultStore:
             return False
         return self._memory.sha256(folder, name, f"{STAGES}/{stage}/{name}") == record.sha256
 
+    def drop(self, stage: str) -> int:
+        """Remove a stage's result; return how many bytes its files had."""
+        parent = self._open()
+        if parent.lstat(stage) is None:
+            return 0
+        size = sum(path.stat().st_size for path in self.path(stage).iterdir() if path.is_file())
+        # First out of its place, so that a kill leaves no half result.
+        old = f"{_OLD_PREFIX}{stage}"
+        _clear(parent, old)
+        with durable.disk_errors(self.path(stage), "removing the result"):
+            durable.os_calls.rename(stage, old, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)
+        _clear(parent, old)
+        return size
+
     @contextmanager
     def building(self, stage: str) -> Iterator[Building]:
         """Give a new, empty folder for a result; what is not committed is removed at the end."""

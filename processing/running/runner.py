@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ProcessingError
-from processing.pipeline import STAGES, Stage, check_table
+from processing.pipeline import STAGES, Stage, check_table, stage_named
 from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
 from processing.running.fingerprint import DigestMemory
 from processing.running.parts import Parts, unread
@@ -56,6 +56,24 @@ def process(
     costs = [report.cost.peak_bytes for report in reports if report.cost]
     total = meter.read()
     return RunReport(session.name, reports, Cost(total.seconds, total.cpu_seconds, max([total.peak_bytes, *costs])))
+
+
+RESULTS = ("calibrate", "figures", "arrange", "render", "report")
+"""Stages whose results people look at; the others are steps on the way, made again when they are needed."""
+
+
+def clean(session: Path, keep: tuple[str, ...] = RESULTS, *, stages: tuple[Stage, ...] = STAGES) -> dict[str, int]:
+    """Remove the results of all stages but those to keep, and what killed runs left; return bytes freed by stage.
+
+    Raises `ParameterError` for a stage that is none, `SessionLockedError` while another process works on the session.
+    """
+    for name in keep:
+        stage_named(name, stages)
+    load_manifest(session)
+    with _opened(session, write=True) as root, stages_folder(root, create=True) as folder:
+        store = ResultStore(folder, DigestMemory(None))
+        store.recover()
+        return {stage.name: size for stage in stages if stage.name not in keep and (size := store.drop(stage.name))}
 
 
 @contextmanager

@@ -11,15 +11,16 @@ from typing import Annotated
 import pytest
 from pydantic import Field
 
+from processing.errors import ParameterError
 from processing.pipeline import Artifact, Stage
 from processing.running.requests import RunRequest
 from processing.running.results import Action, RunEvent, RunEventKind
-from processing.running.runner import process
+from processing.running.runner import clean, process
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import StageParameters
 from tests.processing.running import toy_stages
 from tests.processing.running.test_pipeline import actions, contents, reason, result, run
-from tests.processing.running.toy_stages import FRAMES, TOTAL
+from tests.processing.running.toy_stages import FRAMES, TOTAL, TOYS
 from tests.station.session.sessions import complete_session
 
 RAN, SKIPPED = Action.RAN, Action.SKIPPED
@@ -146,3 +147,17 @@ def look(context: StageContext) -> StageOutput:
     assert values[look.name] >= 0  # type: ignore[attr-defined]
     assert "frames" in context.summary("frames")["metrics"]
     return StageOutput()
+
+
+def test_what_only_stages_need_can_be_dropped(session: Path) -> None:
+    run(session, TOYS)
+    before = contents(session)
+    (session / "stages" / ".old-half").mkdir()
+    freed = clean(session, ("total",), stages=TOYS)
+    assert set(freed) == {"frames", "half"}
+    assert freed["frames"] >= sum(len(data) for name, data in before.items() if name.startswith("frames/"))
+    assert sorted(path.name for path in (session / "stages").iterdir() if path.is_dir()) == ["total"]
+    assert actions(run(session, TOYS)) == [RAN, SKIPPED, RAN], "what depends on it gives the same and stands"
+    assert contents(session) == before
+    with pytest.raises(ParameterError, match="no stage 'roof'"):
+        clean(session, ("roof",), stages=TOYS)
