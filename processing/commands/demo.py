@@ -23,7 +23,7 @@ RIG_SIZE = "quarter"
 RIG_RATE = 8.0
 """How much faster than life the rig's sessions are captured: nobody waits for their shutters."""
 BESIDE_S = 600.0
-"""For the rig's sessions, which take some ten seconds: a computer that is busy with other things."""
+"""For the rig's sessions, which take some ten seconds: a computer that is busy with other things (chosen)."""
 SPHERE_WORLD = "uniform:2000"
 """cd/m2 all around: what a fall-off is measured on."""
 
@@ -193,7 +193,7 @@ def _rig_sessions(folder: Path) -> None:
     if not (folder / "calibration.json").is_file():
         _rig_session(folder, "chart", as_json=True)
         _rig_session(folder, "sphere", as_json=True)
-    from processing.ground.kernels import load_kernels
+    from processing.running.kernels import load_kernels
 
     load_kernels()
 

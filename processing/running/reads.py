@@ -25,7 +25,7 @@ ABSENT = "(absent)"
 _ANY = "()"
 """As the last part of a name: whether there is anything."""
 _LONGEST = 60
-"""Characters of a text that is kept as it is; longer ones, lists and objects count by their digest."""
+"""Characters of a text that is kept as it is (chosen); longer ones, lists and objects count by their digest."""
 Note = Callable[[str], None]
 
 

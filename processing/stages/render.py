@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -85,13 +85,7 @@ def run(context: StageContext) -> StageOutput:
     effort = replace(QUALITY[context.quality.value], max_error=context.max_error)
     if context.time_budget_s is not None:
         effort = replace(effort, budget_s=context.time_budget_s / len(every))
-    held: list[_Work] = []
-
-    def work() -> _Work:
-        if not held:
-            held.append(_work(context, asked, effort))
-        return held[0]
-
+    work = cache(partial(_work, context, asked, effort))
     alternatives: list[Any] = []
     units = ""
     for number, one in enumerate(every):

@@ -5,7 +5,7 @@ and a change in one file is not seen by kernels of another that call it. `ByCont
 ``processing/__init__.py``) keeps it in the user's cache under one digest of all sources with kernels.
 
 ``kernels.json`` lists what `daylit process` calls, with types, so that `load_kernels` can compile it while nobody
-waits; ``python -m processing.ground.kernels SESSION`` writes the list anew by processing a session.
+waits; ``python -m processing.running.kernels SESSION`` writes the list anew by processing a session.
 """
 
 from __future__ import annotations
