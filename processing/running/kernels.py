@@ -20,11 +20,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba.core import types
+from numba.core import config
 from numba.core.caching import UserProvidedCacheLocator
-from numba.core.config import CACHE_DIR
 from platformdirs import user_cache_path
 
+types: Any = importlib.import_module("numba.core.types")
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "kernels.json"
 Described = Any
@@ -37,16 +37,16 @@ def source_digest() -> str:
     digest = hashlib.sha256()
     for path in sorted(ROOT.rglob("*.py")):
         text = path.read_bytes()
-        if b"numba" in text:
+        if b"numba" in text and path != Path(__file__).resolve():
             digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + hashlib.sha256(text).digest())
     return digest.hexdigest()
 
 
-class ByContent(UserProvidedCacheLocator):  # type: ignore[misc]
+class ByContent(UserProvidedCacheLocator):
     """Where Numba keeps kernels of this program: by content of the source, not by its place and time."""
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
-        super().__init__(py_func, py_file)
+        super().__init__(py_func, py_file)  # type: ignore[no-untyped-call]
         folder = Path(os.environ["DAYLIT_KERNELS"]) if "DAYLIT_KERNELS" in os.environ else user_cache_path("daylit")
         inside = Path(py_file).resolve().relative_to(ROOT).with_suffix("")
         self._cache_path = str(folder / "kernels" / source_digest()[:20] / ".".join(inside.parts))
@@ -58,11 +58,11 @@ class ByContent(UserProvidedCacheLocator):  # type: ignore[misc]
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> ByContent | None:
         """Return the place of a function; None where it is none of ours, or another folder was asked for."""
-        if CACHE_DIR or not Path(py_file).resolve().is_relative_to(ROOT):
+        if getattr(config, "CACHE_DIR", "") or not Path(py_file).resolve().is_relative_to(ROOT):
             return None
         place = cls(py_func, py_file)
         try:
-            place.ensure_cache_path()
+            place.ensure_cache_path()  # type: ignore[no-untyped-call]
         except OSError:
             return None
         return place

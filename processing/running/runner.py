@@ -152,7 +152,7 @@ class PipelineRun:
     def _predict(self, stage: Stage) -> StageReport:
         """Say what a run would do; later stages depend on results that are not there yet."""
         stored = self._store.read(stage.name)
-        read = stored.result.ingredients.get("reads", {}) if stored.result else dict.fromkeys(stage.needs)
+        read: Any = stored.result.ingredients.get("reads", {}) if stored.result else stage.needs
         upstream = [name for name in self._unknown if any(one.partition("/")[0] == name for one in read)]
         decision = self._decide(stage, stored)
         known = [change for change in decision.changes if not change[0].startswith("reads ")]
@@ -246,7 +246,8 @@ class PipelineRun:
     def _fetcher(self, stage: Stage, reads: Reads) -> Any:
         def fetch(other: str, name: str) -> object | None:
             self._check_need(stage, other)
-            return reads.noted(self._shelf.get(other, name), other, name)
+            found: object | None = reads.noted(self._shelf.get(other, name), other, name)
+            return found
 
         return fetch
 

@@ -45,7 +45,7 @@ def draft_width_px(width_px: int) -> int:
 
 
 def in_size(image: LuminanceImage, width_px: int) -> LuminanceImage:
-    """Return a panorama in a width that divides its own: means of whole blocks, of the worst of their pixels' validity."""
+    """Return a panorama in a width that divides its own: means of whole blocks, with the worst validity in each."""
     geometry = image.geometry
     factor = image.rgb.shape[1] // width_px
     if factor <= 1 or not isinstance(geometry, Equirectangular):
