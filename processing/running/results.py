@@ -75,12 +75,6 @@ class StageResult(_Record):
     seal: str = ""
     """SHA-256 of all the rest: shows a damaged result.json."""
 
-    @property
-    def content(self) -> str:
-        """Digest of what later stages can see of the result; they depend on this, not on how it came about."""
-        seen = {"stage", "given", "skipped", "artifacts", "files", "left_out", "metrics", "warnings", "honoured"}
-        return digest(self.model_dump(mode="json", include=seen))
-
     def summary(self) -> dict[str, Any]:
         """Return what later stages may read beside the artifacts, as JSON values."""
         seen = {"given", "skipped", "left_out", "metrics", "warnings", "honoured"}
