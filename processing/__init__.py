@@ -2,8 +2,8 @@
 
 import os
 
-# Read by Numba when it is imported: kernels are kept by the content of their source (`processing.running.kernels`).
+# Read by Numba when it is imported: kernels are kept by the content of their source (`processing.ground.kernels`).
 os.environ.setdefault(
     "NUMBA_CACHE_LOCATOR_CLASSES",
-    "processing.running.kernels.ByContent,UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator",
+    "processing.ground.kernels.ByContent,UserProvidedCacheLocator,InTreeCacheLocator,UserWideCacheLocator",
 )

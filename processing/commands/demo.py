@@ -193,7 +193,7 @@ def _rig_sessions(folder: Path) -> None:
     if not (folder / "calibration.json").is_file():
         _rig_session(folder, "chart", as_json=True)
         _rig_session(folder, "sphere", as_json=True)
-    from processing.running.kernels import load_kernels
+    from processing.ground.kernels import load_kernels
 
     load_kernels()
 

@@ -5,7 +5,8 @@ and a change in one file is not seen by kernels of another that call it. `ByCont
 ``processing/__init__.py``) keeps it in the user's cache under one digest of all sources with kernels.
 
 ``kernels.json`` lists what `daylit process` calls, with types, so that `load_kernels` can compile it while nobody
-waits; ``python -m processing.running.kernels SESSION`` writes the list anew by processing a session.
+waits; ``python -m benchmarks.whole.kernel_list SESSION PROFILE`` writes the list anew by
+processing a session.
 """
 
 from __future__ import annotations
@@ -125,12 +126,8 @@ def _type(text: Described) -> Any:
     return types.BaseTuple.from_types(parts, _named(text["named"]) if "named" in text else None)
 
 
-def main(session: Path) -> int:
-    """Process a session and write down which kernels that took."""
-    from processing.running.requests import RunRequest
-    from processing.running.runner import process
-
-    process(session, RunRequest(force=("merge", "calibrate", "room", "detect", "remove", "arrange", "render")))
+def write_list() -> None:
+    """Write the list anew: the kernels that this process has used, with the types they were called with."""
     found: dict[str, list[list[Described]]] = {}
     for name, kernel in kernels_in_use():
         known = [[described(one) for one in signature] for signature in kernel.signatures]
@@ -138,8 +135,3 @@ def main(session: Path) -> int:
             found[name] = sorted(known, key=json.dumps)
     lines = (f"{json.dumps(name)}: {json.dumps(signatures)}" for name, signatures in sorted(found.items()))
     LIST.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))

@@ -11,13 +11,13 @@ from pathlib import Path
 
 from numba.core import types
 
+from processing.ground import kernels
 from processing.layout.solver.walk_grid import Grid
-from processing.running import kernels
 
 CODE = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
-import processing.running.kernels
+import processing.ground.kernels
 from processing.room.opening_fit import region
 place = region._cache._impl.locator
 print(place.get_cache_path(), place.get_source_stamp())
