@@ -140,7 +140,13 @@ class Reads:
 
     def ingredients(self) -> Ingredients:
         """Return what was read, as part of what a result depends on."""
-        return {"parameters": dict(sorted(self.parameters.items())), "reads": dict(sorted(self.found.items()))}
+        reads = {name: value for name, value in sorted(self.found.items()) if not self._within_another(name)}
+        return {"parameters": dict(sorted(self.parameters.items())), "reads": reads}
+
+    def _within_another(self, name: str) -> bool:
+        """Return whether all around a value was read too, and counts for it."""
+        parts = name.split("/")
+        return any("/".join(parts[:count]) in self.found for count in range(2, len(parts)))
 
     def again(self, ingredients: Ingredients) -> Ingredients:
         """Return what earlier reads give now."""
@@ -152,10 +158,8 @@ class Reads:
         return self.ingredients()
 
     def note(self, name: str) -> None:
-        """Note a read with what it gives, unless all around it was read."""
-        parts = name.split("/")
-        if not any("/".join(parts[:count]) in self.found for count in range(2, len(parts))):
-            self.found[name] = self._earlier.value(name)
+        """Note a read with what it gives."""
+        self.found[name] = self._earlier.value(name)
 
     def now(self, name: str) -> Json:
         """Return what a read gives."""

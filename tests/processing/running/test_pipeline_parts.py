@@ -161,3 +161,16 @@ def test_what_only_stages_need_can_be_dropped(session: Path) -> None:
     assert contents(session) == before
     with pytest.raises(ParameterError, match="no stage 'roof'"):
         clean(session, ("roof",), stages=TOYS)
+
+
+def test_a_value_read_before_all_around_it_is_no_change(session: Path) -> None:
+    both = replace(TOTAL, function=f"{PARTS}:twice", makes=(), parameters=f"{PARTS}:Scaled")
+    run(session, (FRAMES, both))
+    assert set(result(session, "total")["ingredients"]["reads"]) == {"frames/values"}
+    assert actions(run(session, (FRAMES, both))) == [SKIPPED, SKIPPED]
+
+
+def twice(context: StageContext) -> StageOutput:
+    values = context.optional_artifact("frames", "values") or {}
+    assert sum(values.values()) >= 0
+    return StageOutput()
