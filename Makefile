@@ -39,9 +39,10 @@ check: $(VENV)/.dev
 	$(BIN)/mypy
 	$(RUN) -m pytest -q tests/architecture
 
-## make torture   the long fault-injection runs and every benchmark on the smallest input; figures go to docs/measurements/reliability.md
+## make torture   the long fault-injection runs, all seeds, every benchmark on the smallest input; figures go to docs/measurements/reliability.md
 torture: $(VENV)/.dev
 	$(RUN) -m tests.torture
+	DAYLIT_TORTURE=1 $(RUN) -m pytest -q -n 2 -m sweep
 	DAYLIT_TORTURE=1 $(RUN) -m pytest -q tests/benchmarks/test_smoke.py
 
 ## make bench     every benchmark in full

@@ -84,6 +84,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "dataset": Entry("processing.commands.dataset", "dataset", "Sessions as a data set: index, splits, Croissant."),
         "export": Entry("processing.commands.results", "export", "Write results for other programs: JPEG, HDR, glTF."),
         "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),
+        "clean": Entry("processing.commands.results", "clean", "Keep a session's results, drop the steps to them."),
         "view": Entry("processing.commands.results", "view", "Open a session's report."),
         "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),

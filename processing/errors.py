@@ -257,3 +257,9 @@ class WorkerLostError(ProcessingError):
     """The workers that had a session ended, or failed, while they had it."""
 
     code = "BAT-004"
+
+
+class StoreError(ProcessingError):
+    """An object store that does not answer, or holds what should not be there."""
+
+    code = "BAT-005"

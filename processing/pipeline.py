@@ -62,6 +62,8 @@ class Stage:
     """``reason(context) -> str | None``: why there is nothing to do."""
     trades: tuple[Trade, ...] = ()
     """Which of --quality, --max-error and --time-budget change what it does."""
+    draft_is_standard: bool = False
+    """Whether --quality draft leaves it as it is: what a draft must share with the standard (measure, room)."""
 
     @property
     def model(self) -> type[StageParameters]:
@@ -103,6 +105,7 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.parameters:MergeParameters",
         skip_rule="processing.stages.merge:nothing_to_merge",
         trades=("quality", "max_error"),
+        draft_is_standard=True,
     ),
     Stage(
         name="calibrate",
@@ -133,6 +136,7 @@ STAGES: tuple[Stage, ...] = (
         ),
         parameters="processing.stages.parameters:RoomParameters",
         trades=("quality",),
+        draft_is_standard=True,
     ),
     Stage(
         name="figures",
@@ -161,6 +165,7 @@ STAGES: tuple[Stage, ...] = (
         parameters="processing.stages.parameters:DetectParameters",
         skip_rule="processing.stages.detect:nothing_to_go_by",
         trades=("quality",),
+        draft_is_standard=True,
     ),
     Stage(
         name="light",

@@ -22,7 +22,7 @@ from typing import Any
 import psutil
 
 from benchmarks.shared_data import DATA
-from benchmarks.whole.batch_sessions import ZONE, make_sessions
+from benchmarks.whole.batch_sessions import DIVISOR, ZONE, make_sessions
 from processing.batch.croissant import Description
 from processing.batch.dataset import build, check
 from processing.batch.run import BatchReport, BatchRequest, run_batch
@@ -38,6 +38,8 @@ CONDITIONS = DATA / "paper" / "cali_hdr_summary.csv"
 COUNT = {True: 4, False: 137}
 TIMED = {True: 2, False: 8}
 ALONE = {True: 1, False: 3}
+RENDERED, QUARTER = {True: 1, False: 6}, 4
+"""Sessions that go through render, and by how much their pictures are smaller than full size each way."""
 CHILD = "processing.batch.work"
 
 
@@ -57,6 +59,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         build(folder, Description("benchmark", "CC0-1.0"), zone=ZONE)
         metrics["dataset_ok"] = float(check(folder).ok)
         metrics |= _throughput(sessions[: TIMED[quick]], Path(place))
+        metrics |= _through_render(Path(place) / "rendered", quick=quick, seed=seed)
     notes = [
         f"{UNTIL} is the last stage; pictures of 280 x 140; {os.cpu_count()} cores, which other work may share",
         "codes of those listed: " + json.dumps(_codes(report)),
@@ -82,8 +85,10 @@ def _kill_a_worker() -> int:
     """Kill the parent of a session's process (a worker); return how many were killed."""
     for child in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error, ProcessLookupError):
-            if CHILD in child.cmdline():
-                os.kill(child.ppid(), signal.SIGKILL)
+            # The warm process of a worker that is forking: its own parent is the worker.
+            worker = child.parent()
+            if CHILD in child.cmdline() and child.children() and worker and CHILD not in worker.cmdline():
+                os.kill(worker.pid, signal.SIGKILL)
                 return 1
     return 0
 
@@ -124,6 +129,18 @@ def _throughput(sessions: list[Path], place: Path) -> dict[str, float]:
         found[f"busy_{workers}"] = round(sum(one.seconds for one in report.outcomes) / report.seconds / workers, 3)
     found["speedup_2"] = round(found["per_hour_2"] / found["per_hour_1"], 3)
     return found
+
+
+def _through_render(folder: Path, *, quick: bool, seed: int) -> dict[str, float]:
+    """Return the throughput of two workers through all stages at standard quality, pictures of quarter size."""
+    sessions = make_sessions(folder, RENDERED[quick], CONDITIONS, seed, DIVISOR if quick else QUARTER)
+    report = run_batch(BatchRequest(folder, (), 2))
+    return {
+        "render_done": float(len(report.outcomes) - len(report.failed)),
+        "render_per_hour_2": round(3600 * len(sessions) / report.seconds, 1),
+        "render_cpu_s": round(statistics.median(one.cpu_seconds for one in report.outcomes), 1),
+        "render_cores_busy": round(report.cores_busy, 3),
+    }
 
 
 def _differ(report: BatchReport, folder: Path, place: Path, count: int) -> int:

@@ -41,7 +41,7 @@ def rows(conditions: Path | None) -> list[dict[str, str]]:
     ]
 
 
-def make_sessions(folder: Path, count: int, conditions: Path | None, seed: int) -> list[Path]:
+def make_sessions(folder: Path, count: int, conditions: Path | None, seed: int, divisor: int = DIVISOR) -> list[Path]:
     """Write the first ``count`` sessions that are not there yet, and return the folders of all."""
     made = []
     chosen = rows(conditions)[:count]
@@ -57,7 +57,7 @@ def make_sessions(folder: Path, count: int, conditions: Path | None, seed: int) 
         heading = re.match(r"\d+", row["orientation"])
         taken = Taken(
             SimpleRoom(seed=rooms[row["scene_name"]]),
-            divisor=DIVISOR,
+            divisor=divisor,
             nd=row["nd_filter"].strip().upper() == "YES",
             seed=index,
             begun=local.astimezone(UTC),

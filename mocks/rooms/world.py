@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import lzma
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -19,8 +21,11 @@ from mocks.rooms.view import RoomView, outdoors
 from mocks.worlds.light import BrightDisc, Site, Vector, unit
 from processing.ground.arrays import Floats
 
-# Raise when baking or looking up changes.
+# Raise when baking or looking up changes; then `python -m mocks.rooms.world` makes the shipped light anew.
 LIGHT_VERSION = 6
+DEFAULT = ("bedroom", 7)
+"""The room of `daylit demo`, whose light is shipped so that nobody waits a minute for it."""
+SHIPPED = Path(__file__).with_name("default.light")
 
 
 @dataclass(frozen=True)
@@ -112,8 +117,8 @@ def _view_of(room: Room, quality: str) -> RoomView:
 def baked_light(room: Room, geometry: Geometry, quality: str, cache: PictureCache | None = None) -> dict[str, Baked]:
     """Return the room's light by component, from the cache or baked now (some seconds to a minute)."""
     cache = cache or PictureCache()
-    key = content_key("room light", LIGHT_VERSION, room.key, QUALITIES[quality])
-    data = cache.read(key, ".light")
+    key = light_key(room, quality)
+    data = cache.read(key, ".light") or _shipped(key)
     if data is None or not _is_finite(data):
         with cache.rendering("light"):
             data = cache.read(key, ".light")
@@ -124,6 +129,26 @@ def baked_light(room: Room, geometry: Geometry, quality: str, cache: PictureCach
                 cache.write(key, ".light", _packed(made))
                 return made
     return _unpacked(data)
+
+
+def light_key(room: Room, quality: str) -> str:
+    """Return the name of a room's light."""
+    return content_key("room light", LIGHT_VERSION, room.key, QUALITIES[quality])
+
+
+def _shipped(key: str) -> bytes | None:
+    """Return the light that came with the program, if it is this one: its name stands in front."""
+    if not SHIPPED.is_file():
+        return None
+    name, _, data = SHIPPED.read_bytes().partition(b"\n")
+    return lzma.decompress(data) if name.decode() == key else None
+
+
+def ship() -> None:
+    """Write the light of the default room, baked now unless it is in the cache."""
+    world = room_world(*DEFAULT)
+    baked = baked_light(world.room, Geometry(world.room.parts()), world.quality)
+    SHIPPED.write_bytes(light_key(world.room, world.quality).encode() + b"\n" + lzma.compress(_packed(baked)))
 
 
 def _is_finite(data: bytes) -> bool:
@@ -147,3 +172,7 @@ def _unpacked(data: bytes) -> dict[str, Baked]:
         arrays = {name: file[name] for name in file.files}
     names = dict.fromkeys(name.split(".")[0] for name in arrays)
     return {name: Baked(arrays[f"{name}.irradiance"], arrays.get(f"{name}.gloss")) for name in names}
+
+
+if __name__ == "__main__":
+    ship()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import gc
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -35,15 +35,48 @@ def usual_workers() -> int:
     return max(1, min(cores // 2, memory // SESSION_BYTES))
 
 
-def threads_each(workers: int) -> int:
+def cores_here() -> int:
+    """Return how many cores this process may use: a job of a queue often has a part of the machine."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def threads_each(sessions: int) -> int:
     """Return how many threads a session's libraries may use, so that all sessions together use every core once."""
-    return max(1, (os.cpu_count() or 1) // workers)
+    return max(1, cores_here() // max(1, sessions))
+
+
+def threads_by_machine(client: Any) -> dict[str, int]:
+    """Return how many threads (sessions at once) the workers of each machine have; {} where nobody answers."""
+    found: dict[str, int] = {}
+    try:
+        for address, threads in client.nthreads().items():
+            host = machine_of(address)
+            found[host] = found.get(host, 0) + threads
+    except Exception:  # noqa: BLE001 (whatever keeps it from answering, there is nobody to work)
+        return {}
+    return found
+
+
+def machine_of(address: str) -> str:
+    """Return the machine in a Dask address such as tcp://10.0.0.5:41234; workers without one are in this process."""
+    return address.rpartition("://")[2].rpartition(":")[0]
+
+
+def here_among(machines: Mapping[str, int]) -> int:
+    """Return how many sessions share this worker's machine, 1 where it is not known."""
+    import distributed
+
+    try:
+        worker: Any = distributed.get_worker()
+    except ValueError:
+        return 1
+    return machines.get(machine_of(worker.address), 1)
 
 
 def thread_settings(threads: int) -> dict[str, str]:
     """Return the environment by which numerical libraries take this many threads."""
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-    return {name: str(threads) for name in (*names, "OPENCV_FOR_THREADS_NUM")}
+    return {name: str(threads) for name in (*names, "OPENCV_FOR_THREADS_NUM", "DAYLIT_THREADS")}
 
 
 _SETTINGS: dict[str, Any] = {

@@ -9,13 +9,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from processing.batch.cluster import connected, thread_settings, threads_each
+from processing.batch.cluster import connected, threads_by_machine
+from processing.batch.store import is_url, remote_sessions, work_by_url
 from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, WorkerLostError
 from station.session.session import MANIFEST_NAME
 
-LOOK_S = 10.0
-"""Between looks at whether any worker is left."""
+LOOK_S = 2.0
+"""Between looks at how many workers there are."""
 NO_WORKERS_S = 600.0
 """Without any worker, after which what is under way is listed as lost: begun anew, they take seconds to a minute."""
 DEPTH = 3
@@ -26,7 +27,8 @@ DEPTH = 3
 class BatchRequest:
     """What to do with a folder of sessions."""
 
-    folder: Path
+    folder: Path | str
+    """Or a URL (fsspec)."""
     arguments: tuple[str, ...] = ()
     """Of `daylit process`, but for the session."""
     workers: int = 1
@@ -40,11 +42,18 @@ class BatchRequest:
 class BatchReport:
     """What became of all sessions, in the order of their names."""
 
-    folder: Path
+    folder: Path | str
     outcomes: list[Outcome] = field(default_factory=list)
     workers: int = 0
     """How many worked at the end."""
     seconds: float = 0.0
+    at_once: int = 0
+    """Most sessions that were with the cluster at a time."""
+
+    @property
+    def cores_busy(self) -> float:
+        """Return how many cores worked on sessions, on average."""
+        return sum(one.cpu_seconds for one in self.outcomes) / self.seconds if self.seconds else 0.0
 
     @property
     def failed(self) -> list[Outcome]:
@@ -60,7 +69,10 @@ class BatchReport:
             "done": done,
             "failed": len(self.failed),
             "workers": self.workers,
+            "at_once": self.at_once,
             "seconds": round(self.seconds, 3),
+            "cpu_seconds": round(sum(one.cpu_seconds for one in self.outcomes), 3),
+            "cores_busy": round(self.cores_busy, 3),
             "outcomes": [one.to_dict() for one in self.outcomes],
         }
 
@@ -92,7 +104,7 @@ def _below(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def run_batch(
-    request: BatchRequest, on_outcome: OnOutcome = lambda *_: None, *, do: Callable[[Task], Outcome] = work
+    request: BatchRequest, on_outcome: OnOutcome = lambda *_: None, *, do: Callable[[Task], Outcome] | None = None
 ) -> BatchReport:
     """Process all sessions of a folder; one that fails, hangs or kills its worker is listed and stops no other.
 
@@ -100,24 +112,25 @@ def run_batch(
     `ClusterError` where the cluster cannot be reached.
     """
     begun_s = time.monotonic()
-    sessions = find_sessions(request.folder)
-    environment = {} if request.cluster else thread_settings(threads_each(request.workers))
+    place = str(request.folder)
+    if is_url(place):
+        named = {url: url.removeprefix(place.rstrip("/") + "/") for url in remote_sessions(place, DEPTH)}
+        do = do or work_by_url
+    else:
+        named = {str(path.resolve()): str(path.relative_to(place)) for path in find_sessions(Path(place))}
+        do = do or work
     tasks = [
-        Task(
-            str(path.resolve()),
-            str(path.relative_to(request.folder)),
-            request.arguments,
-            request.timeout_s,
-            environment,
-            request.zone,
-        )
-        for path in sessions
+        Task(session, name, request.arguments, request.timeout_s, zone=request.zone) for session, name in named.items()
     ]
     report = BatchReport(request.folder)
     with tempfile.TemporaryDirectory(prefix="daylit-batch-", ignore_cleanup_errors=True) as scratch:
         workers = max(1, min(request.workers, len(tasks)))
         with connected(request.cluster, workers, Path(scratch)) as client:
-            for outcome in handed_out(client, tasks, do):
+
+            def widest(width: int) -> None:
+                report.at_once = max(report.at_once, width)
+
+            for outcome in handed_out(client, tasks, do, widest):
                 report.outcomes.append(outcome)
                 on_outcome(outcome, len(report.outcomes), len(tasks))
             report.workers = len(client.scheduler_info(n_workers=-1)["workers"])
@@ -126,50 +139,54 @@ def run_batch(
     return report
 
 
-def handed_out(client: Any, tasks: Sequence[Task], do: Callable[[Task], Outcome]) -> Iterator[Outcome]:
+def handed_out(
+    client: Any, tasks: Sequence[Task], do: Callable[[Task], Outcome], on_width: Callable[[int], None] = lambda _: None
+) -> Iterator[Outcome]:
     """Yield the outcome of every task as it comes, with one for each thread of a Dask client's workers under way.
 
     When a worker dies, the cluster blames all tasks that it had, and a task that kills workers may take others with
-    it. Those that are lost are therefore tried again at the end, one by one: then only the guilty are.
+    it. Those that are lost are therefore tried again at the end, one by one: then only the guilty are. ``on_width`` is
+    given how many are under way, whenever that grows or shrinks: workers come and go while the batch runs.
     """
-    threads = _threads(client)
     suspects: list[Task] = []
-    for task, outcome in _through(client, tasks, do, at_once=max(1, threads)):
+    for task, outcome in _through(client, tasks, do, on_width=on_width):
         if outcome.code == WorkerLostError.code:
             suspects.append(task)
         else:
             yield outcome
-    for _, outcome in _through(client, suspects, do, at_once=1):
+    for _, outcome in _through(client, suspects, do, most=1):
         yield replace(outcome, tries=outcome.tries + 1)
 
 
 def _through(
-    client: Any, tasks: Sequence[Task], do: Callable[[Task], Outcome], *, at_once: int
+    client: Any,
+    tasks: Sequence[Task],
+    do: Callable[[Task], Outcome],
+    *,
+    most: int | None = None,
+    on_width: Callable[[int], None] = lambda _: None,
 ) -> Iterator[tuple[Task, Outcome]]:
-    """Yield each task with its outcome as it comes; only so many are with the cluster at a time."""
-    left = iter(tasks)
+    """Yield each task with its outcome as it comes; as many are with the cluster as it has threads in that round."""
+    left = list(reversed(tasks))
     of: dict[Any, Task] = {}
     idle_s = 0.0
-
-    def submit() -> None:
-        task = next(left, None)
-        if task is not None:
-            of[client.submit(do, task, pure=False)] = task
-
-    for _ in range(at_once):
-        submit()
-    while of:
+    while left or of:
+        machines = threads_by_machine(client)
+        threads = sum(machines.values())
+        while left and len(of) < (most or max(1, threads)):
+            task = left.pop()
+            of[client.submit(do, replace(task, machines=machines), pure=False)] = task
+        on_width(len(of))
         over = _first_over(list(of))
-        idle_s = 0.0 if over or _threads(client) else idle_s + LOOK_S
+        idle_s = 0.0 if over or threads else idle_s + LOOK_S
         if idle_s >= NO_WORKERS_S:
             why = f"no worker was there for {NO_WORKERS_S:g} s"
-            yield from ((task, _lost(task, why)) for task in (*of.values(), *left))
+            yield from ((task, _lost(task, why)) for task in (*of.values(), *reversed(left)))
             return
         for future in over:
             task = of.pop(future)
             yield task, _outcome(future, task)
             future.release()
-            submit()
 
 
 def _first_over(futures: list[Any]) -> list[Any]:
@@ -181,14 +198,6 @@ def _first_over(futures: list[Any]) -> list[Any]:
         return list(wait(futures, timeout=LOOK_S, return_when="FIRST_COMPLETED").done)
     except TimeoutError:
         return []
-
-
-def _threads(client: Any) -> int:
-    """Return how many threads the workers have; 0 where not even the scheduler answers."""
-    try:
-        return sum(client.nthreads().values())
-    except Exception:  # noqa: BLE001 (whatever keeps it from answering, there is nobody to work)
-        return 0
 
 
 def _lost(task: Task, why: str) -> Outcome:

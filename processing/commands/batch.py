@@ -53,12 +53,12 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
     retried = f", {again} of them tried twice" if again else ""
     yield (
         f"{done} of {len(report.outcomes)} sessions done{retried}, {len(report.failed)} failed, "
-        f"in {report.seconds:.1f} s ({spent:.1f} CPU s)"
+        f"in {report.seconds:.1f} s ({spent:.1f} CPU s, {report.cores_busy:.2f} cores busy)"
     )
 
 
 @click.command(cls=ProcessCommand)
-@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("folder")
 @click.option("--workers", type=click.IntRange(1, 1024), metavar="N", help="Sessions at once on this computer.")
 @click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler elsewhere, such as tcp://10.0.0.5:8786.")
 @click.option(
@@ -70,10 +70,12 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
     help="A session that takes longer is ended and listed.",
 )
 @click.option("--zone", default="UTC", show_default=True, metavar="NAME", help="Of dates and times in the table.")
-@click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="For the table (default: FOLDER).")
+@click.option(
+    "--into", type=click.Path(path_type=Path, file_okay=False), help="For the table (default: FOLDER; of a URL: here)."
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
-def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
-    """Process every session in FOLDER, several at a time; takes the options of `daylit process`.
+def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
+    """Process every session in FOLDER (or URL), several at a time; takes the options of `daylit process`.
 
     A session that fails, hangs or kills its process is listed and stops no other. Run the same command again to go on
     where it was interrupted. At its end FOLDER holds batch.csv (a row a session) and batch.json.
@@ -82,11 +84,13 @@ def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
     Examples:
       daylit batch sessions --workers 4
       daylit batch /data/rooms --cluster tcp://10.0.0.5:8786 --until calibrate --zone America/New_York
+      daylit batch s3://rooms/2023 --into tables
     Exit code: 0 all done · 5 some failed (they are listed).
     """
     from processing.batch.cluster import usual_workers
     from processing.batch.rows import write_table
     from processing.batch.run import BatchRequest, run_batch
+    from processing.batch.store import is_url
 
     if asked["cluster"] is not None and asked["workers"] is not None:
         from processing.errors import ParameterError
@@ -94,7 +98,7 @@ def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
         raise ParameterError("--workers is of this computer's own cluster: leave it out with --cluster")
     request = BatchRequest(
         folder,
-        _arguments(_checked(asked)),
+        (*_arguments(_checked(asked)), "--keep", asked["keep"]),
         asked["workers"] or usual_workers(),
         asked["cluster"],
         asked["session_timeout"],
@@ -102,7 +106,7 @@ def batch(folder: Path, *, as_json: bool, **asked: Any) -> int:
     )
     with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
         report = run_batch(request, lambda *event: view.show(event))
-    table, values = write_table(asked["into"] or folder, report)
+    table, values = write_table(asked["into"] or Path("." if is_url(folder) else folder), report)
     if as_json:
         click.echo(json.dumps({**report.to_dict(), "files": [str(table), str(values)]}))
     else:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +22,8 @@ RIG_SIZE = "quarter"
 """Of the rig's sessions: a chart needs some hundred pixels."""
 RIG_RATE = 8.0
 """How much faster than life the rig's sessions are captured: nobody waits for their shutters."""
+BESIDE_S = 600.0
+"""For the rig's sessions, which take some ten seconds: a computer that is busy with other things (chosen)."""
 SPHERE_WORLD = "uniform:2000"
 """cd/m2 all around: what a fall-off is measured on."""
 
@@ -81,10 +87,12 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
     manifest = None
     if session is None:
         seen, name = _world(world, picture, sky)
-        session, manifest, intact = _captured(seen, size, name, asked["into"], as_json=as_json, rate=rate)
-        if asked["capture_only"] or not intact:
-            return _summary(session, manifest, intact=intact, as_json=as_json)
-        options["--calibration"] = str(_calibrated(asked["into"] / "rig", session, as_json=as_json))
+        rig = asked["into"] / "rig"
+        with nullcontext() if asked["capture_only"] else _beside(rig):
+            session, manifest, intact = _captured(seen, size, name, asked["into"], as_json=as_json, rate=rate)
+            if asked["capture_only"] or not intact:
+                return _summary(session, manifest, intact=intact, as_json=as_json)
+        options["--calibration"] = str(_calibrated(rig, session, as_json=as_json))
     report = _processed(session, options, quality, as_json=as_json)
     return _summary(session, manifest, intact=True, as_json=as_json, report=report, meter=meter)
 
@@ -155,6 +163,54 @@ def _captured(
     return path, manifest, checked.intact and checked.status == "complete"
 
 
+@contextmanager
+def _beside(folder: Path) -> Iterator[None]:
+    """Let a process of its own capture the rig's sessions and load the kernels, while shutters are waited for.
+
+    What it has not done when the block ends well is waited for; its words are in ``folder``/beside.log.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "beside.log").open("wb") as log:
+        command = [sys.executable, "-m", "processing.commands.demo", str(folder.resolve())]
+        root = Path(__file__).resolve().parents[2]
+        path = os.pathsep.join(filter(None, (str(root), os.environ.get("PYTHONPATH", ""))))
+        helper = subprocess.Popen(command, stdout=log, stderr=log, env={**os.environ, "PYTHONPATH": path})
+    try:
+        yield
+        helper.wait(BESIDE_S)
+    except subprocess.TimeoutExpired:
+        helper.kill()
+    except BaseException:
+        helper.kill()
+        raise
+    finally:
+        helper.wait()
+
+
+def _rig_sessions(folder: Path) -> None:
+    """Do what can be done before the room is captured: chart, sphere, kernels."""
+    if not (folder / "calibration.json").is_file():
+        _rig_session(folder, "chart", as_json=True)
+        _rig_session(folder, "sphere", as_json=True)
+    from processing.ground.kernels import load_kernels
+
+    load_kernels()
+
+
+def _rig_session(folder: Path, name: str, *, as_json: bool) -> Path:
+    """Return a whole session of the chart or the sphere: the one that is there, or one captured now."""
+    from drivers.errors import DaylitError
+    from station.session.verify import verify_session
+
+    for path in sorted(folder.glob(f"*_{name}")):
+        with suppress(DaylitError):
+            checked = verify_session(path)
+            if checked.intact and checked.status == "complete":
+                return path
+    world, without = ("chart", {}) if name == "chart" else (SPHERE_WORLD, {"indoor": None, "meter": None})
+    return _captured(world, RIG_SIZE, name, folder, as_json=as_json, rate=RIG_RATE, **without)[0]
+
+
 def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
     """Return the profile of the simulated rig: from sessions of the chart, the sphere and the room; made once."""
     profile = folder / "calibration.json"
@@ -164,10 +220,7 @@ def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
     from processing.calibration.profile import save_profile
     from processing.rig.calibrate import RigRequest, calibrate_rig
 
-    chart, _, _ = _captured("chart", RIG_SIZE, "chart", folder, as_json=as_json, rate=RIG_RATE)
-    sphere, _, _ = _captured(
-        SPHERE_WORLD, RIG_SIZE, "sphere", folder, as_json=as_json, rate=RIG_RATE, indoor=None, meter=None
-    )
+    chart, sphere = (_rig_session(folder, name, as_json=as_json) for name in ("chart", "sphere"))
     asked = RigRequest(chart=chart, sessions=(room,), flats=(sphere,), lens_data=("theta_z1",))
     result = calibrate_rig(asked, SystemClock().utc_now(), lambda text: click.echo(text, err=True))
     save_profile(profile, result.profile)
@@ -181,7 +234,7 @@ def _processed(session: Path, options: dict[str, str], quality: str, *, as_json:
     from processing.stages.contract import Quality
     from station.commands.views import SilentView
 
-    request = RunRequest(quality=Quality(quality), options=options)
+    request = RunRequest(first_picture=sys.stdout.isatty() and not as_json, quality=Quality(quality), options=options)
     with SilentView() if as_json else stage_view() as view:
         report = process(session, request, on_event=view.show)
     if not as_json:
@@ -225,3 +278,7 @@ def _summary(
     click.echo(f"look at: {page.resolve()}")
     click.echo("real furnished rooms: `daylit models get ade20k-deeplab` (2.3 MB) makes their masks much better")
     return 0
+
+
+if __name__ == "__main__":
+    _rig_sessions(Path(sys.argv[1]))

@@ -65,6 +65,12 @@ def _run_options() -> tuple[click.Option, ...]:
             help="Run this stage although nothing has changed (repeatable).",
         ),
         click.Option(["--recheck"], is_flag=True, help="Read every file again instead of trusting size and times."),
+        click.Option(
+            ["--keep"],
+            type=click.Choice(["all", "results"]),
+            default="all",
+            help="results: when all is done, drop what only the stages need (as `daylit clean`).",
+        ),
     )
 
 
@@ -108,6 +114,7 @@ def run_request(asked: Mapping[str, Any]) -> RunRequest:
         force=asked["force"],
         dry_run=asked.get("dry_run", False),
         recheck=asked["recheck"],
+        first_picture=sys.stdout.isatty() and not asked.get("as_json"),
         quality=Quality(asked.get("quality") or "standard"),
         max_error=asked.get("max_error"),
         time_budget_s=asked.get("time_budget"),
@@ -144,6 +151,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
       daylit process --until merge --max-error 0.02 --explain sessions/2023-05-19T1554Z_coda-320
       daylit process --panorama bedroom.jpg
     """
+    from processing.running.runner import clean
     from processing.running.runner import process as run
 
     request = run_request(asked)
@@ -155,6 +163,8 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
         session = _session(session, asked["panorama"], asked["into"])
     with SilentView() if as_json else stage_view() as view:
         report = run(session, request, on_event=view.show)
+    if asked["keep"] == "results" and not request.dry_run:
+        clean(session)
     if as_json:
         click.echo(json.dumps({"ok": True, "dry_run": request.dry_run, **report.to_dict()}))
         return 0
@@ -206,7 +216,7 @@ class PlainView(SilentView):
 
     def show(self, event: RunEvent) -> None:
         """Write a line for what takes time."""
-        if event.kind == "started":
+        if event.kind in ("started", "first"):
             click.echo(printable(f"{event.stage}: {event.text}{_left(event.left_s)}"))
 
 
@@ -225,7 +235,9 @@ class TerminalView(SilentView):
     def show(self, event: RunEvent) -> None:
         """Update the bar."""
         words = printable(event.text + _left(event.left_s))
-        if event.kind == "started":
+        if event.kind == "first":
+            self._stages.console.print(words, markup=False, highlight=False)
+        elif event.kind == "started":
             self._task = self._stages.add_task(event.stage, total=None, words=words)
         elif self._task is not None and event.kind == "progress":
             self._stages.update(self._task, total=1.0, completed=event.fraction, words=words)

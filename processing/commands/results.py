@@ -196,3 +196,34 @@ def _page(session: Path) -> Path:
         if page.is_file() and page.name == REPORT.name:
             return page
     raise ProcessingError("there is no report yet", where=str(session), advice=f"daylit process {session}")
+
+
+# ``daylit clean``: what only the stages need goes, results stay.
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--keep", metavar="STAGE", multiple=True, help="Keep the results of this stage too (repeatable).")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
+    """Remove from SESSION what only its stages need; frames, calibrated and staged pictures and the report stay.
+
+    Kept are the stages calibrate, figures, arrange, render and report. The next `daylit process` makes the others
+    again, and nothing more, as what they give is the same.
+
+    \b
+    Examples:
+      daylit clean sessions/2023-05-19T1554Z_coda-320
+      daylit clean sessions/2023-05-19T1554Z_coda-320 --keep materials --keep remove
+    """
+    from processing.running.runner import RESULTS
+    from processing.running.runner import clean as remove
+
+    freed = remove(session, (*RESULTS, *keep))
+    if as_json:
+        click.echo(json.dumps({"ok": True, "session": session.name, "freed_bytes": freed}))
+        return 0
+    for stage, size_bytes in freed.items():
+        click.echo(f"{stage:<10} {size_bytes / 1e6:8.1f} MB")
+    click.echo(f"{sum(freed.values()) / 1e6:.1f} MB freed")
+    return 0

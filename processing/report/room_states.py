@@ -18,6 +18,7 @@ from processing.report.states import FIELD_DEG, Look, State, comparison, viewer
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext
 from processing.stages.parameters import MOST_STAGED, ReportParameters
+from processing.stages.upright import in_size
 
 HALF_FIELD = math.radians(FIELD_DEG / 2)
 LARGEST_MODEL, LARGEST_MODELS = 16_000_000, 8_000_000
@@ -29,8 +30,10 @@ def room_states(context: StageContext) -> tuple[State, ...]:
     upright = context.optional_artifact("room", "panorama")
     photograph = context.artifact("calibrate", "indoor") if upright is None else upright
     file = "stages/calibrate/indoor.exr" if upright is None else "stages/room/panorama.exr"
-    found = [State("Photograph", photograph, False, file, "the room as it was photographed")]
     empty = context.optional_artifact("remove", "empty")
+    if empty is not None:  # of a draft, smaller
+        photograph = in_size(photograph, empty.rgb.shape[1])
+    found = [State("Photograph", photograph, False, file, "the room as it was photographed")]
     if empty is not None:
         found.append(State("Emptied", empty, False, "stages/remove/empty.exr", "the room without its furniture"))
     for number in range(1, MOST_STAGED + 1):

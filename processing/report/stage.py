@@ -22,7 +22,7 @@ from processing.report.sections import TINTS, detect_section, floor_area_m2, rem
 from processing.report.staging import staging_sections
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import MOST_STAGED, NO_SUCH
-from processing.stages.upright import upright_panorama
+from processing.stages.upright import in_size, upright_panorama
 from station.session.session import SessionManifest, Side
 
 BEFORE = (
@@ -198,7 +198,8 @@ def _remove(context: StageContext) -> list[Section]:
     if lift is not None:
         with np.load(lift) as kept:
             log_lift = kept["log_luminance"].astype(np.float32)
-    return [remove_section(upright_panorama(context), after, filled, context.summary("remove")["metrics"], log_lift)]
+    before = in_size(upright_panorama(context), after.rgb.shape[1])
+    return [remove_section(before, after, filled, context.summary("remove")["metrics"], log_lift)]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

@@ -20,9 +20,11 @@ from pydantic import BaseModel, ValidationError
 from processing.errors import ProcessingError
 from processing.pipeline import Artifact, Stage, resolve
 from processing.running.fingerprint import DigestMemory, Ingredients, digest
+from processing.running.parts import Parts
 from processing.running.progress import Cost
+from processing.running.reads import Reads
 from processing.running.result_store import Building
-from processing.running.results import RunRecord, StageResult
+from processing.running.results import FileRecord, RunRecord, StageResult
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from station.session import durable, strict_json
 
@@ -153,6 +155,7 @@ class Made:
 
     result: StageResult
     in_memory: Mapping[str, object] = field(default_factory=dict)
+    unfinished: bool = False
 
     def run_record(self, cost: Cost, megapixels: float) -> RunRecord:
         """Return what run.json says."""
@@ -164,52 +167,62 @@ class Made:
         )
 
 
-def make_result(
-    stage: Stage, context: StageContext, ingredients: Ingredients, building: Building, memory: DigestMemory
-) -> Made:
+@dataclass(frozen=True)
+class Work:
+    """What a result is made with."""
+
+    static: Ingredients
+    """All that it depends on, but what the stage reads."""
+    reads: Reads
+    parts: Parts
+    building: Building
+    memory: DigestMemory
+
+    def records(self, made: list[Artifact]) -> dict[str, FileRecord]:
+        """Return the records of the files, which are then durable; those taken over are known."""
+        names = sorted(set(map(file_name, made)) - set(self.parts.kept))
+        records = self.building.sync_files(names, self.memory) | self.parts.kept
+        return dict(sorted(records.items()))
+
+
+def make_result(stage: Stage, context: StageContext, work: Work) -> Made:
     """Run a stage's skip rule and function, and write what it made.
 
     Raises `ProcessingError` where the stage breaks its own row: an artifact neither made nor left out with a reason.
     """
     reason = resolve(stage.skip_rule)(context) if stage.skip_rule else None
     if reason:
-        return Made(_result(stage, ingredients, skipped=reason))
+        return Made(_result(stage, work, skipped=reason))
     output: StageOutput = resolve(stage.function)(context)
     _check_output(stage, output)
     made = [artifact for artifact in stage.makes if output.artifacts.get(artifact.name) is not None]
-    in_memory = _write(made, output.artifacts, building, context.folder)
+    in_memory = _write(made, output.artifacts, work.building, context.folder)
     result = _result(
         stage,
-        ingredients,
+        work,
         artifacts={artifact.name: file_name(artifact) for artifact in made},
-        files=building.sync_files(sorted(map(file_name, made)), memory),
+        files=work.records(made),
+        parts=work.parts.records,
         left_out=dict(output.left_out),
         metrics=dict(output.metrics),
         warnings=output.warnings,
         honoured=dict(output.honoured),
     )
-    return Made(result, in_memory)
+    return Made(result, in_memory, output.unfinished)
 
 
-def answer_result(
-    stage: Stage,
-    answers: Mapping[str, Path],
-    context: StageContext,
-    ingredients: Ingredients,
-    building: Building,
-    memory: DigestMemory,
-) -> Made:
+def answer_result(stage: Stage, answers: Mapping[str, Path], context: StageContext, work: Work) -> Made:
     """Put what the user gave in the place of what the stage would have made, checked as strictly."""
     made = [artifact for artifact in stage.makes if artifact.name in answers]
     warnings: list[StageWarning] = []
     values = {artifact.name: _answer(artifact, answers[artifact.name], context, warnings) for artifact in made}
-    in_memory = _write(made, values, building, context.folder)
+    in_memory = _write(made, values, work.building, context.folder)
     result = _result(
         stage,
-        ingredients,
+        work,
         given=tuple(artifact.name for artifact in made),
         artifacts={artifact.name: file_name(artifact) for artifact in made},
-        files=building.sync_files(sorted(map(file_name, made)), memory),
+        files=work.records(made),
         left_out={a.name: GIVEN + ": " + ", ".join(answers) for a in stage.makes if a.name not in answers},
         warnings=tuple(warnings),
     )
@@ -248,6 +261,13 @@ def _write(made: list[Artifact], values: Mapping[str, object], building: Buildin
     return in_memory
 
 
-def _result(stage: Stage, ingredients: Ingredients, **fields: object) -> StageResult:
+def remade(result: StageResult, work: Work) -> StageResult:
+    """Return a result as one of what it now depends on."""
+    ingredients = work.static | work.reads.ingredients()
+    return result.model_copy(update={"ingredients": ingredients, "fingerprint": digest(ingredients)})
+
+
+def _result(stage: Stage, work: Work, **fields: object) -> StageResult:
+    ingredients = work.static | work.reads.ingredients()
     data = {"stage": stage.name, "version": stage.version, "ingredients": ingredients, **fields}
     return StageResult.model_validate({**data, "fingerprint": digest(ingredients)})

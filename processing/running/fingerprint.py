@@ -68,6 +68,15 @@ class DigestMemory:
         finally:
             os.close(fd)
 
+    def renamed(self, folder: Folder, name: str, key: str, sha256: str) -> None:
+        """Keep the digest of a file that has just got another name or link, and no other content."""
+        fd = folder.open_file(name)
+        try:
+            self._known[key] = (_signature(fd), sha256)
+            self._changed = True
+        finally:
+            os.close(fd)
+
     def save(self) -> None:
         """Keep what is known for the next run; failing to do so is no harm."""
         if self._folder and self._changed:

@@ -23,6 +23,8 @@ class RunRequest:
     dry_run: bool = False
     recheck: bool = False
     """Read every file again instead of trusting size and times."""
+    first_picture: bool = False
+    """Somebody waits: of a stage whose result has parts the first goes through all later stages before the rest."""
     quality: Quality = Quality.STANDARD
     max_error: float | None = None
     time_budget_s: float | None = None
@@ -118,10 +120,16 @@ def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
     return answers
 
 
+def quality_of(stage: Stage, request: RunRequest) -> Quality:
+    """Return the quality that a stage works at."""
+    spared = stage.draft_is_standard and request.quality is Quality.DRAFT
+    return Quality.STANDARD if spared or "quality" not in stage.trades else request.quality
+
+
 def trade_values(stage: Stage, request: RunRequest) -> dict[Trade, object]:
     """Return what of quality, max_error and time_budget counts for a stage."""
     every: dict[Trade, object] = {
-        "quality": request.quality.value,
+        "quality": quality_of(stage, request).value,
         "max_error": request.max_error,
         "time_budget": request.time_budget_s,
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -108,6 +108,20 @@ class ResultStore:
             return False
         return self._memory.sha256(folder, name, f"{STAGES}/{stage}/{name}") == record.sha256
 
+    def drop(self, stage: str) -> int:
+        """Remove a stage's result; return how many bytes its files had."""
+        parent = self._open()
+        if parent.lstat(stage) is None:
+            return 0
+        size = sum(path.stat().st_size for path in self.path(stage).iterdir() if path.is_file())
+        # First out of its place, so that a kill leaves no half result.
+        old = f"{_OLD_PREFIX}{stage}"
+        _clear(parent, old)
+        with durable.disk_errors(self.path(stage), "removing the result"):
+            durable.os_calls.rename(stage, old, src_dir_fd=parent.fd, dst_dir_fd=parent.fd)
+        _clear(parent, old)
+        return size
+
     @contextmanager
     def building(self, stage: str) -> Iterator[Building]:
         """Give a new, empty folder for a result; what is not committed is removed at the end."""
@@ -139,6 +153,16 @@ class ResultStore:
         parent.sync()
         _clear(parent, f"{_OLD_PREFIX}{stage}")
         return sealed
+
+    def known_again(self, stage: str, files: Mapping[str, FileRecord]) -> None:
+        """Remember the digests of files that were taken over from the former result: their change times are new."""
+        if files:
+            folder = self._open().sub(stage)
+            try:
+                for name, record in files.items():
+                    self._memory.renamed(folder, name, f"{STAGES}/{stage}/{name}", record.sha256)
+            finally:
+                folder.close()
 
     def _open(self) -> Folder:
         if self._folder is None:

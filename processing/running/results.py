@@ -8,7 +8,7 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
@@ -38,6 +38,16 @@ class FileRecord(_Record):
     sha256: Sha256
 
 
+class PartRecord(_Record):
+    """A part of a result that can be kept without the others."""
+
+    own: Sha256
+    """Of what it alone depends on."""
+    reads: dict[str, JsonValue]
+    files: tuple[FileName, ...]
+    facts: JsonValue
+
+
 class StageResult(_Record):
     """result.json."""
 
@@ -55,6 +65,7 @@ class StageResult(_Record):
     artifacts: dict[SafeText, FileName] = {}
     """File of each artifact that was made."""
     files: dict[FileName, FileRecord] = {}
+    parts: dict[SafeText, PartRecord] = {}
     left_out: dict[SafeText, SafeText] = {}
     """Artifacts and parts of the work that were not done, with the reason."""
     metrics: dict[str, JsonValue] = {}
@@ -63,12 +74,6 @@ class StageResult(_Record):
     """What was done with --quality, --max-error or --time-budget."""
     seal: str = ""
     """SHA-256 of all the rest: shows a damaged result.json."""
-
-    @property
-    def content(self) -> str:
-        """Digest of what later stages can see of the result; they depend on this, not on how it came about."""
-        seen = {"stage", "given", "skipped", "artifacts", "files", "left_out", "metrics", "warnings", "honoured"}
-        return digest(self.model_dump(mode="json", include=seen))
 
     def summary(self) -> dict[str, Any]:
         """Return what later stages may read beside the artifacts, as JSON values."""
@@ -160,6 +165,15 @@ class StageReport:
     summary: dict[str, Any] = field(default_factory=dict)
     """Metrics, warnings, left_out, honoured, skipped and given of the result."""
 
+    def after(self, first: StageReport) -> StageReport:
+        """Return the report of a stage that ran in two goes as one: why it first ran, and the cost of both."""
+        costs = [cost for cost in (first.cost, self.cost) if cost]
+        if len(costs) < 2:
+            return self
+        seconds, cpu = sum(c.seconds for c in costs), sum(c.cpu_seconds for c in costs)
+        both = Cost(seconds, cpu, max(c.peak_bytes for c in costs))
+        return replace(self, reason=first.reason, changes=first.changes, cost=both)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the report as JSON-able values."""
         changes = [{"what": path, "old": old, "new": new} for path, old, new in self.changes]
@@ -192,6 +206,8 @@ class RunEventKind(StrEnum):
     STARTED = "started"
     PROGRESS = "progress"
     FINISHED = "finished"
+    FIRST = "first"
+    """The first part of a result has gone through all later stages; the rest is being made."""
     FAILED = "failed"
 
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from processing.errors import ProcessingError
-from processing.pipeline import STAGES, Stage, check_table
-from processing.running.artifacts import Shelf, answer_result, file_name, load, make_result
+from processing.pipeline import STAGES, Stage, check_table, stage_named
+from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
 from processing.running.fingerprint import DigestMemory
+from processing.running.parts import Parts, unread
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
-from processing.running.requests import RunRequest, planned
-from processing.running.result_store import ResultStore, stages_folder
+from processing.running.reads import SUMMARY, Earlier, Reads
+from processing.running.requests import RunRequest, parameters, planned, quality_of
+from processing.running.result_store import ResultStore, Stored, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
 from processing.running.stage_inputs import Decision, StageInputs, decide, make_context
 from station.session.durable import SessionLock
@@ -55,6 +58,24 @@ def process(
     return RunReport(session.name, reports, Cost(total.seconds, total.cpu_seconds, max([total.peak_bytes, *costs])))
 
 
+RESULTS = ("calibrate", "figures", "arrange", "render", "report")
+"""Stages whose results people look at; the others are steps on the way, made again when they are needed."""
+
+
+def clean(session: Path, keep: tuple[str, ...] = RESULTS, *, stages: tuple[Stage, ...] = STAGES) -> dict[str, int]:
+    """Remove the results of all stages but those to keep, and what killed runs left; return bytes freed by stage.
+
+    Raises `ParameterError` for a stage that is none, `SessionLockedError` while another process works on the session.
+    """
+    for name in keep:
+        stage_named(name, stages)
+    load_manifest(session)
+    with _opened(session, write=True) as root, stages_folder(root, create=True) as folder:
+        store = ResultStore(folder, DigestMemory(None))
+        store.recover()
+        return {stage.name: size for stage in stages if stage.name not in keep and (size := store.drop(stage.name))}
+
+
 @contextmanager
 def _opened(session: Path, *, write: bool) -> Iterator[Folder]:
     """Open the session folder, locked where it is to be written to."""
@@ -87,50 +108,72 @@ class PipelineRun:
         self._on_event = on_event
         self._inputs = inputs
         self._rows = {stage.name: stage for stage in plan}
-        self._results: dict[str, StageResult] = {}
-        self._unknown: set[str] = set()
+        self._earlier = Earlier(store.path)
+        self._unknown: dict[str, None] = {}
+        self._unfinished: set[str] = set()
+        self._shown: dict[str, StageReport] = {}
         self._shelf = Shelf(self._read)
         self._past = PastSeconds(state_folder())
         self._pace = Pace()
         self._megapixels = sum((f.width_px or 0) * (f.height_px or 0) for f in inputs.manifest.frames) / 1e6
 
     def steps(self) -> Iterator[StageReport]:
-        """Bring one stage after the other up to date."""
+        """Bring one stage after the other up to date; what somebody waits for is shown before the rest is made."""
         for index, stage in enumerate(self._plan):
             later = self._plan[index + 1 :]
-            try:
-                report = self._predict(stage) if self._request.dry_run else self._step(stage, later)
-            except BaseException as error:
-                self._on_event(RunEvent(RunEventKind.FAILED, stage.name, str(error)))
-                raise
+            report = self._reported(stage, later, first_only=self._request.first_picture)
+            if stage.name in self._unfinished:
+                shown = [self._reported(one, later[at + 1 :]) for at, one in enumerate(later)]
+                where = self._store.path(later[-1].name if later else stage.name)
+                self._on_event(RunEvent(RunEventKind.FIRST, stage.name, f"the first is there: {where}"))
+                report = self._reported(stage, later).after(report)
+                self._shown = {one.stage: one for one in shown}
             self._shelf.drop_unneeded(later)
-            self._on_event(RunEvent(RunEventKind.FINISHED, stage.name, report.reason, 1.0, None, report))
-            yield report
+            yield report.after(self._shown[stage.name]) if stage.name in self._shown else report
 
-    def _decide(self, stage: Stage) -> Decision:
-        ingredients = self._inputs.ingredients(stage, self._results)
-        return decide(self._store.read(stage.name), ingredients, forced=stage.name in self._request.force)
+    def _reported(self, stage: Stage, later: tuple[Stage, ...], *, first_only: bool = False) -> StageReport:
+        try:
+            report = self._predict(stage) if self._request.dry_run else self._step(stage, later, first_only=first_only)
+        except BaseException as error:
+            self._on_event(RunEvent(RunEventKind.FAILED, stage.name, str(error)))
+            raise
+        self._on_event(RunEvent(RunEventKind.FINISHED, stage.name, report.reason, 1.0, None, report))
+        return report
+
+    def _reads(self, stage: Stage) -> Reads:
+        return Reads(self._earlier, parameters(stage, self._request))
+
+    def _decide(self, stage: Stage, stored: Stored) -> Decision:
+        """Return whether what is stored stands: its ingredients are looked at as they are today."""
+        static, reads = self._inputs.ingredients(stage), self._reads(stage)
+        forced = stage.name in self._request.force and stage.name not in self._unfinished | self._shown.keys()
+        return decide(stored, lambda then: static | reads.again(then), forced=forced)
 
     def _predict(self, stage: Stage) -> StageReport:
         """Say what a run would do; later stages depend on results that are not there yet."""
-        upstream = [name for name in stage.needs if name in self._unknown]
-        if upstream:
-            self._unknown.add(stage.name)
+        stored = self._store.read(stage.name)
+        read: Any = stored.result.ingredients.get("reads", {}) if stored.result else stage.needs
+        upstream = [name for name in self._unknown if any(one.partition("/")[0] == name for one in read)]
+        decision = self._decide(stage, stored)
+        known = [change for change in decision.changes if not change[0].startswith("reads ")]
+        if upstream and not known:
+            self._unknown[stage.name] = None
             return StageReport(stage.name, Action.DEPENDS, f"on what {_listed(upstream)} will give")
-        decision = self._decide(stage)
         if decision.result is None:
-            self._unknown.add(stage.name)
+            self._unknown[stage.name] = None
             return StageReport(stage.name, Action.WOULD_RUN, decision.reason, decision.changes)
         return self._kept(stage, decision, decision.result)
 
-    def _step(self, stage: Stage, later: tuple[Stage, ...]) -> StageReport:
-        decision = self._decide(stage)
+    def _step(self, stage: Stage, later: tuple[Stage, ...], *, first_only: bool = False) -> StageReport:
+        stored = self._store.read(stage.name)
+        decision = self._decide(stage, stored)
         if decision.result is not None:
             return self._kept(stage, decision, decision.result)
         self._on_event(self._started(stage, later, decision))
         meter = Meter()
-        result = self._make(stage, later, meter)
-        self._results[stage.name] = result
+        forced = stage.name in self._request.force and stage.name not in self._unfinished
+        result = self._make(stage, later, meter, None if forced else stored.result, first_only=first_only)
+        self._earlier.put(result)
         cost = meter.read()
         action, reason = Action.RAN, decision.reason
         if result.skipped:
@@ -138,41 +181,57 @@ class PipelineRun:
         elif result.given:
             action, reason = Action.GIVEN, f"given by you: {', '.join(result.given)}"
         else:
+            reason += unread(self._flags(stage), result)
             self._pace.add(cost.seconds, self._past.expected_s(self._key(stage), self._megapixels))
             self._past.add(self._key(stage), cost.seconds, self._megapixels)
             self._past.save()
         return StageReport(stage.name, action, reason, decision.changes, cost, result.summary())
 
-    def _make(self, stage: Stage, later: tuple[Stage, ...], meter: Meter) -> StageResult:
+    def _flags(self, stage: Stage) -> dict[str, str]:
+        """Return the parameters of a stage that the request sets, by flag; files count by themselves."""
+        given = {flag: option for flag, option in stage.options.items() if flag in self._request.options}
+        return {flag: option.name for flag, option in given.items() if option.kind == "parameter"}
+
+    def _make(
+        self, stage: Stage, later: tuple[Stage, ...], meter: Meter, former: StageResult | None, *, first_only: bool
+    ) -> StageResult:
         """Make a result, put it in its place and keep in memory what later stages want."""
-        answers = self._inputs.answers(stage)
-        ingredients = self._inputs.ingredients(stage, self._results)
+        answers, static, reads = self._inputs.answers(stage), self._inputs.ingredients(stage), self._reads(stage)
         with self._store.building(stage.name) as building:
+            folder, common = building.folder.path, {key: static.get(key) for key in ("version", "files", "data")}
+            parts = Parts(former, self._store.path(stage.name), folder, common, reads, first_only)
             context = make_context(
                 self._inputs,
                 stage,
-                building.folder.path,
-                fetch=self._fetcher(stage),
-                summary=self._summaries(stage),
+                folder,
+                fetch=self._fetcher(stage, reads),
+                summary=self._summaries(stage, reads),
                 progress=self._progress(stage, later, meter),
+                reads=reads,
+                parts=parts,
             )
-            if answers:
-                made = answer_result(stage, answers, context, ingredients, building, self._memory)
-            else:
-                made = make_result(stage, context, ingredients, building, self._memory)
+            work = Work(static, reads, parts, building, self._memory)
+            made = answer_result(stage, answers, context, work) if answers else make_result(stage, context, work)
+            if made.unfinished:
+                work = replace(work, static=static | {"unfinished": True})
+                made = replace(made, result=remade(made.result, work))
+            (self._unfinished.add if made.unfinished else self._unfinished.discard)(stage.name)
             result = self._store.commit(building, made.result, made.run_record(meter.read(), self._megapixels))
+        self._store.known_again(stage.name, parts.kept)
         if any(stage.name in other.needs for other in later):
             for name, value in made.in_memory.items():
                 self._shelf.put(stage.name, name, value)
         return result
 
     def _kept(self, stage: Stage, decision: Decision, result: StageResult) -> StageReport:
-        self._results[stage.name] = result
-        return StageReport(stage.name, Action.SKIPPED, decision.reason, (), None, result.summary())
+        self._earlier.put(result)
+        self._unfinished.discard(stage.name)
+        reason = decision.reason + ("" if result.skipped or result.given else unread(self._flags(stage), result))
+        return StageReport(stage.name, Action.SKIPPED, reason, (), None, result.summary())
 
     def _read(self, stage: str, name: str) -> object | None:
         """Return an artifact from disk; None where it was left out."""
-        result = self._results[stage]
+        result = self._earlier.results[stage]
         artifact = next((a for a in self._rows[stage].makes if a.name == name), None)
         if artifact is None:
             raise ProcessingError(f"the stage {stage} makes no {name}")
@@ -184,22 +243,23 @@ class PipelineRun:
         if other not in stage.needs:
             raise ProcessingError(f"{stage.name} asks for {other}, which its row does not name among its needs")
 
-    def _fetcher(self, stage: Stage) -> Any:
+    def _fetcher(self, stage: Stage, reads: Reads) -> Any:
         def fetch(other: str, name: str) -> object | None:
             self._check_need(stage, other)
-            return self._shelf.get(other, name)
+            found: object | None = reads.noted(self._shelf.get(other, name), other, name)
+            return found
 
         return fetch
 
-    def _summaries(self, stage: Stage) -> Any:
-        def summary(other: str) -> dict[str, Any]:
+    def _summaries(self, stage: Stage, reads: Reads) -> Any:
+        def summary(other: str) -> Any:
             self._check_need(stage, other)
-            return self._results[other].summary()
+            return reads.noted(self._earlier.results[other].summary(), other, SUMMARY)
 
         return summary
 
     def _key(self, stage: Stage) -> str:
-        quality = self._request.quality if "quality" in stage.trades else ""
+        quality = quality_of(stage, self._request) if "quality" in stage.trades else ""
         return f"{stage.name} {stage.version} {quality}".strip()
 
     def _expected(self, later: tuple[Stage, ...]) -> list[float | None]:

@@ -19,10 +19,11 @@ from processing.running.fingerprint import (
     session_ingredients,
     visible_part,
 )
-from processing.running.requests import RunRequest, given_answers, given_files, parameters, trade_values
+from processing.running.reads import Reads
+from processing.running.requests import RunRequest, given_answers, given_files, parameters, quality_of, trade_values
 from processing.running.result_store import Stored
 from processing.running.results import Change, StageResult
-from processing.stages.contract import Fetch, Progress, Quality, StageContext
+from processing.stages.contract import Fetch, KeepsParts, Progress, StageContext
 from station.errors import IntegrityError
 from station.session.folder import Folder
 from station.session.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
@@ -48,24 +49,18 @@ class StageInputs:
         """Return the files that take the place of the stage's artifacts."""
         return given_answers(stage, self.request)
 
-    def ingredients(self, stage: Stage, results: Mapping[str, StageResult]) -> Ingredients:
-        """Return all that the stage's result depends on."""
+    def ingredients(self, stage: Stage) -> Ingredients:
+        """Return what the stage's result depends on, whatever the stage reads of parameters and earlier results."""
         answers = self.answers(stage)
         if answers:
-            given: Ingredients = {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
-            if any(artifact.fits for artifact in stage.makes if artifact.name in answers):
-                # What it was held against counts too.
-                given["stages"] = {name: results[name].content for name in stage.needs}
-            return given
+            return {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
         part = visible_part(self.manifest, stage.reads)
         found: Ingredients = {
             "stage": stage.name,
             "version": stage.version,
-            "parameters": parameters(stage, self.request).model_dump(mode="json"),
             "trades": trade_values(stage, self.request),
             "session": session_ingredients(part, stage.reads),
             "files": _digests(given_files(stage, self.request)),
-            "stages": {name: results[name].content for name in stage.needs},
         }
         if stage.data:
             found["data"] = _digests({name: _PROGRAM / name for name in stage.data})
@@ -116,6 +111,8 @@ def make_context(
     fetch: Fetch,
     summary: Callable[[str], Mapping[str, Any]],
     progress: Progress,
+    reads: Reads,
+    parts: KeepsParts | None = None,
 ) -> StageContext:
     """Return what the stage's function gets."""
     request = inputs.request
@@ -124,13 +121,14 @@ def make_context(
         session=visible_part(inputs.manifest, stage.reads),
         session_path=inputs.path,
         folder=folder,
-        parameters=parameters(stage, request),
+        parameters=parameters(stage, request).noting(reads.note_parameter),
         fetch=fetch,
         summary=summary,
-        quality=request.quality if "quality" in trades else Quality.STANDARD,
+        quality=quality_of(stage, request),
         max_error=request.max_error if "max_error" in trades else None,
         time_budget_s=request.time_budget_s if "time_budget" in trades else None,
         progress=progress,
+        parts=parts,
     )
 
 
@@ -167,8 +165,8 @@ class Decision:
     changes: tuple[Change, ...] = ()
 
 
-def decide(stored: Stored, ingredients: Ingredients, *, forced: bool) -> Decision:
-    """Return whether what is on disk still stands."""
+def decide(stored: Stored, now: Callable[[Ingredients], Ingredients], *, forced: bool) -> Decision:
+    """Return whether what is on disk still stands; ``now(ingredients)``: what it was made of, as it is today."""
     if stored.problem:
         return Decision(None, f"its result cannot be used: {stored.problem}")
     result = stored.result
@@ -176,6 +174,7 @@ def decide(stored: Stored, ingredients: Ingredients, *, forced: bool) -> Decisio
         return Decision(None, "there is no result yet")
     if forced:
         return Decision(None, "asked for by --force")
+    ingredients = now(result.ingredients)
     if result.fingerprint == digest(ingredients):
         return Decision(result, _why_kept(result))
     found = tuple(changes(result.ingredients, ingredients))

@@ -66,7 +66,10 @@ def run(context: StageContext) -> StageOutput:
 def _responses(context: StageContext) -> dict[Side, ResponseRecord]:
     """Return the curves that the brackets were merged with."""
     found = context.optional_artifact("merge", "response") or {}
-    return {Side(name): ResponseRecord.model_validate_json(json.dumps(one["curve"])) for name, one in found.items()}
+    return {
+        Side(name): ResponseRecord.model_validate_json(json.dumps(one["curve"], default=dict))
+        for name, one in found.items()
+    }
 
 
 def _outdoor_metrics(outdoor: Calibrated | None) -> dict[str, float]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict, JsonValue
 
@@ -41,6 +41,18 @@ def _no_progress(_fraction: float, _text: str) -> None:
     return None
 
 
+class KeepsParts(Protocol):
+    """What keeps parts of a result from run to run."""
+
+    def part(self, name: str, files: tuple[str, ...], own: Any, make: Callable[[], Any], apart: str = "") -> Any:
+        """See `StageContext.part`."""
+        ...
+
+    def enough(self) -> bool:
+        """See `StageContext.enough`."""
+        ...
+
+
 @dataclass(frozen=True)
 class StageContext:
     """What a stage may use; nothing else may change its result.
@@ -64,6 +76,8 @@ class StageContext:
     time_budget_s: float | None = None
     progress: Progress = _no_progress
     """``progress(fraction 0..1, text)``; may be called often."""
+    parts: KeepsParts | None = None
+    """Where the row says that the result has parts; use `part` and `enough`."""
 
     def parameters_of(self, model: type[P]) -> P:
         """Return the stage's parameters as what they are."""
@@ -80,6 +94,17 @@ class StageContext:
                 advice=f"stages/{stage}/result.json says why",
             )
         return found
+
+    def part(self, name: str, files: tuple[str, ...], own: Any, make: Callable[[], Any], apart: str = "") -> Any:
+        """Return the facts (JSON) of a part of the result, made now or kept with its files from the result before.
+
+        ``own``: JSON of what it depends on beside what the stage has read so far (but of the stage ``apart``).
+        """
+        return self.parts.part(name, files, own, make, apart) if self.parts else make()
+
+    def enough(self) -> bool:
+        """Return whether to stop after this part, as somebody waits for the first: the output is then unfinished."""
+        return self.parts is not None and self.parts.enough()
 
     def optional_artifact(self, stage: str, name: str) -> Any | None:
         """Return what an earlier stage made, None where it was left out."""
@@ -98,3 +123,5 @@ class StageOutput:
     """Artifacts and parts of the work that were not done, with the reason."""
     honoured: Mapping[str, str] = field(default_factory=dict)
     """What was done with "quality", "max_error" or "time_budget", in words."""
+    unfinished: bool = False
+    """There is more to make: the stage stopped because `StageContext.enough` said so."""

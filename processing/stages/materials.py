@@ -17,7 +17,7 @@ from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.outdoors import light_outdoors
 from processing.stages.parameters import MaterialsParameters
-from processing.stages.upright import known_room, upright_panorama, why_doubtful
+from processing.stages.upright import known_room, mask_in_size, why_doubtful, working_panorama
 
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
@@ -74,20 +74,21 @@ def run(context: StageContext) -> StageOutput:
 
 def emptied(context: StageContext) -> EmptyRoom:
     """Return the emptied panorama, or the upright one where nothing was removed."""
-    before = upright_panorama(context)
+    before = working_panorama(context)
     empty: LuminanceImage | None = context.optional_artifact("remove", "empty")
     if empty is None:
         return EmptyRoom(before)
     filled = np.asarray(context.artifact("remove", "filled"), bool)
     sunlight = context.optional_artifact("detect", "sunlight")
-    if sunlight is None or np.shape(sunlight) != filled.shape:
+    if sunlight is None or filled.shape != before.rgb.shape[:2]:
         return EmptyRoom(empty, filled, filled)
     hidden = np.zeros_like(filled)
     for name in ("furniture", "tripod", "shadow"):
         mask = context.optional_artifact("detect", name)
         if mask is not None:
-            hidden |= np.asarray(mask, bool)
-    return with_sunlight(empty, before, filled, np.asarray(sunlight, bool), hidden)
+            hidden |= mask_in_size(np.asarray(mask, bool), filled.shape[1])
+    sunlit = mask_in_size(np.asarray(sunlight, bool), filled.shape[1])
+    return with_sunlight(empty, before, filled, sunlit, hidden)
 
 
 def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 import re
 import types
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, Self, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, field_validator, model_validator
 from pydantic.fields import FieldInfo
 
 OptionKind = Literal["parameter", "file", "folder", "answer"]
@@ -33,6 +34,36 @@ class StageParameters(BaseModel):
     """Base of every stage's parameters: frozen, no unknown keys, no NaN or infinity. Every field has a default."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
+    derived: ClassVar[tuple[str, ...]] = ()
+    """Properties that count themselves, not the fields they are made of."""
+    _note: Callable[[str], None] | None = PrivateAttr(None)
+
+    def noting(self, note: Callable[[str], None]) -> Self:
+        """Return the parameters as a stage gets them: ``note(name)`` learns which it reads (paths count by content)."""
+        copied = self.model_copy()
+        copied._note = note  # noqa: SLF001 (its own)
+        return copied
+
+    def __getattribute__(self, name: str) -> Any:
+        get = super().__getattribute__
+        model = get("__class__")
+        field = model.__pydantic_fields__.get(name)
+        if field is None and name not in model.derived:
+            return get(name)
+        private = get("__pydantic_private__")
+        note = private["_note"] if private else None
+        if note is None:
+            return get(name)
+        if field is not None:
+            if not field.exclude:
+                note(name)
+            return get(name)
+        private["_note"] = None
+        try:
+            note(name)
+            return get(name)
+        finally:
+            private["_note"] = note
 
 
 @dataclass(frozen=True)
@@ -279,6 +310,8 @@ class RemoveParameters(_InTheRoom):
 
 class _Furnished(_InTheRoom):
     """Which furniture is wanted, for the stages that need to know."""
+
+    derived = ("wanted",)
 
     set: Annotated[str, Field(description="Furniture: bedroom, living, dining, office, auto, none")] = "auto"
     items: Annotated[str | None, Field(description='A list of furniture instead: "bed, 2 nightstand".')] = None

@@ -21,7 +21,7 @@ from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import read_shade
 from processing.stages.parameters import RemoveParameters
-from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_doubtful
+from processing.stages.upright import check_mask_size, known_room, mask_in_size, why_doubtful, working_panorama
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""
@@ -48,10 +48,12 @@ def nothing_to_remove(context: StageContext) -> str | None:
 def run(context: StageContext) -> StageOutput:
     """Fill the target plane by plane."""
     asked = context.parameters_of(RemoveParameters)
-    image = upright_panorama(context)
+    image = working_panorama(context)
+    width_px = image.rgb.shape[1]
     target = np.asarray(context.artifact("detect", "target"), bool)
     check_mask_size(target, context)
-    sunlight = _optional_mask(context, "sunlight")
+    target = mask_in_size(target, width_px)
+    sunlight = _optional_mask(context, "sunlight", width_px)
     if asked.keep_sunlight and sunlight is not None:
         target, sunlight = _without_sunlight(context, target, sunlight)
     filler = None if asked.filler is None else LamaFiller(asked.filler, bgr=asked.filler_channels == "bgr")
@@ -85,7 +87,7 @@ class _Filling(TypedDict):
 
 def _relit(context: StageContext, image: LuminanceImage, target: Flags) -> tuple[LuminanceImage, float]:
     """Return the picture without the soft shadows of furniture beyond the target, and the share that was relit."""
-    shadow = _optional_mask(context, "shadow")
+    shadow = _optional_mask(context, "shadow", target.shape[1])
     if shadow is None or not (shadow & ~target).any():
         return image, 0.0
     small = (min(target.shape[0], RELIT_ROWS), min(target.shape[1], 2 * RELIT_ROWS))
@@ -101,9 +103,9 @@ def _at(mask: Flags, shape: tuple[int, int]) -> Flags:
     return resized(mask.astype(np.float32), shape) > 0.5
 
 
-def _optional_mask(context: StageContext, name: str) -> Flags | None:
+def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | None:
     mask = context.optional_artifact("detect", name)
-    return None if mask is None else np.asarray(mask, bool)
+    return None if mask is None else mask_in_size(np.asarray(mask, bool), width_px)
 
 
 def _foreign(context: StageContext, shape: tuple[int, ...]) -> Flags | None:
@@ -123,7 +125,7 @@ def _without_sunlight(context: StageContext, target: Flags, sunlight: Flags) -> 
     margin_rad = math.radians(float(context.summary("detect")["metrics"]["margin_deg"]))
     others = np.zeros_like(target)
     for name in ("furniture", "tripod", "shadow"):
-        mask = _optional_mask(context, name)
+        mask = _optional_mask(context, name, target.shape[1])
         others |= False if mask is None else mask
     return target & grown(others, margin_rad) & ~sunlight, grown(sunlight, margin_rad)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +36,12 @@ QUALITY = {
     "standard": EFFORTS["standard"],
     "reference": Effort(texel_m=0.07, patch_samples=128, rows=512, pixel_samples=32, sun_samples=256),
 }
+_SHOWN = {
+    "rank": True,
+    "items": {"__all__": {"id", "category", "model", "size_m", "theta_rad", "t_m"}},
+    "not_placed": True,
+}
+"""Of an arrangement, what its picture and facts depend on."""
 MODELLED = 0.05
 """Relative standard uncertainty of what is not measured: furniture's colour, and the change of light around it."""
 
@@ -67,33 +76,45 @@ class _Work:
 
 
 def run(context: StageContext) -> StageOutput:
-    """Render each alternative; pictures and models are written one by one."""
-    work = _work(context)
-    arranged: Arrangements = context.artifact("arrange", "arrangement")
-    every = arranged.arrangements[:MOST_STAGED]
-    alternatives: list[Any] = []
-    warnings = _method_warnings(work)
-    for number, one in enumerate(every):
-        context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
-        alternatives.append(_alternative(context, work, number, one, len(every)))
-    made = [f"staged-{k}" for k in range(1, len(every) + 1)]
-    missing = [f"staged-{k}" for k in range(len(every) + 1, MOST_STAGED + 1)]
-    staged = {"schema_version": 1, "method": work.asked.method, "units": _units(work), "alternatives": alternatives}
-    return StageOutput(
-        artifacts={"staged": staged} | {name: True for one in made for name in (one, f"{one}-model")},
-        metrics={"method": work.asked.method, "alternatives": alternatives},
-        warnings=(*warnings, *_warnings(context, alternatives)),
-        left_out=dict.fromkeys([name for one in missing for name in (one, f"{one}-model")], NO_SUCH),
-        honoured=_honoured(context, work, alternatives),
-    )
-
-
-def _work(context: StageContext) -> _Work:
+    """Render each alternative, of which those that stand already are kept; pictures and models one by one."""
     asked = context.parameters_of(RenderParameters)
     if asked.style is not None:
         style_named(asked.style)
-    empty = emptied(context)
+    arranged: Arrangements = context.artifact("arrange", "arrangement")
+    every = arranged.arrangements[:MOST_STAGED]
     effort = replace(QUALITY[context.quality.value], max_error=context.max_error)
+    if context.time_budget_s is not None:
+        effort = replace(effort, budget_s=context.time_budget_s / len(every))
+    work = cache(partial(_work, context, asked, effort))
+    alternatives: list[Any] = []
+    units = ""
+    for number, one in enumerate(every):
+        context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
+        style = asked.style or list(STYLES)[(asked.seed + number) % len(STYLES)]
+        name, own = f"staged-{number + 1}", {"style": style, "effort": repr(effort), "quality": context.quality}
+        own |= {"method": asked.method, "seed": asked.seed, "of": one.model_dump(mode="json", include=_SHOWN)}
+        files = (f"{name}.exr", f"{name}.glb")
+        make = partial(_alternative, context.folder / name, work, style, one)
+        facts = dict(context.part(name, files, own, make, apart="arrange"))
+        units = facts.pop("units")
+        alternatives.append({"rank": one.rank, **facts})
+        if context.enough() and number + 1 < len(every):
+            break
+    names = [f"staged-{k}{kind}" for k in range(1, MOST_STAGED + 1) for kind in ("", "-model")]
+    made, missing = names[: 2 * len(alternatives)], names[2 * len(alternatives) :]
+    staged = {"schema_version": 1, "method": asked.method, "units": units, "alternatives": alternatives}
+    return StageOutput(
+        artifacts={"staged": staged} | dict.fromkeys(made, True),
+        metrics={"method": asked.method, "alternatives": alternatives},
+        warnings=(*_method_warnings(asked), *_warnings(context, alternatives)),
+        left_out=dict.fromkeys(missing, NO_SUCH),
+        honoured=_honoured(context, asked, effort, alternatives),
+        unfinished=len(alternatives) < len(every),
+    )
+
+
+def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Work:
+    empty = emptied(context)
     bare = Bare.of(read_scene(context.artifact("materials", "scene")), effort)
     eye: Vector = (0.0, 0.0, known_room(context).camera_height_m)
     base = empty.image.rgb
@@ -106,17 +127,15 @@ def _work(context: StageContext) -> _Work:
     return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder))
 
 
-def _alternative(context: StageContext, work: _Work, number: int, one: Arrangement, count: int) -> dict[str, Any]:
-    """Render one alternative, write its picture and its model, and return the facts of it."""
-    style = work.asked.style or list(STYLES)[(work.asked.seed + number) % len(STYLES)]
+def _alternative(path: Path, common: Callable[[], _Work], style: str, one: Arrangement) -> dict[str, Any]:
+    """Render one alternative, write its picture and its model (``path`` without an ending), and return its facts."""
+    work = common()
     parts = furniture_parts(one.items, Catalogue.builtin(style), work.own)
-    budget = None if context.time_budget_s is None else context.time_budget_s / count
-    staged = _staged(work, parts, replace(work.effort, budget_s=budget))
-    name = f"staged-{number + 1}"
-    write_exr(context.folder / f"{name}.exr", _picture(work, staged, one))
-    write_scene_glb(context.folder / f"{name}.glb", work.bare.stage.scene.furnished(parts))
+    staged = _staged(work, parts, work.effort)
+    write_exr(path.with_suffix(".exr"), _picture(work, staged, one))
+    write_scene_glb(path.with_suffix(".glb"), work.bare.stage.scene.furnished(parts))
     return {
-        "rank": one.rank,
+        "units": "cd/m2" if work.empty.image.absolute else "relative units",
         "items": [item.id for item in one.items],
         "not_placed": [item.id for item in one.not_placed],
         "style": style,
@@ -154,14 +173,12 @@ def _picture(work: _Work, staged: Staged, one: Arrangement) -> LuminanceImage:
     )
 
 
-def _units(work: _Work) -> str:
-    return "cd/m2" if work.empty.image.absolute else "relative units"
-
-
-def _honoured(context: StageContext, work: _Work, alternatives: list[Any]) -> dict[str, str]:
+def _honoured(
+    context: StageContext, asked: RenderParameters, effort: Effort, alternatives: list[Any]
+) -> dict[str, str]:
     worst = max(one["error"] for one in alternatives)
-    found = {"quality": f"{context.quality.value}: light at {work.effort.rows} rows"}
-    if work.asked.method == "ibl":
+    found = {"quality": f"{context.quality.value}: light at {effort.rows} rows"}
+    if asked.method == "ibl":
         return found
     if context.max_error is not None:
         found["max_error"] = f"{context.max_error:g} asked, {worst:.3f} reached (error of irradiance)"
@@ -170,9 +187,9 @@ def _honoured(context: StageContext, work: _Work, alternatives: list[Any]) -> di
     return found
 
 
-def _method_warnings(work: _Work) -> tuple[StageWarning, ...]:
+def _method_warnings(asked: RenderParameters) -> tuple[StageWarning, ...]:
     """Return what limits a picture of this method."""
-    if work.asked.method == "ibl":
+    if asked.method == "ibl":
         text = "ibl: furniture is lit as if the room lay infinitely far away; it throws no shadow"
         return (StageWarning(code="method", message=text),)
     return ()

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import datetime
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import ParameterError
+from processing.ground.arrays import Flags
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
-from processing.stages.contract import StageContext
+from processing.sphere import Equirectangular
+from processing.stages.contract import Quality, StageContext
 from station.session.session import FrameRecord, SessionManifest, Side
+
+LEAST_DRAFT_PX = 1600
+"""Width that a draft's panorama keeps (chosen: a screen's)."""
 
 
 def upright_panorama(context: StageContext) -> LuminanceImage:
@@ -23,6 +30,46 @@ def upright_panorama(context: StageContext) -> LuminanceImage:
     image = context.artifact("calibrate", "indoor") if turned is None else turned
     assert isinstance(image, LuminanceImage)
     return image
+
+
+def working_panorama(context: StageContext) -> LuminanceImage:
+    """Return the upright panorama in the size that is worked in: a draft's is a half or a quarter."""
+    image = upright_panorama(context)
+    return image if context.quality is not Quality.DRAFT else in_size(image, draft_width_px(image.rgb.shape[1]))
+
+
+def draft_width_px(width_px: int) -> int:
+    """Return the width of a draft's pictures."""
+    whole = (factor for factor in (4, 2) if width_px % (2 * factor) == 0 and width_px // factor >= LEAST_DRAFT_PX)
+    return width_px // next(whole, 1)
+
+
+def in_size(image: LuminanceImage, width_px: int) -> LuminanceImage:
+    """Return a panorama in a width that divides its own: means of whole blocks, with the worst validity in each."""
+    geometry = image.geometry
+    factor = image.rgb.shape[1] // width_px
+    if factor <= 1 or not isinstance(geometry, Equirectangular):
+        return image
+    size = (width_px, image.rgb.shape[0] // factor)
+    return replace(
+        image,
+        rgb=cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA),
+        uncertainty=cv2.resize(image.uncertainty, size, interpolation=cv2.INTER_AREA),
+        validity=_worst(image.validity, factor),
+        geometry=Equirectangular(*size, geometry.yaw_rad),
+        ghost=None,
+    )
+
+
+def mask_in_size(mask: Flags, width_px: int) -> Flags:
+    """Return a mask (H, W) in a width that divides its own: a block is in it where any of its pixels is."""
+    return _worst(mask, mask.shape[1] // width_px)
+
+
+def _worst(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+    height, width = values.shape
+    blocks = values.reshape(height // factor, factor, width // factor, factor)
+    return np.ascontiguousarray(blocks.max(axis=(1, 3)))
 
 
 def known_room(context: StageContext) -> RoomModel:

@@ -11,6 +11,7 @@ from processing.layout.arrangement import Arrangement
 from processing.layout.items import parse_items
 from processing.layout.plan import Door, FloorPlan, make_plan
 from processing.layout.rules import built_in_rules
+from tests.conftest import LONG
 
 TIGHT = built_in_rules().named("tight")
 DOOR = [Door(0, 0.1, 0.9)]
@@ -20,6 +21,8 @@ def room(width_m: float, depth_m: float) -> FloorPlan:
     return make_plan([[0, 0], [width_m, 0], [width_m, depth_m], [0, depth_m]], doors=DOOR)
 
 
+@pytest.mark.sweep
+@pytest.mark.skipif(not LONG, reason="a proof takes a minute: make torture")
 def test_the_oracle_proves_that_nothing_fits() -> None:
     items = parse_items("king bed, wardrobe, desk, desk chair")
     assert ask(room(2.6, 2.6), items, TIGHT, 60.0).answer == "proved"

@@ -21,18 +21,13 @@ FEW_STOPS = ("--stops", "1/15,1/60,1/250")
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(scope="session")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("pictures")
-
-
 @contextmanager
-def started(cache: Path, *arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
+def started(*arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
     """Start a command; kill it if it still runs when the block ends."""
     with subprocess.Popen(
         [sys.executable, "-m", "daylit", *arguments],
         cwd=cwd,
-        env={**os.environ, "DAYLIT_CACHE": str(cache), "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -43,16 +38,16 @@ def started(cache: Path, *arguments: str, cwd: Path) -> Iterator[subprocess.Pope
             process.kill()
 
 
-def daylit(cache: Path, *arguments: str, cwd: Path, expect: int = 0) -> list[dict[str, Any]]:
+def daylit(*arguments: str, cwd: Path, expect: int = 0) -> list[dict[str, Any]]:
     """Run a command and return its standard output as JSON objects."""
-    with started(cache, *arguments, cwd=cwd) as process:
+    with started(*arguments, cwd=cwd) as process:
         out, err = process.communicate(timeout=300)
     assert process.returncode == expect, f"exit {process.returncode}\n{out}\n{err}"
     return [json.loads(line) for line in out.splitlines()]
 
 
-def test_a_capture_is_whole_and_verifies(cache: Path, tmp_path: Path) -> None:
-    events = daylit(cache, *CAPTURE, *FEW_STOPS, cwd=tmp_path)
+def test_a_capture_is_whole_and_verifies(tmp_path: Path) -> None:
+    events = daylit(*CAPTURE, *FEW_STOPS, cwd=tmp_path)
     summary = events[-1]
     assert summary["ok"]
     assert summary["frames"] == 6
@@ -62,7 +57,7 @@ def test_a_capture_is_whole_and_verifies(cache: Path, tmp_path: Path) -> None:
     assert kinds.count("saved") == 6
     assert kinds.count("reading") == 2
     assert any("ASSUMED" in w for w in summary["warnings"]), "the assumed meter dialect is told in the session"
-    (report,) = daylit(cache, "verify", "--look", "--json", summary["session"], cwd=tmp_path)
+    (report,) = daylit("verify", "--look", "--json", summary["session"], cwd=tmp_path)
     assert report["ok"], report
     manifest = json.loads((tmp_path / summary["session"] / "session.json").read_text())
     assert manifest["simulated"]
@@ -71,21 +66,21 @@ def test_a_capture_is_whole_and_verifies(cache: Path, tmp_path: Path) -> None:
     assert all(f["exif_s"] == pytest.approx(f["asked_s"], rel=0.1) for f in manifest["frames"])
 
 
-def test_one_flipped_bit_is_found(cache: Path, tmp_path: Path) -> None:
-    session = daylit(cache, *CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
+def test_one_flipped_bit_is_found(tmp_path: Path) -> None:
+    session = daylit(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
     (frame,) = (tmp_path / session / "indoor").iterdir()
     data = bytearray(frame.read_bytes())
     data[len(data) // 2] ^= 1
     frame.chmod(0o644)
     frame.write_bytes(data)
-    (report,) = daylit(cache, "verify", "--json", session, cwd=tmp_path, expect=4)
+    (report,) = daylit("verify", "--json", session, cwd=tmp_path, expect=4)
     assert not report["ok"]
     assert frame.name in json.dumps(report["problems"])
 
 
-def test_killed_in_the_middle_then_resumed(cache: Path, tmp_path: Path) -> None:
+def test_killed_in_the_middle_then_resumed(tmp_path: Path) -> None:
     acknowledged = []
-    with started(cache, *CAPTURE, "--stops", "1/4,1/15,1/60,1/250", "--no-meter", cwd=tmp_path) as process:
+    with started(*CAPTURE, "--stops", "1/4,1/15,1/60,1/250", "--no-meter", cwd=tmp_path) as process:
         assert process.stdout is not None
         for line in process.stdout:
             event = json.loads(line)
@@ -96,18 +91,18 @@ def test_killed_in_the_middle_then_resumed(cache: Path, tmp_path: Path) -> None:
                 break
     (session,) = (tmp_path / "sessions").iterdir()
     digests = {name: (session / name).read_bytes() for name in acknowledged}
-    summary = daylit(cache, *RESUME, str(session), cwd=tmp_path)[-1]
+    summary = daylit(*RESUME, str(session), cwd=tmp_path)[-1]
     assert summary["ok"], summary
     assert summary["frames"] == 8
     assert all((session / name).read_bytes() == data for name, data in digests.items())
-    (report,) = daylit(cache, "verify", "--json", str(session), cwd=tmp_path)
+    (report,) = daylit("verify", "--json", str(session), cwd=tmp_path)
     assert report["ok"]
 
 
-def test_ctrl_c_ends_after_the_pair_and_says_how_to_go_on(cache: Path, tmp_path: Path) -> None:
+def test_ctrl_c_ends_after_the_pair_and_says_how_to_go_on(tmp_path: Path) -> None:
     last: dict[str, Any] = {}
     asked = False
-    with started(cache, *CAPTURE, "--stops", "1/4,1/15,1/60,1/250", "--no-meter", cwd=tmp_path) as process:
+    with started(*CAPTURE, "--stops", "1/4,1/15,1/60,1/250", "--no-meter", cwd=tmp_path) as process:
         assert process.stdout is not None
         for line in process.stdout:
             last = json.loads(line)
@@ -120,10 +115,10 @@ def test_ctrl_c_ends_after_the_pair_and_says_how_to_go_on(cache: Path, tmp_path:
     assert last["frames"] >= 2, "what was exposed is kept"
 
 
-def test_adaptive_says_what_it_left_out(cache: Path, tmp_path: Path) -> None:
+def test_adaptive_says_what_it_left_out(tmp_path: Path) -> None:
     world = "uniform:100"
     events = daylit(
-        cache, "capture", "x", "--simulate", world, "--size", "small", "--bracket", "adaptive",
+        "capture", "x", "--simulate", world, "--size", "small", "--bracket", "adaptive",
         "--only", "indoor", "--no-meter", "--rate", "4", cwd=tmp_path,
     )  # fmt: skip
     skipped = [e for e in events if e.get("event") == "skipped"]
@@ -133,36 +128,36 @@ def test_adaptive_says_what_it_left_out(cache: Path, tmp_path: Path) -> None:
     assert events[-1]["frames"] + events[-1]["skipped"] == 9
 
 
-def test_dry_run_touches_nothing(cache: Path, tmp_path: Path) -> None:
-    (plan,) = daylit(cache, "capture", "x", "--simulate", "room", "--dry-run", "--json", cwd=tmp_path)
+def test_dry_run_touches_nothing(tmp_path: Path) -> None:
+    (plan,) = daylit("capture", "x", "--simulate", "room", "--dry-run", "--json", cwd=tmp_path)
     assert len(plan["rows"]) == 9
     assert plan["total_s"] > plan["exposures_s"] > 5.3
     assert not list(tmp_path.iterdir())
 
 
-def test_typed_reading_stands_for_the_meter(cache: Path, tmp_path: Path) -> None:
-    summary = daylit(cache, *CAPTURE, "--stops", "1/60", "--only", "indoor", "--reading", "34.63", cwd=tmp_path)[-1]
+def test_typed_reading_stands_for_the_meter(tmp_path: Path) -> None:
+    summary = daylit(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--reading", "34.63", cwd=tmp_path)[-1]
     manifest = json.loads((tmp_path / summary["session"] / "session.json").read_text())
     (reading,) = manifest["readings"]
     assert (reading["status"], reading["luminance_cd_m2"]) == ("typed", 34.63)
 
 
-def test_doctor_passes_on_simulated_instruments(cache: Path, tmp_path: Path) -> None:
-    (answer,) = daylit(cache, "doctor", "--simulate", "room", "--json", cwd=tmp_path)
+def test_doctor_passes_on_simulated_instruments(tmp_path: Path) -> None:
+    (answer,) = daylit("doctor", "--simulate", "room", "--json", cwd=tmp_path)
     assert answer["ok"], answer
     assert any("ASSUMED" in c["text"] for c in answer["checks"])
     assert {"indoor", "outdoor", "meter", "disk", "libusb", "renderer"} <= {c["name"] for c in answer["checks"]}
 
 
-def test_conform_reports_each_check(cache: Path, tmp_path: Path) -> None:
-    (conform,) = daylit(cache, "conform", "--simulate", "room", "--only", "meter", "--json", cwd=tmp_path)
+def test_conform_reports_each_check(tmp_path: Path) -> None:
+    (conform,) = daylit("conform", "--simulate", "room", "--only", "meter", "--json", cwd=tmp_path)
     assert conform["ok"], conform
     assert conform["simulated"]
     assert len(conform["outcomes"]) == 3
 
 
-def test_two_stations_on_one_session_exclude_each_other(cache: Path, tmp_path: Path) -> None:
-    session = daylit(cache, *CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
+def test_two_stations_on_one_session_exclude_each_other(tmp_path: Path) -> None:
+    session = daylit(*CAPTURE, "--stops", "1/60", "--only", "indoor", "--no-meter", cwd=tmp_path)[-1]["session"]
     holder = (
         "import sys, time; from pathlib import Path; from station.session.store import SessionStore;"
         "store = SessionStore.open(Path(sys.argv[1]), writable=True); print('held', flush=True); time.sleep(60)"
@@ -175,18 +170,21 @@ def test_two_stations_on_one_session_exclude_each_other(cache: Path, tmp_path: P
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"held\n"
-        (refused,) = daylit(cache, *RESUME, session, "--json", cwd=tmp_path, expect=4)
+        (refused,) = daylit(*RESUME, session, "--json", cwd=tmp_path, expect=4)
         assert refused["error"]["code"] == "SES-002"
         process.kill()
-    assert daylit(cache, *RESUME, session, cwd=tmp_path)[-1]["ok"], "a killed holder leaves no lock behind"
+    assert daylit(*RESUME, session, cwd=tmp_path)[-1]["ok"], "a killed holder leaves no lock behind"
 
 
 @pytest.mark.timeout(1800)
-def test_demo_ends_with_a_report(cache: Path, tmp_path: Path) -> None:
-    with started(cache, "demo", "--world", "room", "--size", "small", "--set", "none", cwd=tmp_path) as process:
+def test_demo_ends_with_a_report(tmp_path: Path) -> None:
+    """The whole of it, staging too, with pictures of an eighth the size."""
+    with started("demo", "--world", "room", "--size", "small", cwd=tmp_path) as process:
         out, err = process.communicate(timeout=1700)
     assert process.returncode == 0, err
     assert len(list((tmp_path / "demo").glob("*_room/indoor/*.jpg"))) == 9
     page = Path(out.splitlines()[-1].removeprefix("look at: "))
     text = (tmp_path / page).read_text("utf-8")
     assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
+    assert "Alternative 3" in text
+    assert len(list(page.parents[1].glob("render/staged-?.exr"))) == 3

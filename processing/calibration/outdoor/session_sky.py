@@ -290,12 +290,13 @@ def _repaired(
     picture: LuminanceImage, asked: SkyChoice, session: SessionManifest, sky: _Sky
 ) -> tuple[LuminanceImage, str]:
     """Return the picture with a clipped sun replaced where that was asked, and what was done."""
-    if asked.repair_sun == "no":
-        return picture, "not asked"
+    # Asked last: a picture without a clipped sun then does not depend on the answer.
     if sky.sun is None:
         return picture, "nothing to repair: no sun was found"
     if not sky.sun.clipped:
         return picture, "nothing to repair: the sun is not clipped"
+    if asked.repair_sun == "no":
+        return picture, "not asked"
     if asked.repair_sun == "illuminance":
         if asked.outdoor_lux is None:
             raise SunError("the sun's repair needs the measured illuminance", advice="give --outdoor-lux")
@@ -317,8 +318,6 @@ def _compared(picture: LuminanceImage, asked: SkyChoice, facts: dict[str, Any]) 
 
 
 def _sun_warnings(sky: _Sky, asked: SkyChoice) -> list[str]:
-    if sky.sun is None and asked.repair_sun != "no":
-        return ["the sun was to be repaired, but none was found: nothing was repaired"]
     if sky.sun is None or not sky.sun.clipped or asked.repair_sun != "no":
         return []
     return ["the sun is clipped in the shortest stop: illuminance is a lower bound (see --repair-sun)"]

@@ -17,8 +17,10 @@ from mocks.rooms.model import Door, Fixture, Plan, Use, Window
 from mocks.rooms.plan.forms import AREA_M2, floor_seen, inner_angle_rad, reveal_floor
 from mocks.rooms.plan.openings import check_plan
 from mocks.rooms.room import draw_plan
+from tests.conftest import LONG
 
-SEEDS = range(300)
+SEEDS = range(300 if LONG else 150)
+pytestmark = pytest.mark.sweep
 USES = tuple(Use)
 SQUARE = ((-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0))
 CUT = ((-2.0, -2.0), (2.0, -2.0), (2.0, 0.2), (1.0, 2.0), (-2.0, 2.0))
@@ -56,6 +58,7 @@ def test_the_camera_stands_clear_and_sees_the_floor_but_not_always_from_the_midd
     assert np.quantile(off, 0.1) < 0.1 < 0.25 < np.quantile(off, 0.9)
 
 
+@pytest.mark.skipif(not LONG, reason="of 300 plans: make torture")
 def test_all_forms_turns_and_openings_occur() -> None:
     plans = [plan_of(seed) for seed in SEEDS]
     sides = Counter(len(p.polygon) for p in plans)

@@ -18,7 +18,7 @@ from mocks.rooms.model import Role, Use
 from mocks.rooms.room import check_room, make_room
 from mocks.rooms.sky.sky import CloudDrift
 from mocks.rooms.truth import description, equirectangular, point_lights, truth_pictures
-from mocks.rooms.world import RoomWorld, baked_light, room_world
+from mocks.rooms.world import DEFAULT, RoomWorld, _shipped, baked_light, light_key, room_world
 from mocks.worlds.light import LUMINANCE_WEIGHTS, Site
 from mocks.worlds.world import meter_luminance_cd_m2, open_world
 
@@ -283,3 +283,10 @@ def test_a_sample_that_is_not_finite_spoils_only_itself() -> None:
     assert spoilt.sum() == 2
     assert spoilt[2, 1, 3]
     assert clean.sum() == (6 * 4 * 4 - 2) * 3
+
+
+def test_the_demos_light_is_shipped_and_is_that_of_its_room():
+    """A change of the room or of baking asks for `python -m mocks.rooms.world`."""
+    world = room_world(*DEFAULT)
+    assert _shipped(light_key(world.room, world.quality)) is not None
+    assert _shipped("another") is None

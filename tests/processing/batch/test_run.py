@@ -14,7 +14,15 @@ from typing import Any
 import pytest
 
 import daylit
-from processing.batch.cluster import connected, put_away, thread_settings, threads_each, usual_workers
+from processing.batch.cluster import (
+    connected,
+    here_among,
+    machine_of,
+    put_away,
+    thread_settings,
+    threads_each,
+    usual_workers,
+)
 from processing.batch.rows import COLUMNS, PAPER_COLUMNS, batch_csv, guarded, orientation, session_row, write_table
 from processing.batch.run import BatchReport, find_sessions
 from processing.batch.work import Outcome
@@ -46,6 +54,23 @@ if __name__ == "__main__":
         dashboard_address=None, worker_dashboard_address=None,
     ) as there:
         report = run_batch(BatchRequest(Path(sys.argv[1]), cluster=there.scheduler_address), do=as_named)
+    print(json.dumps(report.to_dict()))
+"""
+
+
+LATE = """
+import json, sys, threading, time
+from pathlib import Path
+from distributed import LocalCluster
+from processing.batch.run import BatchRequest, run_batch
+from tests.processing.batch.doings import together
+if __name__ == "__main__":
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
+        dashboard_address=None, worker_dashboard_address=None,
+    ) as there:
+        threading.Timer(1.0, lambda: there.scale(4)).start()
+        report = run_batch(BatchRequest(Path(sys.argv[1]), cluster=there.scheduler_address), do=together)
     print(json.dumps(report.to_dict()))
 """
 
@@ -94,6 +119,15 @@ def test_a_cluster_that_is_there_already_is_used(tmp_path: Path) -> None:
     report = answer_of(ELSEWHERE, tmp_path)
     assert [(one["session"], one["state"]) for one in report["outcomes"]] == [("a", "done"), ("b", "done")]
     assert report["workers"] == 1
+
+
+@pytest.mark.timeout(600)
+def test_workers_that_join_late_get_sessions(tmp_path: Path) -> None:
+    """Four workers, of which three join after a second: four sessions at once, or none of them ends."""
+    empty_sessions(tmp_path / "sessions", ("a", "b", "c", "d"))
+    report = answer_of(LATE, tmp_path)
+    assert [one["state"] for one in report["outcomes"]] == ["done"] * 4
+    assert report["at_once"] == 4
 
 
 def test_sessions_are_found_in_folders_of_folders(tmp_path: Path) -> None:
@@ -148,6 +182,8 @@ def test_the_table_is_written_whole(tmp_path: Path) -> None:
 def test_workers_share_the_cores() -> None:
     assert usual_workers() >= 1
     assert threads_each(1) >= threads_each(2) >= threads_each(10_000) == 1
+    assert machine_of("tcp://10.0.0.5:41234") == "10.0.0.5"
+    assert here_among({"10.0.0.5": 4}) == 1, "outside a worker there is nobody to share with"
     assert thread_settings(3)["OMP_NUM_THREADS"] == "3"
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from processing.batch.work import Outcome, Task, outcome_of, work
+from processing.batch.work import Outcome, Task, Warm, outcome_of, work
 from station.session.durable import SessionLock
 from station.session.folder import Folder
 from tests.station.session.sessions import complete_session
@@ -51,6 +51,25 @@ def test_what_is_wrong_is_told_by_code(session: Path, tmp_path: Path) -> None:
 def test_a_session_that_takes_too_long_is_ended(session: Path) -> None:
     outcome = work(task(session, timeout_s=0.01))
     assert (outcome.state, outcome.code) == ("failed", "BAT-003")
+
+
+def test_a_process_stays_warm_from_session_to_session(session: Path, tmp_path: Path) -> None:
+    def places() -> list[Warm]:
+        return list(Warm._at_rest)
+
+    work(task(session))
+    (server,) = places()
+    assert work(task(session)).stages == {"verify": "skipped"}
+    assert places() == [server]
+    assert work(task(tmp_path / "nothing")).code == "SES-001", "a failure leaves it as it was"
+    assert places() == [server]
+    work(task(session, timeout_s=0.01))
+    assert places() == [], "what hung is gone with its server"
+    server._process.wait(timeout=30)
+    assert work(task(session)).state == "done"
+    os.kill(places()[0]._process.pid, signal.SIGKILL)
+    places()[0]._process.wait(timeout=30)
+    assert work(task(session)).state == "done", "a server that was killed is replaced"
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,8 @@ def test_result_says_what_was_made_of_what(session: Path) -> None:
     found = result(session, "total")
     assert found["left_out"] == {"extra": "nobody asked"}
     assert found["artifacts"] == {"total": "total.json"}
-    assert found["ingredients"]["stages"].keys() == {"frames"}
+    assert found["ingredients"]["reads"].keys() == {"frames/values"}
+    assert found["ingredients"]["parameters"] == {"scale": 1.0}
     assert "frames" not in found["ingredients"]["session"], "it does not read them"
     assert (session / "stages" / "frames" / "notes.txt").exists()
     assert str(session.parent) not in json.dumps(found)
@@ -98,7 +99,7 @@ def test_a_parameter_runs_only_what_depends_on_it(session: Path) -> None:
     assert actions(report) == [SKIPPED, RAN, RAN]
     assert reason(report, "total") == "changed: parameters scale: 1.0 -> 2.0"
     assert report.stages[1].changes == (("parameters scale", 1.0, 2.0),)
-    assert reason(report, "half").startswith("changed: stages total: ")
+    assert reason(report, "half").startswith("changed: reads total/total: ")
 
 
 def test_a_stage_whose_inputs_came_out_the_same_is_skipped(session: Path) -> None:
@@ -396,6 +397,6 @@ def test_a_result_with_other_empty_fields_is_made_anew() -> None:
     then = {"stage": "frames", "trades": {"max_error": None}}
     now = {"stage": "frames", "trades": {"max_error": None, "time_budget": None}}
     result = StageResult.model_construct(fingerprint=digest(then), ingredients=then)
-    decision = decide(Stored(result=result), now, forced=False)
+    decision = decide(Stored(result=result), lambda _: now, forced=False)
     assert decision.result is None
     assert "another version" in decision.reason

@@ -6,7 +6,6 @@ import csv
 import json
 import math
 import shutil
-from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -42,15 +41,8 @@ def no_baking(_plan: Planned, _request: DatasetRequest) -> SimpleRoom:
     return SimpleRoom()
 
 
-@pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as context:
-        context.setenv("DAYLIT_CACHE", str(tmp_path_factory.mktemp("pictures")))
-        yield
-
-
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, cache: None) -> tuple[Path, Summary]:
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Summary]:
     """A data set of three sessions; tests leave it as it is."""
     folder = tmp_path_factory.mktemp("data")
     with pytest.MonkeyPatch.context() as context:

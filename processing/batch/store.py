@@ -1,0 +1,259 @@
+"""Sessions and results by URL (fsspec: s3, gs, az, file): pulled to scratch, processed, pushed, and ``done.json`` last.
+
+A session's objects are its files as they are on disk. Each run pushes its results under a prefix of its own
+(``results/RUN/stages/...``), looks whether all of them are there in full size, and only then writes ``done.json`` by a
+conditional put: it names the prefix and the SHA-256 of every object. What has no ``done.json`` is not done, whatever
+lies there; what has one is whole, since nothing under a named prefix is ever written again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import posixpath
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+from uuid import uuid4
+
+from processing.batch.work import Outcome, Task, work
+from processing.errors import ParameterError, StoreError
+from processing.running.fingerprint import digest
+from station.session import strict_json
+from station.session.session import MANIFEST_NAME
+
+DONE = "done.json"
+RESULTS = "results"
+TRIES = 4
+"""Of an operation (chosen: with the pauses, four seconds)."""
+PAUSE_S = 0.5
+"""Before the second try; twice as long before each further one (chosen)."""
+T = TypeVar("T")
+Sleep = Callable[[float], None]
+
+
+def is_url(place: str) -> bool:
+    """Return whether a place is a URL rather than a folder."""
+    return "://" in place
+
+
+@dataclass(frozen=True)
+class Store:
+    """A folder of objects. Every operation is tried again where the network or the service fails."""
+
+    url: str
+    files: Any
+    """An fsspec file system."""
+    root: str
+    sleep: Sleep = time.sleep
+
+    @classmethod
+    def at(cls, url: str, sleep: Sleep = time.sleep) -> Store:
+        """Open a URL; raises `StoreError` where its library is missing or it is none."""
+        import fsspec
+
+        try:
+            files, root = fsspec.core.url_to_fs(url, use_listings_cache=False, skip_instance_cache=True)
+        except (ImportError, ValueError, OSError) as error:
+            advice = "pip install 'daylit[cloud]' (s3fs); gcsfs for gs://, adlfs for az://"
+            raise StoreError(f"cannot be opened: {error}", where=url, advice=advice) from error
+        return cls(url.rstrip("/"), files, root.rstrip("/"), sleep)
+
+    def below(self, name: str) -> Store:
+        """Return a folder in this one."""
+        return replace(self, url=f"{self.url}/{name}", root=f"{self.root}/{name}")
+
+    def sizes(self, depth: int | None = None) -> dict[str, int]:
+        """Return the size of every object by its name below this folder."""
+
+        def listed() -> dict[str, int]:
+            try:
+                found = self.files.find(self.root, maxdepth=depth, detail=True)
+            except FileNotFoundError:
+                return {}
+            return {posixpath.relpath(name, self.root): int(info["size"]) for name, info in found.items()}
+
+        return self._again(listed, "listing")
+
+    def read(self, name: str) -> bytes | None:
+        """Return an object; None where there is none."""
+
+        def taken() -> bytes | None:
+            try:
+                return bytes(self.files.cat_file(f"{self.root}/{name}"))
+            except FileNotFoundError:
+                return None
+
+        return self._again(taken, f"reading {name}")
+
+    def pull(self, name: str, path: Path, size_bytes: int) -> None:
+        """Copy an object of a known size to a file."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+        def copied() -> None:
+            self.files.get_file(f"{self.root}/{name}", str(path))
+            if path.stat().st_size != size_bytes:
+                raise OSError(f"{path.stat().st_size} of {size_bytes} bytes came")
+
+        self._again(copied, f"pulling {name}")
+
+    def push(self, path: Path, name: str) -> None:
+        """Copy a file to an object."""
+        target = f"{self.root}/{name}"
+        if getattr(self.files, "protocol", None) in ("file", ("file", "local")):
+            self.files.makedirs(posixpath.dirname(target), exist_ok=True)
+        self._again(lambda: self.files.put_file(str(path), target), f"pushing {name}")
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Write an object if there is none (a conditional put); return whether it is there with this content now."""
+
+        def put() -> bool:
+            try:
+                self.files.pipe_file(f"{self.root}/{name}", data, mode="create")
+            except FileExistsError:
+                # Ours after all, where the answer to an earlier try was lost.
+                return self.read(name) == data
+            return True
+
+        return self._again(put, f"writing {name}")
+
+    def remove(self, name: str) -> None:
+        """Remove an object; none is no error."""
+
+        def away() -> None:
+            try:
+                self.files.rm_file(f"{self.root}/{name}")
+            except FileNotFoundError:
+                return
+
+        self._again(away, f"removing {name}")
+
+    def _again(self, do: Callable[[], T], what: str) -> T:
+        for number in range(TRIES):
+            try:
+                return do()
+            except (OSError, RuntimeError) as error:  # fsspec and its stores raise both for what may pass
+                if number + 1 == TRIES:
+                    raise StoreError(f"{what}: {error}"[:400], where=self.url) from error
+                self.sleep(PAUSE_S * 2**number)
+        raise AssertionError("unreachable")
+
+
+def remote_sessions(url: str, depth: int) -> list[str]:
+    """Return the URLs of the sessions below one; raises `ParameterError` where there are none."""
+    names = Store.at(url).sizes(depth + 1)
+    found = sorted(posixpath.dirname(name) for name in names if posixpath.basename(name) == MANIFEST_NAME)
+    if not found or found == [""]:
+        raise ParameterError("no sessions here", where=url, advice=f"a session is a folder with {MANIFEST_NAME}")
+    return [f"{url.rstrip('/')}/{name}" for name in found if f"/{RESULTS}/" not in f"/{name}/"]
+
+
+def request_key(task: Task, manifest: bytes) -> str:
+    """Return the digest of what a result depends on: the session, the arguments, files named in them, the stages."""
+    from processing.pipeline import STAGES
+
+    named = {text: _sha256(Path(text)) for text in task.arguments if Path(text).is_file()}
+    stages = {stage.name: stage.version for stage in STAGES}
+    session = hashlib.sha256(manifest).hexdigest()
+    return digest({"session": session, "arguments": list(task.arguments), "files": named, "stages": stages})
+
+
+def work_by_url(task: Task, *, do: Callable[[Task], Outcome] = work, sleep: Sleep = time.sleep) -> Outcome:
+    """Process a session that is named by a URL; an outcome comes back whatever the store does."""
+    begun_s = time.monotonic()
+    try:
+        outcome = process_in(Store.at(task.session, sleep), task, do)
+    except StoreError as error:
+        outcome = Outcome(task.name, "failed", error.code, error.message)
+    return replace(outcome, seconds=round(time.monotonic() - begun_s, 3))
+
+
+def process_in(store: Store, task: Task, do: Callable[[Task], Outcome]) -> Outcome:
+    """Pull, process, push and mark a session as done, unless it is; raises `StoreError`."""
+    manifest = store.read(MANIFEST_NAME)
+    if manifest is None:
+        raise StoreError(f"has no {MANIFEST_NAME}", where=store.url)
+    key = request_key(task, manifest)
+    former = done_of(store)
+    if former is not None and former["key"] == key:
+        return Outcome(task.name, "done", stages=dict.fromkeys(former["stages"], "skipped"), row=former["row"])
+    with tempfile.TemporaryDirectory(prefix="daylit-scratch-") as scratch:
+        here = Path(scratch) / posixpath.basename(store.root)
+        _pull(store, here, former)
+        outcome = do(replace(task, session=str(here)))
+        if outcome.state != "done":
+            return outcome
+        return _published(store, here, key, outcome, former)
+
+
+def done_of(store: Store) -> dict[str, Any] | None:
+    """Return what ``done.json`` says; None where there is none. Raises `StoreError` for one that is not ours."""
+    raw = store.read(DONE)
+    if raw is None:
+        return None
+    try:
+        found: dict[str, Any] = strict_json.loads(raw)
+        if {"key", "prefix", "objects", "stages", "row"} <= set(found):
+            return found
+    except (ValueError, TypeError):
+        pass
+    raise StoreError(f"{DONE} is none of daylit's", where=store.url, advice="look at it, and remove it")
+
+
+def _pull(store: Store, here: Path, former: dict[str, Any] | None) -> None:
+    """Copy the session, and the results that it has, so that only what changed is done."""
+    sizes = store.sizes()
+    for name, size_bytes in sizes.items():
+        if name != DONE and not name.startswith(f"{RESULTS}/"):
+            store.pull(name, here / name, size_bytes)
+    if former is None:
+        return
+    for name, sha256 in former["objects"].items():
+        path, stored = here / name, f"{former['prefix']}/{name}"
+        if stored in sizes:
+            store.pull(stored, path, sizes[stored])
+        if not path.exists() or _sha256(path) != sha256:
+            shutil.rmtree(here / "stages", ignore_errors=True)  # not as it was written: made anew
+            return
+
+
+def _published(store: Store, here: Path, key: str, outcome: Outcome, former: dict[str, Any] | None) -> Outcome:
+    prefix = f"{RESULTS}/{uuid4().hex}"
+    results = store.below(prefix)
+    files = dict(_results(here))
+    for name, path in files.items():
+        results.push(path, name)
+    stored, made = results.sizes(), {name: path.stat().st_size for name, path in files.items()}
+    if stored != made:
+        wrong = sorted(name for name in made.keys() | stored.keys() if made.get(name) != stored.get(name))
+        raise StoreError(f"not all results arrived: {', '.join(wrong[:3])}", where=store.url)
+    objects = {name: _sha256(path) for name, path in files.items()}
+    done = {"key": key, "prefix": prefix, "objects": objects, "stages": dict(outcome.stages), "row": dict(outcome.row)}
+    if former is not None and done_of(store) == former:
+        store.remove(DONE)
+    if not store.create(DONE, json.dumps(done, sort_keys=True).encode()):
+        theirs = done_of(store)
+        if theirs is None or theirs["key"] != key:
+            raise StoreError("another run has finished it meanwhile, with other options", where=store.url)
+        former = done  # the other run's results stand, ours go
+    if former is not None:
+        for name in former["objects"]:
+            store.remove(f"{former['prefix']}/{name}")
+    return outcome
+
+
+def _results(here: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the files of the results by their names in the session; not what only this machine can use."""
+    for path in sorted((here / "stages").rglob("*")):
+        name = path.relative_to(here).as_posix()
+        if path.is_file() and not any(part.startswith(".") for part in path.relative_to(here).parts):
+            yield name, path
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

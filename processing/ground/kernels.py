@@ -1,0 +1,137 @@
+"""Compiled kernels: kept by the content of the source, shared by all checkouts of it, and loaded ahead of their use.
+
+Numba keeps what it has compiled beside each source file, by the file's path: every clone would compile all of it anew,
+and a change in one file is not seen by kernels of another that call it. `ByContent` (named to Numba by
+``processing/__init__.py``) keeps it in the user's cache under one digest of all sources with kernels.
+
+``kernels.json`` lists what `daylit process` calls, with types, so that `load_kernels` can compile it while nobody
+waits; ``python -m benchmarks.whole.kernel_list SESSION PROFILE`` writes the list anew by
+processing a session.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import os
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.core import config
+from numba.core.caching import UserProvidedCacheLocator
+from platformdirs import user_cache_path
+
+types: Any = importlib.import_module("numba.core.types")
+ROOT = Path(__file__).resolve().parents[1]
+LIST = ROOT / "kernels.json"
+Described = Any
+"""A type as JSON: "float64", {"array": [dtype, dimensions, layout, writable]}, {"tuple": [...]}, {"named": ...}."""
+
+
+@cache
+def source_digest() -> str:
+    """Return the digest of all source files with kernels, by name and content."""
+    digest = hashlib.sha256()
+    for path in sorted(ROOT.rglob("*.py")):
+        text = path.read_bytes()
+        if b"numba" in text and path != Path(__file__).resolve():
+            digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + hashlib.sha256(text).digest())
+    return digest.hexdigest()
+
+
+class ByContent(UserProvidedCacheLocator):
+    """Where Numba keeps kernels of this program: by content of the source, not by its place and time."""
+
+    def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
+        super().__init__(py_func, py_file)  # type: ignore[no-untyped-call]
+        folder = Path(os.environ["DAYLIT_KERNELS"]) if "DAYLIT_KERNELS" in os.environ else user_cache_path("daylit")
+        inside = Path(py_file).resolve().relative_to(ROOT).with_suffix("")
+        self._cache_path = str(folder / "kernels" / source_digest()[:20] / ".".join(inside.parts))
+
+    def get_source_stamp(self) -> str:
+        """Return what a kept kernel must have been made of."""
+        return source_digest()
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> ByContent | None:
+        """Return the place of a function; None where it is none of ours, or another folder was asked for."""
+        if getattr(config, "CACHE_DIR", "") or not Path(py_file).resolve().is_relative_to(ROOT):
+            return None
+        place = cls(py_func, py_file)
+        try:
+            place.ensure_cache_path()  # type: ignore[no-untyped-call]
+        except OSError:
+            return None
+        return place
+
+
+def load_kernels(progress: Callable[[int, int], None] = lambda _done, _all: None) -> int:
+    """Compile every kernel of the list that is not kept yet, load the others; return how many were compiled."""
+    listed = json.loads(LIST.read_text("utf-8"))
+    compiled = 0
+    for number, (name, signatures) in enumerate(listed.items()):
+        progress(number, len(listed))
+        kernel = _named(name)
+        for signature in signatures:
+            kernel.compile(tuple(_type(one) for one in signature))
+        compiled += sum(kernel.stats.cache_misses.values())
+    progress(len(listed), len(listed))
+    return compiled
+
+
+def _named(name: str) -> Any:
+    module, _, attribute = name.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def kernels_in_use() -> Iterator[tuple[str, Any]]:
+    """Yield the kernels of the modules that are loaded, by name."""
+    for module in sorted(name for name in sys.modules if name.startswith("processing.")):
+        for attribute, value in sorted(vars(sys.modules[module]).items()):
+            if hasattr(value, "signatures") and hasattr(value, "py_func") and value.py_func.__module__ == module:
+                yield f"{module}:{attribute}", value
+
+
+def described(one: Any) -> Described:
+    """Return a Numba type as JSON."""
+    if isinstance(one, types.Array):
+        return {"array": [str(one.dtype), one.ndim, one.layout, bool(one.mutable)]}
+    if isinstance(one, types.Literal):
+        return {"value": one.literal_value}
+    if isinstance(one, types.NamedTuple | types.NamedUniTuple):
+        made = one.instance_class
+        return {"named": f"{made.__module__}:{made.__qualname__}", "tuple": [described(part) for part in one.types]}
+    if isinstance(one, types.BaseTuple):
+        return {"tuple": [described(part) for part in one.types]}
+    if isinstance(one, types.Omitted):
+        return {"omitted": one.value}
+    return str(one)
+
+
+def _type(text: Described) -> Any:
+    if isinstance(text, str):
+        return getattr(types, "boolean" if text == "bool" else text)
+    if "array" in text:
+        dtype, dimensions, layout, writable = text["array"]
+        return types.Array(_type(dtype), dimensions, layout, readonly=not writable)
+    if "value" in text:
+        return types.literal(text["value"])
+    if "omitted" in text:
+        return types.Omitted(text["omitted"])
+    parts = [_type(part) for part in text["tuple"]]
+    return types.BaseTuple.from_types(parts, _named(text["named"]) if "named" in text else None)
+
+
+def write_list() -> None:
+    """Write the list anew: the kernels that this process has used, with the types they were called with."""
+    found: dict[str, list[list[Described]]] = {}
+    for name, kernel in kernels_in_use():
+        known = [[described(one) for one in signature] for signature in kernel.signatures]
+        if known:
+            found[name] = sorted(known, key=json.dumps)
+    lines = (f"{json.dumps(name)}: {json.dumps(signatures)}" for name, signatures in sorted(found.items()))
+    LIST.write_text("{\n" + ",\n".join(lines) + "\n}\n", "utf-8")

@@ -1,0 +1,174 @@
+"""What a stage reads of earlier ones, noted as it reads it: a later run looks whether just that has changed.
+
+A read is named like a path: ``calibrate/indoor`` (a file, by its digest), ``calibrate/calibration/outdoor/sun/found``
+(one value of a JSON artifact), ``detect/result/metrics/margin_deg`` (of the summary). A stage that reads the same
+values does the same work, so what it did not read cannot matter (traces of Mokhov, Mitchell, Peyton Jones, "Build
+systems à la carte", 2018, section 4.2).
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic_core import to_jsonable_python
+
+from processing.running.fingerprint import Ingredients, Json, digest
+from processing.running.results import StageResult
+from processing.stages.parameters import StageParameters
+from station.session import strict_json
+
+SUMMARY = "result"
+ABSENT = "(absent)"
+_ANY = "()"
+"""As the last part of a name: whether there is anything."""
+_LONGEST = 60
+"""Characters of a text that is kept as it is (chosen); longer ones, lists and objects count by their digest."""
+Note = Callable[[str], None]
+
+
+def read_name(*parts: str) -> str:
+    """Return the name of a read; parts with a slash are escaped as in RFC 6901."""
+    return "/".join(part.replace("~", "~0").replace("/", "~1") for part in parts)
+
+
+class Earlier:
+    """Results of the stages before, and what a read of them gives now."""
+
+    def __init__(self, folder: Callable[[str], Path]) -> None:
+        """``folder(stage)``: where a stage's result is."""
+        self.results: dict[str, StageResult] = {}
+        self._folder = folder
+        self._json: dict[tuple[str, str], Json] = {}
+
+    def put(self, result: StageResult) -> None:
+        """Take the result of a stage as it stands now."""
+        self.results[result.stage] = result
+        self._json = {key: value for key, value in self._json.items() if key[0] != result.stage}
+
+    def value(self, name: str) -> Json:
+        """Return what a read gives: a file's digest, a short value, or the digest of a longer one."""
+        stage, part, *path = (one.replace("~1", "/").replace("~0", "~") for one in name.split("/"))
+        result = self.results.get(stage)
+        if result is None:
+            return ABSENT
+        if part == SUMMARY:
+            return _leaf(_at(result.summary(), path))
+        record = result.files.get(result.artifacts.get(part, ""))
+        if record is None:
+            return None
+        return _leaf(_at(self._read(stage, part), path)) if path else record.sha256
+
+    def _read(self, stage: str, artifact: str) -> Json:
+        key = (stage, artifact)
+        if key not in self._json:
+            path = self._folder(stage) / self.results[stage].artifacts[artifact]
+            self._json[key] = strict_json.loads(path.read_bytes())
+        return self._json[key]
+
+
+def _at(value: Json, path: list[str]) -> Json:
+    for key in path:
+        if key == _ANY:
+            return bool(value)
+        if not isinstance(value, Mapping) or key not in value:
+            return ABSENT
+        value = value[key]
+    return value
+
+
+def _leaf(value: Json) -> Json:
+    if value is None or isinstance(value, bool | int | float) or (isinstance(value, str) and len(value) <= _LONGEST):
+        return value
+    return digest(value)
+
+
+class Noted(Mapping[str, Any]):
+    """A JSON object that notes which of its values are read; not a dict, so that no reading goes unnoticed."""
+
+    def __init__(self, value: Mapping[str, Any], name: str, note: Note) -> None:
+        self._value, self._name, self._note = value, name, note
+
+    def __getitem__(self, key: str) -> Any:
+        name = f"{self._name}/{read_name(key)}"
+        if key not in self._value:
+            self._note(name)
+            raise KeyError(key)
+        value = self._value[key]
+        if isinstance(value, dict):
+            return Noted(value, name, self._note)
+        self._note(name)
+        return copy.deepcopy(value)
+
+    def __iter__(self) -> Iterator[str]:
+        self._note(self._name)
+        return iter(self._value)
+
+    def __len__(self) -> int:
+        self._note(self._name)
+        return len(self._value)
+
+    def __bool__(self) -> bool:
+        self._note(f"{self._name}/{_ANY}")
+        return bool(self._value)
+
+    def __eq__(self, other: object) -> bool:
+        return self.plain() == (other.plain() if isinstance(other, Noted) else other)
+
+    def __repr__(self) -> str:
+        return repr(self.plain())
+
+    def plain(self) -> dict[str, Any]:
+        """Return all of it as a dict."""
+        self._note(self._name)
+        return copy.deepcopy(dict(self._value))
+
+
+class Reads:
+    """The reads of one stage while it works."""
+
+    def __init__(self, earlier: Earlier, parameters: StageParameters) -> None:
+        self._earlier, self._parameters = earlier, parameters
+        self.found: dict[str, Json] = {}
+        self.parameters: dict[str, Json] = {}
+
+    def note_parameter(self, name: str) -> None:
+        """Note that the stage looked at one of its parameters."""
+        self.parameters[name] = to_jsonable_python(getattr(self._parameters, name))
+
+    def ingredients(self) -> Ingredients:
+        """Return what was read, as part of what a result depends on."""
+        reads = {name: value for name, value in sorted(self.found.items()) if not self._within_another(name)}
+        return {"parameters": dict(sorted(self.parameters.items())), "reads": reads}
+
+    def _within_another(self, name: str) -> bool:
+        """Return whether all around a value was read too, and counts for it."""
+        parts = name.split("/")
+        return any("/".join(parts[:count]) in self.found for count in range(2, len(parts)))
+
+    def again(self, ingredients: Ingredients) -> Ingredients:
+        """Return what earlier reads give now."""
+        for name in ingredients.get("parameters", {}):
+            if hasattr(self._parameters, name):
+                self.note_parameter(name)
+        for name in ingredients.get("reads", {}):
+            self.note(name)
+        return self.ingredients()
+
+    def note(self, name: str) -> None:
+        """Note a read with what it gives."""
+        self.found[name] = self._earlier.value(name)
+
+    def now(self, name: str) -> Json:
+        """Return what a read gives."""
+        return self._earlier.value(name)
+
+    def noted(self, value: object, *parts: str) -> Any:
+        """Return what is read: a JSON object that notes what is taken of it, everything else as it is, noted."""
+        name = read_name(*parts)
+        if isinstance(value, dict):
+            return Noted(value, name, self.note)
+        self.note(name)
+        return value

@@ -1,0 +1,75 @@
+"""Kernels are kept by content and listed by name and types."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from numba.core import types
+
+from processing.ground import kernels
+from processing.layout.solver.walk_grid import Grid
+
+CODE = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+import processing.ground.kernels
+from processing.room.opening_fit import region
+place = region._cache._impl.locator
+print(place.get_cache_path(), place.get_source_stamp())
+"""
+
+
+def test_every_kernel_of_the_list_is_one_and_its_types_can_be_made() -> None:
+    listed = json.loads(kernels.LIST.read_text("utf-8"))
+    assert len(listed) > 20
+    for name, signatures in listed.items():
+        module, _, attribute = name.partition(":")
+        kernel = getattr(importlib.import_module(module), attribute)
+        for signature in signatures:
+            made = [kernels._type(one) for one in signature]
+            assert [kernels.described(one) for one in made] == signature, name
+            assert len(made) == len(kernel.py_func.__code__.co_varnames[: kernel.py_func.__code__.co_argcount]), name
+
+
+def test_types_are_the_same_after_a_file() -> None:
+    named = types.BaseTuple.from_types((types.float64,) * 3, Grid)
+    for one in (
+        types.boolean,
+        types.Array(types.float32, 2, "C"),
+        named,
+        types.literal(3),
+        types.UniTuple(types.int64, 2),
+    ):
+        assert kernels._type(json.loads(json.dumps(kernels.described(one)))) == one
+    readonly = types.Array(types.uint8, 1, "A", readonly=True)
+    assert kernels._type(kernels.described(readonly)).mutable is False
+
+
+def test_checkouts_of_the_same_source_share_their_kernels(tmp_path: Path) -> None:
+    """The same place for a copy elsewhere with other times; another one once a source with kernels differs."""
+    copy = tmp_path / "clone"
+    ignore = shutil.ignore_patterns("__pycache__", "static", "templates")
+    for name in ("processing", "station", "drivers"):
+        shutil.copytree(kernels.ROOT.parent / name, copy / name, ignore=ignore, copy_function=shutil.copyfile)
+    ours, theirs = (_place(folder, tmp_path) for folder in (kernels.ROOT.parent, copy))
+    assert ours == theirs
+    source = copy / "processing" / "room" / "opening_fit.py"
+    source.write_text(source.read_text() + "\n")
+    assert _place(copy, tmp_path) != ours
+
+
+def _place(root: Path, tmp_path: Path) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, str(root)],
+        env={"DAYLIT_KERNELS": str(tmp_path / "kept"), "PATH": "/usr/bin:/bin"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout
