@@ -91,7 +91,8 @@ def run(context: StageContext) -> StageOutput:
     for number, one in enumerate(every):
         context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
         style = asked.style or list(STYLES)[(asked.seed + number) % len(STYLES)]
-        name, own = f"staged-{number + 1}", {"style": style, "effort": repr(effort), "quality": context.quality}
+        name = f"staged-{number + 1}"
+        own: dict[str, Any] = {"style": style, "effort": repr(effort), "quality": context.quality}
         own |= {"method": asked.method, "seed": asked.seed, "of": one.model_dump(mode="json", include=_SHOWN)}
         files = (f"{name}.exr", f"{name}.glb")
         make = partial(_alternative, context.folder / name, work, style, one)

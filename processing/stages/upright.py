@@ -53,8 +53,8 @@ def in_size(image: LuminanceImage, width_px: int) -> LuminanceImage:
     size = (width_px, image.rgb.shape[0] // factor)
     return replace(
         image,
-        rgb=cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA),
-        uncertainty=cv2.resize(image.uncertainty, size, interpolation=cv2.INTER_AREA),
+        rgb=np.asarray(cv2.resize(image.rgb, size, interpolation=cv2.INTER_AREA), np.float32),
+        uncertainty=np.asarray(cv2.resize(image.uncertainty, size, interpolation=cv2.INTER_AREA), np.float32),
         validity=_worst(image.validity, factor),
         geometry=Equirectangular(*size, geometry.yaw_rad),
         ghost=None,
