@@ -125,7 +125,10 @@ class _Job:
 
     @property
     def workers(self) -> int:
-        return self.options.workers or min(4, os.cpu_count() or 1)
+        asked = self.options.workers
+        if asked is not None and asked < 1:
+            raise ParameterError(f"workers is a number from 1 up, not {asked}")
+        return asked or min(4, os.cpu_count() or 1)
 
     @property
     def coded(self) -> bool:

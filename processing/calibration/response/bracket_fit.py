@@ -212,6 +212,13 @@ def check_order(samples: Samples) -> None:
     ]
     steps = np.concatenate(gaps)
     steps = steps[steps > _SAME_TIME]
+    if not steps.size and len(samples.log2_times) > 1:
+        raise ResponseError(
+            "all frames have one exposure time",
+            where="response",
+            likely="times that were not read, or a burst instead of a bracket",
+            advice="give each frame its own time",
+        )
     if steps.size and steps.min() > _WIDEST_STOPS:
         raise ResponseError(
             f"all frames are {steps.min():.1f} stops apart or more",

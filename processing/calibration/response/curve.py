@@ -8,12 +8,14 @@ through the response).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.response.samples import ChannelSamples
+from processing.errors import ParameterError
 from processing.ground.arrays import Doubles
 
 
@@ -69,6 +71,11 @@ class NoiseModel:
     photon: tuple[float, float, float]
     read: tuple[float, float, float]
     code_variance: tuple[float, float, float] = (1 / 12, 1 / 12, 1 / 12)
+
+    def __post_init__(self) -> None:
+        every = [float(value) for part in (self.photon, self.read, self.code_variance) for value in part]
+        if not all(math.isfinite(value) and value >= 0 for value in every):
+            raise ParameterError(f"noise is finite and not negative, not {every}", likely="a damaged profile")
 
     def relative_variance(self, curve: ResponseCurve) -> Doubles:
         """Return var(x) / x2 for each code, of shape (3, N): what the merge weighs by."""

@@ -28,6 +28,7 @@ _CLEAR_BELOW, _CLEAR_ABOVE = 1.5, 2.5
 _SPREAD_BINS = 12  # over the code; chosen
 _NOISY, _NOISE_CODES = 1.8, 6.0
 """Times the usual spread of equally bright patches, and codes at most, that still pass as noise."""
+TIME_RANGE_S = (1e-7, 1e5)  # chosen: beyond any shutter, and squares of times stay within float32
 _LEAST_SHARE = 0.25
 """Of the patches are kept, the smoothest, however rough the scene."""
 
@@ -62,8 +63,11 @@ class Bracket8:
                     likely="frames of different brackets, or pictures that are not 8-bit RGB",
                     advice="give (H, W, 3) uint8 frames of one size",
                 )
-            if not (np.isfinite(time_s) and time_s > 0):
-                raise BracketError(f"frame {number} has the time {time_s}", where=where, advice="give seconds above 0")
+            if not TIME_RANGE_S[0] <= time_s <= TIME_RANGE_S[1]:
+                span = "{:g} to {:g} seconds".format(*TIME_RANGE_S)
+                raise BracketError(f"frame {number} has the time {time_s}", where=where, advice=f"give {span}")
+        if 0 in shape:
+            raise BracketError(f"frames of {shape[1]} x {shape[0]} pixels", where=where, advice="give whole pictures")
 
 
 @dataclass(frozen=True)

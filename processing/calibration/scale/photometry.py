@@ -74,8 +74,11 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
     """
     direction = _unit(normal)
     weights = _weights(image.geometry, direction)
-    parts = weights * luminance_cd_m2(image.rgb)
+    with np.errstate(invalid="ignore"):
+        parts = weights * luminance_cd_m2(image.rgb)
     value = float(parts.sum())
+    if not (math.isfinite(value) and value >= 0):
+        raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
     # Where nothing is known the value may be wrong by all of itself; by more only where it is clipped.
     errors = parts * np.minimum(image.uncertainty, 1.0)
     valid = image.validity == Validity.VALID
