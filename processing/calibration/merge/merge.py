@@ -69,6 +69,8 @@ class MergeOptions:
     """Whether what moved is shown by one frame each."""
     shifts: bool = True
     """Whether frames are checked for having shifted."""
+    own_curve: bool = False
+    """Whether the curve was recovered from these frames: where it fits them badly that is doubt, no other camera."""
     allow_contradiction: bool = False
     """Whether frames that contradict times or curve by more than `REFUSE_STOPS` are merged all the same."""
     workers: int | None = None
@@ -91,10 +93,12 @@ def merge(
     geometry: Geometry,
     options: MergeOptions | None = None,
     time_sigma: Sequence[float] | None = None,
+    given_s: Sequence[float] | None = None,
 ) -> Merged:
     """Merge frames of ``times_s`` seconds each; ``curve`` None: their codes are proportional to exposure.
 
-    ``time_sigma``: relative standard uncertainty of each time (none: exact). Values are exposure in the curve's gauge
+    ``time_sigma``: relative standard uncertainty of each time (none: exact); ``given_s``: the times as the user gave
+    them, where the frames have changed them, for messages. Values are exposure in the curve's gauge
     (of full scale for linear frames) a second.
 
     Raises
@@ -108,7 +112,7 @@ def merge(
     """
     options = options or MergeOptions()
     order = check_bracket(frames, times_s, time_sigma, curve, geometry)
-    job = _Job(order, curve, noise, options)
+    job = _Job(order, curve, noise, options, given_s=tuple(times_s if given_s is None else given_s))
     decoded = decode_useful(order.frames, job.tables(), job.workers)
     kept = order.only(sorted(decoded.codes))
     codes = [decoded.codes[place] for place in sorted(decoded.codes)]
@@ -122,6 +126,7 @@ class _Job:
     noise: NoiseModel
     options: MergeOptions
     correlation: float = 0.0
+    given_s: tuple[float, ...] = ()
 
     @property
     def workers(self) -> int:
@@ -194,17 +199,21 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     )
     doubt = np.where(np.abs(agreement.offset) > WARN_STOPS, np.abs(agreement.offset) * math.log(2), 0.0)
     order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
-    return replace(job, order=order, noise=scaled, correlation=agreement.correlation)
+    curve = job.curve
+    if curve is not None and agreement.curve_error > 2 * WARN_STOPS:
+        # Codes of one pair disagree by so much at most; a curve is wrong by half of it, with either sign.
+        curve = replace(curve, sigma_log2=np.hypot(curve.sigma_log2, agreement.curve_error / 4))
+    return replace(job, order=order, curve=curve, noise=scaled, correlation=agreement.correlation)
 
 
 def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
     """Return warnings about frames that contradict each other; refuse where no uncertainty could cover it."""
-    worst = max(float(np.max(np.abs(agreement.offset))), agreement.curve_error / 2)
+    apart, bent = float(np.max(np.abs(agreement.offset))), agreement.curve_error / 2
     place = int(np.argmax(np.abs(agreement.offset)))
     named = [
-        f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({time:g} s given), or the "
-        "light changed"
-        for frame, offset, time in zip(job.order.frames, agreement.offset, job.order.times_s, strict=True)
+        f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({job.given_s[number]:g} s "
+        "given), or the light changed"
+        for frame, offset, number in zip(job.order.frames, agreement.offset, job.order.numbers, strict=True)
         if abs(offset) > WARN_STOPS
     ]
     if agreement.curve_error > 2 * WARN_STOPS:
@@ -212,12 +221,21 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
             "the response curve does not fit these frames: codes of one pair disagree by "
             f"{agreement.curve_error:.2f} stops"
         )
-    if worst > REFUSE_STOPS and not job.options.allow_contradiction:
+    if job.options.allow_contradiction:
+        return named
+    if apart > REFUSE_STOPS:
         raise BracketError(
-            f"the frames contradict each other by {worst:.2f} stops: " + "; ".join(named),
+            f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),
             where=job.order.frames[place].name,
             likely="a wrong exposure time, another camera's response curve, or light that changed",
-            advice="correct the times or the curve, leave the frame out, or allow contradictions",
+            advice="correct the times or the curve, or leave the frame out",
+        )
+    if bent > REFUSE_STOPS and not job.options.own_curve:
+        raise BracketError(
+            f"the response curve is not these frames': codes of one pair disagree by {2 * bent:.2f} stops",
+            where=job.order.frames[place].name,
+            likely="another camera's response curve, or another picture style",
+            advice="use this camera's own calibration, or none: then the curve is recovered from the frames",
         )
     return named
 

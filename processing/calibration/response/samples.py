@@ -39,6 +39,8 @@ class Bracket8:
 
     frames: Sequence[Bytes]
     times_s: Sequence[float]
+    given_s: Sequence[float] | None = None
+    """The times as the user gave them, for messages; None: ``times_s``."""
 
     def check(self, where: str = "bracket") -> None:
         """Refuse what cannot be a bracket.
@@ -109,6 +111,8 @@ class Samples:
     log2_times: Doubles
     """(frames of all brackets,) as given."""
     bracket_of_frame: Int64s
+    given_s: tuple[float, ...] = ()
+    """As the user knows them."""
     duplicates: tuple[int, ...] = ()
     """Frames left out since an earlier frame is the same picture with the same time."""
 
@@ -135,7 +139,8 @@ def take_samples(brackets: Sequence[Bracket8], seed: int = 0) -> Samples:
     times = np.concatenate([np.log2(np.asarray(b.times_s, dtype=np.float64)) for b in brackets])
     owner = np.concatenate([np.full(len(b.frames), i, dtype=np.int64) for i, b in enumerate(brackets)])
     assert len(channels) == 3
-    return Samples(channels, times, owner, tuple(duplicates))
+    given = tuple(float(t) for b in brackets for t in (b.times_s if b.given_s is None else b.given_s))
+    return Samples(channels, times, owner, given, tuple(duplicates))
 
 
 def _patches(bracket: Bracket8, count: int, rng: np.random.Generator) -> Bytes:
