@@ -84,7 +84,7 @@ def main(folder: Path) -> None:
     fit = principal_curves([*(log2_exposure(irradiance, one) for one in brightness), *digital_curves()])
     rows = ",\n".join(f"  [{', '.join(f'{v:.5f}' for v in row)}]" for row in fit.components)
     TABLE.write_text(
-        "# Principal response curves: 26 coefficients each of the spline that is added to sRGB's curve (log2 exposure).\n"
+        "# Principal response curves: 26 coefficients each of a spline that is added to sRGB's curve (log2 exposure).\n"
         f"# Our fit to {len(brightness)} curves of the Database of Response Functions (Grossberg and Nayar 2004) and\n"
         f"# {len(digital_curves())} digital ones; made by `python -m training.response_prior FOLDER`.\n"
         f"mean = [{', '.join(f'{v:.5f}' for v in fit.mean)}]\ncomponents = [\n{rows},\n]\n",

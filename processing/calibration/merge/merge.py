@@ -29,6 +29,7 @@ from processing.calibration.merge.bracket import (
 )
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
+from processing.calibration.merge.modes import CONTRAST_SHARE, local_contrast, merge_modes, only_texture
 from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
 from processing.calibration.merge.tables import (
     Consistency,
@@ -41,7 +42,8 @@ from processing.calibration.merge.tables import (
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
-from processing.pictures.images import RelativeImage
+from processing.pictures.images import RelativeImage, luminance_cd_m2
+from processing.pictures.modes import SharedMode, together, with_modes
 from processing.sphere import Geometry
 
 __all__ = ["MergeOptions", "MergeReport", "Merged", "merge"]
@@ -50,10 +52,16 @@ Quality = Literal["draft", "standard", "reference"]
 MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.0}
 WARN_STOPS = 0.05  # chosen: 3.5 % of light; below it light that changes is taken as noise
 REFUSE_STOPS = 0.25  # chosen: a wrong dial is a third of a stop
+REFUSE_OWN_STOPS = 0.75
+"""With the curve of these frames, whose fit has set right the times that are wrong: what is left is doubt, up to here."""
 WARN_NOISE = 2.0  # of the variance; chosen
 MAX_GHOST_SHARE = 0.5  # of the picture; chosen
 BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen
 CODED_CORRELATION = 0.15  # chosen between raw frames and JPEG
+TEXTURE_SHARE = 1.0
+"""Of the local contrast: a merged pixel whose samples disagree by less is texture, no ghost. Chosen on still scenes."""
+SHARED_SIGMAS = 2.0
+"""Of curve and times: samples that disagree by less contradict these, and show no ghost; chosen on still scenes."""
 JPEG_TOP_CODE = 249
 """Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
 
@@ -180,11 +188,12 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
             for s in frame_shifts(codes, samples)
         ]
     planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers)
+    modes = _widen(planes, samples, job)
     ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
     found = shares(planes.validity, ghost)
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
-    image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, {})
+    image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, with_modes({}, modes))
     return Merged(
         image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, agreement.offset.tolist())
     )
@@ -197,7 +206,7 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     scaled = NoiseModel(
         tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12))
     )
-    doubt = np.where(np.abs(agreement.offset) > WARN_STOPS, np.abs(agreement.offset) * math.log(2), 0.0)
+    doubt = np.abs(agreement.offset) * math.log(2)
     order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
     curve = job.curve
     if curve is not None and agreement.curve_error > 2 * WARN_STOPS:
@@ -223,7 +232,7 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
         )
     if job.options.allow_contradiction:
         return named
-    if apart > REFUSE_STOPS:
+    if apart > (REFUSE_OWN_STOPS if job.options.own_curve else REFUSE_STOPS):
         raise BracketError(
             f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),
             where=job.order.frames[place].name,
@@ -295,6 +304,24 @@ def _in_bands(work: Callable[[int, int], object], count: int, band: int, workers
     firsts = range(0, count, band)
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(lambda first: work(first, min(first + band, count)), firsts))
+
+
+def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> list[SharedMode]:
+    """Return what all pixels share; add it, and what texture hides, to each pixel's uncertainty, in place.
+
+    Samples that disagree by what the texture around them explains are no longer suspect.
+    """
+    if not isinstance(samples, MergeTables):
+        return []
+    modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
+    luminance = luminance_cd_m2(planes.rgb)
+    contrast, shared = local_contrast(luminance), together(modes, luminance)
+    if job.coded:
+        explained = only_texture(planes.uncertainty, contrast, TEXTURE_SHARE)
+        planes.suspect[explained | (planes.uncertainty < SHARED_SIGMAS * shared)] = 0
+    u2 = np.square(planes.uncertainty) + np.square(CONTRAST_SHARE * contrast) + np.square(shared)
+    np.sqrt(u2, out=planes.uncertainty)
+    return modes
 
 
 def _ghosts(

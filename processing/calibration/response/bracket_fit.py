@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,7 @@ _LEAST_RISING = 0.5  # of the pairs of frames; chosen
 _WIDEST_STOPS = 4.5  # chosen: two frames' ranges must overlap
 _REFINE = 3  # rounds; chosen
 _QUICK_ROUNDS = 3  # chosen
+_MIDDLE = 128  # code
 _MOST_ROUNDS, _SETTLED_STOPS = 8, 1e-3
 """Chosen: most brackets settle within four rounds."""
 _BOUNDED = 3.0  # standard deviations, Huber's bound in the first rounds; chosen
@@ -69,6 +70,8 @@ class ChannelFit:
     weighed: Weighed
     kept: Flags
     """(n,) observations of patches that did not move."""
+    left_out: Doubles | None = None
+    """(frames, 256) stops: by how much the curve moves when each frame is left out, 0 at code 128."""
     held_out: float = 1.0
     """Chi-squared a degree of freedom of patches that the curve was not fitted to."""
 
@@ -145,7 +148,29 @@ def _settled(data: ChannelSamples, times: Doubles, prior: CurvePrior, before: Ch
         change = (found.log2 - found.log2[128]) - (last.log2 - last.log2[128])
         if np.abs(change[found.low : found.high]).max() < _SETTLED_STOPS:
             break
-    return fit_round(data, times, prior, found, channel, final=True)
+    found = fit_round(data, times, prior, found, channel, final=True)
+    return replace(found, left_out=_frames_left_out(data.part(_QUICK_PATCHES), times, prior, found))
+
+
+def _frames_left_out(data: ChannelSamples, times: Doubles, prior: CurvePrior, fit: ChannelFit) -> Doubles:
+    """Return the change of the curve (F, 256) in stops when each frame is left out, as the jackknife takes it.
+
+    What moves a whole frame alike (its time, passing clouds, tone mapping, coding) is no noise of patches: it shows only
+    so.
+    """
+    fine = FineCurve.of(fit.log2)
+    found = weigh(data, fine, times, fit.noise)
+    weight, _ = _robust(data, found, final=True)
+    fixed = replace(prior, candidates=tuple(c for c in prior.candidates if c[:2] == fit.solution.strength))
+    rows = spline_basis().codes - spline_basis().codes[_MIDDLE]
+    changes = []
+    for frame in range(len(times)):
+        kept = np.where(data.frame == frame, 0.0, weight)
+        seen = np.add.reduceat((kept > 0).astype(np.float64), data.starts)[data.sample]
+        eq = equations(data, fine, times, found, np.where(seen > 1, kept, 0.0), times=False)
+        changes.append(solve(eq, fit.coefficients, fixed).change)
+    apart = np.array(changes) - np.mean(changes, axis=0)
+    return np.asarray(((len(times) - 1) / len(times)) ** 0.5 * apart @ rows.T)
 
 
 def _evidence(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], samples: Samples) -> TimeEvidence:
@@ -203,7 +228,7 @@ def fit_round(
     slope = np.maximum(np.diff(prior.start + basis.codes @ coefficients), _LEAST_SLOPE)
     log2 = np.concatenate([[0.0], np.cumsum(slope)])
     used = kept & (found.weight > 0)
-    return ChannelFit(log2 - log2[255], coefficients, noise, solution, low, high, found, used, held)
+    return ChannelFit(log2 - log2[255], coefficients, noise, solution, low, high, found, used, held_out=held)
 
 
 def _held_out(

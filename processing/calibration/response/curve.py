@@ -45,6 +45,8 @@ class ResponseCurve:
     """Pixel samples that the fit used."""
     residual_stops: float = 0.0
     """Robust rms residual of the fit."""
+    modes: Doubles | None = None
+    """(M, 3, 256) stops: independent errors of the curves, one standard deviation each; None: only `sigma_log2`."""
 
     @property
     def exposure(self) -> Doubles:
@@ -86,7 +88,7 @@ class NoiseModel:
 
 
 SLOPE_SMOOTHING = 8.0
-"""Of 256 steps over the root of the code; chosen on published curves: 0 raises their 90th percentile from .011 to .02."""
+"""Of 256 steps over the root of the code; chosen on published curves: 0 raises their 90th percentile to .02."""
 FINE_STEPS = 16
 """Table entries a code; between them tables are interpolated."""
 
