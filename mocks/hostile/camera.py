@@ -108,4 +108,5 @@ def coded(frame: Bytes, jpeg: tuple[str, int, str] | None) -> Bytes:
             buffer, "JPEG", quality=quality, subsampling=chroma, progressive=not plain, optimize=not plain
         )
         data = np.frombuffer(buffer.getvalue(), np.uint8)
-    return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1], dtype=np.uint8)
+    shown = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
+    return np.ascontiguousarray(shown[..., ::-1])

@@ -81,11 +81,11 @@ def _lens(radiance: Floats, world: HostileWorld) -> Floats:
         small = cv2.resize(radiance, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
         wide = cv2.resize(cv2.GaussianBlur(small, (0, 0), width / 40), (width, radiance.shape[0]))
         ghost = cv2.GaussianBlur(radiance[::-1, ::-1], (0, 0), width / 100)
-        out = (1 - 1.125 * world.halo) * radiance + world.halo * (wide + ghost / 8)
+        out = np.asarray((1 - 1.125 * world.halo) * radiance + world.halo * (wide + ghost / 8), dtype=np.float32)
     if world.lenses:
         place = np.abs((np.arange(width) + 0.5) / width - 0.5)
         second = 1 / (1 + np.exp((place - _SEAM) * width / 4))
-        out = out * (1 + world.lenses * second)[None, :, None]
+        out = np.asarray(out * (1 + world.lenses * second)[None, :, None], dtype=np.float32)
     return np.asarray(out, dtype=np.float32)
 
 

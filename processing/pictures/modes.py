@@ -2,8 +2,8 @@
 
 A pixel's own uncertainty averages out over many pixels; a wrong curve, time, lens or scale does not. A mode is the
 relative error of luminance that one cause makes, as a function of the level, of the side of a two-lens camera or of the
-angle from the axis, so that it takes a few numbers beside the picture (its attributes) whatever the picture's size. Modes
-are independent of one another: variances of a sum over pixels are the sum of the squared sums over each mode (GUM 5.2).
+angle from the axis, so that it takes a few numbers beside the picture (its attributes) whatever the picture's size.
+Modes are independent: the variance of a sum over pixels is the sum of its squared sums over each mode (GUM 5.2).
 """
 
 from __future__ import annotations

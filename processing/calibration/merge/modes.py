@@ -21,7 +21,7 @@ LEVELS = 64  # of luminance, over what the frames show; chosen
 KEPT, LEAST = 8, 2e-4  # modes, and relative luminance below which one does not count; chosen
 CONTRAST_SHARE = 0.15
 """Of the local standard deviation of log luminance: what coding, demosaicing and sharpening leave wrong at texture.
-Measured on real brackets, odd against even frames, and on simulated makers' processing (coverage .57-.88 to .84-.98)."""
+Measured on real brackets, odd against even frames, and on simulated makers' processing: covers .84-.98, not .57-.88."""
 CONTRAST_PX = 3  # chosen
 NEAR_PX = 9  # chosen: half a block of chroma at half resolution
 

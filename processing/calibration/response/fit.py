@@ -266,7 +266,7 @@ def solve(eq: Equations, start: Doubles, prior: CurvePrior) -> Solution:
     best, chosen = np.inf, prior.candidates[0]
     for one in prior.candidates:
         whole = data + one.precision
-        answer = np.linalg.solve(whole, right - one.precision @ start)
+        answer = np.asarray(np.linalg.solve(whole, right - one.precision @ start), dtype=np.float64)
         total = answer + start
         fit = max(eq.misfit(answer) + float(total @ one.precision @ total), 1e-12)
         score = max(eq.count - 2, 1) * np.log(fit) + np.linalg.slogdet(whole)[1] - one.log_determinant

@@ -86,7 +86,7 @@ def _candidates(spread: Doubles, amplitudes: Sequence[float], log_strengths: Seq
     for strength in log_strengths:
         rest = np.linalg.inv(10.0**strength * penalty + np.eye(len(penalty)) / _FREE2)
         for amplitude in amplitudes:
-            precision = np.linalg.inv(amplitude**2 * spread + rest)
+            precision = np.asarray(np.linalg.inv(amplitude**2 * spread + rest), dtype=np.float64)
             log_determinant = float(np.linalg.slogdet(precision)[1])
             found.append(Candidate(amplitude, float(strength), precision, log_determinant))
     return tuple(found)
