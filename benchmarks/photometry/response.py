@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.hostile.dorf import dorf_figures
 from benchmarks.paired import cost_of
-from benchmarks.photometry.dorf import dorf_figures
 from benchmarks.photometry.response_plot import error_over_codes
 from benchmarks.photometry.response_rivals import colour_hdri, mitsunaga_nayar, opencv_debevec, opencv_robertson
 from benchmarks.seeds import seeds

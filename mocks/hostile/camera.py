@@ -13,8 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
+from processing.ground.arrays import Bytes, Floats
 
 _LIMIT = 16383  # 14 bits, as raw converters hand them to demosaicing
 _BAYER = {0: (0, 0), 1: (0, 1), 2: (1, 1)}

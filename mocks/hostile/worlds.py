@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from mocks.hostile.camera import MATRIX_5D2, Bytes, Floats, HostileCamera
+from mocks.hostile.camera import MATRIX_5D2, HostileCamera
+from processing.ground.arrays import Bytes, Floats
 
 Curves = tuple[npt.NDArray[np.float64], Sequence[npt.NDArray[np.float64]]]
 """Irradiance (N,) and brightness (3, N) of each camera there is to draw from."""

@@ -67,7 +67,7 @@ def read_cal(path: Path) -> CalFile:
 
 
 def read_rsp(path: Path) -> Doubles:
-    """Return the log2 exposure (3, 256) of hdrgen's response polynomials, 0 at code 255."""
+    """Return log2 exposure, of shape (3, 256), of hdrgen's response polynomials; 0 at code 255."""
     try:
         rows = [[float(v) for v in line.split()[1:]] for line in _text(path).splitlines() if line.strip()]
         found = np.log2(np.maximum([np.polyval(row, np.arange(256) / 255) for row in rows], 1e-6))
@@ -128,7 +128,7 @@ class Taken:
 def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: str, field_deg: float) -> LuminanceImage:
     """Return a bracket of a fisheye merged, in cd/m2 by the frames' settings (hdrgen's constant), in its image circle.
 
-    ``response``: (3, 256) log2 exposure of a published curve, in whose gauge our own is put; None: our own gauge.
+    ``response``: log2 exposure of shape (3, 256) of a published curve, in whose gauge our own is put; None: our own gauge.
     """
     sources = [frame_of(one.path) for one in frames]
     reduce: Reduce = next((f for f in (8, 4, 2) if min(sources[0].size_px) // f >= ENOUGH_PX), 1)

@@ -38,12 +38,7 @@ def run(context: StageContext) -> StageOutput:
     room, sky = (context.optional_artifact("merge", side) for side in ("indoor", "outdoor"))
     indoor: Calibrated | None = None
     if room is None:
-        left_out["indoor"] = "the stage merge made no indoor picture"
-        if asked.k1 is None and asked.outdoor_lux is None:
-            raise ScaleError(
-                "a session without a room has no reading of its own to scale the sky by",
-                advice="give --outdoor-lux, or --k1 and --k2",
-            )
+        left_out["indoor"] = _without_room(asked)
     else:
         indoor = calibrate_indoor(room, context.session, asked, profile)
     k1 = indoor.scale if indoor else given_scale("k1", asked.k1 or 1.0)
@@ -71,6 +66,15 @@ def run(context: StageContext) -> StageOutput:
         warnings=tuple(StageWarning(code=name, message=text[:500]) for name, text in warnings),
         left_out=left_out,
     )
+
+
+def _without_room(asked: CalibrateParameters) -> str:
+    if asked.k1 is None and asked.outdoor_lux is None:
+        raise ScaleError(
+            "a session without a room has no reading of its own to scale the sky by",
+            advice="give --outdoor-lux, or --k1 and --k2",
+        )
+    return "the stage merge made no indoor picture"
 
 
 def _responses(context: StageContext) -> dict[Side, ResponseRecord]:

@@ -75,7 +75,7 @@ def published_prior() -> CurvePrior:
 
 
 def drift_prior(known: Doubles) -> CurvePrior:
-    """Return the prior of a camera whose curve is known: a smooth change of it. ``known``: (256,) stops."""
+    """Return the prior of a camera whose curve is known: a smooth change of it. ``known``: of shape (256,), stops."""
     nothing = np.zeros_like(spline_basis().penalty)
     return CurvePrior(known, _candidates(nothing, (0.0,), DRIFT_LOG_STRENGTHS))
 

@@ -38,7 +38,7 @@ _ROUNDING = 1 / 12
 MODEL_CODES = 0.25
 """Of the standard deviation of one pixel's coding: how far a smooth curve may be from the camera's mean code (kinks of
 the tone curve, coders that drop what is small). Measured on published curves left out of the prior."""
-INFLATION = 1.35
+INFLATION = 1.2
 """Of the fit's own uncertainty: no camera's curve is drawn from the published ones. Measured on the same curves:
 without it 2 sigmas cover 80 % of the codes."""
 MODES = 6  # of a channel's curve; chosen: 99 % of its variance
