@@ -128,7 +128,7 @@ class Taken:
 def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: str, field_deg: float) -> LuminanceImage:
     """Return a bracket of a fisheye merged, in cd/m2 by the frames' settings (hdrgen's constant), in its image circle.
 
-    ``response``: log2 exposure of shape (3, 256) of a published curve, in whose gauge our own is put; None: our own gauge.
+    ``response``: log2 exposure of shape (3, 256) of a published curve, in whose gauge ours is put; None: our own.
     """
     sources = [frame_of(one.path) for one in frames]
     reduce: Reduce = next((f for f in (8, 4, 2) if min(sources[0].size_px) // f >= ENOUGH_PX), 1)

@@ -315,11 +315,14 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> l
         return []
     modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
     luminance = luminance_cd_m2(planes.rgb)
-    contrast, shared = local_contrast(luminance), together(modes, luminance)
+    shared = together(modes, luminance)
+    u2 = np.square(planes.uncertainty) + np.square(shared)
     if job.coded:
+        contrast = local_contrast(luminance)
         explained = only_texture(planes.uncertainty, contrast, TEXTURE_SHARE)
         planes.suspect[explained | (planes.uncertainty < SHARED_SIGMAS * shared)] = 0
-    u2 = np.square(planes.uncertainty) + np.square(CONTRAST_SHARE * contrast) + np.square(shared)
+        # Less what the pixels' own noise shows of contrast.
+        u2 += CONTRAST_SHARE**2 * np.maximum(np.square(contrast) - np.square(planes.uncertainty), 0)
     np.sqrt(u2, out=planes.uncertainty)
     return modes
 
