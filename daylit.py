@@ -81,6 +81,9 @@ COMMANDS: dict[str, dict[str, Entry]] = {
     "Offline": {
         "process": Entry("processing.commands.process", "process", "Turn a session into results, stage by stage."),
         "inspect": Entry("processing.commands.results", "inspect", "Say what a picture holds: unit, values, metadata."),
+        "figures": Entry(
+            "processing.commands.figures", "figures", "Light figures of anybody's HDR or fisheye bracket."
+        ),
         "dataset": Entry("processing.commands.dataset", "dataset", "Sessions as a data set: index, splits, Croissant."),
         "export": Entry("processing.commands.results", "export", "Write results for other programs: JPEG, HDR, glTF."),
         "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),

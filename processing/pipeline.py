@@ -92,7 +92,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="merge",
-        version=1,
+        version=2,
         title="merge brackets",
         function="processing.stages.merge:run",
         needs=("verify",),
@@ -109,13 +109,13 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="calibrate",
-        version=2,
+        version=3,
         title="calibrate to cd/m2",
         function="processing.stages.calibrate:run",
         needs=("merge",),
         reads=("site", "heading_rad", "target", "readings", "frames", "devices", "rig", "panorama"),
         makes=(
-            Artifact("indoor", "picture"),
+            Artifact("indoor", "picture", optional=True),
             Artifact("outdoor", "picture", optional=True),
             Artifact("calibration", "json"),
         ),

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.hostile.dorf import dorf_figures
 from benchmarks.paired import cost_of
 from benchmarks.photometry.response_plot import error_over_codes
 from benchmarks.photometry.response_rivals import colour_hdri, mitsunaga_nayar, opencv_debevec, opencv_robertson
@@ -77,6 +78,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "balance_stops": round(max(np.ptp((f.curve.log2_exposure - truth)[:, 20:236].mean(axis=1)) for f in fits), 4),
         **agreement(fits, truth),
         **unknown_times(QUICK_SIZE, chosen[0], truth),
+        **dorf_figures(seed, quick=quick),
     }
     if not quick:
         error_over_codes({name: one[0].mean(axis=0) for name, one in errors.items()}, FIRST, PLOT)

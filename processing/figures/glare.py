@@ -74,9 +74,14 @@ class Glare:
         return next(name for limit, name in CLASSES if self.dgp < limit)
 
 
-def bright_spots(rays: Doubles, luminance_cd_m2: npt.NDArray[np.floating], area_sr: Doubles) -> BrightSpots:
-    """Return what may glare of a picture: directions (H, W, 3), luminance (H, W), solid angles (H, W)."""
-    bright = (luminance_cd_m2 > THRESHOLD_CD_M2) & (area_sr > 0)
+def bright_spots(
+    rays: Doubles, luminance_cd_m2: npt.NDArray[np.floating], area_sr: Doubles, threshold_cd_m2: float | None = None
+) -> BrightSpots:
+    """Return what may glare of a picture: directions (H, W, 3), luminance (H, W), solid angles (H, W).
+
+    ``threshold_cd_m2`` None: 2000 cd/m2.
+    """
+    bright = (luminance_cd_m2 > (threshold_cd_m2 or THRESHOLD_CD_M2)) & (area_sr > 0)
     towards, level = rays[bright], luminance_cd_m2[bright].astype(np.float64)
     source = np.zeros(len(level), np.intp)
     peak = level > PEAK_CD_M2

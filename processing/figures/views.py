@@ -59,6 +59,8 @@ def eye_view(image: LuminanceImage, azimuth_rad: float, size_px: int = 1000) -> 
     for k in range(_FINE**2):
         row, column = _nearest(_turned(_shifted(target, k), azimuth_rad), panorama)
         total += source.rgb[row, column]
+    if not (np.isfinite(total).all() and total.min() >= 0):
+        raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
     row, column = _nearest(_turned(target, azimuth_rad), panorama)
     rgb = np.where(seen[..., None], total / _FINE**2, 0).astype(np.float32)
     uncertainty = np.where(seen, source.uncertainty[row, column], np.inf).astype(np.float32)

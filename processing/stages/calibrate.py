@@ -12,9 +12,9 @@ from typing import Any
 from processing.calibration.outdoor.session_sky import calibrate_outdoor, why_no_scale
 from processing.calibration.profile import load_profile, unlike_profile
 from processing.calibration.profile_records import ResponseRecord
-from processing.calibration.scale.luminance import Calibrated
+from processing.calibration.scale.luminance import Calibrated, given_scale
 from processing.calibration.scale.photometry import PLANES, illuminances
-from processing.errors import LensError
+from processing.errors import LensError, ScaleError
 from processing.pictures.images import LuminanceImage
 from processing.pictures.panorama import GivenPanorama, read_panorama
 from processing.stages.calibrate_indoor import calibrate_indoor
@@ -35,8 +35,13 @@ def run(context: StageContext) -> StageOutput:
     profile = None if asked.calibration is None else load_profile(asked.calibration)
     left_out: dict[str, str] = {}
     context.progress(0.0, "indoor scale")
-    indoor = calibrate_indoor(context.artifact("merge", "indoor"), context.session, asked, profile)
-    sky = context.optional_artifact("merge", "outdoor")
+    room, sky = (context.optional_artifact("merge", side) for side in ("indoor", "outdoor"))
+    indoor: Calibrated | None = None
+    if room is None:
+        left_out["indoor"] = _without_room(asked)
+    else:
+        indoor = calibrate_indoor(room, context.session, asked, profile)
+    k1 = indoor.scale if indoor else given_scale("k1", asked.k1 or 1.0)
     outdoor: Calibrated | None = None
     if sky is None:
         left_out["outdoor"] = "the stage merge made no outdoor picture"
@@ -45,10 +50,12 @@ def run(context: StageContext) -> StageOutput:
     else:
         context.progress(0.3, "outdoor chain")
         try:
-            outdoor = calibrate_outdoor(sky, context.session, asked, profile, indoor.scale, _responses(context))
+            outdoor = calibrate_outdoor(sky, context.session, asked, profile, k1, _responses(context))
         except LensError as error:
             left_out["outdoor"] = str(error)
-    sides = {"indoor": indoor} | ({"outdoor": outdoor} if outdoor else {})
+    sides = {name: side for name, side in (("indoor", indoor), ("outdoor", outdoor)) if side is not None}
+    if not sides:
+        raise ScaleError(f"nothing can be scaled: {'; '.join(left_out.values())}", advice="give what is named")
     facts = {name: side.facts for name, side in sides.items()}
     warnings = [("profile", text) for text in unlike_profile(profile, context.session)]
     warnings += [(name, text) for name, side in sides.items() for text in side.warnings]
@@ -56,11 +63,19 @@ def run(context: StageContext) -> StageOutput:
         warnings.append(("outdoor", f"there is no outdoor picture in cd/m2: {left_out['outdoor']}"))
     return StageOutput(
         artifacts={name: side.image for name, side in sides.items()} | {"calibration": facts},
-        metrics={"k1": indoor.scale.value, "k1_relative_uncertainty": indoor.scale.relative_uncertainty}
-        | _outdoor_metrics(outdoor),
+        metrics={"k1": k1.value, "k1_relative_uncertainty": k1.relative_uncertainty} | _outdoor_metrics(outdoor),
         warnings=tuple(StageWarning(code=name, message=text[:500]) for name, text in warnings),
         left_out=left_out,
     )
+
+
+def _without_room(asked: CalibrateParameters) -> str:
+    if asked.k1 is None and asked.outdoor_lux is None:
+        raise ScaleError(
+            "a session without a room has no reading of its own to scale the sky by",
+            advice="give --outdoor-lux, or --k1 and --k2",
+        )
+    return "the stage merge made no indoor picture"
 
 
 def _responses(context: StageContext) -> dict[Side, ResponseRecord]:

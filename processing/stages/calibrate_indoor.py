@@ -15,6 +15,7 @@ from processing.errors import LensError, ScaleError
 from processing.ground.board import find_board
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.modes import camera_modes, widened
 from processing.sphere import Equirectangular
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import SessionManifest, Side
@@ -30,6 +31,8 @@ def calibrate_indoor(
     image = merged if falloff is None else correct_panorama(merged, falloff)
     scale, target = _scale(image, session, asked)
     picture = scaled(image, scale, side="indoor", session_id=session.session_id, k1=scale.value)
+    lenses = any(device.kind == "theta_z1" for device in session.devices if device.role == "indoor")
+    picture = widened(picture, camera_modes(float(luminance_cd_m2(picture.rgb).mean()), two_lenses=lenses))
     lux, low = illuminances(picture, PLANES)
     facts: dict[str, Any] = {
         "k1": scale.value,

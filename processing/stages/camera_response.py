@@ -81,7 +81,7 @@ def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
 
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
-    fit = recover_response([Bracket8(codes, times_s)], estimate_times=rule is None)
+    fit = recover_response([Bracket8(codes, times_s, bracket.nominal_s)], estimate_times=rule is None)
     times_source = f"rule of the camera: {rule}" if rule else "estimated"
     warnings = _warnings("response", bracket, fit.warnings)
     left = code_residuals(codes, fit.times_s, fit.curve)

@@ -111,8 +111,11 @@ def _merge_side(
         response.curve,
         response.noise,
         geometry=merge_geometry(bracket, context.session.rig),
-        options=MergeOptions(quality=context.quality.value, max_error=context.max_error),
+        options=MergeOptions(
+            quality=context.quality.value, max_error=context.max_error, own_curve=response.source == "recovered"
+        ),
         time_sigma=response.time_sigma,
+        given_s=bracket.nominal_s,
     )
     context.progress((step + 2) / _STEPS, f"{side}: merged")
     _gather(context, bracket, response, merged, gathered)

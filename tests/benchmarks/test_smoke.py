@@ -20,6 +20,8 @@ KEYS = {
     "capture": "limit_ratio skew_p99_ms peak_mb help_s",
     "truth": "furnace_err_pct sphere_err_pct form_factor_err_pct daylight_err_pct outdoor_lux_err_pct rooms_ok",
     "response": "rms_stops cpu_s rival_best_rms_stops",
+    "hostile": "worlds scenes worst_cover95_pct median_cover95_pct smooth_cover95_pct textured_cover95_pct "
+    "lux_cover95_pct worlds_better_than_opencv median_gain_over_opencv false_ghost_pct",
     "merge": "cpu_ratio_robertson cpu_ratio_debevec median_err_stops p95_err_stops decade_bias_stops "
     "jpeg_median_err_stops jpeg_p95_err_stops decode_ratio peak_mb coverage68_pct coverage95_pct",
     "photometry": "k1_err_pct k2_err_pct indoor_median_err_pct indoor_p95_err_pct outdoor_lux_err_pct",
@@ -76,6 +78,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "albedo": {"light.albedo.ROWS": 64, "light.albedo.OUTDOOR_ROWS": 64, "light.albedo.RELIGHT_ROWS": 16},
     "files": {"whole.files.QUICK": (420, 210)},
     "response": {"photometry.response.QUICK_SIZE": (840, 420)},
+    "hostile": {"hostile.hostile.QUICK_WORLDS": (1,)},
     "relight": {"light.relight.HEIGHT": 32, "light.relight_photo.QUICK_ROWS": 64},
     "remove": {"removal.rooms.FULL": (672, 336)},
     "truth": {

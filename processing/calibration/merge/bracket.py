@@ -15,6 +15,7 @@ import numpy as np
 
 from processing.calibration.merge.tables import MergeTables
 from processing.calibration.response.curve import ResponseCurve
+from processing.calibration.response.samples import TIME_RANGE_S
 from processing.errors import BracketError, ParameterError
 from processing.ground.arrays import Bytes, Doubles
 from processing.pictures.frames import ArrayFrame, Codes, FrameSource, same_file
@@ -73,8 +74,9 @@ def _times(times_s: Sequence[float], count: int) -> Doubles:
     times = np.asarray(times_s, dtype=np.float64)
     if times.shape != (count,):
         raise ParameterError(f"{count} frames need {count} times, not {times.size}")
-    if not np.all(np.isfinite(times) & (times > 0)):
-        raise ParameterError(f"exposure times are seconds above 0, not {list(times_s)}")
+    low, high = TIME_RANGE_S
+    if not np.all((times >= low) & (times <= high)):
+        raise ParameterError(f"exposure times are {low:g} to {high:g} seconds, not {list(times_s)}")
     return times
 
 
@@ -116,6 +118,8 @@ def _curve_fits(frames: Sequence[FrameSource], depth: int, curve: ResponseCurve 
         raise ParameterError(f"the curve of 8-bit frames is (3, 256), not {curve.log2_exposure.shape}")
     if not np.all(np.isfinite(curve.log2_exposure)) or not np.all(np.diff(curve.log2_exposure, axis=1) > 0):
         raise ParameterError("the response curve must be finite and rise strictly with the code")
+    if not np.all(np.isfinite(curve.sigma_log2) & (curve.sigma_log2 >= 0)):
+        raise ParameterError("the response curve's uncertainty is finite and not negative")
     if not all(0 <= low < high <= 254 for low, high in zip(curve.low, curve.high, strict=True)):
         raise ParameterError(f"the curve's ends {curve.low} to {curve.high} are not codes of 0 to 254")
 

@@ -29,6 +29,7 @@ from processing.calibration.merge.bracket import (
 )
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
+from processing.calibration.merge.modes import CONTRAST_SHARE, local_contrast, merge_modes, only_texture
 from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
 from processing.calibration.merge.tables import (
     Consistency,
@@ -41,7 +42,8 @@ from processing.calibration.merge.tables import (
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
-from processing.pictures.images import RelativeImage
+from processing.pictures.images import RelativeImage, luminance_cd_m2
+from processing.pictures.modes import SharedMode, together, with_modes
 from processing.sphere import Geometry
 
 __all__ = ["MergeOptions", "MergeReport", "Merged", "merge"]
@@ -50,10 +52,16 @@ Quality = Literal["draft", "standard", "reference"]
 MAX_ERRORS: dict[str, float] = {"draft": 0.10, "standard": 0.02, "reference": 0.0}
 WARN_STOPS = 0.05  # chosen: 3.5 % of light; below it light that changes is taken as noise
 REFUSE_STOPS = 0.25  # chosen: a wrong dial is a third of a stop
+REFUSE_OWN_STOPS = 0.75
+"""With the curve of these frames, whose fit has set right the times that are wrong: what is left is doubt, to here."""
 WARN_NOISE = 2.0  # of the variance; chosen
 MAX_GHOST_SHARE = 0.5  # of the picture; chosen
 BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen
 CODED_CORRELATION = 0.15  # chosen between raw frames and JPEG
+TEXTURE_SHARE = 1.0
+"""Of the local contrast: a merged pixel whose samples disagree by less is texture, no ghost. Chosen on still scenes."""
+SHARED_SIGMAS = 2.0
+"""Of curve and times: samples that disagree by less contradict these, and show no ghost; chosen on still scenes."""
 JPEG_TOP_CODE = 249
 """Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
 
@@ -69,6 +77,8 @@ class MergeOptions:
     """Whether what moved is shown by one frame each."""
     shifts: bool = True
     """Whether frames are checked for having shifted."""
+    own_curve: bool = False
+    """Whether the curve was recovered from these frames: where it fits them badly that is doubt, no other camera."""
     allow_contradiction: bool = False
     """Whether frames that contradict times or curve by more than `REFUSE_STOPS` are merged all the same."""
     workers: int | None = None
@@ -91,10 +101,12 @@ def merge(
     geometry: Geometry,
     options: MergeOptions | None = None,
     time_sigma: Sequence[float] | None = None,
+    given_s: Sequence[float] | None = None,
 ) -> Merged:
     """Merge frames of ``times_s`` seconds each; ``curve`` None: their codes are proportional to exposure.
 
-    ``time_sigma``: relative standard uncertainty of each time (none: exact). Values are exposure in the curve's gauge
+    ``time_sigma``: relative standard uncertainty of each time (none: exact); ``given_s``: the times as the user gave
+    them, where the frames have changed them, for messages. Values are exposure in the curve's gauge
     (of full scale for linear frames) a second.
 
     Raises
@@ -108,7 +120,7 @@ def merge(
     """
     options = options or MergeOptions()
     order = check_bracket(frames, times_s, time_sigma, curve, geometry)
-    job = _Job(order, curve, noise, options)
+    job = _Job(order, curve, noise, options, given_s=tuple(times_s if given_s is None else given_s))
     decoded = decode_useful(order.frames, job.tables(), job.workers)
     kept = order.only(sorted(decoded.codes))
     codes = [decoded.codes[place] for place in sorted(decoded.codes)]
@@ -122,10 +134,14 @@ class _Job:
     noise: NoiseModel
     options: MergeOptions
     correlation: float = 0.0
+    given_s: tuple[float, ...] = ()
 
     @property
     def workers(self) -> int:
-        return self.options.workers or min(4, os.cpu_count() or 1)
+        asked = self.options.workers
+        if asked is not None and asked < 1:
+            raise ParameterError(f"workers is a number from 1 up, not {asked}")
+        return asked or min(4, os.cpu_count() or 1)
 
     @property
     def coded(self) -> bool:
@@ -172,11 +188,12 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
             for s in frame_shifts(codes, samples)
         ]
     planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers)
+    modes = _widen(planes, samples, job)
     ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
     found = shares(planes.validity, ghost)
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
-    image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, {})
+    image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, with_modes({}, modes))
     return Merged(
         image, MergeReport(_uses(whole, decoded, job, uses), tuple(warnings), found, agreement.offset.tolist())
     )
@@ -189,19 +206,23 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     scaled = NoiseModel(
         tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12))
     )
-    doubt = np.where(np.abs(agreement.offset) > WARN_STOPS, np.abs(agreement.offset) * math.log(2), 0.0)
+    doubt = np.abs(agreement.offset) * math.log(2)
     order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
-    return replace(job, order=order, noise=scaled, correlation=agreement.correlation)
+    curve = job.curve
+    if curve is not None and agreement.curve_error > 2 * WARN_STOPS:
+        # Codes of one pair disagree by so much at most; a curve is wrong by half of it, with either sign.
+        curve = replace(curve, sigma_log2=np.hypot(curve.sigma_log2, agreement.curve_error / 4))
+    return replace(job, order=order, curve=curve, noise=scaled, correlation=agreement.correlation)
 
 
 def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
     """Return warnings about frames that contradict each other; refuse where no uncertainty could cover it."""
-    worst = max(float(np.max(np.abs(agreement.offset))), agreement.curve_error / 2)
+    apart, bent = float(np.max(np.abs(agreement.offset))), agreement.curve_error / 2
     place = int(np.argmax(np.abs(agreement.offset)))
     named = [
-        f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({time:g} s given), or the "
-        "light changed"
-        for frame, offset, time in zip(job.order.frames, agreement.offset, job.order.times_s, strict=True)
+        f"{frame.name} says {offset:+.2f} stops against the other frames: a wrong time ({job.given_s[number]:g} s "
+        "given), or the light changed"
+        for frame, offset, number in zip(job.order.frames, agreement.offset, job.order.numbers, strict=True)
         if abs(offset) > WARN_STOPS
     ]
     if agreement.curve_error > 2 * WARN_STOPS:
@@ -209,12 +230,21 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
             "the response curve does not fit these frames: codes of one pair disagree by "
             f"{agreement.curve_error:.2f} stops"
         )
-    if worst > REFUSE_STOPS and not job.options.allow_contradiction:
+    if job.options.allow_contradiction:
+        return named
+    if apart > (REFUSE_OWN_STOPS if job.options.own_curve else REFUSE_STOPS):
         raise BracketError(
-            f"the frames contradict each other by {worst:.2f} stops: " + "; ".join(named),
+            f"the frames contradict each other by {apart:.2f} stops: " + "; ".join(named),
             where=job.order.frames[place].name,
             likely="a wrong exposure time, another camera's response curve, or light that changed",
-            advice="correct the times or the curve, leave the frame out, or allow contradictions",
+            advice="correct the times or the curve, or leave the frame out",
+        )
+    if bent > REFUSE_STOPS and not job.options.own_curve:
+        raise BracketError(
+            f"the response curve is not these frames': codes of one pair disagree by {2 * bent:.2f} stops",
+            where=job.order.frames[place].name,
+            likely="another camera's response curve, or another picture style",
+            advice="use this camera's own calibration, or none: then the curve is recovered from the frames",
         )
     return named
 
@@ -274,6 +304,27 @@ def _in_bands(work: Callable[[int, int], object], count: int, band: int, workers
     firsts = range(0, count, band)
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(lambda first: work(first, min(first + band, count)), firsts))
+
+
+def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> list[SharedMode]:
+    """Return what all pixels share; add it, and what texture hides, to each pixel's uncertainty, in place.
+
+    Samples that disagree by what the texture around them explains are no longer suspect.
+    """
+    if not isinstance(samples, MergeTables):
+        return []
+    modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
+    luminance = luminance_cd_m2(planes.rgb)
+    shared = together(modes, luminance)
+    u2 = np.square(planes.uncertainty) + np.square(shared)
+    if job.coded:
+        contrast = local_contrast(luminance)
+        explained = only_texture(planes.uncertainty, contrast, TEXTURE_SHARE)
+        planes.suspect[explained | (planes.uncertainty < SHARED_SIGMAS * shared)] = 0
+        # Less what the pixels' own noise shows of contrast.
+        u2 += CONTRAST_SHARE**2 * np.maximum(np.square(contrast) - np.square(planes.uncertainty), 0)
+    np.sqrt(u2, out=planes.uncertainty)
+    return modes
 
 
 def _ghosts(

@@ -202,6 +202,9 @@ BINS = 5  # of the level; chosen
 CODES_8BIT = 256  # tables of as many are of 8-bit frames
 CLEAR_OF_BLACK = 8
 """Codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve."""
+CLEAR_OF_WHITE = 16
+"""Codes below the last unclipped one that do not count: of two all but white frames only they are left, and coding and
+tone mapping bend them (a real bracket's white pair showed 0.9 stop that is not there)."""
 TINY = 1e-30  # no division by 0
 MAX_LOOKS = 4  # rounds; chosen
 FACTOR_LIMITS = (0.7, 1000.0)  # chosen
@@ -278,6 +281,7 @@ def _range(tables: Samples, place: int, factor: float) -> tuple[Doubles, Doubles
     above = (b * (1 - MARGIN_SIGMAS * sigma_b) > 0) & (sigma_b < MAX_SIGMA) & (weight_b > 0)
     if len(above) == CODES_8BIT:
         above[:CLEAR_OF_BLACK] = False
+        below &= tables.every <= np.sum(a < tables.saturation[place], axis=0) - CLEAR_OF_WHITE
     high = np.max(np.where(below, a, 0.0), axis=0)
     low = np.min(np.where(above, b, np.inf), axis=0)
     return low, high

@@ -24,6 +24,7 @@ METHOD = "Cheung 2004"
 """Of colour-science: a plain 3x3 matrix with three terms."""
 _WORST_CONDITION = 50.0
 """Of a tint that can be undone; chosen: noise would grow as much."""
+_MOST_SPREAD = 1e4  # chosen: real charts are at 2 to 20, equal patches beyond 1e15
 _LEAST_PATCHES = 6
 """Chosen: twice the unknowns of a channel."""
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -138,6 +139,12 @@ def fit_nd_filter(filtered: npt.ArrayLike, plain: npt.ArrayLike, *, source: str 
     if usable.sum() < _LEAST_PATCHES:
         raise LensError(f"{usable.sum()} patches above 0 in every channel", advice="expose the chart longer")
     before, after = before[usable], after[usable]
+    if max(_spread(before), _spread(after)) > _MOST_SPREAD:
+        raise LensError(
+            "the patches hold too few different colours to fit a filter",
+            likely="one patch given several times, clipped patches, or numbers that are no light",
+            advice="use a chart with 24 patches, none clipped or black",
+        )
     weights = np.array(LUMINANCE_WEIGHTS)
     level = (before @ weights)[:, None]
     mean = float(np.mean(after @ weights / level[:, 0]))
@@ -147,6 +154,13 @@ def fit_nd_filter(filtered: npt.ArrayLike, plain: npt.ArrayLike, *, source: str 
     off = (found @ weights) / level[:, 0] - 1
     sigma = float(np.sqrt(np.sum(off**2) / max(len(off) - 3, 1)))
     return NdFilter.of_matrix(np.linalg.inv(correction) * mean, relative_uncertainty=sigma, source=source or METHOD)
+
+
+def _spread(patches: Doubles) -> float:
+    """Return the condition of patches (N, 3) over their levels; infinite for values that overflow."""
+    with np.errstate(all="ignore"):
+        relative = patches / patches.mean(axis=1, keepdims=True)
+    return float(np.linalg.cond(relative)) if np.isfinite(relative).all() else math.inf
 
 
 def _times(rgb: Floats, matrix: Doubles) -> Floats:

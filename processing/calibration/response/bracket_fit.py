@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,9 +18,9 @@ from processing.calibration.response.fit import (
     equations,
     solve,
     spline_basis,
-    srgb_log2_exposure,
     weigh,
 )
+from processing.calibration.response.prior import CurvePrior, published_prior
 from processing.calibration.response.samples import CHANNELS, ChannelSamples, Samples
 from processing.calibration.response.shutter import (
     TimeEstimate,
@@ -42,6 +42,10 @@ _SAME_TIME = 0.1  # stops; chosen: less is one dial
 _LEAST_RISING = 0.5  # of the pairs of frames; chosen
 _WIDEST_STOPS = 4.5  # chosen: two frames' ranges must overlap
 _REFINE = 3  # rounds; chosen
+_QUICK_ROUNDS = 3  # chosen
+_MIDDLE = 128  # code
+_MOST_ROUNDS, _SETTLED_STOPS = 8, 1e-3
+"""Chosen: most brackets settle within four rounds."""
 _BOUNDED = 3.0  # standard deviations, Huber's bound in the first rounds; chosen
 _OUTLIER = 5.0
 """Standard deviations beyond which a patch has moved."""
@@ -49,8 +53,6 @@ _LEAST_SAMPLES = 40  # patches; chosen: more than unknowns
 _LEAST_CODES = 48  # of 256; chosen
 _LEAST_NEAR = 5  # patches within two codes; chosen
 _LEAST_SLOPE = 1e-4  # stops a code, so that curves rise strictly
-_CONTINUED = 10
-"""Codes above the data in which the spline continues."""
 _PIXEL_LEAST, _MEAN_LEAST = 1 / 12, 0.005  # squared codes: rounding; of means it averages out
 
 
@@ -68,6 +70,10 @@ class ChannelFit:
     weighed: Weighed
     kept: Flags
     """(n,) observations of patches that did not move."""
+    left_out: Doubles | None = None
+    """(frames, 256) stops: by how much the curve moves when each frame is left out, 0 at code 128."""
+    held_out: float = 1.0
+    """Chi-squared a degree of freedom of patches that the curve was not fitted to."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +88,11 @@ class DaylitFit:
     estimate: TimeEstimate
 
 
-def fit_daylit(samples: Samples, *, free_times: bool, base: Doubles | None = None) -> DaylitFit:
-    """Fit all channels, starting from ``base`` (3, 256) or sRGB's curve.
+def fit_daylit(samples: Samples, *, free_times: bool, priors: Sequence[CurvePrior] | None = None) -> DaylitFit:
+    """Fit all channels under their ``priors``, or under that of any camera.
 
     A frame whose time contradicts all others gets the time that they imply. With ``free_times`` the rule behind nominal
-    times is chosen too. ``base``: shape (3, 256), stops, rising with the code.
+    times is chosen too.
 
     Raises
     ------
@@ -96,15 +102,15 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Doubles | None = Non
     for data, name in zip(samples.channels, CHANNELS, strict=True):
         check_enough(data, name)
     check_order(samples)
-    start = np.tile(srgb_log2_exposure(), (3, 1)) if base is None else base
+    priors = priors or [published_prior()] * 3
     given = samples.log2_times
     times, wrong = given.copy(), dict[int, float]()
-    fits, evidence = _quick(samples, times, start)
+    fits, evidence = _quick(samples, times, priors)
     while len(wrong) < _MOST_WRONG and (found := find_wrong_time(evidence, wrong)) is not None:
         wrong[found[0]] = 0.0
         times[found[0]] += found[1]
         for _ in range(_REFINE):
-            fits, evidence = _quick(samples, times, start)
+            fits, evidence = _quick(samples, times, priors)
             times += refine_times(evidence, tuple(wrong))
     check_consistent(evidence, wrong, len(times))
     nominal = tuple(float(t) for t in np.exp2(given))
@@ -112,12 +118,7 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Doubles | None = Non
     if free_times:
         times = np.log2(np.array(estimate.times_s))
     for number in range(3):
-        fits = [
-            fit_round(data, times, start[c], fits[c], c, final=True, times_too=number > 0)
-            for c, data in enumerate(samples.channels)
-        ]
-        if number == 0:
-            continue
+        fits = [_settled(data, times, priors[c], fits[c], c) for c, data in enumerate(samples.channels)]
         evidence = _evidence(fits, samples.channels, samples)
         estimate = estimate_times(evidence, nominal, fitted=times, known=tuple(wrong))
         if number == 2 or not (wrong or (free_times and estimate.off_rule)):
@@ -128,13 +129,47 @@ def fit_daylit(samples: Samples, *, free_times: bool, base: Doubles | None = Non
     return DaylitFit((fits[0], fits[1], fits[2]), times, evidence, wrong, estimate)
 
 
-def _quick(samples: Samples, times: Doubles, start: Doubles) -> tuple[list[ChannelFit], TimeEvidence]:
+def _quick(samples: Samples, times: Doubles, priors: Sequence[CurvePrior]) -> tuple[list[ChannelFit], TimeEvidence]:
     """Return rough fits to some of the patches, and what they say about the times."""
     fits, parts = [], [every.part(_QUICK_PATCHES) for every in samples.channels]
     for c, data in enumerate(parts):
-        first = fit_round(data, times, start[c], None, c, times_too=False)
-        fits.append(fit_round(data, times, start[c], first, c))
+        found = fit_round(data, times, priors[c], None, c, times_too=False)
+        for number in range(_QUICK_ROUNDS):
+            found = fit_round(data, times, priors[c], found, c, times_too=number == _QUICK_ROUNDS - 1)
+        fits.append(found)
     return fits, _evidence(fits, parts, samples)
+
+
+def _settled(data: ChannelSamples, times: Doubles, prior: CurvePrior, before: ChannelFit, channel: int) -> ChannelFit:
+    """Return the fit of all patches once it no longer changes; curve and noise hang on each other."""
+    found = before
+    for _ in range(_MOST_ROUNDS):
+        last, found = found, fit_round(data, times, prior, found, channel, final=True, times_too=False)
+        change = (found.log2 - found.log2[128]) - (last.log2 - last.log2[128])
+        if np.abs(change[found.low : found.high]).max() < _SETTLED_STOPS:
+            break
+    found = fit_round(data, times, prior, found, channel, final=True)
+    return replace(found, left_out=_frames_left_out(data.part(_QUICK_PATCHES), times, prior, found))
+
+
+def _frames_left_out(data: ChannelSamples, times: Doubles, prior: CurvePrior, fit: ChannelFit) -> Doubles:
+    """Return the change of the curve (F, 256) in stops when each frame is left out, as the jackknife takes it.
+
+    What moves a whole frame alike (its time, clouds, tone mapping, coding) is no noise of patches: it shows only so.
+    """
+    fine = FineCurve.of(fit.log2)
+    found = weigh(data, fine, times, fit.noise)
+    weight, _ = _robust(data, found, final=True)
+    fixed = replace(prior, candidates=tuple(c for c in prior.candidates if c[:2] == fit.solution.strength))
+    rows = spline_basis().codes - spline_basis().codes[_MIDDLE]
+    changes = []
+    for frame in range(len(times)):
+        kept = np.where(data.frame == frame, 0.0, weight)
+        seen = np.add.reduceat((kept > 0).astype(np.float64), data.starts)[data.sample]
+        eq = equations(data, fine, times, found, np.where(seen > 1, kept, 0.0), times=False)
+        changes.append(solve(eq, fit.coefficients, fixed).change)
+    apart = np.array(changes) - np.mean(changes, axis=0)
+    return np.asarray(((len(times) - 1) / len(times)) ** 0.5 * apart @ rows.T)
 
 
 def _evidence(fits: Sequence[ChannelFit], data: Sequence[ChannelSamples], samples: Samples) -> TimeEvidence:
@@ -162,7 +197,7 @@ def _informative_frames(fits: Sequence[ChannelFit], data: Sequence[ChannelSample
 def fit_round(
     data: ChannelSamples,
     log2_times: Doubles,
-    start: Doubles,
+    prior: CurvePrior,
     before: ChannelFit | None,
     channel: int,
     *,
@@ -171,23 +206,44 @@ def fit_round(
 ) -> ChannelFit:
     """Improve a channel's fit (or begin one) by one solution; ``final``: patches that moved are left out.
 
-    ``log2_times``: (F,) log2 of seconds; ``start``: shape (256,), stops.
+    ``log2_times``: (F,) log2 of seconds.
     """
     basis = spline_basis()
-    log2, noise, coefficients = start, PatchNoise(), np.zeros(N_BASIS)
+    log2, noise, coefficients = prior.start, PatchNoise(), np.zeros(N_BASIS)
     if before is not None:
         log2, coefficients = before.log2, before.coefficients
-        noise = _noise(data, FineCurve.of(log2), log2_times, before.noise, pixels=5 if final and times_too else 1)
+        noise = _noise(data, FineCurve.of(log2), log2_times, before.noise, pixels=5 if final else 1)
     fine = FineCurve.of(log2)
     found = weigh(data, fine, log2_times, noise)
     weight, kept = _robust(data, found, final=final)
     if final:
         weight = weight / dispersion(data, found, weight)
     low, high = support(found.predicted[weight > 0], CHANNELS[channel])
-    solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients)
+    solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients, prior)
+    held = 1.0
+    if final and times_too:
+        held = _held_out(data, fine, log2_times, (found, weight), coefficients, prior)
     coefficients = coefficients + solution.change
-    log2 = monotone(start + basis.codes @ coefficients, start, low, high)
-    return ChannelFit(log2, coefficients, noise, solution, low, high, found, kept & (found.weight > 0))
+    slope = np.maximum(np.diff(prior.start + basis.codes @ coefficients), _LEAST_SLOPE)
+    log2 = np.concatenate([[0.0], np.cumsum(slope)])
+    used = kept & (found.weight > 0)
+    return ChannelFit(log2 - log2[255], coefficients, noise, solution, low, high, found, used, held_out=held)
+
+
+def _held_out(
+    data: ChannelSamples,
+    fine: FineCurve,
+    log2_times: Doubles,
+    seen: tuple[Weighed, Doubles],
+    coefficients: Doubles,
+    prior: CurvePrior,
+) -> float:
+    """Return chi-squared a degree of freedom of each half of the patches under the curve of the other half."""
+    found, weight = seen
+    odd = data.sample % 2 == 1
+    halves = [equations(data, fine, log2_times, found, np.where(odd == k, weight, 0.0), times=False) for k in (0, 1)]
+    misfit = [b.misfit(solve(a, coefficients, prior).change) for a, b in (halves, halves[::-1])]
+    return sum(misfit) / max(sum(half.count for half in halves), 1.0)
 
 
 def check_consistent(evidence: TimeEvidence, wrong: dict[int, float], n_frames: int) -> None:
@@ -212,6 +268,13 @@ def check_order(samples: Samples) -> None:
     ]
     steps = np.concatenate(gaps)
     steps = steps[steps > _SAME_TIME]
+    if not steps.size and len(samples.log2_times) > 1:
+        raise ResponseError(
+            "all frames have one exposure time",
+            where="response",
+            likely="times that were not read, or a burst instead of a bracket",
+            advice="give each frame its own time",
+        )
     if steps.size and steps.min() > _WIDEST_STOPS:
         raise ResponseError(
             f"all frames are {steps.min():.1f} stops apart or more",
@@ -282,19 +345,3 @@ def support(predicted: Doubles, name: str) -> tuple[int, int]:
             advice="use a bracket of a scene with light and shade, or a profile's curve",
         )
     return int(max(seen[0], np.ceil(FIRST_CODE))), int(min(seen[-1], np.floor(LAST_CODE)))
-
-
-def monotone(log2: Doubles, start: Doubles, low: int, high: int) -> Doubles:
-    """Return the curve strictly increasing; beyond the data in the slopes of the starting curve.
-
-    All curves have shape (256,), in stops.
-    """
-    slope = np.maximum(np.diff(log2), _LEAST_SLOPE)
-    usual = np.maximum(np.diff(start), _LEAST_SLOPE)
-    slope[:low] = usual[:low]
-    join = float(np.clip(slope[high - 3] / usual[high - 3], 0.3, 3.0)) * usual[high:]
-    # A few codes on, the fit's own bend is the better guess; over many it is none.
-    near = np.arange(high, 255) < high + _CONTINUED
-    slope[high:] = np.where(near, np.clip(slope[high:], 0.5 * join, 2 * join), join)
-    out = np.concatenate([[0.0], np.cumsum(slope)])
-    return np.asarray(out - out[255])

@@ -28,6 +28,7 @@ _CLEAR_BELOW, _CLEAR_ABOVE = 1.5, 2.5
 _SPREAD_BINS = 12  # over the code; chosen
 _NOISY, _NOISE_CODES = 1.8, 6.0
 """Times the usual spread of equally bright patches, and codes at most, that still pass as noise."""
+TIME_RANGE_S = (1e-7, 1e5)  # chosen: beyond any shutter, and squares of times stay within float32
 _LEAST_SHARE = 0.25
 """Of the patches are kept, the smoothest, however rough the scene."""
 
@@ -38,6 +39,8 @@ class Bracket8:
 
     frames: Sequence[Bytes]
     times_s: Sequence[float]
+    given_s: Sequence[float] | None = None
+    """The times as the user gave them, for messages; None: ``times_s``."""
 
     def check(self, where: str = "bracket") -> None:
         """Refuse what cannot be a bracket.
@@ -62,8 +65,11 @@ class Bracket8:
                     likely="frames of different brackets, or pictures that are not 8-bit RGB",
                     advice="give (H, W, 3) uint8 frames of one size",
                 )
-            if not (np.isfinite(time_s) and time_s > 0):
-                raise BracketError(f"frame {number} has the time {time_s}", where=where, advice="give seconds above 0")
+            if not TIME_RANGE_S[0] <= time_s <= TIME_RANGE_S[1]:
+                span = "{:g} to {:g} seconds".format(*TIME_RANGE_S)
+                raise BracketError(f"frame {number} has the time {time_s}", where=where, advice=f"give {span}")
+        if 0 in shape:
+            raise BracketError(f"frames of {shape[1]} x {shape[0]} pixels", where=where, advice="give whole pictures")
 
 
 @dataclass(frozen=True)
@@ -105,6 +111,8 @@ class Samples:
     log2_times: Doubles
     """(frames of all brackets,) as given."""
     bracket_of_frame: Int64s
+    given_s: tuple[float, ...] = ()
+    """As the user knows them."""
     duplicates: tuple[int, ...] = ()
     """Frames left out since an earlier frame is the same picture with the same time."""
 
@@ -131,7 +139,8 @@ def take_samples(brackets: Sequence[Bracket8], seed: int = 0) -> Samples:
     times = np.concatenate([np.log2(np.asarray(b.times_s, dtype=np.float64)) for b in brackets])
     owner = np.concatenate([np.full(len(b.frames), i, dtype=np.int64) for i, b in enumerate(brackets)])
     assert len(channels) == 3
-    return Samples(channels, times, owner, tuple(duplicates))
+    given = tuple(float(t) for b in brackets for t in (b.times_s if b.given_s is None else b.given_s))
+    return Samples(channels, times, owner, given, tuple(duplicates))
 
 
 def _patches(bracket: Bracket8, count: int, rng: np.random.Generator) -> Bytes:

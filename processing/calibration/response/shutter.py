@@ -24,6 +24,7 @@ WRONG_STOPS = 0.12
 _CLEAR_CHI2 = 100.0
 """Gain in chi2 that a wrong time must explain: patches are many, the curve is smooth, small misfits are certain."""
 _DECISIVE_CHI2 = 10.0  # chosen: odds of 150 to 1
+_CLEAR_SIGMAS, _CLEAR_TOLERANCES = 3.0, 6.0  # chosen: by which times must be off their rule to be changed
 _STIFF = 1e3  # chosen: holds what frames cannot show
 _SAME_STOPS = 1e-6  # rounding error
 _LEAST_FRAMES = 4
@@ -142,9 +143,12 @@ def estimate_times(
     rule = best if decided and chi2[prior] - chi2[best] > _DECISIVE_CHI2 else prior
     extra, covariance = _off_rule(evidence, by_rule[rule], now)
     gain = evidence.gain(by_rule[rule] + extra) - evidence.gain(by_rule[rule])
-    off_rule = bool(gain > len(now) + 6 * math.sqrt(2 * len(now)) and np.abs(extra).max() > RULE_SIGMA_STOPS / 2)
+    # Beyond both the shutter's tolerance and the evidence's own doubt: textures and JPEG move times that are right.
+    doubt = np.maximum(_CLEAR_SIGMAS * np.sqrt(np.diag(covariance)), _CLEAR_TOLERANCES * RULE_SIGMA_STOPS)
+    off_rule = bool(gain > len(now) + 6 * math.sqrt(2 * len(now)) and np.any(np.abs(extra) > doubt))
     total = now + by_rule[rule] + (extra if off_rule else 0.0)
-    sigma = np.sqrt(np.diag(covariance)) * math.log(2.0)
+    # What the frames would change and is not changed is doubt.
+    sigma = np.hypot(np.sqrt(np.diag(covariance)), 0.0 if off_rule else extra) * math.log(2.0)
     return TimeEstimate(
         tuple(float(t) for t in np.exp2(total)),
         tuple(float(s) for s in sigma),

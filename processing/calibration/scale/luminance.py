@@ -19,6 +19,7 @@ import numpy.typing as npt
 from processing.errors import ScaleError
 from processing.ground.arrays import Doubles, Indices
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.modes import modes_of, with_modes
 from processing.sphere import Equirectangular, Geometry, pixels
 from station.session.session import FrameRecord, ReadingRecord
 
@@ -132,7 +133,9 @@ def scale_from_reading(
 
 
 def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> LuminanceImage:
-    """Return the picture times the factor: a picture in cd/m2."""
+    """Return the picture times the factor: a picture in cd/m2. What it was scaled on is known: modes are 0 there."""
+    anchor = math.log2(scale.measured) if scale.measured else None
+    modes = [mode.moved(math.log2(scale.value), anchor) for mode in modes_of(image)]
     return LuminanceImage(
         rgb=np.asarray(image.rgb * np.float32(scale.value)),
         uncertainty=image.uncertainty,
@@ -140,7 +143,7 @@ def scaled(image: RelativeImage, scale: ScaleFactor, **attributes: object) -> Lu
         geometry=image.geometry,
         scale_uncertainty=scale.relative_uncertainty,
         ghost=image.ghost,
-        attributes={**image.attributes, **attributes},
+        attributes=with_modes({**image.attributes, **attributes}, modes),
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
+from processing.pictures.modes import shared_error
 from processing.sphere import Geometry, projected_solid_angles
 
 UP = (0.0, 0.0, 1.0)  # a level plane's normal
@@ -29,9 +30,11 @@ class Illuminance:
 
     value_lx: float
     uncertainty_lx: float
-    """Standard uncertainty: the root of the squares of the three parts below."""
+    """Standard uncertainty: the root of the squares of the four parts below."""
     pixels_lx: float
     """Part of the valid pixels' own, independent uncertainties."""
+    shared_lx: float
+    """Part of what all pixels share, but for the scale: curve, times, stray light, lenses (`SharedMode`)."""
     doubtful_lx: float
     """Part of the pixels that are not valid, which may all be wrong in one direction: their sum, not its root."""
     scale_lx: float
@@ -74,13 +77,17 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
     """
     direction = _unit(normal)
     weights = _weights(image.geometry, direction)
-    parts = weights * luminance_cd_m2(image.rgb)
+    with np.errstate(invalid="ignore"):
+        parts = weights * luminance_cd_m2(image.rgb)
     value = float(parts.sum())
+    if not (math.isfinite(value) and value >= 0):
+        raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
     # Where nothing is known the value may be wrong by all of itself; by more only where it is clipped.
     errors = parts * np.minimum(image.uncertainty, 1.0)
     valid = image.validity == Validity.VALID
     # A picture without a scale is a photograph through a supposed tone curve: its pixels are wrong together.
     pixels = math.sqrt(float(np.square(errors[valid]).sum())) if image.absolute else float(errors[valid].sum())
+    shared = shared_error(image, weights * valid)
     doubtful = float(errors[~valid].sum())
     scale = value * image.scale_uncertainty
     shares = {
@@ -90,8 +97,9 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
     seen = float(weights[image.validity != Validity.OUTSIDE].sum())
     return Illuminance(
         value_lx=value,
-        uncertainty_lx=math.hypot(pixels, doubtful, scale),
+        uncertainty_lx=math.hypot(pixels, shared, doubtful, scale),
         pixels_lx=pixels,
+        shared_lx=shared,
         doubtful_lx=doubtful,
         scale_lx=scale,
         invalid_shares=shares,

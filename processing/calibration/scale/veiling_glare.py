@@ -79,6 +79,8 @@ def veil_bound_from_darkest(image: LuminanceImage) -> GlareEstimate:
     if not usable.any():
         raise LensError("the picture has no valid pixels")
     luminance = luminance_cd_m2(image.rgb)
+    if not np.isfinite(luminance.sum(dtype=np.float64)):
+        raise ParameterError("the picture holds values that light cannot have (not finite)")
     count = max(1, int(_DARKEST_SHARE * int(usable.sum())))
     limit = np.partition(luminance[usable], count - 1)[count - 1]
     darkest = usable & (luminance <= limit)
@@ -92,6 +94,8 @@ def _estimate(samples: Floats, field: float, *, upper_bound: bool) -> GlareEstim
     middle = float(np.median(values))
     spread = _MAD_SIGMA * float(np.median(np.abs(values - middle)))
     red, green, blue = (float(value) for value in veil)
+    if not min(red, green, blue, field) >= 0:
+        raise ParameterError("the picture holds values that light cannot have (negative)")
     return GlareEstimate(
         veil_rgb=(red, green, blue),
         uncertainty=spread / middle if middle > 0 else 0.0,

@@ -92,7 +92,7 @@ def test_without_evidence_the_rule_asked_for_stays() -> None:
 def test_a_shutter_off_its_rule_is_followed() -> None:
     given_log2 = np.log2(NOMINAL)
     off = np.zeros(len(NOMINAL))
-    off[[1, 5]] = 0.03, -0.03
+    off[[1, 5]] = 0.15, -0.15
     found = estimate_times(evidence(given_log2 + off, given_log2), NOMINAL)
     assert found.off_rule
     assert np.log2(np.array(found.times_s) / NOMINAL)[[1, 5]] == pytest.approx(off[[1, 5]], abs=0.012)

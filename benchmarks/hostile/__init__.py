@@ -1,0 +1,1 @@
+"""Figures in worlds that share no model with the estimators."""

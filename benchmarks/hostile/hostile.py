@@ -1,0 +1,190 @@
+"""Merging and light figures in worlds that share no model with the estimators (`mocks.hostile`).
+
+Twenty worlds, each with a published real curve drawn at random, in three real HDR scenes of 768 x 384: nine frames,
+curve and times estimated from them, scale by a spot reading good to 1.2 %, as a session's indoor side is made.
+Coverage is the share of valid pixels within 1.96 stated standard uncertainties of the truth, with all that is stated
+(own, shared, scale); smooth: the local standard deviation of log luminance is below 3 %, textured: above 10 %.
+Illuminance: five planes through the camera. Rival: the better of OpenCV's Debevec and Robertson by median error, on the
+same spot, both with an exact reading.
+A bracket that is refused counts as refused, not as covered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from benchmarks.seeds import seeds
+from benchmarks.shared_data import DATA
+from mocks.hostile.worlds import HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
+from mocks.worlds.hdr_world import read_equirect
+from processing.calibration.merge.merge import MergeOptions, merge
+from processing.calibration.merge.modes import local_contrast
+from processing.calibration.response.response import recover_response
+from processing.calibration.response.samples import Bracket8
+from processing.calibration.scale.luminance import ScaleFactor, scaled
+from processing.calibration.scale.photometry import PLANES, illuminance_lx
+from processing.errors import ProcessingError
+from processing.ground.arrays import Doubles, Flags, Floats
+from processing.pictures.frames import array_frame
+from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.modes import camera_modes, widened
+from processing.sphere import Equirectangular
+from training.response_prior import published_curves
+
+SIZE, QUICK_SIZE = (768, 384), (384, 192)
+SCENES = ("panoramas/hdr/lebombo_1k.hdr", "panoramas/hdr/adams_place_bridge_1k.hdr", "sky/rooitou_park_1k.hdr")
+QUICK_WORLDS = (1, 7, 9, 16)
+METER_SIGMA = 0.012
+SMOOTH, TEXTURED = 0.03, 0.10
+SPOT_PX = 5
+WHITE_PERCENTILE, WHITE_S = 60.0, 0.05
+"""The light at this percentile saturates in this time: all nine frames then show something."""
+
+
+@dataclass
+class _Score:
+    name: str
+    cover: float = 0.0
+    smooth: float = 0.0
+    textured: float = 0.0
+    lux: list[bool] = field(default_factory=list)
+    median: float = np.inf
+    rival: float = np.inf
+    ghost: float | None = None
+    refused: str = ""
+
+
+def run(*, quick: bool, seed: int) -> dict[str, Any]:
+    """Return metrics; see the module's docstring."""
+    _, irradiance, brightness = (None, *published_curves(DATA / "curves")[1:])
+    rising = np.maximum.accumulate(brightness, axis=1)
+    shown = (rising - rising[:, :1]) / (rising[:, -1:] - rising[:, :1])
+    cameras = [shown[3 * k : 3 * k + 3] for k in range(len(shown) // 3)]
+    [number] = seeds("test", 1, seed)
+    worlds = hostile_worlds((irradiance, cameras), number)
+    chosen = [worlds[k] for k in QUICK_WORLDS] if quick else worlds
+    scenes = [_scene(name, QUICK_SIZE if quick else SIZE) for name in (SCENES[:1] if quick else SCENES)]
+    scores = [
+        _score(world, scene, number + 1000 * worlds.index(world) + k)
+        for world in chosen
+        for k, scene in enumerate(scenes)
+    ]
+    by_world = [[s for s in scores if s.name == world.name] for world in chosen]
+    done = [s for s in scores if not s.refused]
+    covers = [float(np.mean([s.cover for s in group])) for group in by_world]
+    gains = [float(np.median([0.0 if s.refused else s.rival / s.median for s in group])) for group in by_world]
+    metrics = {
+        "worlds": len(chosen),
+        "scenes": len(scenes),
+        "refused": len(scores) - len(done),
+        "worst_cover95_pct": 100 * min(covers),
+        "median_cover95_pct": 100 * float(np.median(covers)),
+        "smooth_cover95_pct": 100 * float(np.mean([s.smooth for s in done])),
+        "textured_cover95_pct": 100 * float(np.mean([s.textured for s in done])),
+        "lux_cover95_pct": 100 * float(np.mean([ok for s in scores for ok in (s.lux or [False])])),
+        "worlds_better_than_opencv": sum(gain > 1 for gain in gains),
+        "median_gain_over_opencv": float(np.median(gains)),
+        "false_ghost_pct": 100 * float(np.mean([s.ghost for s in done if s.ghost is not None])),
+        "median_err_stops": float(np.median([s.median for s in done])),
+    }
+    notes = [
+        f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "
+        f"{sum(sum(s.lux) for s in group)}/{sum(len(s.lux) for s in group)}"
+        + "".join(f"; refused: {s.refused}" for s in group if s.refused)
+        for world, cover, gain, group in zip(chosen, covers, gains, by_world, strict=True)
+    ]
+    return {"metrics": {key: round(value, 4) for key, value in metrics.items()}, "notes": notes}
+
+
+def _scene(name: str, size: tuple[int, int]) -> Floats:
+    light = cv2.resize(read_equirect(DATA / name), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(light / np.percentile(luminance_cd_m2(light), WHITE_PERCENTILE) * 100, dtype=np.float32)
+
+
+def _score(world: HostileWorld, scene: Floats, seed: int) -> _Score:
+    bracket = hostile_bracket(world, scene, 100 * WHITE_S, seed)
+    truth = luminance_cd_m2(bracket.radiance).astype(np.float64)
+    score = _Score(world.name)
+    spot = _spot(truth)
+    reading = float(truth[spot].mean() * (1 + METER_SIGMA * np.random.default_rng((seed, 9)).standard_normal()))
+    try:
+        image = _measured(bracket, spot, reading)
+    except ProcessingError as error:
+        score.refused = error.message[:160]
+        return score
+    shown = image.luminance_cd_m2().astype(np.float64)
+    good = (image.validity == 0) & (truth > 0)
+    exactly = float(truth[spot].mean()) / reading
+    sigmas = np.abs(shown / np.maximum(truth, 1e-9) - 1) / np.hypot(image.uncertainty, image.scale_uncertainty)
+    contrast = local_contrast(truth.astype(np.float32))
+    score.cover, score.smooth, score.textured = (
+        float(np.mean(sigmas[good & part] <= 1.96)) for part in (good, contrast < SMOOTH, contrast > TEXTURED)
+    )
+    score.median = _median_stops(shown * exactly, truth, good)
+    score.rival = min(_median_stops(one * exactly, truth, good) for one in _rivals(bracket, spot, reading))
+    ones = np.ones_like(image.uncertainty)
+    exact = LuminanceImage(bracket.radiance, ones * 1e-6, np.zeros_like(image.validity), image.geometry, 0.0)
+    for plane in PLANES.values():
+        found, true = illuminance_lx(image, plane), illuminance_lx(exact, plane).value_lx
+        # A lower bound, said to be one, is right below the truth.
+        bound = found.lower_bound and true > found.value_lx
+        score.lux.append(bound or abs(found.value_lx - true) <= 1.96 * found.uncertainty_lx)
+    if not bracket.moving and world.camera.jpeg is not None and image.ghost is not None:
+        score.ghost = float(np.count_nonzero(image.ghost)) / image.ghost.size
+    return score
+
+
+def _measured(bracket: HostileBracket, spot: Flags, reading: float) -> LuminanceImage:
+    """Return the picture as the product makes a session's indoor one."""
+    fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)], estimate_times=True)
+    height, width = bracket.frames[0].shape[:2]
+    frames = [array_frame(frame, f"frame {k}") for k, frame in enumerate(bracket.frames)]
+    merged = merge(
+        frames,
+        fit.times_s,
+        fit.curve,
+        fit.noise,
+        geometry=Equirectangular(width, height),
+        options=MergeOptions(own_curve=True),
+        time_sigma=fit.time_sigma,
+        given_s=bracket.nominal_s,
+    ).image
+    displayed = float(merged.luminance()[spot].mean(dtype=np.float64))
+    picture = scaled(merged, ScaleFactor(reading / displayed, METER_SIGMA, measured=reading))
+    mean = float(np.mean(picture.luminance_cd_m2()))
+    return widened(picture, camera_modes(mean, two_lenses=True))
+
+
+def _spot(truth: Doubles) -> Flags:
+    """Return five by five pixels that are even and of middle brightness."""
+    contrast = cv2.blur(local_contrast(truth.astype(np.float32)), (SPOT_PX, SPOT_PX))
+    middle = np.abs(np.log(cv2.blur(truth, (SPOT_PX, SPOT_PX)) / np.median(truth))) < 0.7
+    margin = np.zeros_like(middle)
+    margin[20:-20, 20:-20] = True
+    row, column = np.unravel_index(np.argmin(np.where(middle & margin, contrast, np.inf)), truth.shape)
+    found = np.zeros(truth.shape, bool)
+    found[row - SPOT_PX // 2 : row + SPOT_PX // 2 + 1, column - SPOT_PX // 2 : column + SPOT_PX // 2 + 1] = True
+    return found
+
+
+def _median_stops(shown: npt.NDArray[np.floating], truth: Doubles, good: Flags) -> float:
+    return float(np.median(np.abs(np.log2(np.maximum(shown[good], 1e-9) / truth[good]))))
+
+
+def _rivals(bracket: HostileBracket, spot: Flags, reading: float) -> list[Doubles]:
+    times = np.array(bracket.nominal_s, dtype=np.float32)
+    frames = list(bracket.frames)
+    small = [np.ascontiguousarray(frame[::4, ::4]) for frame in frames]
+    found = []
+    for calibrate, way in (
+        (cv2.createCalibrateDebevec(70, 10.0), cv2.createMergeDebevec()),
+        (cv2.createCalibrateRobertson(), cv2.createMergeRobertson()),
+    ):
+        light = luminance_cd_m2(np.nan_to_num(way.process(frames, times, calibrate.process(small, times))))
+        found.append(np.asarray(light * (reading / max(float(light[spot].mean()), 1e-12)), dtype=np.float64))
+    return found

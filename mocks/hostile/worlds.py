@@ -1,0 +1,139 @@
+"""Worlds that break what photometry takes for granted, one thing after another and all at once; drawn at random.
+
+A world says what reaches the sensor in each frame: clouds that pass while the bracket is taken, lamps that flicker,
+shutters that are off, lenses that scatter and mirror, two lenses that do not agree. The truth is the light itself,
+averaged over the bracket's frames where it moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from mocks.hostile.camera import MATRIX_5D2, HostileCamera
+from processing.ground.arrays import Bytes, Floats
+
+Curves = tuple[npt.NDArray[np.float64], Sequence[npt.NDArray[np.float64]]]
+"""Irradiance (N,) and brightness (3, N) of each camera there is to draw from."""
+TIMES_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1 / 8000)
+_ENCODERS = (("opencv", 93, "4:2:2"), ("pillow", 92, "4:2:0"), ("progressive", 95, "4:4:4"), ("opencv", 96, "4:2:0"))
+_COLUMNS = 24  # cells of a cloud across; chosen
+LENS_BLUR_PX = 0.7  # chosen: no lens draws a mosaic's pixels sharply
+_SEAM = 0.25
+"""Of the width: a panorama's second lens sees from here to three quarters."""
+
+
+@dataclass(frozen=True)
+class HostileWorld:
+    """What is wrong in one world."""
+
+    name: str
+    camera: HostileCamera
+    jitter_stops: float = 0.0
+    """Standard deviation of the shutter's error."""
+    cloud: float = 0.0
+    """Share of the light that passing clouds take from part of the picture, frame by frame."""
+    flicker: float = 0.0
+    """Share of the light that mains flicker takes or gives in the half of the picture that lamps light."""
+    halo: float = 0.0
+    """Share of the light that spreads over a tenth of the picture, and an eighth of it as a mirrored ghost."""
+    lenses: float = 0.0
+    """By how much the second lens is brighter; the seam is blended over a few degrees."""
+
+
+@dataclass(frozen=True)
+class HostileBracket:
+    """Frames (H, W, 3) uint8, the times written on the dial, and the light behind them (H, W, 3)."""
+
+    frames: tuple[Bytes, ...]
+    nominal_s: tuple[float, ...]
+    radiance: Floats
+    moving: bool
+
+
+def hostile_bracket(world: HostileWorld, radiance: Floats, white_s: float, seed: int) -> HostileBracket:
+    """Return a bracket of ``radiance`` (H, W, 3); light of 1 saturates in ``white_s`` seconds."""
+    rng = np.random.default_rng((seed, 7))
+    radiance = np.asarray(cv2.GaussianBlur(radiance, (0, 0), LENS_BLUR_PX), dtype=np.float32)
+    height, width = radiance.shape[:2]
+    cloud, lamps = _field(rng, (width, height)), np.linspace(-1, 1, width)[None, :, None] > 0
+    fixed = _lens(radiance, world)
+    frames, lights = [], []
+    for number, time_s in enumerate(TIMES_S):
+        taken = 1 - world.cloud * np.clip(cloud * np.sin(0.9 * number + 6 * rng.random()), 0, 1)
+        flicker = 1 + world.flicker * (2 * rng.random() - 1) * lamps * min(1.0, 0.01 / time_s)
+        light = (taken[..., None] * flicker).astype(np.float32)
+        lights.append(light)
+        true_s = time_s * 2.0 ** (world.jitter_stops * rng.standard_normal())
+        frames.append(world.camera.frame(fixed * light * np.float32(true_s / white_s), number))
+    mean = np.mean(lights, axis=0, dtype=np.float64).astype(np.float32)
+    return HostileBracket(tuple(frames), TIMES_S, radiance * mean, bool(world.cloud or world.flicker))
+
+
+def _lens(radiance: Floats, world: HostileWorld) -> Floats:
+    """Return what the lens makes of the light: halo, ghost, and a second lens of another brightness."""
+    out = radiance
+    width = radiance.shape[1]
+    if world.halo:
+        small = cv2.resize(radiance, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+        wide = cv2.resize(cv2.GaussianBlur(small, (0, 0), width / 40), (width, radiance.shape[0]))
+        ghost = cv2.GaussianBlur(radiance[::-1, ::-1], (0, 0), width / 100)
+        out = np.asarray((1 - 1.125 * world.halo) * radiance + world.halo * (wide + ghost / 8), dtype=np.float32)
+    if world.lenses:
+        place = np.abs((np.arange(width) + 0.5) / width - 0.5)
+        second = 1 / (1 + np.exp((place - _SEAM) * width / 4))
+        out = np.asarray(out * (1 + world.lenses * second)[None, :, None], dtype=np.float32)
+    return np.asarray(out, dtype=np.float32)
+
+
+def _field(rng: np.random.Generator, size: tuple[int, int]) -> Floats:
+    cells = rng.standard_normal((_COLUMNS // 2, _COLUMNS)).astype(np.float32)
+    return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_CUBIC))
+
+
+def hostile_worlds(curves: Curves, seed: int) -> list[HostileWorld]:
+    """Return twenty worlds; each camera has a real curve and an encoder of its own.
+
+    ``curves``: irradiance (N,) and brightness of shape (3, N) each.
+    """
+    rng = np.random.default_rng((seed, 3))
+    irradiance, every = curves
+    order = rng.permutation(len(every))
+
+    def camera(number: int, **parts: object) -> HostileCamera:
+        shown = every[int(order[number % len(every)])]
+        plain = HostileCamera(irradiance, shown, seed=seed * 100 + number, jpeg=_ENCODERS[number % len(_ENCODERS)])
+        return replace(plain, full_well_e=float(rng.uniform(15e3, 60e3)), read_e=float(rng.uniform(2, 12)), **parts)  # type: ignore[arg-type]
+
+    maker: dict[str, object] = {"matrix": MATRIX_5D2, "mosaic": True, "denoise": True, "sharpen": rng.uniform(0.1, 0.5)}
+    worn: dict[str, object] = {"prnu": 0.006, "hot_share": 0.001}
+    return [
+        HostileWorld("lossless", camera(0, jpeg=None)),
+        HostileWorld("opencv jpeg", camera(4)),
+        HostileWorld("pillow jpeg", camera(1)),
+        HostileWorld("progressive jpeg", camera(2)),
+        HostileWorld("matrix", camera(3, matrix=MATRIX_5D2)),
+        HostileWorld("worn sensor", camera(5, **worn)),
+        HostileWorld("maker's processing", camera(6, **maker)),
+        HostileWorld("maker's processing, worn", camera(7, **maker, **worn)),
+        HostileWorld("jitter of a sixth", camera(8), jitter_stops=1 / 6),
+        HostileWorld("jitter of a twentieth", camera(9), jitter_stops=1 / 20),
+        HostileWorld("processing and jitter", camera(10, **maker), jitter_stops=1 / 20),
+        HostileWorld("clouds", camera(11), cloud=0.1),
+        HostileWorld("thin clouds", camera(12), cloud=0.03),
+        HostileWorld("flicker", camera(13), flicker=0.3),
+        HostileWorld("tone mapping", camera(14, tone_mapping_stops=0.3)),
+        HostileWorld("halo and ghost", camera(15), halo=0.02),
+        HostileWorld("two lenses", camera(16), lenses=0.04),
+        HostileWorld("two lenses, halo", camera(17), lenses=-0.03, halo=0.01),
+        HostileWorld("mosaic, lossless", camera(18, mosaic=True, jpeg=None)),
+        HostileWorld(
+            "all of it, mild",
+            camera(19, **maker, **worn, tone_mapping_stops=0.15),
+            *(0.03, 0.03, 0.05, 0.01, 0.02),
+        ),
+    ]

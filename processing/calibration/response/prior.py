@@ -1,0 +1,92 @@
+"""What is known of a response curve before any frame is seen: how the published ones differ from one another.
+
+A curve is the mean of many cameras' and films' curves, plus their principal differences with free amplitude, plus a
+smooth rest. The table `response_prior.toml` is our own fit (`python -m training.response_prior`) to the Database of
+Response Functions (Grossberg and Nayar 2004) and to digital standards. Frames two stops apart leave ripples of that
+period free, which only this holds down.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from processing.calibration.response.fit import spline_basis, srgb_log2_exposure
+from processing.ground.arrays import Doubles
+
+TABLE = Path(__file__).parents[1] / "response_prior.toml"
+AMPLITUDES = (0.5, 1.0, 2.0)  # of the published curves' own spread; chosen on curves left out
+LOG_STRENGTHS = tuple(np.arange(3.5, 6.1, 0.5))
+"""Of 1 / stops2, of the smooth rest: curves that were left out of the fit are most probable from 3.5 to 6."""
+DRIFT_LOG_STRENGTHS = tuple(np.arange(3.5, 5.1, 0.25))
+"""Of a change of a known curve: second differences between knots of 0.018 to 0.003 stop."""
+_FREE2 = 100.0
+"""Squared stops: what a line over the root of the code may be."""
+
+
+class Candidate(NamedTuple):
+    """One strength of the prior."""
+
+    amplitude: float
+    """Of the principal differences, 1: as among the published curves; 0: none."""
+    log_strength: float
+    precision: Doubles
+    """(K, K): inverse covariance of the spline's coefficients."""
+    log_determinant: float
+
+
+@dataclass(frozen=True)
+class CurvePrior:
+    """Where a curve is looked for."""
+
+    start: Doubles
+    """(256,) stops: the most probable curve."""
+    candidates: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True)
+class PrincipalCurves:
+    """Mean and principal differences of many curves, as coefficients of the spline added to sRGB's curve."""
+
+    mean: Doubles
+    """(K,)."""
+    components: Doubles
+    """(P, K): one standard deviation each."""
+
+    def prior(self) -> CurvePrior:
+        """Return the prior that they make."""
+        start = srgb_log2_exposure() + spline_basis().codes @ self.mean
+        spread = self.components.T @ self.components
+        return CurvePrior(start - start[255], _candidates(spread, AMPLITUDES, LOG_STRENGTHS))
+
+
+@lru_cache(maxsize=1)
+def published_prior() -> CurvePrior:
+    """Return the prior of any camera, from the table."""
+    with TABLE.open("rb") as file:
+        table = tomllib.load(file)
+    return PrincipalCurves(np.array(table["mean"]), np.array(table["components"])).prior()
+
+
+def drift_prior(known: Doubles) -> CurvePrior:
+    """Return the prior of a camera whose curve is known: a smooth change of it. ``known``: of shape (256,), stops."""
+    nothing = np.zeros_like(spline_basis().penalty)
+    return CurvePrior(known, _candidates(nothing, (0.0,), DRIFT_LOG_STRENGTHS))
+
+
+def _candidates(spread: Doubles, amplitudes: Sequence[float], log_strengths: Sequence[float]) -> tuple[Candidate, ...]:
+    penalty = spline_basis().penalty
+    found = []
+    for strength in log_strengths:
+        rest = np.linalg.inv(10.0**strength * penalty + np.eye(len(penalty)) / _FREE2)
+        for amplitude in amplitudes:
+            precision = np.asarray(np.linalg.inv(amplitude**2 * spread + rest), dtype=np.float64)
+            log_determinant = float(np.linalg.slogdet(precision)[1])
+            found.append(Candidate(amplitude, float(strength), precision, log_determinant))
+    return tuple(found)

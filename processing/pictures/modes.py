@@ -1,0 +1,135 @@
+"""What all pixels of a picture may be wrong by together: a few modes, each one standard deviation of one cause.
+
+A pixel's own uncertainty averages out over many pixels; a wrong curve, time, lens or scale does not. A mode is the
+relative error of luminance that one cause makes, as a function of the level, of the side of a two-lens camera or of the
+angle from the axis, so that it takes a few numbers beside the picture (its attributes) whatever the picture's size.
+Modes are independent: the variance of a sum over pixels is the sum of its squared sums over each mode (GUM 5.2).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from processing.ground.arrays import Doubles, Floats
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.sphere import Equirectangular, directions
+
+KEY = "shared_modes"
+Kind = Literal["level", "seam", "axis"]
+_BITS = 20
+"""Of a float32, dropped: what is left steps by an eighth of an octave."""
+SEAM_SIGMA = 0.02
+"""Half the difference in exposure that two lenses of one body may have; chosen: 0.06 stop, thrice a shutter's."""
+VEIL_INDEX = 0.005
+"""Stray light over the mean luminance where none was measured; chosen: good lenses have 0.003 to 0.02 (ISO 9358)."""
+
+
+@dataclass(frozen=True)
+class SharedMode:
+    """One cause."""
+
+    name: str
+    kind: Kind
+    places: tuple[float, ...]
+    """Where `values` are: log2 luminance, or sine of the angle from the picture's axis; of a seam (-1, 1)."""
+    values: tuple[float, ...]
+    """Relative error of luminance for one standard deviation."""
+
+    def moved(self, octaves: float, anchor: float | None = None) -> SharedMode:
+        """Return the mode of the picture times 2^octaves; with ``anchor`` (log2 luminance) it is 0 there: known."""
+        if self.kind != "level":
+            return self
+        places = tuple(place + octaves for place in self.places)
+        known = 0.0 if anchor is None else float(np.interp(anchor, places, self.values))
+        return replace(self, places=places, values=tuple(value - known for value in self.values))
+
+    def of_levels(self, luminance: Floats) -> Floats:
+        """Return the relative error of pixels by their luminance (any shape, the same shape comes back)."""
+        table = _by_bits(np.array(self.places), np.array(self.values))
+        bits = np.ascontiguousarray(np.maximum(luminance, np.float32(1e-30)), dtype=np.float32).view(np.uint32)
+        return np.asarray(table[bits >> np.uint32(_BITS)])
+
+
+def together(modes: Sequence[SharedMode], luminance: Floats) -> Floats:
+    """Return the root of the summed squares of level modes for pixels of a luminance, of the same shape."""
+    if not modes:
+        return np.zeros_like(luminance)
+    size = np.sqrt(np.square([mode.values for mode in modes]).sum(axis=0))
+    return SharedMode("all", "level", modes[0].places, tuple(size.tolist())).of_levels(luminance)
+
+
+def _by_bits(places: Doubles, values: Doubles) -> Floats:
+    """Return values by the upper bits of a float32: sign, exponent and three bits of the fraction."""
+    upper = np.arange(1 << (32 - _BITS), dtype=np.uint32)
+    usable = (upper > 0) & (upper < (0x7F800000 >> _BITS))
+    bits = np.where(usable, (upper << np.uint32(_BITS)) | np.uint32(1 << (_BITS - 1)), np.uint32(0x3F800000))
+    log2 = np.log2(bits.astype(np.uint32).view(np.float32).astype(np.float64))
+    return np.asarray(np.where(usable, np.interp(log2, places, values), 0.0), dtype=np.float32)
+
+
+def with_modes(attributes: Mapping[str, object], modes: Sequence[SharedMode]) -> dict[str, object]:
+    """Return a picture's attributes with these modes instead of its own."""
+    return {**attributes, KEY: [asdict(mode) for mode in modes]} if modes else dict(attributes)
+
+
+def widened(image: LuminanceImage, modes: Sequence[SharedMode]) -> LuminanceImage:
+    """Return the picture with further modes, which each pixel's uncertainty then includes."""
+    luminance = luminance_cd_m2(image.rgb)
+    u2 = np.square(image.uncertainty)
+    for mode in modes:
+        u2 += np.square(relative_error(mode, image, luminance))
+    attributes = with_modes(image.attributes, [*modes_of(image), *modes])
+    return replace(image, uncertainty=np.sqrt(u2), attributes=attributes)
+
+
+def modes_of(image: RelativeImage | LuminanceImage) -> tuple[SharedMode, ...]:
+    """Return a picture's modes; none where nothing is known."""
+    rows = image.attributes.get(KEY, [])
+    assert isinstance(rows, list | tuple)
+    return tuple(SharedMode(row["name"], row["kind"], tuple(row["places"]), tuple(row["values"])) for row in rows)
+
+
+def relative_error(mode: SharedMode, image: RelativeImage | LuminanceImage, luminance: Floats) -> Floats:
+    """Return a mode's relative error at each pixel, (H, W), for one standard deviation; ``luminance``: (H, W)."""
+    if mode.kind == "level":
+        return mode.of_levels(luminance)
+    if mode.kind == "seam" and isinstance(image.geometry, Equirectangular):
+        height, width = luminance.shape
+        latitude = (0.5 - (np.arange(height) + 0.5) / height) * math.pi
+        longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2 * math.pi
+        place = np.cos(latitude)[:, None] * np.cos(longitude)
+    else:
+        rays, _ = directions(image.geometry)
+        place = rays[..., 1] if mode.kind == "seam" else np.hypot(rays[..., 0], rays[..., 1])
+    return np.asarray(np.interp(place, mode.places, mode.values), dtype=np.float32)
+
+
+def shared_error(image: LuminanceImage, weights: Doubles) -> float:
+    """Return the standard uncertainty of ``sum(weights * luminance)`` by the picture's modes, in that sum's unit.
+
+    ``weights``: (H, W). What the picture's scale adds (`LuminanceImage.scale_uncertainty`) is not in it.
+    """
+    luminance = luminance_cd_m2(image.rgb)
+    parts = weights * luminance
+    return math.hypot(*(float(np.sum(parts * relative_error(mode, image, luminance))) for mode in modes_of(image)))
+
+
+def camera_modes(mean_luminance: float, *, two_lenses: bool, falloff_sigma: float = 0.0) -> list[SharedMode]:
+    """Return the modes of a lens that no measurement has covered: stray light, a seam, fall-off at the rim.
+
+    ``mean_luminance``: of the picture, in its unit; ``falloff_sigma``: relative, at 90 degrees from the axis.
+    """
+    places = np.arange(-14.0, 15.0, 1.0)
+    veil = VEIL_INDEX * np.minimum(2.0**-places, 2.0 / VEIL_INDEX)
+    level = math.log2(max(mean_luminance, 1e-30))
+    found = [SharedMode("stray light", "level", tuple(places + level), tuple(veil.tolist()))]
+    if two_lenses:
+        found.append(SharedMode("stitching", "seam", (-0.1, 0.1), (-SEAM_SIGMA, SEAM_SIGMA)))
+    if falloff_sigma:
+        found.append(SharedMode("fall-off", "axis", (0.0, 1.0), (0.0, falloff_sigma)))
+    return found

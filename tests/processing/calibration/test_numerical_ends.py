@@ -1,0 +1,92 @@
+"""Numbers at the ends of what can be given: a right result or a typed error, never NaN and never another exception."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from processing.calibration.merge.tables import frame_consistency, merge_tables
+from processing.calibration.outdoor.nd_filter import fit_nd_filter
+from processing.calibration.response.response import recover_response
+from processing.calibration.response.samples import Bracket8
+from processing.calibration.scale.photometry import illuminance_lx
+from processing.calibration.scale.veiling_glare import veil_bound_from_darkest
+from processing.errors import BracketError, LensError, ParameterError, ResponseError
+from processing.figures.views import eye_view
+from processing.pictures.images import LuminanceImage
+from processing.sphere import Equirectangular
+from tests.processing.calibration.merge.merge_cases import NOISE, bracket, merged, true_curve
+
+
+@pytest.mark.parametrize("time_s", [1e300, 1e-320, 1e-9, 1e6, float("nan")])
+def test_times_no_shutter_has_are_refused(time_s: float) -> None:
+    made = bracket()
+    times = [*made.true_s[:-1], time_s]
+    with pytest.raises(ParameterError):
+        merged(made.frames, times)
+    linear = [frame.astype(np.uint16) * 257 for frame in made.frames]
+    with pytest.raises(ParameterError):
+        merged(linear, times)
+    with pytest.raises(BracketError):
+        recover_response([Bracket8(made.frames, times)])
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
+@pytest.mark.parametrize("part", ["photon", "read", "code_variance"])
+def test_noise_that_cannot_be_is_refused(part: str, value: float) -> None:
+    with pytest.raises(ParameterError):
+        replace(NOISE, **{part: (value, 1e-4, 1e-4)})
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
+def test_a_curve_whose_uncertainty_cannot_be_is_refused(value: float) -> None:
+    curve = true_curve()
+    sigma = curve.sigma_log2.copy()
+    sigma[1, 100] = value
+    with pytest.raises(ParameterError):
+        merged(bracket().frames, bracket().true_s, replace(curve, sigma_log2=sigma))
+
+
+def test_frames_without_pixels_and_threads_below_one_are_refused() -> None:
+    with pytest.raises(BracketError):
+        recover_response([Bracket8([np.zeros((0, 0, 3), np.uint8)] * 3, (1.0, 0.5, 0.25))])
+    with pytest.raises(ParameterError):
+        merged(bracket().frames, bracket().true_s, workers=-1)
+
+
+def test_one_time_for_all_frames_is_refused() -> None:
+    with pytest.raises(ResponseError, match="one exposure time"):
+        recover_response([Bracket8(bracket().frames, [0.1] * 9)])
+
+
+@pytest.mark.parametrize("patches", [np.full((24, 3), 0.5), np.full((24, 3), 1e30), np.full((24, 3), 1e308)])
+def test_patches_that_fit_no_filter_are_refused(patches: np.ndarray) -> None:
+    with pytest.raises(LensError):
+        fit_nd_filter(patches * 1e-3, patches)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -5.0])
+def test_pictures_of_impossible_light_give_no_figure(value: float) -> None:
+    rgb = np.full((32, 64, 3), value, np.float32)
+    ones = np.full((32, 64), 0.01, np.float32)
+    image = LuminanceImage(rgb, ones, np.zeros((32, 64), np.uint8), Equirectangular(64, 32), 0.0)
+    for figure in (illuminance_lx, veil_bound_from_darkest, lambda one: eye_view(one, 0.0, 16)):
+        with pytest.raises(ParameterError):
+            figure(image)
+
+
+def test_two_all_but_white_frames_set_no_offset() -> None:
+    rng = np.random.default_rng(5)
+    curve = true_curve()
+    # White but for a few pixels, whose codes at the top a scene's tone mapping has bent by half a stop.
+    codes = rng.integers(241, 247, (180, 360, 1)).repeat(3, axis=2)
+    shorter = np.stack(
+        [np.interp(row[codes[..., c]] - 1.5, row, range(256)) for c, row in enumerate(curve.log2_exposure)]
+    )
+    frames = [codes.astype(np.uint8), np.moveaxis(np.rint(shorter), 0, -1).astype(np.uint8)]
+    for frame in frames:
+        frame[:150] = 255
+    tables = merge_tables(curve, NOISE, np.array([4.0, 1.0]), np.zeros(2), 0.0)
+    assert frame_consistency(frames, tables).offset.tolist() == [0.0, 0.0]

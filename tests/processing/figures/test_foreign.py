@@ -1,0 +1,127 @@
+"""Pictures and calibration files of other programs, and glare indices with their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from processing.errors import ParameterError, PictureFileError
+from processing.figures.foreign import CalFile, applied, read_cal, read_rsp, view_geometry
+from processing.figures.indices import glare_indices
+from processing.figures.parts import by_reading, light_figures
+from processing.pictures.images import LuminanceImage
+from processing.pictures.modes import SharedMode, modes_of, shared_error, widened
+from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, projected_solid_angles
+
+
+def eye(level: float = 500.0, size: int = 200) -> LuminanceImage:
+    geometry = Fisheye(size, size, LensMapping.EQUIDISTANT, size / 2)
+    _, seen = directions(geometry)
+    rgb = np.where(seen[..., None], level, 0).astype(np.float32) * np.ones(3, np.float32)
+    validity = np.where(seen, 0, 3).astype(np.uint8)
+    return LuminanceImage(rgb, np.full((size, size), 0.05, np.float32), validity, geometry, 0.02)
+
+
+def test_a_falloff_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "vignetting.cal"
+    path.write_text("r=sqrt(sq(x-500))/500;\nsf=(1/(((-0.5)*(r^4))+((0.2)*(r^2))+((1e-18)*r)+1));\nro=sf*ri(1);\n")
+    found = read_cal(path).falloff
+    assert found is not None
+    assert found.in_angle
+    assert float(found.evaluate(1.0)) == pytest.approx(0.7)
+
+
+def test_factors_are_read_and_applied(tmp_path: Path) -> None:
+    path = tmp_path / "nd.cal"
+    path.write_text("ro=2.0*ri(1);\ngo=gi(1)*2.0;\nbo=2.0*bi(1);")
+    image = eye()
+    assert applied(image, [read_cal(path)]).rgb.max() == pytest.approx(2 * image.rgb.max())
+
+
+@pytest.mark.parametrize("text", ["", "ro=ri(1);", "sf=oops"])
+def test_what_is_no_calibration_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "x.cal"
+    path.write_text(text)
+    with pytest.raises(PictureFileError):
+        read_cal(path)
+    with pytest.raises(PictureFileError):
+        read_rsp(path)
+
+
+def test_a_response_polynomial_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "camera.rsp"
+    path.write_text("2 0.9 0.05 0.001\n2 0.9 0.05 0.001\n2 0.9 0.05 0.001\n")
+    found = read_rsp(path)
+    assert found[:, 255] == pytest.approx(0)
+    assert np.all(np.diff(found, axis=1) > 0)
+
+
+def test_views_are_checked() -> None:
+    assert isinstance(view_geometry("panorama", 64, 32), Equirectangular)
+    found = view_geometry("fisheye,equisolid,180", 64, 64)
+    assert isinstance(found, Fisheye)
+    assert found.half_field_rad == pytest.approx(math.pi / 2)
+    for wrong in ("fisheye", "fisheye,round,180", "fisheye,equisolid,x"):
+        with pytest.raises(ParameterError):
+            view_geometry(wrong, 64, 64)
+
+
+def test_a_reading_sets_the_scale() -> None:
+    found = by_reading(eye(5.0), 800.0, (100, 100), 0.02)
+    light = light_figures(found)
+    assert light["illuminance_lx"]["value"] == pytest.approx(800 * math.pi, rel=0.01)
+    assert light["illuminance_lx"]["uncertainty"] == pytest.approx(0.02 * 800 * math.pi, rel=0.05)
+
+
+def test_indices_of_one_source_follow_their_formulas() -> None:
+    image = eye(500.0)
+    rgb = image.rgb.copy()
+    rgb[40:60, 95:105] = 20_000
+    found = glare_indices(replace(image, rgb=rgb))
+    assert found["sources"]["value"] == 1
+    assert 10 < found["ugr"]["value"] < 40
+    # A scale of 2 % more adds 8 log10(1.02) to UGR.
+    assert found["ugr"]["uncertainty"] == pytest.approx(8 * math.log10(1.02), rel=0.1)
+    assert glare_indices(image)["ugr"]["value"] == 0
+
+
+def test_the_task_sets_the_threshold_and_must_be_seen() -> None:
+    image = eye(100.0)
+    rgb = image.rgb.copy()
+    rgb[40:60, 95:105] = 900
+    bright = replace(image, rgb=rgb)
+    assert glare_indices(bright)["sources"]["value"] == 0
+    assert glare_indices(bright, task=(0.0, -20.0, 30.0))["sources"]["value"] == 1
+    with pytest.raises(ParameterError):
+        glare_indices(bright, task=(180.0, 0.0, 10.0))
+
+
+def test_shared_errors_do_not_average_out() -> None:
+    image = eye(100.0)
+    whole = SharedMode("all", "level", (-10.0, 20.0), (0.03, 0.03))
+    both = widened(image, [whole])
+    weights = projected_solid_angles(image.geometry, (0.0, 0.0, 1.0))
+    assert modes_of(both) == (whole,)
+    assert shared_error(both, weights) == pytest.approx(0.03 * 100 * math.pi, rel=0.02)
+    assert float(both.uncertainty[100, 100]) == pytest.approx(math.hypot(0.05, 0.03), rel=1e-3)
+    anchored = whole.moved(1.0, anchor=5.0)
+    assert np.allclose(anchored.values, 0)
+
+
+def test_a_lens_file_needs_a_fisheye() -> None:
+    rgb = np.ones((8, 16, 3), np.float32)
+    flat = np.zeros((8, 16), np.float32)
+    panorama = LuminanceImage(rgb, flat, flat.astype(np.uint8), Equirectangular(16, 8), 0.0)
+    falloff = read_falloff()
+    with pytest.raises(ParameterError):
+        applied(panorama, [falloff])
+
+
+def read_falloff() -> CalFile:
+    from processing.calibration.scale.vignetting import Vignetting
+
+    return CalFile(Vignetting((2,), (-0.2,)), (1.0, 1.0, 1.0))
