@@ -36,7 +36,7 @@ QUALITY = {
     "standard": EFFORTS["standard"],
     "reference": Effort(texel_m=0.07, patch_samples=128, rows=512, pixel_samples=32, sun_samples=256),
 }
-_SHOWN = {
+_SHOWN: Any = {
     "rank": True,
     "items": {"__all__": {"id", "category", "model", "size_m", "theta_rad", "t_m"}},
     "not_placed": True,
