@@ -19,7 +19,7 @@ from station.session.verify import verify_session
 from tests.torture import small_capture
 from tests.torture.ledger import record
 from tests.torture.os_faults import FaultAt, installed
-from tests.torture.power_cut import DATA_CHOICES, NAME_CHOICES, Op, Recorder, build, without_syncs
+from tests.torture.disk.power_cut import DATA_CHOICES, NAME_CHOICES, Op, Recorder, build, without_syncs
 from tests.torture.small_capture import Ack
 
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
