@@ -83,7 +83,8 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
         return image
     level, _, place = asked["reading"].partition("@")
     column, row = numbers("--reading", place, 2, "column and row after the @")
-    return parts.by_reading(image, *numbers("--reading", level, 1, "cd/m2"), (column, row), READING_SIGMA)
+    (luminance_cd_m2,) = numbers("--reading", level, 1, "cd/m2")
+    return parts.by_reading(image, luminance_cd_m2, (column, row), READING_SIGMA)
 
 
 def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, dict[str, float]]:

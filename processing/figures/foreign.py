@@ -143,7 +143,8 @@ def merged_bracket(frames: Sequence[Taken], response: Doubles | None, mapping: s
         noise = estimate_noise([bracket], curve)
     circle = find_image_circle(codes)
     half = math.radians(field_deg) / 2
-    lens = Fisheye(*codes[0].shape[1::-1], LensMapping(mapping), circle.radius_px, half, circle.centre_px)
+    height_px, width_px = codes[0].shape[:2]
+    lens = Fisheye(width_px, height_px, LensMapping(mapping), circle.radius_px, half, circle.centre_px)
     image = merge(
         [array_frame(one, taken.path.name) for one, taken in zip(codes, frames, strict=True)],
         fit.times_s,

@@ -77,12 +77,12 @@ def _values(image: LuminanceImage, rays: Doubles, area: Doubles, threshold: floa
 def _sources(spots: BrightSpots) -> tuple[Doubles, Doubles, Doubles, Doubles]:
     """Return luminance, solid angle, position index and cosine from the line of sight of each source, (n,)."""
     count = spots.count
-    area = np.bincount(spots.source, spots.area_sr, count)
+    area = np.asarray(np.bincount(spots.source, spots.area_sr, count), np.float64)
     light = spots.area_sr * spots.luminance_cd_m2
     middle = np.stack([np.bincount(spots.source, light * spots.rays[:, k], count) for k in range(3)], axis=-1)
     ways = middle / np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-30)
     level = np.bincount(spots.source, light, count) / np.maximum(area, 1e-30)
-    return level, area, position_index(ways, 0.0), np.clip(ways[:, 1], 0, 1)
+    return level, area, position_index(ways, 0.0), np.asarray(np.clip(ways[:, 1], 0, 1), np.float64)
 
 
 def _formulas(sources: tuple[Doubles, Doubles, Doubles, Doubles], lux: float, mean: float) -> dict[str, float]:

@@ -128,10 +128,11 @@ def taken_frames(folder: Path) -> list[Taken]:
                 own = exif.get_ifd(_EXIF)
                 said = [float(own[tag]) for tag in (_TIME, _APERTURE, _SPEED)]
         except (OSError, KeyError, ValueError, TypeError, ZeroDivisionError):
-            said = [0.0]
+            said = [0.0] * 3
         if not (min(said) > 0 and all(map(math.isfinite, said))):
             raise BracketError("has no time, aperture or speed in EXIF", where=path.name)
-        found.append(Taken(path, *said, str(exif.get(_MODEL, "")).strip("\0 ")))
+        time_s, aperture, speed = said
+        found.append(Taken(path, time_s, aperture, speed, str(exif.get(_MODEL, "")).strip("\0 ")))
     if len(found) < 2:
         raise BracketError("holds no bracket", where=folder.name, advice="give a folder with a camera's frames")
     return found
