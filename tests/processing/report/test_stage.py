@@ -55,12 +55,12 @@ def test_a_whole_session_has_all_its_parts(tmp_path: Path) -> None:
 
 
 def test_what_was_skipped_is_named_and_the_rest_stands(tmp_path: Path) -> None:
-    bare = without(results(), "room", "figures", "detect", "remove", "materials", "arrange", "render")
+    bare = without(results(), "room", "figures", "detect", "light", "remove", "materials", "arrange", "render")
     data = report_data(context(tmp_path, bare))
     assert data.lead is None, "there is nothing to compare"
     assert list(widgets(data)) == ["viewer"]
     skipped = {line.name: line.reason for line in data.stages if line.state == "skipped"}
-    later = ("room", "figures", "detect", "remove", "materials", "arrange", "render")
+    later = ("room", "figures", "detect", "light", "remove", "materials", "arrange", "render")
     assert skipped == dict.fromkeys(later, "not asked")
 
 
