@@ -62,6 +62,7 @@ def find_masks(
     *,
     sun_direction: tuple[float, float] | None = None,
     sun_possible: bool = True,
+    sun_seen: bool = False,
     meter_target: tuple[float, float] | None = None,
     margin_rad: float = MARGIN_RAD,
 ) -> Masks:
@@ -75,6 +76,8 @@ def find_masks(
         Azimuth (from +y towards +x) and elevation in rad; None: looked for.
     sun_possible
         False: no direct sun is looked for (an overcast sky, as the outdoor picture shows).
+    sun_seen
+        The outdoor picture shows the sun; without it, and without its direction, only unmistakable patches count.
     meter_target
         Where the meter looked: longitude and latitude in rad in this picture; the board there goes with its stand.
     margin_rad
@@ -95,7 +98,8 @@ def find_masks(
         return _nothing((geometry.height_px, geometry.width_px), "the picture is black: nothing can be found in it")
     small = Equirectangular(shape[1], shape[0])
     maps = surface_maps(room, small)
-    known = _Known(sun_direction if sun_possible else None, sun_possible, meter_target, evidence.networks > 1)
+    sun = sun_direction if sun_possible else None
+    known = _Known(sun, sun_possible, sun_seen, meter_target, evidence.networks > 1)
     found = _find(rgb, _evidence_at(evidence, shape), room, maps, known)
     return _united(found, image, geometry, margin_rad)
 
@@ -106,6 +110,7 @@ class _Known:
 
     sun: tuple[float, float] | None
     sun_possible: bool
+    sun_seen: bool
     meter_target: tuple[float, float] | None
     two_networks: bool
 
@@ -141,7 +146,7 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
         d, _ = directions(geometry)
         points = d * maps.depth_m[..., None] + np.array([0.0, 0.0, room.camera_height_m])
         weight = np.broadcast_to(row_solid_angles((rgb.shape[0], rgb.shape[1])), luminance.shape)
-        sunlight = find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun)
+        sunlight = find_sunlight(luminance, points, maps.plane, bare, weight, room, known.sun, known.sun_seen)
     else:
         sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board)

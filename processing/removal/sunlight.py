@@ -82,6 +82,7 @@ def find_sunlight(
     weight: Doubles,
     room: RoomModel,
     sun: tuple[float, float] | None,
+    seen: bool = False,
 ) -> SunFound:
     """Return direct sunlight on a room's planes.
 
@@ -97,6 +98,8 @@ def find_sunlight(
         (H, W): solid angles.
     sun
         Azimuth (from +y towards +x) and elevation in rad, or None: not known; then only what is unmistakable is taken.
+    seen
+        Whether the sky was seen to have a sun: then patches need not be unmistakable.
     """
     none = np.zeros(luminance.shape, bool)
     if sun is not None and sun[1] <= 0:
@@ -121,7 +124,7 @@ def find_sunlight(
     lit = _in_beams(scene, room, sun_vector(*direction))
     mask = none.copy()
     mask[usable] = lit
-    if sun is None:
+    if sun is None and not seen:
         mask = unmistakable(mask, relative, points_m, np.where(usable, plane, np.int16(-1)))
         if not mask.any():
             return SunFound(none, None, False, "when and where is not known, and no patch can be nothing but sun")

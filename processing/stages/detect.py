@@ -11,7 +11,7 @@ from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import DetectParameters
-from processing.stages.upright import known_room, sky_without_sun, sun_direction, upright_panorama
+from processing.stages.upright import known_room, sky_with_sun, sky_without_sun, sun_direction, upright_panorama
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 MUCH = 0.5
@@ -41,6 +41,7 @@ def run(context: StageContext) -> StageOutput:
         room,
         sun_direction=sun if possible else None,
         sun_possible=possible,
+        sun_seen=sky_with_sun(context),
         meter_target=_meter_target(context),
         margin_rad=math.radians(asked.margin_deg),
     )

@@ -144,6 +144,16 @@ def _moment(session: SessionManifest) -> datetime | None:
 
 def sky_without_sun(context: StageContext) -> bool:
     """Return whether the session's outdoor picture shows that no sun shone; False where there is none to ask."""
+    return _sun_outdoors(context).startswith("no")
+
+
+def sky_with_sun(context: StageContext) -> bool:
+    """Return whether the session's outdoor picture shows that the sun shone; False where there is none to ask."""
+    return _sun_outdoors(context).startswith("yes")
+
+
+def _sun_outdoors(context: StageContext) -> str:
+    """Return what calibration found of the sun in the outdoor picture, "" where there is none."""
     facts: dict[str, Any] | None = context.optional_artifact("calibrate", "calibration")
     outdoor = facts.get("outdoor") if facts else None
-    return outdoor is not None and str(outdoor["sun"]["found"]).startswith("no")
+    return "" if outdoor is None else str(outdoor["sun"]["found"])
