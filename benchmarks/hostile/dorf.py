@@ -7,8 +7,8 @@ noise. The prior is fitted to every second bracket (and digital curves), the oth
 from __future__ import annotations
 
 import numpy as np
-from mocks.optics.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, reference_radiance
 
+from benchmarks.photometry.synthetic_bracket import PAPER_TIMES_S, REFERENCE_SENSOR, reference_radiance
 from benchmarks.shared_data import DATA
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8

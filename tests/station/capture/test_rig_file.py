@@ -90,8 +90,8 @@ def test_stops_are_planned_one_after_another_from_the_first_reading_on() -> None
     assert set(times_s) == {"theta_z1", "canon_5d2"}
     by_stop = dict(zip(PAPER_RIG.bracket.stops_s(), times_s["theta_z1"], strict=True))
     assert by_stop[1 / 8000] == 6.0
-    assert by_stop[1 / 4000] - by_stop[1 / 8000] == pytest.approx(1.15 + 1 / 8000)
-    assert by_stop[4.0] - by_stop[1.0] == pytest.approx(1.15 + 1.0)
+    assert by_stop[1 / 4000] - by_stop[1 / 8000] == pytest.approx(2.75 + 1 / 8000)
+    assert by_stop[4.0] - by_stop[1.0] == pytest.approx(2.75 + 1.0)
     assert times_s["canon_5d2"] == times_s["theta_z1"]
     without_meter = planned_times_s(PAPER_RIG.model_copy(update={"meter": None}))
     assert min(without_meter["theta_z1"]) == 1.0
