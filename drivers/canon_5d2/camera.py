@@ -360,8 +360,8 @@ class Canon5D2:
 
     def keep_alive(self) -> None:
         """Keep the camera from switching itself off, and its events from piling up."""
-        self._remote.keep_on()
-        self._remote.drain()
+        if not self._remote.keep_on():
+            self._remote.drain()
 
     def recover(self) -> None:
         """Resynchronise or reconnect, enter remote mode anew, let go of the button, forget a running exposure.

@@ -245,15 +245,16 @@ class CanonRemote:
             if not news:
                 self._clock.sleep(FIRST_PAUSE_S)
 
-    def keep_on(self) -> None:
-        """Keep the camera from switching itself off; does something every `KEEP_ON_PERIOD_S` or when it warns."""
+    def keep_on(self) -> bool:
+        """Keep the camera from switching itself off; whether it was time: every `KEEP_ON_PERIOD_S`, or when it warns."""
         now_s = self._clock.monotonic_s()
         if now_s - self._kept_on_at_s < KEEP_ON_PERIOD_S and not self._shuts_down_soon:
-            return
+            return False
         self.patiently(lambda: self.do(CanonOperation.KEEP_DEVICE_ON))
         self._kept_on_at_s = now_s
         self._shuts_down_soon = False
         self.drain()
+        return True
 
     def offer_space(self) -> None:
         """Let the camera know that the computer has room for pictures."""

@@ -556,7 +556,7 @@ def test_unfetched_picture_of_a_crash_is_let_go_at_connect() -> None:
 
 def test_keep_alive_speaks_every_ten_seconds_and_when_warned() -> None:
     dialogue = CanonDialogue().connect()
-    dialogue.ask(0x911D).poll(record(0xC18D, struct.pack("<I", 30))).poll().ask(0x911D).poll()
+    dialogue.poll().ask(0x911D).poll(record(0xC18D, struct.pack("<I", 30))).poll().ask(0x911D).poll().poll()
     camera, transport = dialogue.start()
     camera.connect()
     camera.keep_alive()

@@ -59,4 +59,5 @@ def test_a_photograph_becomes_a_session_and_the_end_says_where_to_look(
     assert asked == [{"--set": "bedroom"}]
     told = capsys.readouterr().out
     assert "peak memory" in told
-    assert told.splitlines()[-1] == f"look at: {session / 'stages' / 'report' / 'index.html'}"
+    assert f"look at: {session / 'stages' / 'report' / 'index.html'}" in told.splitlines()
+    assert "daylit models get" in told.splitlines()[-1]
