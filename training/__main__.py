@@ -1,4 +1,4 @@
-"""`python -m training generate|fit|export|evaluate ...`: see docs/measurements/network.md."""
+"""`python -m training generate|fit|export|evaluate ...`: see docs/reference/network.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Two checkpoints' networks in one file: classes of one, boundaries of the other.
 
-What is learnt last gains one and may lose the other (docs/measurements/network.md); the program sees one network all
+What is learnt last gains one and may lose the other (docs/reference/network.md); the program sees one network all
 the same.
 """
 

@@ -1,6 +1,6 @@
 """The network that daylit ships: classes and boundaries of an upright panorama, without any download.
 
-It was trained on simulated rooms only (docs/measurements/network.md, `training/`). It sees the panorama at 256 x 128,
+It was trained on simulated rooms only (docs/reference/network.md, `training/`). It sees the panorama at 256 x 128,
 several times:
 turned about the vertical and mirrored, by angles that do not fall on its grid, so that the answers differ and their
 mean is better than each.

@@ -77,7 +77,8 @@ def local_contrast(luminance: Floats) -> Floats:
     size = (CONTRAST_PX, CONTRAST_PX)
     mean = cv2.blur(log, size)
     square = cv2.sqrBoxFilter(log - mean, -1, size)
-    return np.asarray(cv2.sqrt(square), dtype=np.float32)
+    # Running sums leave a trace below zero where nothing varies.
+    return np.sqrt(np.maximum(square, 0), dtype=np.float32)
 
 
 def only_texture(uncertainty: Floats, contrast: Floats, share: float) -> Flags:
