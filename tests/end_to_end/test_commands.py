@@ -183,7 +183,7 @@ def test_demo_ends_with_a_report(tmp_path: Path) -> None:
         out, err = process.communicate(timeout=1700)
     assert process.returncode == 0, err
     assert len(list((tmp_path / "demo").glob("*_room/indoor/*.jpg"))) == 9
-    page = Path(out.splitlines()[-1].removeprefix("look at: "))
+    (page,) = (Path(line.removeprefix("look at: ")) for line in out.splitlines() if line.startswith("look at: "))
     text = (tmp_path / page).read_text("utf-8")
     assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
     assert "Alternative 3" in text
