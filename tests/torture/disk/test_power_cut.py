@@ -17,9 +17,9 @@ from station.errors import DaylitError
 from station.session.store import SessionStore
 from station.session.verify import verify_session
 from tests.torture import small_capture
+from tests.torture.disk.power_cut import DATA_CHOICES, NAME_CHOICES, Op, Recorder, build, without_syncs
 from tests.torture.ledger import record
 from tests.torture.os_faults import FaultAt, installed
-from tests.torture.disk.power_cut import DATA_CHOICES, NAME_CHOICES, Op, Recorder, build, without_syncs
 from tests.torture.small_capture import Ack
 
 LONG = os.environ.get("DAYLIT_TORTURE") == "1"
