@@ -246,7 +246,7 @@ class CanonRemote:
                 self._clock.sleep(FIRST_PAUSE_S)
 
     def keep_on(self) -> bool:
-        """Keep the camera from switching itself off; whether it was time: every `KEEP_ON_PERIOD_S`, or when it warns."""
+        """Keep the camera from switching itself off, every `KEEP_ON_PERIOD_S` or when it warns; whether it was time."""
         now_s = self._clock.monotonic_s()
         if now_s - self._kept_on_at_s < KEEP_ON_PERIOD_S and not self._shuts_down_soon:
             return False
