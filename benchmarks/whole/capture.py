@@ -102,7 +102,7 @@ def _capture_once(how: str, seed: int, samples: int) -> dict[str, Any]:
     from station.capture.rig import open_simulated_rig, wanted_cameras
     from station.capture.rig_file import PAPER_RIG, BracketTable, MeterTable
 
-    file = PAPER_RIG.model_copy(update={"meter": MeterTable(samples=samples)})
+    file = PAPER_RIG.model_copy(update={"meter": MeterTable(dialect="ls160", samples=samples)})
     if samples == QUICK_SAMPLES:
         file = file.model_copy(update={"bracket": BracketTable(stops=QUICK_STOPS)})
     bench = make_bench("room", wanted_cameras(file), file.bracket.stops_s(), BenchOptions(seed=seed))
