@@ -42,7 +42,7 @@ STOPS_S = (1 / 4, 1 / 15, 1 / 60, 1 / 250)
 RIG = RigFile(
     indoor=CameraTable(kind="theta_z1", iso=100, f_number=5.6, size_px=(96, 48)),
     outdoor=CameraTable(kind="canon_5d2", iso=200, f_number=16, size_px=(96, 64), nd_filter="ND 3.0"),
-    meter=MeterTable(samples=1),
+    meter=MeterTable(dialect="ls160", samples=1),
     limits=LimitsTable(min_free_disk_mb=0, max_start_skew_s=1.0),
 )
 KINDS = {Side.INDOOR: "theta_z1", Side.OUTDOOR: "canon_5d2"}
