@@ -20,8 +20,8 @@ from drivers.ptp.pipes import Pipe
 from drivers.transcript import Entry
 
 COMMAND, DATA, RESPONSE = 1, 2, 3
-HEADER_BYTES = 12
-GET_EVENT = 0x9116
+HEADER_BYTES = 12  # length, type, code, transaction (PIMA 15740 over USB)
+GET_EVENT = 0x9116  # Canon's, as libgphoto2 numbers it
 NO_RECORDS = struct.pack("<II", 8, 0)
 QUESTIONS = frozenset(
     {

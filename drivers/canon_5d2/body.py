@@ -19,7 +19,7 @@ PICTURE_STYLES = {0x81: "standard", 0x82: "portrait", 0x83: "landscape", 0x84: "
                   0x21: "user 1", 0x22: "user 2", 0x23: "user 3"}  # fmt: skip
 UNUSABLE_STYLES = {0x86: "it takes the colour out", 0x87: "it changes the curve from frame to frame"}
 COLOUR_SPACES = {1: "sRGB", 2: "Adobe RGB"}
-SRGB = 1
+SRGB = 1  # the camera's number, as in the table above
 LONG_EXPOSURE_NR, HIGH_ISO_NR, TONE_PRIORITY, OPTIMISER, MIRROR_LOCKUP = 0x201, 0x202, 0x203, 0x204, 0x60F
 """Ids of custom functions."""
 NR_WORDS = {0: "off", 1: "auto", 2: "on"}

@@ -117,14 +117,14 @@ class CanonResponse(IntEnum):
 
 # Values of the EOS properties (libgphoto2 camlibs/ptp2).
 AE_MANUAL = 3
-AE_BULB = 4
-DRIVE_SINGLE = 0
-FOCUS_MANUAL = 3
-WB_COLOR_TEMPERATURE = 9
+AE_BULB = 4  # libgphoto2: on the 5D Mark II's dial
+DRIVE_SINGLE = 0  # libgphoto2: one frame a release
+FOCUS_MANUAL = 3  # libgphoto2: the lens's switch on MF
+WB_COLOR_TEMPERATURE = 9  # libgphoto2: the temperature is a property of its own
 DESTINATION_PC = 4
 """A bit of D11C: set where pictures go to the computer. What stands for a card differs: 1 on bodies with CompactFlash,
 2 on those with SD (lists of a 5D Mark III and a 60D)."""
-LIST_FORM = 3
+LIST_FORM = 3  # the list of allowed values, as in the recordings
 
 SHUTTER_CODES: dict[int, float] = {
     0x10: 30, 0x13: 25, 0x15: 20, 0x18: 15, 0x1B: 13, 0x1D: 10, 0x20: 8, 0x23: 6, 0x25: 5, 0x28: 4, 0x2B: 3.2,
@@ -154,7 +154,7 @@ APERTURE_CODES: dict[int, float] = {
 
 # Codes of an image-format entry (libgphoto2 camlibs/ptp2).
 IMAGE_TYPE_JPEG = 1
-IMAGE_TYPE_RAW = 6
+IMAGE_TYPE_RAW = 6  # CR2
 IMAGE_SIZE_LARGE, IMAGE_SIZE_MEDIUM, IMAGE_SIZE_SMALL = 0, 1, 2
 IMAGE_COMPRESSION_NORMAL, IMAGE_COMPRESSION_FINE, IMAGE_COMPRESSION_RAW = 2, 3, 4
 IMAGE_SIZES_PX = {IMAGE_SIZE_LARGE: (5616, 3744), IMAGE_SIZE_MEDIUM: (4080, 2720), IMAGE_SIZE_SMALL: (2784, 1856)}

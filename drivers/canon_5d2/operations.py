@@ -25,8 +25,8 @@ from drivers.errors import ProtocolViolationError
 
 # Sizes of the GetEvent stream and of an image-format entry (libgphoto2 camlibs/ptp2).
 RECORD_HEADER_BYTES = 8
-IMAGE_FILE_BYTES = 16
-MAX_IMAGE_FILES = 2
+IMAGE_FILE_BYTES = 16  # four 32-bit numbers (libgphoto2)
+MAX_IMAGE_FILES = 2  # JPEG and raw
 IMAGE_FORMAT_PROPS = frozenset({CanonProp.IMAGE_FORMAT, 0xD121, 0xD122, 0xD123})
 """D120 and its twins for CF, SD and PC: their values are structures."""
 OUR_PROPS = frozenset(map(int, CanonProp))

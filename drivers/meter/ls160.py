@@ -22,7 +22,7 @@ from drivers.serial_link import ByteLine
 CONNECT_LIMIT_S = 20.0
 MAX_SPREAD_FRAC = 0.10
 """Samples that differ more are no measurement of one luminance (two steps of the last digit are always allowed)."""
-SUSPECT_EQUALS = 3
+SUSPECT_EQUALS = 3  # chosen: equal readings in a row that are asked on
 FROZEN_EQUALS = 10
 """So many equal samples in a row are a frozen display. After `SUSPECT_EQUALS` the meter is asked on until a sample
 differs: at 0.1 % repeatability ten equal ones come by chance less than once in ten thousand times."""

@@ -9,8 +9,8 @@ from enum import IntEnum
 
 # USB still-image class 1.0 (PIMA 15740 over USB): container header, parameters, interface class.
 HEADER_BYTES = 12
-UNKNOWN_LENGTH = 0xFFFFFFFF
-MAX_PARAMETERS = 5
+UNKNOWN_LENGTH = 0xFFFFFFFF  # PIMA 15740 over USB: a data phase longer than 4 GiB
+MAX_PARAMETERS = 5  # PIMA 15740: of operations and responses
 STILL_IMAGE_CLASS = (0x06, 0x01, 0x01)
 
 

@@ -14,14 +14,14 @@ from typing import Any
 from drivers.errors import ProtocolViolationError
 from drivers.ptp.codes import HEADER_BYTES, MAX_PARAMETERS, UNKNOWN_LENGTH, ContainerType
 
-MAX_EVENT_PARAMETERS = 3
+MAX_EVENT_PARAMETERS = 3  # PIMA 15740: of an event
 _HEADER = struct.Struct("<IHHI")
 _MAX_PAYLOAD_BYTES = {
     ContainerType.COMMAND: 4 * MAX_PARAMETERS,
     ContainerType.RESPONSE: 4 * MAX_PARAMETERS,
     ContainerType.EVENT: 4 * MAX_EVENT_PARAMETERS,
 }
-_SHOWN_BYTES = 64
+_SHOWN_BYTES = 64  # chosen: what a reader of the message can use
 
 
 def violation(message: str, data: bytes | bytearray = b"", **details: Any) -> ProtocolViolationError:

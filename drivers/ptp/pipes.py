@@ -65,11 +65,11 @@ FIRST_READ_BYTES = 1024
 MAX_READ_BYTES = 512 * 1024
 MIN_CALL_S = 0.001
 """Shortest limit given to a link: libusb takes zero for "for ever"."""
-DRAIN_QUIET_S = 0.05
+DRAIN_QUIET_S = 0.05  # chosen: the line is quiet
 # Bounds against a camera that never stops: chosen.
 MAX_DRAIN_READS = 4096
-MAX_WAITING_EVENTS = 256
-MAX_EVENT_PIECES = 8
+MAX_WAITING_EVENTS = 256  # chosen: a bracket makes about 50
+MAX_EVENT_PIECES = 8  # chosen: an event has 24 bytes
 
 
 class BulkPipe:

@@ -18,19 +18,19 @@ from drivers.ptp.pipes import MIN_CALL_S, BulkPipe, EventPipe, PtpTransport
 
 # Limits of the rungs: chosen so that all together stay under half a minute.
 CANCEL_LIMIT_S = 7.0
-CLASS_RESET_LIMIT_S = 6.0
-PORT_RESET_LIMIT_S = 13.0
+CLASS_RESET_LIMIT_S = 6.0  # chosen: its steps below and 1 s
+PORT_RESET_LIMIT_S = 13.0  # chosen: the same, with opening the port again
 RESYNC_LIMIT_S = CANCEL_LIMIT_S + CLASS_RESET_LIMIT_S + PORT_RESET_LIMIT_S
 """All rungs together; beyond it only the kernel's own waits (resetting a port, clearing a halted endpoint)."""
 # Limits of their steps: chosen.
 DRAIN_LIMIT_S = 1.0
-CONTROL_LIMIT_S = 0.5
-READY_LIMIT_S = 1.5
-READY_PAUSE_S = 0.05
-PROOF_LIMIT_S = 2.0
-REOPEN_LIMIT_S = 8.0
-REOPEN_PAUSE_S = 0.25
-STATUS_BYTES = 32
+CONTROL_LIMIT_S = 0.5  # a device's limit for a control request (USB 2.0, 9.2.6.4)
+READY_LIMIT_S = 1.5  # chosen
+READY_PAUSE_S = 0.05  # chosen: 20 questions a second
+PROOF_LIMIT_S = 2.0  # chosen: the answer to the question that proves the line
+REOPEN_LIMIT_S = 8.0  # chosen: for the body to come back on the bus
+REOPEN_PAUSE_S = 0.25  # chosen
+STATUS_BYTES = 32  # chosen: a status has 4 bytes and a few endpoints'
 
 
 class Proof(Protocol):

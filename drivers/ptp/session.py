@@ -33,7 +33,7 @@ __all__ = ["PtpEvent", "PtpSession", "Reply"]
 ANY_RESPONSE = range(0x2000, 0xB000)
 OPEN_LIMIT_S = 8.0
 """Some cameras need as long to open a session after waking."""
-ALL_STORAGES = 0xFFFFFFFF
+ALL_STORAGES = 0xFFFFFFFF  # PIMA 15740, GetObjectHandles
 # Chosen: one chunk takes 40 ms at 25 MB/s.
 MAX_CHUNK_BYTES = 1024 * 1024
 MAX_DATASET_BYTES = 256 * 1024

@@ -69,11 +69,11 @@ def refusal(operation: int, code: int, params: tuple[int, ...] = (), *, where: s
 # Bounds of one transaction: chosen.
 DEFAULT_TIMEOUT_S = 20.0
 MAX_DATA_BYTES = 4 * 1024 * 1024
-MAX_UNANSWERED = 8
-LAST_TRANSACTION_ID = 0xFFFFFFFE
+MAX_UNANSWERED = 8  # chosen: late answers that are still recognised
+LAST_TRANSACTION_ID = 0xFFFFFFFE  # PIMA 15740: 0xFFFFFFFF is reserved
 RESPONSE_GROUPS = (0x2, 0xA)
 """First hex digit of a response code: standard, vendor."""
-MAX_BUSY_WAIT_S = 0.2
+MAX_BUSY_WAIT_S = 0.2  # chosen: pauses double up to here
 
 T = TypeVar("T")
 

@@ -65,14 +65,14 @@ MODEL = CameraModel(
 FORMATS: dict[int, FrameFormat] = {ObjectFormat.EXIF_JPEG: FrameFormat.JPEG, ObjectFormat.DNG: FrameFormat.DNG}
 # Waking and working take the camera a few seconds (Ricoh names none): limits chosen.
 WAKE_LIMIT_S = 10.0
-WAKE_PAUSE_S = 1.0
-READY_LIMIT_S = 15.0
-READY_PAUSE_S = 0.05
-EVENT_DRAIN_WAIT_S = 0.001
-MAX_DRAINED_EVENTS = 256
+WAKE_PAUSE_S = 1.0  # chosen
+READY_LIMIT_S = 15.0  # chosen: writing a raw frame takes 10 s (Ricoh)
+READY_PAUSE_S = 0.05  # chosen
+EVENT_DRAIN_WAIT_S = 0.001  # chosen: takes what is there, waits for nothing
+MAX_DRAINED_EVENTS = 256  # chosen: a bound on a camera that never stops
 RELEASE_LAG_S = 0.12
 """Assumed: Ricoh gives no figure. Measure it and put it into the rig file."""
-USB_SHOOTING_POSSIBLE = 0
+USB_SHOOTING_POSSIBLE = 0  # Ricoh's USB API
 WITNESSES = (
     Prop.EXPOSURE_PROGRAM_MODE,
     Prop.WHITE_BALANCE,
@@ -81,8 +81,8 @@ WITNESSES = (
     Prop.EXPOSURE_INDEX,
 )
 """Settings that are read again before every exposure: the camera forgets them in its sleep."""
-FULL_BATTERY = 100
-UNKNOWN_COUNT = 0xFFFFFFFF
+FULL_BATTERY = 100  # per cent (PIMA 15740, BatteryLevel)
+UNKNOWN_COUNT = 0xFFFFFFFF  # PIMA 15740, FreeSpaceInImages
 
 
 class ThetaZ1:

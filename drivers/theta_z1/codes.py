@@ -6,7 +6,7 @@ from enum import IntEnum
 
 # As lsusb and DeviceInfo of a Theta Z1 give them.
 USB_ID = (0x05CA, 0x036D)
-VENDOR_EXTENSION_ID = 0x00000006
+VENDOR_EXTENSION_ID = 0x00000006  # as the recorded body reports it
 
 
 class RicohProp(IntEnum):
@@ -42,9 +42,9 @@ class RicohOperation(IntEnum):
 
 # Property values of Ricoh's USB API specification.
 WHITE_BALANCE_COLOR_TEMPERATURE = 0x8007
-EXPOSURE_PROGRAM_MANUAL = 1
-STILL_CAPTURE_SINGLE = 1
-STITCHING_STATIC = 3
+EXPOSURE_PROGRAM_MANUAL = 1  # PIMA 15740
+STILL_CAPTURE_SINGLE = 1  # PIMA 15740
+STITCHING_STATIC = 3  # Ricoh's USB API
 
 F_NUMBER_TIMES_100 = {0: "auto", 210: "2.1", 350: "3.5", 560: "5.6"}
 F_NUMBER_INDEX = {0: "auto", 1: "2.1", 2: "3.5", 3: "5.6"}
@@ -53,7 +53,7 @@ F_NUMBER_INDEX = {0: "auto", 1: "2.1", 2: "3.5", 3: "5.6"}
 ISO_VALUES = (
     80, 100, 125, 160, 200, 250, 320, 400, 500, 640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400,
 )  # fmt: skip
-ISO_AUTO = 0xFFFF
+ISO_AUTO = 0xFFFF  # Ricoh's USB API
 
 SHUTTER_FRACTIONS: tuple[tuple[int, int], ...] = (
     (60, 1), (30, 1), (25, 1), (20, 1), (15, 1), (13, 1), (10, 1), (8, 1), (6, 1), (5, 1), (4, 1),

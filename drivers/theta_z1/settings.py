@@ -99,10 +99,10 @@ def error_texts(error_info: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 PROPERTY_PAUSE_S = 0.1
 """Between two property writes; what scripts that work with the real camera leave."""
-BUSY_LIMIT_S = 5.0
+BUSY_LIMIT_S = 5.0  # chosen
 SETTING_ATTEMPTS = 2
 """Settings sometimes do not take (seen by others on the real camera): write, compare, write once more."""
-TOP_BOTTOM_DISAPPLY = 4
+TOP_BOTTOM_DISAPPLY = 4  # Ricoh's USB API
 
 PROPERTY_TYPES: Mapping[int, DataType] = {
     Prop.BATTERY_LEVEL: DataType.UINT8,

@@ -27,11 +27,11 @@ from mocks.instruments.recorded import recording
 
 # Chosen: plausible for the camera's age; no figures are published.
 CANON_TIMING = CameraTiming(release_lag_s=0.075, processing_s=0.6, transfer_bytes_per_s=18e6)
-FIRST_HANDLE = 0x9000_0000
-FIRST_MEMORY_HANDLE = 0x9190_0001
-SHUTDOWN_WARNING_S = 10
+FIRST_HANDLE = 0x9000_0000  # as in the recordings
+FIRST_MEMORY_HANDLE = 0x9190_0001  # chosen: apart from those on the card
+SHUTDOWN_WARNING_S = 10  # chosen
 EMPTY_BATTERY, LOW_BATTERY_PERCENT = 0, 20
-FIRST_RECORD_CODE = 0xC180
+FIRST_RECORD_CODE = 0xC180  # as libgphoto2 numbers events' records
 PLAIN_PROPERTIES = (
     Property(0xD402, DataType.STRING, "Canon EOS"),
     Property(0xD407, DataType.UINT32, 1),

@@ -23,8 +23,8 @@ from mocks.instruments.recorded import RecordedEvent, recording
 END = struct.pack("<II", 8, 0)
 # libgphoto2 camlibs/ptp2.
 NAME_BYTES = 16
-NO_LIST = 1
-WITH_LIST = 3
+NO_LIST = 1  # forms of a record, as in the recordings
+WITH_LIST = 3  # the same
 
 ImageFormat = tuple[tuple[int, int, int], ...]
 """One or two files: (type, size, compression)."""
@@ -122,9 +122,9 @@ def transfer_requested(item: StoredObject) -> Record:
 # The settings of a body: values, lists, and the order of its first GetEvent, from its recording.
 
 
-BULB_SHUTTER = 0x0C
+BULB_SHUTTER = 0x0C  # libgphoto2's table of shutter speeds
 SHUTTER_PRIORITY, APERTURE_PRIORITY = 1, 2
-ONE_SHOT = 0
+ONE_SHOT = 0  # libgphoto2's table of focus modes
 D11E, D11F = 0xD11E, 0xD11F
 READ_ONLY = frozenset({0xD105, 0xD111, 0xD116, 0xD11B, 0xD1A0, 0xD1AF, 0xD1BF, D11E, D11F})
 TEXTS = (CanonProp.OWNER, CanonProp.ARTIST, CanonProp.COPYRIGHT)

@@ -15,7 +15,7 @@ from mocks.instruments.ptp.datasets import Property, u8, u16
 
 # Values as Ricoh's USB API specification lists them.
 AUTO_SHUTTER = 0
-TAKES_COLOR_TEMPERATURE = 0x8007
+TAKES_COLOR_TEMPERATURE = 0x8007  # Ricoh's USB API: the white balance that lets a temperature be set
 ISO_LIMITS = tuple(v for v in ISO_VALUES if v >= 200)
 WHITE_BALANCES = (2, 4, 0x8001, 0x8002, 6, 0x8020, 0x8003, 0x8004, 0x8005, 0x8006, TAKES_COLOR_TEMPERATURE, 0x8008)
 BIASES = (-2000, -1700, -1300, -1000, -700, -300, 0, 300, 700, 1000, 1300, 1700, 2000)

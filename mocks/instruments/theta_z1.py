@@ -57,7 +57,7 @@ PROGRAMS_THAT_TAKE = {
 }
 AUTO_EXPOSURE_S, AUTO_ISO, AUTO_F_NUMBER, AUTO_COLOR_TEMPERATURE_K = 1 / 60, 400, 2.1, 5000
 """What the automatic picks, where a host leaves it to the camera."""
-ERROR_NO_MEMORY = 0x00000001
+ERROR_NO_MEMORY = 0x00000001  # Ricoh's USB API, ErrorInfo
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ _COLUMNS, _ROWS = 6, 4
 _PITCH_M, _PATCH_M = 0.11, 0.10
 _BOARD_CENTRE_M, _BOARD_M = (0.62, 0.0), 0.30
 """Of the white board beside the chart: x and z of its middle, and its side."""
-_FRAME_M = 0.02
+_FRAME_M = 0.02  # chosen
 _FRAME_ALBEDO, _BOARD_ALBEDO = 0.035, 0.92
 
 # The room's box, camera at the origin (1.6 m over the floor, 1 m before the wall with the chart).
@@ -43,7 +43,7 @@ _LOW = np.array((-2.0, -2.8, -1.6), dtype=np.float32)
 _HIGH = np.array((2.0, 1.0, 1.0), dtype=np.float32)
 # Lamp and walls: chosen, a plausible small room.
 _LAMP = np.array((0.0, -0.4, 1.0), dtype=np.float32)
-_LAMP_M = 0.6
+_LAMP_M = 0.6  # chosen
 _ALBEDO = {"wall": (0.62, 0.60, 0.56), "floor": (0.26, 0.22, 0.18), "ceiling": (0.80, 0.80, 0.79)}
 _FACES = ("wall", "wall", "wall", "wall", "floor", "ceiling")
 """By number: low x, high x, low y, high y (with the chart), low z, high z (with the lamp)."""

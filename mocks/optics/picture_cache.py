@@ -17,9 +17,9 @@ from drivers.errors import DaylitError
 
 # Chosen: three full-size brackets; waits are for another process that renders.
 DEFAULT_LIMIT_BYTES = 2_000_000_000
-_LOCK_LIMIT_S = 300.0
-_IN_USE_S = 120.0
-_ABANDONED_S = 3600.0
+_LOCK_LIMIT_S = 300.0  # chosen: longer than the slowest picture takes
+_IN_USE_S = 120.0  # chosen: younger files may be read just now
+_ABANDONED_S = 3600.0  # chosen: no writer takes an hour
 
 
 def default_folder() -> Path:

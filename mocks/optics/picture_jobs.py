@@ -203,7 +203,7 @@ def _dng_entries(frame: RawFrame, request: ShotRequest) -> list[_Entry]:
 
 # Chosen: the light of a band takes 5 MB.
 _BAND_PX = 400_000
-_EXPOSE_ROWS = 32
+_EXPOSE_ROWS = 32  # chosen: a band that stays in the cache
 _PIXEL_BYTES = 12  # three float32
 
 

@@ -44,8 +44,8 @@ from mocks.worlds.light import World, mean_weights
 _RENDER_VERSION = 6
 # Below this many pixels a worker process costs more than it saves.
 _POOL_FROM_PX = 3_000_000
-_RAW_WIDTH_PX = 702
-_THETA_FOCAL_MM = 2.6
+_RAW_WIDTH_PX = 702  # chosen: raw files small enough for a test
+_THETA_FOCAL_MM = 2.6  # EXIF of the Theta Z1
 
 # `map`, or the same over worker processes.
 _Map: TypeAlias = Callable[..., Iterable[Any]]

@@ -14,7 +14,7 @@ from mocks.worlds.light import Vector
 from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.ground.colour import RGB_OF_XYZ
 
-_LUT_SIZE = 65536
+_LUT_SIZE = 65536  # 16 bits: finer than any step of 8-bit output
 
 
 @dataclass(frozen=True)

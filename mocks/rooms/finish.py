@@ -31,7 +31,7 @@ _SHARES = {
     Use.DINING: (0.40, 0.15, 0.17, 0.04, 0.18, 0.06),
     Use.OFFICE: (0.32, 0.18, 0.12, 0.26, 0.05, 0.07),
 }
-_GLOSSY = 0.45
+_GLOSSY = 0.45  # chosen: share of floors with a gloss
 
 _TILE_COLOURS = ("#cfc5b5", "#b5afa6", "#8f8b86", "#d9d4ca", "#b98a6a", "#a8593f", "#5a5b5d", "#c3b79f")
 _GROUTS = ("#8a857c", "#a8a299", "#6f6b66")

@@ -27,10 +27,10 @@ ADE20K = {
 }  # fmt: skip
 """Numbers of the ADE20K classes (150, counted from 0) that simulated rooms hold; equipment has none and is -1."""
 
-NO_CLASS = -1
+NO_CLASS = -1  # beside every class's number
 Point: TypeAlias = tuple[float, float]
 
-CAMERA_HEIGHT_M = 1.6
+CAMERA_HEIGHT_M = 1.6  # the paper's tripod
 
 
 class Use(StrEnum):

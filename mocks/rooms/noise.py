@@ -55,8 +55,8 @@ def smoothstep(low: float, high: float, x: Floats) -> Floats:
     return np.asarray(t * t * (3 - 2 * t), dtype=np.float32)
 
 
-TILE = 512
-TILE_PERIOD = 16.0
+TILE = 512  # chosen: texels; a power of two
+TILE_PERIOD = 16.0  # chosen: cells of the coarsest octave
 
 
 def rough(x: Reals, y: Reals, footprint: float = 0.0) -> Floats:

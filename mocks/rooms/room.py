@@ -23,7 +23,7 @@ from mocks.rooms.sky.daylight import Moment, draw_moment
 from mocks.rooms.sky.sky import Kind, Sky, draw_sky
 from mocks.worlds.light import Vector
 
-ATTEMPTS = 40
+ATTEMPTS = 40  # chosen: then the rectangle below
 FALLBACK_M = (4.2, 3.6)
 """Sides of the rectangle that is used should no form fit."""
 
@@ -60,8 +60,8 @@ def _furnish(rng: np.random.Generator, use: Use, outline: Outline, lamps_on: boo
 # Raise when the same seed gives another room, or meshes, sky, street or textures change: light is kept on disk by it.
 ROOMS_VERSION = 2
 _DOMAIN = 4200  # parts these random numbers from all others of a seed
-_LAMPS_ON = 0.3
-_PLANS = 12
+_LAMPS_ON = 0.3  # chosen: share of rooms with lamps lit
+_PLANS = 12  # chosen: plans drawn for one room
 MAIN_PIECE = {Use.BEDROOM: "bed", Use.LIVING: "sofa", Use.DINING: "dining table", Use.OFFICE: "desk"}
 
 

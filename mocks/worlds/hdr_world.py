@@ -16,7 +16,7 @@ from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Reals, Site, Wo
 from processing.ground.arrays import Floats
 
 MAX_PIXELS = 16384 * 8192
-_UNDERSHOOT = 0.05
+_UNDERSHOOT = 0.05  # chosen: resampled panoramas ring a little below zero
 _REMAP_WIDTH = 8192  # below OpenCV's limit of 32767
 _HDR_MAGIC = (b"#?RADIANCE", b"#?RGBE")
 _EXR_MAGIC = b"\x76\x2f\x31\x01"

@@ -20,7 +20,7 @@ from mocks.worlds.light import BrightDisc, LightDrift, OneLight, Site, Vector, l
 from mocks.worlds.sky import SUN_RADIUS_RAD, SimpleSky
 from processing.ground.arrays import Doubles, Flags, Floats, Indices
 
-CAMERA_HEIGHT_M = 1.6
+CAMERA_HEIGHT_M = 1.6  # the paper's tripod
 GLASS_TRANSMITTANCE = 0.65
 """Of double glazing with a coat against heat: 0.6 to 0.8 in makers' tables; chosen."""
 _WALL_M, _FRAME_M = 0.24, 0.055

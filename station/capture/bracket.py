@@ -18,7 +18,7 @@ PAPER_STOPS_S = (4.0, 1.0, 1 / 4, 1 / 15, 1 / 60, 1 / 250, 1 / 1000, 1 / 4000, 1
 """The nine stops of Ji, Sawyer, Narasimhan 2023, section 3, longest first, nominal seconds."""
 
 SHORTEST_S, LONGEST_S = 1 / 25_000, 60.0
-CLIPPED_LIMIT_FRAC = 2e-6
+CLIPPED_LIMIT_FRAC = 2e-6  # chosen: 45 pixels of a Theta's picture, for glints
 DARK_LIMIT_FRAC = 2e-6
 """Shares of a frame below which it holds "nothing clipped", "nothing dark": about 45 pixels of 22 million,
 what hot pixels and JPEG ringing make."""
@@ -163,7 +163,7 @@ RAW_CYCLE_S = {"theta_z1": 6.5, "canon_5d2": 0.0}
 Multi-bracket and burst modes are faster and are not used: they cannot be released together with another camera."""
 RAW_BYTES = {"theta_z1": 45_000_000, "canon_5d2": 26_000_000}
 """Of one DNG or CR2 (the 5D Mark II's: about 25.8 MB, Canon's manual)."""
-TYPICAL_READING_S = 5.0
+TYPICAL_READING_S = 5.0  # chosen: aim, measure, read out
 
 
 def typical_cost(kind: str, *, keep_raw: bool = False) -> CameraCost:

@@ -50,9 +50,9 @@ BUSY_LIMIT_S = 60.0
 """A camera that answers "busy" to a transfer for longer has failed it."""
 # Pauses and periods: chosen.
 BUSY_PAUSE_S = 0.03
-IDLE_WAIT_S = 0.02
-KEEP_ALIVE_S = 5.0
-MAX_TRANSFER_ATTEMPTS = 2
+IDLE_WAIT_S = 0.02  # chosen: how late a request is seen
+KEEP_ALIVE_S = 5.0  # chosen: well within every body's automatic power-off
+MAX_TRANSFER_ATTEMPTS = 2  # chosen: then the camera is recovered
 PATIENCE_S = 100.0
 """Chosen: a camera that is only late (busy, silent) is recovered anew for so long: it may be two minutes late."""
 PATIENCE_PAUSE_S = 1.0  # chosen

@@ -37,13 +37,13 @@ from station.session.store import SessionStore
 
 SET_UP_LIMIT_S = 45.0
 """Setting one stop; it begins anew when a camera is back from a recovery."""
-LAST_TRANSFERS_LIMIT_S = 300.0
+LAST_TRANSFERS_LIMIT_S = 300.0  # chosen: for the last frames, raw ones on a slow card
 LEAVE_LIMIT_S = 60.0
 """For a camera's thread to end an exposure or a recovery when nobody listens any more."""
-MAX_RETAKES = 1
+MAX_RETAKES = 1  # chosen: what fails twice fails again
 MAX_DEVICE_FAILURES = 2
 """Of one stop: recovered that often, then the stop is named as missing."""
-PUMP_WAIT_S = 0.25
+PUMP_WAIT_S = 0.25  # chosen: how late an interrupt is seen
 JOURNALLED = (EventKind.RECOVERING, EventKind.FAILED, EventKind.PAUSED, EventKind.CONTINUED)
 """What the store's own records do not hold. The rest would only put disk waits between two exposures."""
 NEEDS_A_PERSON = (BatteryLowError, StoreFullError, DeviceClaimedError, DevicePermissionError)

@@ -169,7 +169,7 @@ def meter_on_port(dialect_name: str, port: str, clock: Clock, links: Links | Non
     return KonicaMinoltaMeter(lambda: opener.meter(open_line, str(settings)), dialect, clock)
 
 
-_SIMULATED_PREFLIGHT_S = 1.0
+_SIMULATED_PREFLIGHT_S = 1.0  # chosen: roughly what simulated bodies take
 SIZE_STEPS = {"full": 1, "half": 2, "quarter": 4, "small": 16}
 """Picture sizes of simulated cameras, as divisors of the full size."""
 

@@ -130,7 +130,7 @@ class TiffReader:
         return "".join(chr(c) if 32 <= c < 127 else "?" for c in raw).strip()
 
 
-MAX_EXPOSURE_S = 3600.0
+MAX_EXPOSURE_S = 3600.0  # chosen: longer is damage, not a bracket
 
 _MAKE, _MODEL, _ORIENTATION, _EXIF_DIRECTORY = 0x010F, 0x0110, 0x0112, 0x8769
 _EXPOSURE_TIME, _F_NUMBER, _ISO = 0x829A, 0x829D, 0x8827
@@ -225,7 +225,7 @@ def parse_offset(text: str) -> int | None:
 
 # Chosen: the smallest raw file of our cameras has megabytes and a handful of directories.
 MIN_SIZE_BYTES = 100_000
-MAX_DIRECTORIES = 16
+MAX_DIRECTORIES = 16  # chosen: cameras write four to six
 _BITS = 258
 """Bits a channel, TIFF 6.0."""
 _STRIP_OFFSETS, _STRIP_SIZES, _TILE_OFFSETS, _TILE_SIZES, _CHILDREN, _DNG_VERSION = 273, 279, 324, 325, 330, 0xC612

@@ -15,7 +15,7 @@ from station.frames.facts import FrameProblemError, Reason
 
 # Chosen: nine times the larger camera's pixels.
 MAX_PIXELS = 200_000_000
-MAX_SEGMENTS = 2_000
+MAX_SEGMENTS = 2_000  # chosen: against hostile files; cameras write about 20
 MAX_SCANS = 100
 """A picture has at most 3 x 64 coefficients to send bit by bit; encoders use about ten scans."""
 

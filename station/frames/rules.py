@@ -16,12 +16,12 @@ F_NUMBER_TOLERANCE = 0.04
 """f/22 is marked for 22.63 and f/3.5 for 3.56; the next third of a stop is 12 % away."""
 DATE_TOLERANCE_S = 3.0
 """EXIF counts whole seconds, the clocks' offset is known to one, and some cameras date the exposure's end."""
-ZONE_STEP_S = 900.0
+ZONE_STEP_S = 900.0  # time zones lie quarters of an hour apart
 # Chosen: one step of 255, a dim room, and what rounding and JPEG coding change.
 BLACK_MEAN = 1 / 255
-DIM_ROOM_CD_M2 = 1.0
-ORDER_TOLERANCE = 0.01
-LEAST_RISE = 1.02
+DIM_ROOM_CD_M2 = 1.0  # chosen: the mean of a room at dusk
+ORDER_TOLERANCE = 0.01  # chosen: of full scale, what coding changes
+LEAST_RISE = 1.02  # chosen: a stop doubles midtones
 
 
 def rejection(facts_name: str, reason: Reason, message: str, advice: str = "") -> FrameRejectedError:

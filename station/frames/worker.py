@@ -33,8 +33,8 @@ Circle = Sequence[float]
 
 # Chosen: no frame of either camera comes near.
 MAX_JPEG_BYTES = 256 * 2**20
-MAX_RAW_BYTES = 1_000_000_000
-MAX_OPEN_FILES = 64
+MAX_RAW_BYTES = 1_000_000_000  # chosen: far above either camera's raw files (26 to 47 MB)
+MAX_OPEN_FILES = 64  # chosen: the frame, the pipes, libraries
 CLIPPED_FROM, DARK_TO = 250, 8
 SMALL_PIXELS = 60_000
 """The small picture has at least so many pixels, where the frame has."""

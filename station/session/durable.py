@@ -146,7 +146,7 @@ def check_size(fd: int, size_bytes: int) -> None:
 # One writer for one session: an flock in its folder, which the system drops however the process ends.
 
 LOCK_NAME = ".lock"
-_INFO_BYTES = 200
+_INFO_BYTES = 200  # fixed, so that one write replaces it whole
 
 
 def _holder(folder: Folder) -> str:

@@ -24,7 +24,7 @@ from station.session.session import JOURNAL_NAME
 # Chosen: far above what a capture writes.
 MAX_JOURNAL_BYTES = 128 << 20
 MAX_LINE_BYTES = 16 << 20
-_HEAD_BYTES = 18
+_HEAD_BYTES = 18  # sequence number, space, checksum, space
 _FIELDS = {"seq": int, "utc": str, "monotonic_s": float, "kind": str, "data": dict}
 
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 1  # docs/schemas
 MANIFEST_NAME = "session.json"
 JOURNAL_NAME = "journal.jsonl"
 

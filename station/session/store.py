@@ -55,7 +55,7 @@ from station.session.session import (
 )
 
 __all__ = ["FRAME_CAP_BYTES", "FramePart", "Recovery", "SessionStore", "StoredFrame", "frame_name", "load_manifest"]
-_MAX_NAMESAKES = 999
+_MAX_NAMESAKES = 999  # chosen: one scene within one minute
 
 
 class SessionStore:

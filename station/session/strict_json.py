@@ -9,7 +9,7 @@ from typing import Any
 
 # Chosen: a manifest is five levels deep; 19 digits hold 64 bits.
 MAX_DEPTH = 50
-MAX_DIGITS = 19
+MAX_DIGITS = 19  # of the largest 64-bit integer
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.DOTALL)
 _BRACKET = re.compile(rb"[\[\]{}]")
 

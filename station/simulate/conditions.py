@@ -33,7 +33,7 @@ DAYLIGHT_ONLY, WITH_LAMPS = "YES", "With electrical light"
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 # Chosen: far above the paper's list of 137 sessions.
 MAX_BYTES = 4 * 1024 * 1024
-_MAX_FAULTS_SHOWN = 8
+_MAX_FAULTS_SHOWN = 8  # chosen: what fits a terminal
 _FILTER = {"YES": True, "NO": False, "": False}
 _LAMPS = {DAYLIGHT_ONLY: False, "NO": True, WITH_LAMPS: True}
 

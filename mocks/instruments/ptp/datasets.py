@@ -11,11 +11,11 @@ from drivers.ptp.codes import DataType, FormFlag, ObjectFormat
 from mocks.instruments.ptp import wire as ptp_wire
 from mocks.instruments.ptp.wire import Value
 
-ROOT = 0
-ROOT_ONLY = 0xFFFFFFFF
-ANY = 0xFFFFFFFF
-MAX_U32 = 0xFFFFFFFF
-MAX_U64 = 0xFFFFFFFFFFFFFFFF
+ROOT = 0  # PIMA 15740: no parent
+ROOT_ONLY = 0xFFFFFFFF  # PIMA 15740, GetObjectHandles: what lies in the root
+ANY = 0xFFFFFFFF  # PIMA 15740, GetObjectHandles: all storages
+MAX_U32 = 0xFFFFFFFF  # 32 bits
+MAX_U64 = 0xFFFFFFFFFFFFFFFF  # 64 bits
 
 
 @dataclass(frozen=True)

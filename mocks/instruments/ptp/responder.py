@@ -127,7 +127,7 @@ class EventGate:
 STALE_SESSION = 0x0DD
 """Session that an earlier program left open, where a fault says so."""
 
-MAX_OPERATION_LOG = 200_000
+MAX_OPERATION_LOG = 200_000  # chosen: a day's campaign; the rest is only counted
 
 
 class PtpResponder:

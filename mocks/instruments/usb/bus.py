@@ -17,7 +17,7 @@ from mocks.instruments.ptp.responder import PtpResponder
 from mocks.instruments.usb.device import CLASS_TO_HOST, HOST_TO_CLASS, UsbPtpDevice
 from mocks.instruments.usb.framing import BULK_PACKET_BYTES, LinkError
 
-HIGH_SPEED = 3
+HIGH_SPEED = 3  # libusb's number of the speed
 BULK, INTERRUPT = 2, 3
 ENGLISH = b"\x04\x03\x09\x04"
 
@@ -117,10 +117,10 @@ def string_descriptor(texts: tuple[str, ...], index: int) -> bytes:
     return bytes([2 + len(text), STRING_DESCRIPTOR_TYPE]) + text
 
 
-STRING_DESCRIPTOR_TYPE = 3
+STRING_DESCRIPTOR_TYPE = 3  # USB 2.0, table 9-5
 
-DEVICE_TO_HOST = 0x80
-GET_DESCRIPTOR = 0x06
+DEVICE_TO_HOST = 0x80  # USB 2.0, table 9-2
+GET_DESCRIPTOR = 0x06  # USB 2.0, table 9-4
 STRING_DESCRIPTOR = 0x03
 
 

@@ -82,8 +82,8 @@ def _stood(a: Arrangement, kind: str) -> Item | None:
     return a.against_wall(kind, size, front_m=0.0 if kind in ("armchair", "chair") else 0.4)
 
 
-ATTEMPTS = 6
-BOARD_TRIES = 60
+ATTEMPTS = 6  # chosen: then as a study
+BOARD_TRIES = 60  # chosen: places tried for the board's stand
 TRIPOD_M = (0.82, 0.82, 1.475)
 """Feet on a circle of 0.4 m; its head ends below the camera."""
 

@@ -18,7 +18,7 @@ from mocks.worlds.light import Vector
 
 WALL_GAP_M = 0.03
 """Between a wall and what stands against it: the skirting board."""
-HANGING_GAP_M = 0.004
+HANGING_GAP_M = 0.004  # chosen: no two surfaces in one plane
 TALL_M, TALL_AWAY_M = 1.4, 0.95
 """A photographer does not set up right beside a wardrobe."""
 

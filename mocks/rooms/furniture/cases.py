@@ -52,9 +52,9 @@ def books(b: Build) -> None:
             b.add(moved(turned(mesh, (0, 0, 1), float(np.clip(angle, -0.12, 0.12))), (0, 0, k * thick)), material)
 
 
-BOARD_M = 0.018
-GAP_M = 0.004
-FRONT_M = 0.019
+BOARD_M = 0.018  # usual chipboard
+GAP_M = 0.004  # chosen: between fronts
+FRONT_M = 0.019  # usual MDF
 HANDLE_M = 0.025
 """How far handles stand out; the size of a piece includes them."""
 
@@ -248,7 +248,7 @@ def wall_shelf(b: Build) -> None:
     b.add(cylinder((w / 2 - 0.09, 0.0, 0.025), 0.045, min(0.12, h - 0.03), 0.012), b.plain("pot", CERAMIC, 0.3), "vase")
 
 
-TOP_M = 0.03
+TOP_M = 0.03  # chosen: thickness of table tops
 
 
 def dining_table(b: Build) -> None:

@@ -11,7 +11,7 @@ from mocks.rooms.model import Material
 from processing.ground.mesh import moved, turned
 from processing.ground.shapes import ball, cylinder, lathe, rounded_box, tube
 
-BOARD_SIDE_M = 0.5
+BOARD_SIDE_M = 0.5  # chosen: a white board as rigs carry them
 BOARD_WHITE = Material("meter board", (0.90, 0.90, 0.90))
 """Matte white of albedo 0.90."""
 ALLOY = Material("grey alloy", (0.22, 0.22, 0.23), roughness=0.35)

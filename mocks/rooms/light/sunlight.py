@@ -15,7 +15,7 @@ from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.mesh import Mesh
 
 _RIM, _FILL = 6, 32
-_LIFT_M = 1e-3
+_LIFT_M = 1e-3  # chosen: rays leave their own surface
 
 
 def sun_share(geometry: Geometry, panes: Sequence[Pane], sun: BrightDisc, points: Floats, normals: Floats) -> Floats:
@@ -119,9 +119,9 @@ def _disc_rays(sun: BrightDisc, count: int) -> Floats:
 # finds a small bright patch by chance, and so noisily. The patches are known: parallel rays through a grid of cells on
 # each window give, cell by cell, the parallelogram that it lights; together they tile the sunlit surfaces.
 
-CELL_M = 0.03
-_BEAM_LIFT_M = 5e-4
-_GRAZING = 0.03
+CELL_M = 0.03  # chosen: of the grid of beams through a window
+_BEAM_LIFT_M = 5e-4  # chosen: the same, for the beam
+_GRAZING = 0.03  # chosen: cosine below which a beam's patch gets too long
 
 
 @dataclass(frozen=True)

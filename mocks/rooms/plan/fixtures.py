@@ -13,8 +13,8 @@ from mocks.rooms.model import Fixture, Plan, Point, Use, Window
 from mocks.rooms.plan.forms import TRIM_M, openings_of
 from mocks.rooms.plan.openings import fixture_problems
 
-RADIATOR_BOTTOM_M = 0.12
-PLATE_M = 0.081
+RADIATOR_BOTTOM_M = 0.12  # usual clearance above the floor
+PLATE_M = 0.081  # usual size of switches (81 mm)
 CLOTH_DEPTH_M = 0.13
 """How far curtains hang into the room."""
 ROD_OVER_M = 0.1

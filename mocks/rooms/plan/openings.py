@@ -31,10 +31,10 @@ from mocks.rooms.plan.forms import (
 )
 
 HEIGHT_M = (2.3, 3.4)
-LEAST_EDGE_M = 0.2
+LEAST_EDGE_M = 0.2  # chosen: a shorter wall is a slip of the plan
 LEAST_ANGLE_RAD = math.radians(40)
-OPENINGS_APART_M = 0.05
-UNDER_CEILING_M = 0.1
+OPENINGS_APART_M = 0.05  # chosen: room for two frames' edges
+UNDER_CEILING_M = 0.1  # chosen: the lintel
 OUTLOOK_M = 1.5
 """Nothing of the house stands so near before a window."""
 FROM_CAMERA_M = 0.45
@@ -173,7 +173,7 @@ STYLES = ("standard", "wide", "tall", "french", "high")
 STYLE_SHARES = (0.42, 0.2, 0.13, 0.17, 0.08)
 WIDTHS_M = {"standard": (0.8, 1.5), "wide": (1.5, 3.6), "tall": (0.55, 0.9), "french": (0.8, 2.4), "high": (0.9, 1.8)}
 SILLS_M = {"standard": (0.78, 1.0), "wide": (0.4, 0.92), "tall": (0.3, 0.6), "french": (0.0, 0.0), "high": (1.0, 1.1)}
-MOST_WINDOWS = 4
+MOST_WINDOWS = 4  # chosen: few rooms have more
 LEAST_GLAZING = 0.09
 """Window area per floor area; building codes ask for about a tenth to an eighth."""
 

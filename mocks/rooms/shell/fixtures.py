@@ -113,12 +113,12 @@ def _pendant(
 
 # What hangs at windows: curtains on their rods, roller and venetian blinds.
 
-ROD_AWAY_M = 0.075
+ROD_AWAY_M = 0.075  # chosen: from the wall to the rod's axis
 BLIND_AWAY_M = 0.05
 """How deep in the reveal a blind hangs."""
-SLAT_M = 0.025
-SLAT_PITCH_M = 0.0215
-STACK_PITCH_M = 0.0035
+SLAT_M = 0.025  # the common 25 mm venetian blind
+SLAT_PITCH_M = 0.0215  # of 25 mm slats
+STACK_PITCH_M = 0.0035  # slats drawn up
 STACKED_BELOW_M = 0.3
 """A venetian blind no longer than this is drawn up."""
 

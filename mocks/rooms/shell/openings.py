@@ -17,15 +17,15 @@ from mocks.worlds.light import Vector
 from processing.ground.mesh import Mesh, box, quad, turned
 from processing.ground.shapes import cylinder, rounded_box, tube
 
-FRAME_DEPTH_M = 0.068
-CASEMENT_PROUD_M = 0.012
-BAR_M = 0.024
-BAR_DEPTH_M = 0.042
-PLATE_M = 0.03
-BOARD_M = 0.022
-NOSE_M = 0.032
-EAR_M = 0.03
-LAP_M = 0.002
+FRAME_DEPTH_M = 0.068  # usual window profile (68 mm timber)
+CASEMENT_PROUD_M = 0.012  # chosen: how far a casement stands out of its frame
+BAR_M = 0.024  # chosen: glazing bar
+BAR_DEPTH_M = 0.042  # chosen: its depth
+PLATE_M = 0.03  # chosen: from the facade to the frame
+BOARD_M = 0.022  # usual window board
+NOSE_M = 0.032  # chosen: how far the board stands out
+EAR_M = 0.03  # chosen: how far it runs past the reveal
+LAP_M = 0.002  # chosen: no gap between meshes
 
 
 @dataclass(frozen=True)
@@ -204,14 +204,14 @@ def _board(window: Window) -> Mesh:
     return rounded_box((start - EAR_M, back, z - BOARD_M), (end + EAR_M, NOSE_M, z + LAP_M), 0.006, 2)
 
 
-LEAF_M = 0.04
-GAP_M = 0.003
-UNDERCUT_M = 0.007
+LEAF_M = 0.04  # usual interior door, 40 mm
+GAP_M = 0.003  # usual gap around a leaf
+UNDERCUT_M = 0.007  # usual gap under a leaf
 KNUCKLE_M = 0.016
 """The hinge's axis before the wall's face: an opened leaf stands clear of the architrave."""
-CASING_M = 0.015
-HANDLE_M = 1.03
-HALL_OVER_M = 0.2
+CASING_M = 0.015  # chosen: how far it stands out
+HANDLE_M = 1.03  # usual height of handles
+HALL_OVER_M = 0.2  # chosen: the hall's ceiling above the door
 STYLES = ("flat", "two panels", "four panels", "three panels", "grooves")
 
 

@@ -77,12 +77,12 @@ def _ball(band: Backdrop, tree: Tree, aside_m: float, over_eye_m: float, radius_
     )
 
 
-COLUMNS = 4096
+COLUMNS = 4096  # chosen: 0.09 degrees
 PIXEL_RAD = 2 * math.pi / COLUMNS
 TOP_RAD = math.radians(26)
 BOTTOM_RAD = math.radians(-30)
 ROWS = round((TOP_RAD - BOTTOM_RAD) / PIXEL_RAD)
-HAZE_M = 1500.0
+HAZE_M = 1500.0  # chosen: distance at which contrast falls to 1/e
 GLASS = (0.02, 0.024, 0.028)
 TRIM = (0.66, 0.66, 0.63)
 DOORS: tuple[Vector, ...] = ((0.20, 0.05, 0.04), (0.05, 0.09, 0.07), (0.16, 0.09, 0.05), (0.07, 0.09, 0.15))

@@ -19,8 +19,8 @@ from processing.ground.arrays import Bytes, Doubles, Floats, Halves
 
 # The shadows that houses and trees of the street cast on the ground, as a map from above.
 
-HALF_M = 96.0
-TEXEL_M = 0.1875
+HALF_M = 96.0  # chosen: what windows see of the ground
+TEXEL_M = 0.1875  # chosen: 1024 texels across
 SIZE = int(2 * HALF_M / TEXEL_M)
 
 

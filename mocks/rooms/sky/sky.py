@@ -17,7 +17,7 @@ from mocks.worlds.light import BrightDisc, Vector, direction_of
 from processing.ground.arrays import Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 
-EARTH_IN_CLOUD_HEIGHTS = 3200.0
+EARTH_IN_CLOUD_HEIGHTS = 3200.0  # 6,371 km over clouds at 2 km
 CLEARING_RAD = math.radians(3.0)
 """Around the sun the clouds are as thick as the sun's share of light says."""
 
@@ -125,7 +125,7 @@ def _passing(seed: int, slot: int) -> tuple[float, float, float, float]:
 Kind: TypeAlias = Literal["clear", "intermediate", "overcast"]
 
 SUN_RADIUS_RAD = math.radians(0.53 / 2)
-OVERCAST_K = 6400.0
+OVERCAST_K = 6400.0  # usual colour temperature of overcast skies
 SHARES: dict[Kind, float] = {"clear": 0.45, "intermediate": 0.30, "overcast": 0.25}
 CIE_TYPES: dict[Kind, tuple[int, ...]] = {
     "clear": (11, 12, 12, 13),

@@ -25,7 +25,7 @@ from mocks.rooms.textures.base import (
 from mocks.worlds.light import Vector
 from processing.ground.arrays import Floats
 
-_PIXELS = 1024
+_PIXELS = 1024  # chosen, as for all textures
 _GRID = (_PIXELS, _PIXELS)
 
 
@@ -142,7 +142,7 @@ def leather(texture: Texture) -> Tile:
     return Tile(toned(np.clip(tone, 0.4, 1.4).astype(np.float32), texture.colours[0], 0.3), (0.8, 0.8))
 
 
-_CELL = 384
+_CELL = 384  # chosen: pixels of one repeat
 
 
 def _ramp(inside: Floats, pixel: float) -> Floats:

@@ -27,9 +27,9 @@ from mocks.rooms.textures.base import (
 )
 from processing.ground.arrays import Floats, Int32s
 
-_PIXELS = 1024
+_PIXELS = 1024  # chosen, as for all textures
 _PIXEL_GRID = (_PIXELS, _PIXELS)
-_ROUGHLY_M = 2.4
+_ROUGHLY_M = 2.4  # chosen: a texture's width, rounded to whole tiles
 
 
 def tiles(texture: Texture) -> Tile:
@@ -146,7 +146,7 @@ def concrete(texture: Texture) -> Tile:
 
 
 _GRID = (_PIXELS, _PIXELS)
-_CELL = 256
+_CELL = 256  # chosen: pixels of one tile's motif
 
 
 def paint(texture: Texture) -> Tile:

@@ -150,7 +150,7 @@ def veneer(texture: Texture) -> Tile:
     return Tile(toned(np.clip(tone, 0.4, 1.5), texture.colours[0], WARMTH), (1.2, 1.2))
 
 
-_PIXELS = 1024
+_PIXELS = 1024  # chosen, as for all textures
 
 
 @dataclass(frozen=True)
