@@ -209,7 +209,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="arrange",
-        version=3,
+        version=4,
         title="arrange furniture",
         function="processing.stages.arrange:run",
         needs=("room",),

@@ -155,6 +155,11 @@ class Window(_OnEdge):
 
 
 @dataclass(frozen=True)
+class Hung(Window):
+    """What hangs on a wall, sill to head: a picture, radiator, curtain (`name`); pieces had better not hide it."""
+
+
+@dataclass(frozen=True)
 class FloorPlan:
     """A checked plan: make it with `make_plan`."""
 
@@ -170,6 +175,7 @@ class FloorPlan:
     name: str = "room"
     notes: tuple[str, ...] = ()
     """What was repaired or assumed."""
+    hung: tuple[Hung, ...] = ()
 
     @property
     def area_m2(self) -> float:
@@ -196,6 +202,8 @@ def make_plan(
     notes: Sequence[str] = (),
 ) -> FloorPlan:
     """Return the plan with what can be repaired repaired and noted; `corners` (N, 2) and each hole in metres.
+
+    What is `Hung` stands among the windows.
 
     Raises `PlanError` for polygons that cross themselves or have no area, openings that are not on their edge, columns
     outside the floor, and heights that no room has.
@@ -224,7 +232,8 @@ def make_plan(
     return replace(
         plan,
         doors=kept_doors,
-        windows=kept_windows,
+        windows=tuple(w for w in kept_windows if not isinstance(w, Hung)),
+        hung=tuple(w for w in kept_windows if isinstance(w, Hung)),
         keep_free=tuple((float(x), float(y)) for x, y in keep_free),
         notes=tuple(repairs),
     )
@@ -278,7 +287,9 @@ def _inside(ring: Doubles, point: Doubles) -> bool:
     return bool(shapely.intersects_xy(Polygon(ring), *point))
 
 
-def from_room_model(room: RoomModel, *, keep_camera_free: bool = False, name: str = "room") -> FloorPlan:
+def from_room_model(
+    room: RoomModel, *, keep_camera_free: bool = False, name: str = "room", hung: Sequence[Hung] = ()
+) -> FloorPlan:
     """Return the plan of a room's model; a passage is a door without a leaf."""
     doors = [
         Door(
@@ -299,7 +310,7 @@ def from_room_model(room: RoomModel, *, keep_camera_free: bool = False, name: st
         room.floor,
         ceiling_height_m=room.ceiling_height_m,
         doors=doors,
-        windows=windows,
+        windows=[*windows, *hung],
         keep_free=[(0.0, 0.0)] if keep_camera_free else [],
         name=name,
     )

@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import PlanError
-from processing.layout.plan import DEFAULT_HEAD_M, DEFAULT_HEIGHT_M, DEFAULT_SILL_M, Door, FloorPlan, Window, make_plan
+from processing.layout.plan import (
+    DEFAULT_HEAD_M,
+    DEFAULT_HEIGHT_M,
+    DEFAULT_SILL_M,
+    Door,
+    FloorPlan,
+    Hung,
+    Window,
+    make_plan,
+)
 
 MAX_BYTES = 4_000_000
 MAX_CORNERS = 2000
@@ -65,7 +74,7 @@ def plan_to_mapping(plan: FloorPlan) -> dict[str, Any]:
     ]
     windows = [
         {
-            "kind": "window",
+            "kind": "hung" if isinstance(w, Hung) else "window",
             "edge": w.edge,
             "t0": w.start_m,
             "t1": w.end_m,
@@ -73,7 +82,7 @@ def plan_to_mapping(plan: FloorPlan) -> dict[str, Any]:
             "head": w.head_m,
             "to": w.name,
         }
-        for w in plan.windows
+        for w in (*plan.windows, *plan.hung)
     ]
     return {
         "id": plan.name,
@@ -91,13 +100,16 @@ def _openings(items: Sequence[Any], where: str) -> tuple[list[Door], list[Window
     notes: list[str] = []
     for number, item in enumerate(items):
         at = f"{where}, opening {number}"
-        if not isinstance(item, Mapping) or item.get("kind") not in {"door", "window", "opening"}:
-            raise PlanError("its 'kind' is neither door nor window nor opening", where=at)
+        if not isinstance(item, Mapping) or item.get("kind") not in {"door", "window", "opening", "hung"}:
+            raise PlanError("its 'kind' is neither door nor window nor opening nor hung", where=at)
         edge = item.get("edge")
         if isinstance(edge, bool) or not isinstance(edge, int):
             raise PlanError("its 'edge' is no whole number", where=at)
         start_m, end_m = _number(item, "t0", at), _number(item, "t1", at)
-        if item["kind"] == "window":
+        if item["kind"] == "hung":
+            low_m, high_m = _number(item, "sill", at), _number(item, "head", at)
+            windows.append(Hung(edge, start_m, end_m, low_m, high_m, str(item.get("to") or "")))
+        elif item["kind"] == "window":
             windows.append(_window(item, edge, start_m, end_m, notes, at))
         else:
             doors.append(_door(item, edge, start_m, end_m, at))

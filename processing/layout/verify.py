@@ -28,6 +28,8 @@ PATH_M = 1e-3
 HEAD_ROOM_M = 2.0
 TOUCH_M = 0.05
 CAMERA_M = 0.3
+VIEW_M, HIDES_M = 0.9, 1.3
+"""Nothing taller than the second stands nearer to the camera than the first."""
 SILL_GAP_M = 0.05
 DOOR_TOP_M = 2.1
 _QUARTER = np.linspace(0, np.pi / 2, 33)
@@ -85,7 +87,10 @@ class Judge:
         approaches = [_strip(plan, d.edge, d.start_m - side, d.end_m + side, deep) for d in plan.doors]
         self._doors = [*enumerate(approaches), *self.swings]
         self._windows = [_strip(plan, w.edge, w.start_m, w.end_m, rules.window_band) for w in plan.windows]
-        self._kept = [(n, shapely.Point(at).buffer(CAMERA_M)) for n, at in enumerate(plan.keep_free)]
+        self._kept, self._views = (
+            [(n, shapely.Point(at).buffer(radius)) for n, at in enumerate(plan.keep_free)]
+            for radius in (CAMERA_M, VIEW_M)
+        )
         self._radius = (rules.path - PATH_M) / 2
 
     @cached_property
@@ -130,6 +135,8 @@ class Judge:
             if piece.spec.base_m < DOOR_TOP_M:
                 found += _within("door free", "door", piece, shape, self._doors)
             found += _within("place kept free", "place", piece, shape, self._kept)
+            if piece.spec.top_m > HIDES_M + DEEP_M:
+                found += _within("view kept free", "place", piece, shape, self._views)
             for number, (window, area) in enumerate(zip(self._plan.windows, self._windows, strict=True)):
                 low = max(0.0, window.sill_m - SILL_GAP_M)
                 tall = piece.spec.top_m > low + DEEP_M and piece.spec.base_m < window.head_m - DEEP_M

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
 from processing.layout.assumed import Choice, broken_rules, fitting_choice, named_choice, with_door
 from processing.layout.drawn.drawing import write_drawings
+from processing.layout.hung import hung_things
 from processing.layout.items import KINDS, Item, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
-from processing.layout.plan import FloorPlan, from_room_model
+from processing.layout.plan import FloorPlan, Hung, from_room_model
 from processing.layout.rules import built_in_rules
+from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, ArrangeParameters
 from processing.stages.upright import known_room, why_doubtful
@@ -50,7 +53,8 @@ def run(context: StageContext) -> StageOutput:
     room = known_room(context)
     room, assumed = with_door(room)
     # The camera's place stays free: furniture around it would hide the room from the picture.
-    plan = from_room_model(room, name=context.session.name or "room", keep_camera_free=True)
+    hung = _hung(context)
+    plan = from_room_model(room, name=context.session.name or "room", keep_camera_free=True, hung=hung)
     choice = _choice(asked, context.session.name, plan)
     context.progress(0.3, choice.name)
     items = _items(asked, choice)
@@ -60,7 +64,15 @@ def run(context: StageContext) -> StageOutput:
         return _nothing(error, choice)
     context.progress(0.8, "drawing")
     drawn = _draw(found, context.folder)
-    return _output(found, choice, drawn, assumed)
+    made = _output(found, choice, drawn, assumed)
+    seen: list[Any] = [f"{thing.name} on wall {thing.edge}, {thing.width_m:.1f} m wide" for thing in hung]
+    return replace(made, metrics={**made.metrics, "kept_in_sight": seen})
+
+
+def _hung(context: StageContext) -> tuple[Hung, ...]:
+    """Return what hangs on the walls, where the room stage's networks saw it."""
+    kept = context.optional_artifact("room", "evidence")
+    return () if kept is None else hung_things(known_room(context), read_evidence(kept).share(SceneClass.FIXTURE))
 
 
 def _choice(asked: ArrangeParameters, session_name: str, plan: FloorPlan) -> Choice:

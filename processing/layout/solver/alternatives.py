@@ -42,6 +42,9 @@ KINDS_EACH = 3
 MOVED_M = 1.0
 """The main piece moved by so much makes an arrangement different (chosen, as TURNED_RAD: seen at a glance)."""
 TURNED_RAD = 0.6
+APART_WORTH = 0.1
+"""What an alternative gains whose whole footprint stands elsewhere than in any before it (chosen: of three in 14 of the
+rooms of `benchmarks arrange`, 65 % do, not 48 %, for 0.01 of the mean score)."""
 SAME_MAIN_COSTS = 0.05
 """So much better must one be that leaves the main piece where it was."""
 
@@ -158,12 +161,15 @@ def choose(
 ) -> list[Chosen]:
     """Return `before` and valid candidates, up to `count`, best first, each different from all before it.
 
+    What stands elsewhere in more of its footprint is preferred.
+
     Different: the main piece on another wall or moved by 1 m; where no more of those are left, another large piece.
     """
     chosen = list(before)
     known: dict[int, bool] = {}
+    shares = [apart(c.placed, [b.candidate.placed for b in before]) for c in candidates]
     while len(chosen) < count:
-        best = _next(candidates, chosen, known, main)
+        best = _next(candidates, chosen, (known, shares), main)
         if best is None:
             break
         number, difference = best
@@ -172,25 +178,34 @@ def choose(
                 break
             known[number] = valid(candidates[number])
         if known[number]:
-            chosen.append(Chosen(candidates[number], difference))
+            more = f"; {100 * shares[number]:.0f} % of the large pieces' footprint stands elsewhere" if chosen else ""
+            one = candidates[number]
+            near = [apart(c.placed, [one.placed]) for c in candidates]
+            shares = [min(a, b) for a, b in zip(shares, near, strict=True)] if chosen else near
+            chosen.append(Chosen(one, f"{difference}{more}"))
             known[number] = False  # taken
     return sorted(chosen, key=lambda c: (len(c.candidate.left_out), -c.candidate.score))
 
 
 def _next(
-    candidates: Sequence[Candidate], chosen: Sequence[Chosen], known: dict[int, bool], main: str
+    candidates: Sequence[Candidate], chosen: Sequence[Chosen], seen: tuple[dict[int, bool], list[float]], main: str
 ) -> tuple[int, str] | None:
-    """Return the best candidate that differs from all chosen and is not known to be invalid, and how it differs."""
+    """Return the best candidate that differs from all chosen and is not known to be invalid, and how it differs.
+
+    `seen`: which are known to be valid, and each one's share that stands elsewhere than in those chosen.
+    """
+    known, shares = seen
     best: tuple[float, int, str] | None = None
     before = [c.candidate for c in chosen]
     for number, candidate in enumerate(candidates):
-        if not known.get(number, True) or (best is not None and candidate.score <= best[0]):
+        if not known.get(number, True) or (best is not None and candidate.score + APART_WORTH <= best[0]):
             continue
+        gain = APART_WORTH * shares[number]
         for same_main, cost in ((False, 0.0), (True, SAME_MAIN_COSTS)):
             difference = _difference(candidate, before, main, same_main=same_main)
             if difference is not None:
-                if best is None or candidate.score - cost > best[0]:
-                    best = candidate.score - cost, number, difference
+                if best is None or candidate.score + gain - cost > best[0]:
+                    best = candidate.score + gain - cost, number, difference
                 break
     return best[1:] if best else None
 
@@ -214,6 +229,18 @@ def _difference(new: Candidate, before: Sequence[Candidate], main: str, *, same_
             return None
         difference = difference or moved
     return difference
+
+
+def apart(new: Sequence[Stand], before: Sequence[Sequence[Stand]]) -> float:
+    """Return the least share of large pieces' footprints that stand elsewhere than in any plan before; 0 to 1."""
+    large = [s for s in new if s.item.spec.footprint_m2 >= BIG_M2 and not s.item.spec.is_rug]
+    whole = sum(s.item.spec.footprint_m2 for s in large)
+    shares = []
+    for placed in before if large else ():
+        theirs = {s.item.id: s for s in placed}
+        moved = [s for s in large if s.item.id not in theirs or _moved(s, theirs[s.item.id])]
+        shares.append(sum(s.item.spec.footprint_m2 for s in moved) / whole)
+    return min(shares, default=0.0)
 
 
 def _moved(stand: Stand, other: Stand) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from shapely.geometry import MultiPolygon, Polygon
 
 from processing.ground.arrays import Doubles
-from processing.layout.plan import DOOR_HEAD_M, Door, FloorPlan
+from processing.layout.plan import DOOR_HEAD_M, Door, FloorPlan, Window
 from processing.layout.rules import RuleSet
 from processing.layout.solver.free_sets import DOOR, KEPT, WINDOW, Outlines
 from processing.layout.solver.walk_grid import Grid, wall_clearance2
@@ -24,6 +24,8 @@ PERSON_M = 2.0
 """Use zones and paths are this high: what hangs above does not matter."""
 KEEP_FREE_RADIUS_M = 0.3
 """Half the side of the square around a place kept free (chosen: a tripod's feet)."""
+BEFORE_EYE_M, TALL_M = 0.9, 1.3
+"""Likewise for what is taller than the second (chosen: 0.9 m off, a wardrobe takes a fifth of the horizon)."""
 UNDER_SILL_M = 0.05
 """A piece before a window ends this much below its sill."""
 PATH_SLACK_M = 1e-3
@@ -74,8 +76,16 @@ class Floor:
     @cached_property
     def windows(self) -> Doubles:
         """Return (K, 8) of the windows: edge, start, end and sill in metres, middle x, y, inward normal x, y."""
+        return self._on_walls(self.plan.windows)
+
+    @cached_property
+    def hung(self) -> Doubles:
+        """Return (K, 8) of what hangs on walls, as `windows`."""
+        return self._on_walls(self.plan.hung)
+
+    def _on_walls(self, windows: Sequence[Window]) -> Doubles:
         rows = []
-        for window in self.plan.windows:
+        for window in windows:
             corner, along, _ = self.plan.edge(window.edge)
             middle = corner + along * 0.5 * (window.start_m + window.end_m)
             rows.append([window.edge, window.start_m, window.end_m, window.sill_m, *middle, -along[1], along[0]])
@@ -207,10 +217,10 @@ def make_field(floor: Floor, rules: RuleSet, pinned: Sequence[Row] = ()) -> Fiel
         low = max(0.0, window.sill_m - UNDER_SILL_M)
         outline = _on_edge(plan, window.edge, window.start_m, window.end_m, rules.window_band)
         rows.append((outline, low, window.head_m, WINDOW))
-    r = KEEP_FREE_RADIUS_M
     for x, y in plan.keep_free:
-        square = np.array([[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]])
-        rows.append((square, 0.0, math.inf, KEPT))
+        for r, low in ((KEEP_FREE_RADIUS_M, 0.0), (BEFORE_EYE_M, TALL_M)):
+            square = np.array([[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]])
+            rows.append((square, low, math.inf, KEPT))
     return Field(floor, rules, outlines([*rows, *pinned]), np.array(doorways, dtype=np.float64).reshape(-1, 4, 2))
 
 

@@ -29,6 +29,7 @@ LEAST_WIDTH_M = 0.05
 _RULES = {
     "window": ("window free", "nothing taller than the sill stands before a window"),
     "door": ("door free", "doors and the floor before them stay free"),
+    "place": ("view kept free", "nothing tall stands right before the camera, and its place stays free"),
     "zone": ("use zone free", "the floor needed to use it stays free"),
 }
 
@@ -116,7 +117,7 @@ def host_lost(item: Item) -> NotPlaced:
 def _stopped_by_room(item: Item, room: _Look) -> NotPlaced:
     """Return which rule of the empty room leaves no place."""
     missing = _missing_m(room, item)
-    for name, kind in (("window", WINDOW), ("door", DOOR)):
+    for name, kind in (("window", WINDOW), ("door", DOOR), ("place", KEPT)):
         if replace(room, without=(*room.without, kind)).fits(item):
             rule, why = _RULES[name]
             return _reason(item, rule, name, missing, f"{why}, and no wall is free for it even in the empty room")

@@ -85,6 +85,8 @@ class Room(NamedTuple):
     """(K, 8): as `field.Floor.windows`."""
     middle: Doubles
     """(2,)."""
+    hung: Doubles
+    """(K, 8): what hangs on walls, likewise."""
     stood: Doubles
     """(A, 7): anchors (`steering`) of pieces that stand already."""
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles
 from processing.layout.items import Item
-from processing.layout.plan import Door, FloorPlan, Hinge, Window
+from processing.layout.plan import Door, FloorPlan, Hinge, Hung, Window
 from processing.layout.rules import RuleSet
 from processing.layout.solver.field import PERSON_M, Row
 from processing.layout.solver.free_sets import BODY, RUG, ZONE
@@ -118,9 +118,14 @@ def mirrored_plan(plan: FloorPlan) -> FloorPlan:
         )
         for d in plan.doors
     )
-    windows = tuple(
-        replace(w, edge=edge(w.edge), start_m=plan.edge(w.edge)[2] - w.end_m, end_m=plan.edge(w.edge)[2] - w.start_m)
-        for w in plan.windows
+    windows, hung = (
+        tuple(
+            replace(
+                w, edge=edge(w.edge), start_m=plan.edge(w.edge)[2] - w.end_m, end_m=plan.edge(w.edge)[2] - w.start_m
+            )
+            for w in each
+        )
+        for each in (plan.windows, plan.hung)
     )
     return replace(
         plan,
@@ -128,6 +133,7 @@ def mirrored_plan(plan: FloorPlan) -> FloorPlan:
         holes=tuple(np.ascontiguousarray((hole * flip)[::-1]) for hole in plan.holes),
         doors=doors,
         windows=windows,
+        hung=hung,  # type: ignore[arg-type]
         keep_free=tuple((-x, y) for x, y in plan.keep_free),
     )
 
@@ -142,8 +148,10 @@ def _edge_list(plan: FloorPlan) -> list[tuple[object, ...]]:
     openings: list[tuple[int, tuple[object, ...]]] = []
     for d in plan.doors:
         openings.append((d.edge, (0, _step(d.start_m), _step(d.end_m), d.hinge, d.swing)))
-    for w in plan.windows:
-        openings.append((w.edge, (1, _step(w.start_m), _step(w.end_m), _step(w.sill_m), _step(w.head_m))))
+    for w in (*plan.windows, *plan.hung):
+        openings.append(
+            (w.edge, (1 + isinstance(w, Hung), _step(w.start_m), _step(w.end_m), _step(w.sill_m), _step(w.head_m)))
+        )
     for i in range(count):
         _, along, length_m = plan.edge(i)
         _, following, _ = plan.edge((i + 1) % count)
@@ -185,10 +193,13 @@ def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:
     doors = [
         replace(d, edge=(d.edge - first) % count, start_m=length(d.start_m), end_m=length(d.end_m)) for d in side.doors
     ]
-    windows = [
-        replace(w, edge=(w.edge - first) % count, start_m=length(w.start_m), end_m=length(w.end_m))
-        for w in side.windows
-    ]
+    windows, hung = (
+        sorted(
+            (replace(w, edge=(w.edge - first) % count, start_m=length(w.start_m), end_m=length(w.end_m)) for w in each),
+            key=_opening_key,
+        )
+        for each in (side.windows, side.hung)
+    )
     holes = []
     for hole in side.holes:
         moved = snap(hole)
@@ -198,7 +209,8 @@ def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:
         corners=np.ascontiguousarray(snap(np.roll(side.corners, -first, axis=0))),
         holes=tuple(sorted(holes, key=lambda h: h.tolist())),
         doors=tuple(sorted(doors, key=_opening_key)),
-        windows=tuple(sorted(windows, key=_opening_key)),
+        windows=tuple(windows),
+        hung=tuple(hung),  # type: ignore[arg-type]
         keep_free=tuple(sorted((float(p[0]), float(p[1])) for p in snap(np.array(side.keep_free).reshape(-1, 2)))),
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from processing.ground.arrays import Doubles
-from processing.layout.plan import FloorPlan
+from processing.layout.plan import FloorPlan, Window
 from processing.layout.solver.field import Floor
 from processing.layout.solver.free_sets import inside_walls
 from processing.layout.solver.grouping import ROLES
@@ -96,6 +96,8 @@ SLIM_M = 0.2
 """Half the width of the walker of the score `walk`."""
 HEAD_ROOM_M = 2.0
 """What hangs above this is in nobody's way."""
+HIDDEN_M = 0.1
+"""What hangs on a wall may be covered by so much at its lower edge."""
 AT_WALL_M = 0.06
 """A head this near to a wall stands at it (chosen: a skirting board)."""
 
@@ -121,6 +123,7 @@ def soft_scores(floor: Floor, placed: Sequence[Stand]) -> dict[str, float]:
         "openness": _openness(floor, placed, solid),
         "daylight": _daylight(floor, placed),
         # A slim walker: 0 where 90 % of what he can stand on is in one piece, 1 where all is.
+        "in_sight": _in_sight(floor, placed),
         "walk": _ramp(share_in_one_piece(floor.samples.cells2, floor.samples.grid, SLIM_M, solid), 0.9, 1.0),
         "together": _together(placed),
     }
@@ -215,15 +218,29 @@ def _head_at_wall(floor: Floor, bed: Stand) -> bool:
 
 def _behind(plan: FloorPlan, stand: Stand) -> float:
     """Return the share of a piece's width that has a window behind it."""
-    if stand.edge is None or stand.edge >= len(plan.corners):
+    return min(1.0, sum(_cover_m(plan, stand, w) for w in plan.windows) / stand.item.spec.size_m[0])
+
+
+def _in_sight(floor: Floor, placed: Sequence[Stand]) -> float | None:
+    """Return how much of what hangs on walls no piece hides, by its width."""
+    if not floor.plan.hung:
+        return None
+    whole = sum(thing.width_m for thing in floor.plan.hung)
+    lost = [
+        min(t.width_m, sum(_cover_m(floor.plan, s, t) for s in placed if s.item.spec.top_m > t.sill_m + HIDDEN_M))
+        for t in floor.plan.hung
+    ]
+    return 1 - sum(lost) / whole
+
+
+def _cover_m(plan: FloorPlan, stand: Stand, window: Window) -> float:
+    """Return the metres of a window, or of what hangs on a wall, that a piece at that wall stands before."""
+    if stand.edge is None or stand.edge != window.edge or stand.edge >= len(plan.corners):
         return 0.0
     corner, along, _ = plan.edge(stand.edge)
     at = float((np.array([stand.x_m, stand.y_m]) - corner) @ along)
     half = stand.item.spec.size_m[0] / 2
-    over = sum(
-        max(0.0, min(at + half, w.end_m) - max(at - half, w.start_m)) for w in plan.windows if w.edge == stand.edge
-    )
-    return min(1.0, over / (2 * half))
+    return max(0.0, min(at + half, window.end_m) - max(at - half, window.start_m))
 
 
 def _desk_light(floor: Floor, placed: Sequence[Stand]) -> float | None:

@@ -19,8 +19,14 @@ ROLE = {
     )
 }
 BED, SOFA, TV, DESK, SEAT, DINING, NIGHT, TALL, LOW, TABLE, RUGS, SMALL = range(12)
+HUNG_WEIGHT = 2.0
+"""For each metre of what hangs on a wall that a piece hides: more than a better place elsewhere gains."""
 RUG_WEIGHT = 3.0
 """A rug has nothing else to keep to, and lies in a corner otherwise where the search adds noise."""
+
+
+TALL_TOP_M, LOW_TOP_M = 1.8, 0.8
+"""Height of tall and of all other pieces, as far as hiding goes (chosen: wardrobes and shelves; beds and chests)."""
 
 
 class Spot(NamedTuple):
@@ -145,8 +151,25 @@ def score_small(role, spot, anchors):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def hidden(role, spot, hung):  # type: ignore[no-untyped-def]
+    """Return the metres of what hangs on walls (K, 8) that a piece of a role hides."""
+    total, one = 0.0, np.empty((1, 8))
+    for k in range(hung.shape[0]):
+        if hung[k, 3] < (TALL_TOP_M if role == TALL else LOW_TOP_M):
+            one[0] = hung[k]
+            total += covered(spot, one, 0.0)
+    return total
+
+
+@njit(cache=True)
 def score_spot(role, spot, room, anchors):  # type: ignore[no-untyped-def]
     """Return the steering score of a spot for a role; `room`: `search.Room`, `anchors` (A, 7)."""
+    return score_role(role, spot, room, anchors) - HUNG_WEIGHT * hidden(role, spot, room.hung)
+
+
+@njit(cache=True)
+def score_role(role, spot, room, anchors):  # type: ignore[no-untyped-def]
+    """Return it without what the piece hides; `anchors` (A, 7)."""
     windows = room.windows
     if role == BED:
         return score_bed(spot, room.door_middles, windows)

@@ -20,9 +20,11 @@ from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import Place, placed_by_ratios
+from processing.layout.hung import hung_things
 from processing.layout.items import KINDS as ITEMS
 from processing.layout.items import SETS, parse_items, set_items
-from processing.layout.plan import Door, FloorPlan, Window, make_plan
+from processing.layout.plan import Door, FloorPlan, Hung, Window, make_plan
+from processing.layout.plan_files import plan_from_mapping, plan_to_mapping
 from processing.layout.rules import built_in_rules, read_rules
 from processing.layout.solver.poses import mirrored_plan
 from processing.layout.verify import Judge, Piece
@@ -69,6 +71,46 @@ def test_seven_different_and_the_same_bytes_for_the_same_seed() -> None:
     poses = {(i.t_m, i.theta_rad) for one in first.arrangements for i in one.items if i.id == "single-bed"}
     assert len(poses) >= 4
     assert all(one.differs_by for one in first.arrangements[1:]) or first.arrangements[0].differs_by
+
+
+def test_nothing_tall_hides_a_picture_or_stands_right_before_the_camera() -> None:
+    """Both walls without openings would do for the wardrobe; one has pictures, the camera is near to the other."""
+    ring, door, window = [[0, 0], [4.2, 0], [4.2, 3.6], [0, 3.6]], Door(0, 0.2, 1.1), Window(2, 1.0, 3.0)
+    pictures = [Hung(1, 0.3, 1.6, 1.1, 1.8, "picture"), Hung(1, 2.0, 3.3, 1.1, 1.8, "picture")]
+    items = parse_items("bed, 2 nightstand, wardrobe")
+    plan = make_plan(ring, doors=[door], windows=[window, *pictures], keep_free=[(1.1, 1.7)])
+    result = arrange(plan_from_mapping(plan_to_mapping(plan), where="kept"), items, "tight", n=3)
+    for one in result.arrangements:
+        tall = next(i for i in one.items if i.id == "wardrobe")
+        assert one.scores["in_sight"] == 1.0
+        assert tall.edge != 1
+        assert max(abs(tall.t_m[0] - 1.1) - 0.3, abs(tall.t_m[1] - 1.7) - 0.3) >= 0.9 - 1e-6
+    spec = replace(ITEMS["wardrobe"], size_m=(1.2, 0.6, 2.0))
+    judge = Judge(plan, built_in_rules().named("tight"))
+    near = judge.judge([Piece("wardrobe", spec, 0.3, 1.7, -math.pi / 2, "wardrobe")]).violations
+    assert [v.rule for v in near] == ["view kept free"]
+
+
+def test_what_hangs_is_found_where_a_network_saw_it() -> None:
+    room = RoomModel(
+        source="given", floor=((-2, -2), (2, -2), (2, 2), (-2, 2)), camera_height_m=1.5, ceiling_height_m=2.6
+    )
+    seen = np.zeros((256, 512), np.float32)
+    azimuth, latitude = np.meshgrid(
+        (np.arange(512) + 0.5) / 256 * np.pi - np.pi, np.pi / 2 - (np.arange(256) + 0.5) / 256 * np.pi
+    )
+    across, level = 2 * np.tan(azimuth), 1.5 + 2 / np.cos(azimuth) * np.tan(latitude)
+    ahead = np.abs(azimuth) < np.pi / 4
+    seen[ahead & (np.abs(across - 0.5) < 0.4) & (np.abs(level - 1.6) < 0.3)] = (
+        0.9  # on wall 2, 0.9 to 1.7 m from its end
+    )
+    seen[ahead & (np.abs(across + 1.0) < 0.3) & (np.abs(level - 0.5) < 0.3)] = 0.9
+    picture, radiator = hung_things(room, seen)
+    assert (picture.name, picture.edge, radiator.name, radiator.edge) == ("picture", 2, "radiator", 2)
+    np.testing.assert_allclose(
+        [picture.start_m, picture.end_m, picture.sill_m, picture.head_m], [1.1, 1.9, 1.3, 1.9], atol=0.06
+    )
+    np.testing.assert_allclose([radiator.start_m, radiator.end_m], [2.7, 3.3], atol=0.06)
 
 
 def test_fewer_than_asked_says_why_and_leaves_out_other_pieces() -> None:
