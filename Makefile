@@ -6,7 +6,7 @@ RUN := $(BIN)/python
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 export PYTHONDONTWRITEBYTECODE ?=
 
-.PHONY: demo test check torture bench lock clean help
+.PHONY: web demo test check torture bench lock clean help
 help:
 	@sed -n 's/^## //p' Makefile
 
@@ -24,19 +24,27 @@ $(VENV)/.dev: requirements-dev.lock $(VENV)/.core
 	$(PIP) install --require-hashes -r requirements-dev.lock
 	touch $@
 
+# What runs in browsers. Without its registry of libraries set-up goes on, and says what is missing.
+$(VENV)/.web: studio/build.py $(shell find studio/web -path '*/node_modules' -prune -o -type f -print) $(VENV)/.core
+	@$(RUN) -m studio.build && touch $@ || true
+
+## make web       build the studio and the report's viewer (part of set-up)
+web: $(VENV)/.web
+
 ## make demo      set up, then the main job on simulated instruments: capture at full size, process, stage, report
-demo: $(VENV)/.core
+demo: $(VENV)/.core $(VENV)/.web
 	$(BIN)/daylit demo
 
 ## make test      set up, then run all tests
-test: $(VENV)/.dev
+test: $(VENV)/.dev $(VENV)/.web
 	$(RUN) -m pytest -n 2 --dist worksteal
 
 ## make check     format, lint, types, layers
-check: $(VENV)/.dev
+check: $(VENV)/.dev $(VENV)/.web
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(RUN) -m studio.build --types
 	$(RUN) -m pytest -q tests/architecture
 
 ## make torture   the long fault-injection runs, all seeds, every benchmark on the smallest input; figures go to docs/measurements/reliability.md

@@ -245,9 +245,10 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="report",
-        version=5,
+        version=6,
         title="write report",
         function="processing.report.stage:run",
+        data=("report/static/viewer.js",),
         needs=(
             *("verify", "merge", "calibrate", "room", "figures"),
             *("detect", "light", "remove", "materials", "arrange", "render"),

@@ -238,7 +238,7 @@ class Viewer:
     """A panorama to look around in, with exposure, false colours and a probe."""
 
     kind: ClassVar[str] = "viewer"
-    scripts: ClassVar[tuple[str, ...]] = ("pannellum.js", "encoding.js", "probe.js", "viewer.js")
+    scripts: ClassVar[tuple[str, ...]] = ("viewer.js",)
     states: tuple[ViewerState, ...]
     middle: float
     """On the tone curve, of the middle code of `encoding.picture_codes`."""
@@ -289,7 +289,7 @@ class Models:
     """Scenes to turn around, one at a time."""
 
     kind: ClassVar[str] = "models"
-    scripts: ClassVar[tuple[str, ...]] = ("model-viewer-umd.min.js", "model.js")
+    scripts: ClassVar[tuple[str, ...]] = ("viewer.js",)
     models: tuple[Model, ...]
     note: str = ""
 

@@ -15,7 +15,8 @@ from processing.pictures.writing import write_bytes
 from processing.report.data import ReportData, size_text
 
 TEMPLATES = Path(__file__).parent / "templates"
-VENDORED = Path(__file__).parent / "static"
+VIEWER = Path(__file__).parent / "static" / "viewer.js"
+"""Of panoramas and models: built at set-up from ``studio/web``; without it pages say so, and stand."""
 
 
 def build_page(data: ReportData) -> str:
@@ -30,12 +31,11 @@ def build_page(data: ReportData) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"size": size_text, "place": _place, "short": _short}
-    names = _script_names(data)
-    scripts = [_source(name) for name in names]
-    styles = ["pannellum.css"] if "pannellum.js" in names else []
-    style = "\n".join(_source(name) for name in (*styles, "report.css", "widgets.css"))
+    environment.globals["viewer_built"] = VIEWER.exists()
+    scripts = [_source(name) for name in _script_names(data) if name != VIEWER.name or VIEWER.exists()]
+    style = "\n".join(_source(name) for name in ("report.css", "widgets.css"))
     return environment.get_template("report.html.j2").render(
-        data=data, style=style, scripts=scripts, policy=_policy(names, scripts)
+        data=data, style=style, scripts=scripts, policy=_policy(scripts)
     )
 
 
@@ -52,20 +52,15 @@ def _script_names(data: ReportData) -> list[str]:
 
 
 def _source(name: str) -> str:
-    """Return a file of ours, or of others in `VENDORED` as they gave it."""
-    ours = TEMPLATES / name
     # Browsers read an ended line as "\n" before they take the digest.
-    return (ours if ours.exists() else VENDORED / name).read_text("utf-8")
+    return (VIEWER if name == VIEWER.name else TEMPLATES / name).read_text("utf-8")
 
 
-def _policy(names: list[str], scripts: list[str]) -> str:
+def _policy(scripts: list[str]) -> str:
     digests = [base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii") for text in scripts]
-    allowed = " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'"
-    if any(name.startswith("model-viewer") for name in names):
-        allowed += " 'wasm-unsafe-eval'"  # its decoder of packed meshes is WebAssembly, within the file
     rules = {
         "default-src": "'none'",
-        "script-src": allowed,
+        "script-src": " ".join(f"'sha256-{digest}'" for digest in digests) or "'none'",
         "img-src": "data: blob:",
         "connect-src": "data: blob:",
         "style-src": "'unsafe-inline'",

