@@ -17,7 +17,6 @@ from processing.errors import ParameterError, PlanError
 from processing.layout.arrangement import Arrangements
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.running.results import OnEvent, RunReport
-from processing.stages.contract import Quality
 from station.session.session import SessionManifest
 from station.session.store import load_manifest
 
@@ -59,6 +58,14 @@ class Session:
                 states[stage.name] = result.skipped or ", ".join(result.artifacts.values()) or "checked"
         return states
 
+    @property
+    def choices(self) -> dict[str, Any]:
+        """What was chosen for the session, by `process` here or by any command: values and paths by option name."""
+        from processing.running.choices import read_choices
+
+        found = read_choices(self.path)
+        return {name: found.value(self.path, name) for name in found.chosen}
+
     def __fspath__(self) -> str:
         return str(self.path)
 
@@ -97,10 +104,11 @@ def process(
     session: AnyPath,
     until: str | None = None,
     *,
-    quality: Literal["draft", "standard", "reference"] = "standard",
+    quality: Literal["draft", "standard", "reference"] | None = None,
     max_error: float | None = None,
     force: Sequence[str] = (),
     dry_run: bool = False,
+    forget: Sequence[str] = (),
     on_event: OnEvent | None = None,
     **options: object,
 ) -> RunReport:
@@ -113,16 +121,20 @@ def process(
     until
         The last stage that is wanted (``"calibrate"``); None: all of them.
     quality, max_error
-        How much work is worthwhile, and the relative error that is good enough (0.02 is 2 %).
+        How much work is worthwhile, and the relative error that is good enough (0.02 is 2 %). None: as chosen before
+        for this session, else ``"standard"``.
     force
         Stages that run although nothing has changed.
     dry_run
-        Only report what would run, and why.
+        Only report what would run, and why; choose nothing.
+    forget
+        Names of options that were chosen before and count no longer; ``("all",)``: all of them.
     on_event
         Called with each `RunEvent`: a stage starts, progresses, ends.
     options
         Options of the stages, spelled as on the command line with underscores: ``k1=0.5``, ``outdoor_lux=12_000``,
-        ``set="none"``.
+        ``set="none"``. The session remembers them (`processing.running.choices`): what is not given is as it was
+        chosen last, here or on the command line.
 
     Raises `ParameterError` for options that no stage of the run has, and what a stage raises.
 
@@ -132,17 +144,17 @@ def process(
     >>> for stage in report.stages:
     ...     print(stage.stage, stage.action, stage.reason)
     """
-    from processing.pipeline import options as known
+    from processing.running.choices import going_on, known
     from processing.running.requests import RunRequest
     from processing.running.runner import process as run
 
-    given = {"--" + name.replace("_", "-"): value for name, value in options.items() if value is not None}
+    asked = {**options, "quality": quality, "max-error": max_error}
+    given = {name.replace("_", "-"): value for name, value in asked.items() if value is not None}
     if unknown := sorted(set(given) - set(known())):
         raise ParameterError(f"there is no option {unknown[0]}", where="daylit.process", advice="daylit process --help")
-    request = RunRequest(
-        until=until, force=tuple(force), dry_run=dry_run, quality=Quality(quality), max_error=max_error, options=given
-    )
-    return run(Path(session), request, on_event=on_event or (lambda _event: None))
+    request = RunRequest(until=until, force=tuple(force), dry_run=dry_run)
+    with going_on(Path(session), given, request, by="daylit.process (Python)", forgotten=forget) as found:
+        return run(Path(session), found.request, on_event=on_event or (lambda _event: None))
 
 
 def read_picture(path: AnyPath) -> Picture:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.errors import DaylitError
-from station.errors import UsageError
+from station.errors import SessionError, UsageError
 
 
 class ProcessingError(DaylitError):
@@ -17,6 +17,12 @@ class ParameterError(UsageError):
     """A parameter or an option that cannot be right; names it and its range."""
 
     code = "USE-004"
+
+
+class ChoicesError(SessionError):
+    """choices.toml of a session cannot be right, or names a file that is not there; it is left as it is."""
+
+    code = "SES-011"
 
 
 class PictureFileError(ProcessingError):

@@ -22,6 +22,7 @@ from uuid import uuid4
 
 from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, StoreError
+from processing.running.choices import FILE as CHOICES
 from processing.running.fingerprint import digest
 from station.session import strict_json
 from station.session.session import MANIFEST_NAME
@@ -152,13 +153,13 @@ def remote_sessions(url: str, depth: int) -> list[str]:
     return [f"{url.rstrip('/')}/{name}" for name in found if f"/{RESULTS}/" not in f"/{name}/"]
 
 
-def request_key(task: Task, manifest: bytes) -> str:
-    """Return the digest of what a result depends on: the session, the arguments, files named in them, the stages."""
+def request_key(task: Task, manifest: bytes, choices: bytes = b"") -> str:
+    """Return the digest of what a result depends on: the session, what was chosen for it, arguments, files, stages."""
     from processing.pipeline import STAGES
 
     named = {text: _sha256(Path(text)) for text in task.arguments if Path(text).is_file()}
     stages = {stage.name: stage.version for stage in STAGES}
-    session = hashlib.sha256(manifest).hexdigest()
+    session = hashlib.sha256(manifest + choices).hexdigest()
     return digest({"session": session, "arguments": list(task.arguments), "files": named, "stages": stages})
 
 
@@ -177,7 +178,7 @@ def process_in(store: Store, task: Task, do: Callable[[Task], Outcome]) -> Outco
     manifest = store.read(MANIFEST_NAME)
     if manifest is None:
         raise StoreError(f"has no {MANIFEST_NAME}", where=store.url)
-    key = request_key(task, manifest)
+    key = request_key(task, manifest, store.read(CHOICES) or b"")
     former = done_of(store)
     if former is not None and former["key"] == key:
         return Outcome(task.name, "done", stages=dict.fromkeys(former["stages"], "skipped"), row=former["row"])

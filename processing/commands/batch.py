@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from processing.commands.process import ProcessCommand, run_request
+from processing.commands.process import ProcessCommand, given_now, run_request
 from station.commands.views import SilentView, printable
 
 if TYPE_CHECKING:
     from processing.batch.run import BatchReport
     from processing.batch.work import Outcome
-    from processing.running.requests import RunRequest
 
 
 class BarsView(SilentView):
@@ -77,6 +76,8 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
 def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     """Process every session in FOLDER (or URL), several at a time; takes the options of `daylit process`.
 
+    Each session goes on with what was chosen for it; what is given here is chosen for all of them.
+
     A session that fails, hangs or kills its process is listed and stops no other. Run the same command again to go on
     where it was interrupted. At its end FOLDER holds batch.csv (a row a session) and batch.json.
 
@@ -98,7 +99,7 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
         raise ParameterError("--workers is of this computer's own cluster: leave it out with --cluster")
     request = BatchRequest(
         folder,
-        (*_arguments(_checked(asked)), "--keep", asked["keep"]),
+        _arguments(asked),
         asked["workers"] or usual_workers(),
         asked["cluster"],
         asked["session_timeout"],
@@ -115,37 +116,32 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     return 5 if report.failed else 0
 
 
-def _checked(asked: dict[str, Any]) -> RunRequest:
-    """Return the request for each session; `ParameterError` now rather than once a session."""
-    from processing.pipeline import STAGES
+def _arguments(asked: dict[str, Any]) -> tuple[str, ...]:
+    """Return what is asked of each session as arguments of `daylit process`; files by their whole path.
+
+    `ParameterError` now rather than once a session.
+    """
+    from processing.pipeline import STAGES, options
+    from processing.running.choices import with_options
     from processing.running.requests import planned
+    from processing.stages.parameters import WORDS
 
-    request = run_request(asked)
-    planned(request, STAGES)
-    return request
-
-
-def _arguments(request: RunRequest) -> tuple[str, ...]:
-    """Return a request as arguments of `daylit process`; files by their whole path."""
-    from processing.pipeline import options
-
-    found = ["--quality", request.quality.value]
-    if request.until is not None:
-        found += ["--until", request.until]
-    for name in request.force:
-        found += ["--force", name]
+    request, given = run_request(asked), given_now(asked)
+    planned(with_options(request, given), STAGES)
+    found = ["--keep", asked["keep"]]
+    for flag, values in (("--until", asked["until"] or ()), ("--force", asked["force"]), ("--forget", asked["forget"])):
+        for value in (values,) if isinstance(values, str) else values:
+            found += [flag, value]
     if request.recheck:
         found.append("--recheck")
-    if request.max_error is not None:
-        found += ["--max-error", repr(request.max_error)]
-    if request.time_budget_s is not None:
-        found += ["--time-budget", repr(request.time_budget_s)]
     known = options()
-    for flag, value in request.options.items():
-        if known[flag].type is bool:
+    for name, value in given.items():
+        option = known.get(flag := f"--{name}")
+        if option is not None and option.type is bool and option.kind == "parameter":
             found += [flag] if value else []
         else:
-            found += [flag, str(value if known[flag].kind == "parameter" else Path(str(value)).resolve())]
+            path = option is not None and option.kind != "parameter" and not (option.installed and str(value) in WORDS)
+            found += [flag, str(Path(str(value)).resolve() if path else value)]
     return tuple(found)
 
 

@@ -82,7 +82,7 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
 
     meter = Meter()
     size, rate, quality = _effort(asked)
-    options = {} if asked["furniture"] is None else {"--set": asked["furniture"]}
+    options = {} if asked["furniture"] is None else {"set": asked["furniture"]}
     session = _photograph(world, picture, sky, asked)
     manifest = None
     if session is None:
@@ -92,7 +92,7 @@ def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: 
             session, manifest, intact = _captured(seen, size, name, asked["into"], as_json=as_json, rate=rate)
             if asked["capture_only"] or not intact:
                 return _summary(session, manifest, intact=intact, as_json=as_json)
-        options["--calibration"] = str(_calibrated(rig, session, as_json=as_json))
+        options["calibration"] = str(_calibrated(rig, session, as_json=as_json))
     report = _processed(session, options, quality, as_json=as_json)
     return _summary(session, manifest, intact=True, as_json=as_json, report=report, meter=meter)
 
@@ -229,14 +229,16 @@ def _calibrated(folder: Path, room: Path, *, as_json: bool) -> Path:
 
 def _processed(session: Path, options: dict[str, str], quality: str, *, as_json: bool) -> RunReport:
     from processing.commands.process import stage_view, summary_lines
+    from processing.running.choices import going_on
     from processing.running.requests import RunRequest
     from processing.running.runner import process
-    from processing.stages.contract import Quality
     from station.commands.views import SilentView
 
-    request = RunRequest(first_picture=sys.stdout.isatty() and not as_json, quality=Quality(quality), options=options)
-    with SilentView() if as_json else stage_view() as view:
-        report = process(session, request, on_event=view.show)
+    run = RunRequest(first_picture=sys.stdout.isatty() and not as_json)
+    with going_on(session, {**options, "quality": quality}, run, by="daylit demo") as found:
+        request = found.request
+        with SilentView() if as_json else stage_view() as view:
+            report = process(session, request, on_event=view.show)
     if not as_json:
         for line in summary_lines(report, request, explain=False):
             click.echo(line)

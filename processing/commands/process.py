@@ -15,6 +15,7 @@ from station.commands.views import SilentView, printable
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
+    from processing.running.choices import GoingOn
     from processing.running.requests import RunRequest
     from processing.running.results import RunEvent, RunReport, StageReport
     from processing.stages.parameters import Option
@@ -71,6 +72,9 @@ def _run_options() -> tuple[click.Option, ...]:
             default="all",
             help="results: when all is done, drop what only the stages need (as `daylit clean`).",
         ),
+        click.Option(
+            ["--forget"], metavar="NAME", multiple=True, help="Go on without what was chosen as --NAME before; or all."
+        ),
     )
 
 
@@ -103,23 +107,25 @@ def _parameter_name(flag: str) -> str:
 
 
 def run_request(asked: Mapping[str, Any]) -> RunRequest:
-    """Return the request that the options of a `ProcessCommand` make, without what was not given."""
-    from processing.pipeline import options
+    """Return what the options of a `ProcessCommand` say of this run alone."""
     from processing.running.requests import RunRequest
-    from processing.stages.contract import Quality
 
-    values = {flag: asked[_parameter_name(flag)] for flag in options()}
     return RunRequest(
         until=asked["until"],
         force=asked["force"],
         dry_run=asked.get("dry_run", False),
         recheck=asked["recheck"],
         first_picture=sys.stdout.isatty() and not asked.get("as_json"),
-        quality=Quality(asked.get("quality") or "standard"),
-        max_error=asked.get("max_error"),
-        time_budget_s=asked.get("time_budget"),
-        options={flag: value for flag, value in values.items() if value is not None},
     )
+
+
+def given_now(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the options of a `ProcessCommand` choose for the session, by name, without what was not given."""
+    from processing.pipeline import options, trades
+
+    found = {flag[2:]: asked[_parameter_name(flag)] for flag in options()}
+    found |= {trade.replace("_", "-"): asked[trade] for trade in trades()}
+    return {name: value for name, value in found.items() if value is not None}
 
 
 @click.command(cls=ProcessCommand)
@@ -143,7 +149,8 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
     """Process SESSION: check, merge, calibrate ...: each stage only if something it depends on has changed.
 
     Results are in SESSION/stages, one folder a stage. A run that is killed leaves the old result or the new one; the
-    next run goes on from there. Options are not remembered: give them again, or the stage runs without them.
+    next run goes on from there. The session remembers its options (`daylit choices`): leave them out, and what was
+    chosen before still counts; a value given now goes over it.
 
     \b
     Examples:
@@ -151,6 +158,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
       daylit process --until merge --max-error 0.02 --explain sessions/2023-05-19T1554Z_coda-320
       daylit process --panorama bedroom.jpg
     """
+    from processing.running.choices import going_on
     from processing.running.runner import clean
     from processing.running.runner import process as run
 
@@ -161,12 +169,16 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
             return 0
     else:
         session = _session(session, asked["panorama"], asked["into"])
-    with SilentView() if as_json else stage_view() as view:
-        report = run(session, request, on_event=view.show)
+    with going_on(session, given_now(asked), request, by="daylit process", forgotten=asked["forget"]) as found:
+        if not as_json:
+            echo_choices(found)
+        with SilentView() if as_json else stage_view() as view:
+            report = run(session, request := found.request, on_event=view.show)
     if asked["keep"] == "results" and not request.dry_run:
         clean(session)
     if as_json:
-        click.echo(json.dumps({"ok": True, "dry_run": request.dry_run, **report.to_dict()}))
+        chosen = {"went_on_with": found.kept, "notes": found.notes}
+        click.echo(json.dumps({"ok": True, "dry_run": request.dry_run, **report.to_dict(), "choices": chosen}))
         return 0
     for line in summary_lines(report, request, explain=explain):
         click.echo(line)
@@ -174,6 +186,15 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
     if page.is_file() and not request.dry_run:
         click.echo(f"report: {page}")
     return 0
+
+
+def echo_choices(found: GoingOn) -> None:
+    """Say what a run goes on with, and what was chosen and is not used."""
+    if found.kept:
+        words = ", ".join(f"--{name} {value}" for name, value in found.kept.items())
+        click.echo(printable(f"as chosen before: {words}"))
+    for note in found.notes:
+        click.echo(printable(f"note: {note}"))
 
 
 def _would_make(panorama: Path, into: Path, *, as_json: bool) -> Path | None:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from processing.relighting.weather import Weather
 
 SHEET_ROWS, ANIMATION_ROWS = 192, 384
+KEPT = ("furniture", "site", "heading")
+"""Options that the session remembers."""
 
 
 @click.command()
@@ -49,7 +51,8 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
 
     Needs a session that was processed with furniture asked for (--set). The captured weather goes with the sun:
     how clear the sky was and its colour are kept. Writes pictures in cd/m2 (EXR) and JPEG; a sweep writes JPEG, a
-    contact sheet and an animation (WebP). A basis of the light is kept in SESSION/relight for the next time.
+    contact sheet and an animation (WebP). A basis of the light is kept in SESSION/relight for the next time. The
+    session remembers --furniture, --site and --heading.
 
     \b
     Examples:
@@ -57,11 +60,15 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sweep day --staged 1 --step 30m
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sky other/stages/calibrate/outdoor.exr
     """
-    _check(asked)
     from processing.light.solver.basis import BASIS_EFFORTS
     from processing.relighting.relit_session import FOLDER, Relighting
     from processing.relighting.session_room import check_sky, read_session_room
+    from processing.running.choices import go_on_with
 
+    _check(asked)
+    asked |= go_on_with(session, {name: asked[name] for name in KEPT}, by="daylit relight")
+    if asked["staged"] is None:
+        asked["furniture"] = None
     room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
     check_sky(room)
     folder = asked["output"] or session / FOLDER

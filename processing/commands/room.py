@@ -42,6 +42,8 @@ def room(
 ) -> int:
     """Correct the room of SESSION by hand: floor corners, heights, windows and doors, in metres, as JSON.
 
+    With --edit, SESSION/room.json is then the room that `daylit process` takes (--forget room: the estimated one).
+
     Wall i runs from corner i to corner i + 1; corners run counter-clockwise seen from above; the camera stands at
     (0, 0), x is right and y ahead of the panorama's centre.
 
@@ -53,6 +55,7 @@ def room(
     Exit code: 0 the room can be used · 1 something is wrong with it.
     """
     from processing.errors import ParameterError
+    from processing.running.choices import remember
     from station.session.store import load_manifest
 
     if edit == (check is not None) or (start and not edit):
@@ -66,6 +69,7 @@ def room(
         _prepare(path, start, begin)
         if sys.stdin.isatty() and sys.stdout.isatty() and not as_json:
             click.edit(filename=str(path))
+        remember(session, {"room": path}, by="daylit room --edit")
     return _show(path, as_json=as_json)
 
 

@@ -113,10 +113,11 @@ def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) 
         )
     files = _json(stages / "render" / "result.json").get("ingredients", {}).get("files", {})
     if bool(files.get("furniture")) != (furniture is not None):
+        built_in = "leave --furniture out (chosen before: daylit choices SESSION --forget furniture)"
         raise RelightError(
             "the furniture is from a folder of your own" if furniture is None else "the furniture is the built-in one",
             where=f"alternative {staged}",
-            advice="give --furniture FOLDER as for daylit process" if furniture is None else "leave --furniture out",
+            advice="give --furniture FOLDER as for daylit process" if furniture is None else built_in,
         )
     arrangements = Arrangements.model_validate_json(json.dumps(_json(stages / "arrange" / "arrangement.json")))
     one = arrangements.arrangements[staged - 1]

@@ -314,7 +314,12 @@ class _Furnished(_InTheRoom):
     derived = ("wanted",)
 
     set: Annotated[str, Field(description="Furniture: bedroom, living, dining, office, auto, none")] = "auto"
-    items: Annotated[str | None, Field(description='A list of furniture instead: "bed, 2 nightstand".')] = None
+    items: Annotated[
+        str | None,
+        Field(
+            description='A list of furniture instead: "bed, 2 nightstand".', json_schema_extra={"excludes": ["--set"]}
+        ),
+    ] = None
 
     @property
     def wanted(self) -> bool:

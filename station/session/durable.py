@@ -149,10 +149,10 @@ LOCK_NAME = ".lock"
 _INFO_BYTES = 200  # fixed, so that one write replaces it whole
 
 
-def _holder(folder: Folder) -> str:
+def _holder(folder: Folder, name: str) -> str:
     """Return who holds the lock, as its file says; only digits and a host name's characters are repeated."""
     with suppress(OSError, ValueError, IntegrityError, AttributeError):
-        raw = folder.read_file(LOCK_NAME, 4 * _INFO_BYTES) or b""
+        raw = folder.read_file(name, 4 * _INFO_BYTES) or b""
         info = json.loads(raw)
         host = "".join(c for c in str(info["host"])[:64] if c.isascii() and (c.isalnum() or c in ".-_"))
         return f"process {int(info['pid'])} on {host}"
@@ -162,31 +162,31 @@ def _holder(folder: Folder) -> str:
 class SessionLock:
     """The held lock of a session folder."""
 
-    def __init__(self, folder: Folder) -> None:
-        """Take the lock at once or raise `SessionLockedError` naming the holder."""
-        info = folder.lstat(LOCK_NAME)
+    def __init__(self, folder: Folder, name: str = LOCK_NAME, *, wait_s: float = 0.0) -> None:
+        """Take the lock, after ``wait_s`` at most, or raise `SessionLockedError` naming the holder."""
+        info = folder.lstat(name)
         reason = irregular(info) if info else None
         if reason:
-            raise IntegrityError(reason, where=str(folder.path / LOCK_NAME), advice="remove it")
+            raise IntegrityError(reason, where=str(folder.path / name), advice="remove it")
         # A soft lock (on file systems without flock) would outlive a crash; better to refuse.
-        self._lock = FileLock(str(folder.path / LOCK_NAME), thread_local=False, fallback_to_soft=False)
+        self._lock = FileLock(str(folder.path / name), thread_local=False, fallback_to_soft=False)
         try:
-            self._lock.acquire(blocking=False)
+            self._lock.acquire(timeout=wait_s, poll_interval=0.01)
         except Timeout as exc:
             raise SessionLockedError(
-                f"{_holder(folder)} works on this session",
+                f"{_holder(folder, name)} works on this session",
                 where=str(folder.path),
                 advice="wait until it is done, or end it",
             ) from exc
         except OSError as exc:
-            raise disk_error(exc, folder.path / LOCK_NAME, "locking") from exc
-        self._sign(folder)
+            raise disk_error(exc, folder.path / name, "locking") from exc
+        self._sign(folder, name)
 
-    def _sign(self, folder: Folder) -> None:
+    def _sign(self, folder: Folder, name: str) -> None:
         """Write who we are, for the message of whoever comes second; the lock holds without it."""
         info = json.dumps({"pid": os.getpid(), "host": socket.gethostname()[:64]})
         with suppress(OSError):
-            fd = os_calls.open(LOCK_NAME, os.O_WRONLY | os.O_NOFOLLOW, dir_fd=folder.fd)
+            fd = os_calls.open(name, os.O_WRONLY | os.O_NOFOLLOW, dir_fd=folder.fd)
             try:
                 write_all(fd, info.ljust(_INFO_BYTES).encode()[:_INFO_BYTES])
             finally:

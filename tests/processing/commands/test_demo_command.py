@@ -56,7 +56,7 @@ def test_a_photograph_becomes_a_session_and_the_end_says_where_to_look(
     assert daylit.main(["demo", "--room", str(photo), "--into", str(into), "--set", "bedroom"]) == 0
     (session,) = into.iterdir()
     assert load_manifest(session).panorama is not None
-    assert asked == [{"--set": "bedroom"}]
+    assert asked == [{"set": "bedroom"}]
     told = capsys.readouterr().out
     assert "peak memory" in told
     assert f"look at: {session / 'stages' / 'report' / 'index.html'}" in told.splitlines()

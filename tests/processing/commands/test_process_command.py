@@ -123,3 +123,37 @@ def test_help_lists_options_stage_by_stage(capsys: pytest.CaptureFixture[str]) -
         for flag in stage.options:
             assert told.count(f"  {flag} ") == 1
     assert "[SESSION]" not in told.partition("Options:")[2]
+
+
+def test_the_session_remembers_options(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["process", str(session), "--scale", "2", "--quality", "draft"]) == 0
+    capsys.readouterr()
+    assert daylit.main(["process", str(session)]) == 0
+    out = capsys.readouterr().out
+    assert "as chosen before: --quality draft, --scale 2.0" in out
+    assert "nothing was done" in out
+    assert daylit.main(["process", str(session), "--forget", "scale", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert [s["action"] for s in report["stages"]] == ["skipped", "ran", "ran"]
+    assert report["choices"] == {"went_on_with": {"quality": "draft"}, "notes": []}
+    daylit.process(session, scale=3.0)
+    assert daylit.open_session(session).choices == {"quality": "draft", "scale": 3.0}
+
+
+def test_choices_are_shown_set_and_dropped(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert daylit.main(["choices", str(session)]) == 0
+    assert "nothing was chosen" in capsys.readouterr().out
+    factor = tmp_path / "factor.txt"
+    factor.write_text("2")
+    assert daylit.main(["choices", str(session), "scale=2", f"factor={factor}"]) == 0
+    assert daylit.main(["choices", str(session), "scale=3"]) == 0
+    assert daylit.main(["choices", str(session), "--past"]) == 0
+    out = capsys.readouterr().out
+    assert "factor.txt" in out
+    assert "(choices/" in out
+    assert "daylit choices" in out
+    assert "scale 2.0" in out.splitlines()[-1]
+    assert daylit.main(["choices", str(session), "--forget", "all", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["chosen"] == {}
+    assert daylit.main(["choices", str(session), "scale"]) == 2
+    assert "'scale' is not NAME=VALUE" in capsys.readouterr().err

@@ -1,0 +1,407 @@
+"""What was chosen for a session: options that its commands go on with, kept in its choices.toml.
+
+The session owns them: `daylit process`, the Python API, `daylit batch`, `relight`, `view-from` and whatever shows a
+session read and set them here. An option given now goes over the one chosen before, and takes its place. What was
+chosen before that stays in the file (`Choices.past`) with its time and command, so that nothing is lost by trying.
+
+Files that are given (a rig profile, a mask) are copied into the session's folder `choices`, named by their digest, so
+that a moved session still has them; a file that lies in the session already (room.json) is named where it is, and so
+are networks, folders, and files of more than `COPIED_BYTES`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, NamedTuple
+
+import tomli_w
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
+
+import processing.pipeline
+from drivers.clock import Clock, SystemClock
+from processing.errors import ChoicesError, ParameterError
+from processing.pipeline import options, selected
+from processing.running.requests import RunRequest, planned
+from processing.running.result_store import STAGES
+from processing.stages.contract import Quality
+from processing.stages.parameters import WORDS, Option
+from station.errors import SchemaTooNewError, UsageError
+from station.session.durable import SessionLock
+from station.session.folder import Folder, open_session, write_file
+from station.session.session import SafeText
+from station.session.store import load_manifest
+
+FILE, FOLDER, LOCK = "choices.toml", "choices", ".choices.lock"
+SCHEMA = 1
+COPIED_BYTES = 32 << 20
+"""Up to which a file is copied into the session (chosen: a painted mask of full size has a tenth)."""
+NETWORKS = (".onnx", ".tflite")
+"""Named where they are: large, of the computer rather than of the session, and often with files beside them."""
+MOST_PAST = 100
+"""Former choices that are kept (chosen)."""
+MAX_FILE_BYTES = 1 << 20
+LOCK_S = 10.0
+"""For which a writer waits for another; a write takes milliseconds (chosen)."""
+TRADES: dict[str, type] = {"quality": str, "max-error": float, "time-budget": float}
+"""What a run takes beside the options of stages."""
+PLACES: dict[str, type] = {"site": str, "heading": float}
+"""What `daylit relight` takes, where the session does not say."""
+Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,60}$")]
+
+
+class Choice(BaseModel):
+    """One thing that was chosen: a ``value``, or the ``file`` (or folder) that was given."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    value: bool | int | float | str | None = None
+    file: str | None = None
+    """Within the session, with ``/`` between; elsewhere its whole path."""
+    sha256: str = ""
+    """Of a file that was copied."""
+    given: str = ""
+    """Where a file that was copied came from, as seen from the session."""
+    at: AwareDatetime
+    by: SafeText
+    """The command."""
+
+    def same(self, other: Choice | None) -> bool:
+        """Return whether both choose the same, whenever and by whatever."""
+        return other is not None and (self.value, self.file) == (other.value, other.file)
+
+
+class Former(Choice):
+    """What was chosen before, until when."""
+
+    name: Name
+    until: AwareDatetime
+
+
+class Choices(BaseModel):
+    """All choices of a session by the option's name without its dashes: ``camera-height``."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: int = SCHEMA
+    chosen: dict[Name, Choice] = {}
+    past: tuple[Former, ...] = ()
+    """The oldest first, the last `MOST_PAST`."""
+
+    def value(self, session: Path, name: str) -> Any:
+        """Return what was chosen, a file or folder as its path; None where nothing was.
+
+        Raises `ChoicesError` for a file that is not there any more.
+        """
+        choice = self.chosen.get(name)
+        if choice is None or choice.file is None:
+            return None if choice is None else choice.value
+        path = session / choice.file
+        if not path.exists():
+            raise ChoicesError(
+                f"{name}: {choice.file} is not there any more (chosen {choice.at:%Y-%m-%d} by {choice.by})",
+                where=str(session / FILE),
+                advice=f"give --{name} again, or forget it: daylit choices {session} --forget {name}",
+            )
+        return path
+
+
+def known() -> dict[str, type]:
+    """Return the names that can be chosen, with the type of their values (`Path`: a file or folder)."""
+    kinds = {flag[2:]: o.type if o.kind == "parameter" else Path for flag, o in options().items()}
+    return kinds | TRADES | PLACES
+
+
+def read_choices(session: Path) -> Choices:
+    """Return what was chosen for a session; nothing where there is no file.
+
+    Raises `ChoicesError` for a file that cannot be right, and `SchemaTooNewError` for one of a newer daylit; both are
+    left as they are.
+    """
+    with open_session(session) as root:
+        return _read(root)
+
+
+def remember(session: Path, given: Mapping[str, object], *, by: str, clock: Clock | None = None) -> Choices:
+    """Choose: each name with its value, or its file; return all choices. What is chosen already keeps its time.
+
+    ``by`` names the command. Safe beside other writers; whoever reads sees the old choices or the new. Raises
+    `ParameterError` for a name that is none and `SessionLockedError` where another writer does not end.
+    """
+    kinds = known()
+    if unknown := sorted(set(given) - set(kinds)):
+        raise ParameterError(f"there is no option {unknown[0]}", where=str(session), advice="daylit process --help")
+
+    def changed(root: Folder, old: Choices, now: datetime) -> Choices:
+        made = {name: _choice(root, kinds[name], value, now, by) for name, value in given.items()}
+        new = {name: one for name, one in made.items() if not one.same(old.chosen.get(name))}
+        return _over(old, new, now)
+
+    return _edit(session, changed, clock)
+
+
+def go_on_with(session: Path, given: Mapping[str, object], *, by: str, clock: Clock | None = None) -> dict[str, Any]:
+    """Return every name that is given with its value, where that is None with what was chosen; choose what is given."""
+    new = {name: value for name, value in given.items() if value is not None}
+    choices = remember(session, new, by=by, clock=clock) if new else read_choices(session)
+    return {name: choices.value(session, name) if value is None else value for name, value in given.items()}
+
+
+def forget(session: Path, names: Sequence[str], *, clock: Clock | None = None) -> Choices:
+    """Choose no longer: the names, or ``all``; return what is left. `ParameterError` for what was not chosen."""
+
+    return _edit(session, lambda _root, old, now: _without(session, old, names, now), clock)
+
+
+def _without(session: Path, old: Choices, names: Sequence[str], now: datetime) -> Choices:
+    gone = set(old.chosen) if "all" in names else {name.removeprefix("--") for name in names}
+    if strange := sorted(gone - set(old.chosen)):
+        advice = f"chosen: {', '.join(sorted(old.chosen)) or 'nothing'}"
+        raise ParameterError(f"--forget {strange[0]}: it was not chosen", where=str(session), advice=advice)
+    return _over(old, dict.fromkeys(gone), now)
+
+
+def _over(old: Choices, new: Mapping[str, Choice | None], now: datetime) -> Choices:
+    """Return choices with some replaced (None: dropped); what they were goes to the past."""
+    replaced = [(name, old.chosen[name]) for name in sorted(new) if name in old.chosen]
+    past = (*old.past, *(Former(**one.model_dump(), name=name, until=now) for name, one in replaced))
+    chosen = {name: one for name, one in {**old.chosen, **new}.items() if one is not None}
+    return Choices(chosen=dict(sorted(chosen.items())), past=past[-MOST_PAST:])
+
+
+def _choice(root: Folder, kind: type, value: object, at: datetime, by: str) -> Choice:
+    if kind is not Path or str(value) in WORDS:
+        return Choice(value=str(value) if kind is Path else _typed(kind, value), at=at, by=by)
+    path, session = Path(str(value)).resolve(), root.path.resolve()
+    if not path.exists():
+        raise ParameterError(f"there is no {path.name}", where=str(path))
+    if path.is_relative_to(session) and (inner := path.relative_to(session)).parts[0] != STAGES:
+        return Choice(file=inner.as_posix(), at=at, by=by)
+    if not path.is_file() or path.suffix.lower() in NETWORKS or path.stat().st_size > COPIED_BYTES:
+        return Choice(file=str(path), at=at, by=by)
+    data = path.read_bytes()
+    digest = hashlib.sha256(data).hexdigest()
+    suffix = re.fullmatch(r"[.]\w{1,9}", path.suffix)
+    name = digest[:16] + (suffix[0].lower() if suffix else "")
+    root.make_sub(FOLDER)
+    with root.sub(FOLDER) as folder:
+        if folder.read_file(name, COPIED_BYTES) != data:
+            write_file(folder, name, data)
+    given = Path(os.path.relpath(path, session)).as_posix()
+    return Choice(file=f"{FOLDER}/{name}", sha256=digest, given=given, at=at, by=by)
+
+
+def _typed(kind: type, value: object) -> bool | float | str:
+    """Return a value, or what was typed of one, as what it is to be."""
+    word = str(value).strip().lower()
+    try:
+        found = kind(value) if kind is not bool else {"true": True, "yes": True, "false": False, "no": False}[word]
+    except (ValueError, TypeError, KeyError):
+        what = {bool: "yes or no", int: "a whole number", float: "a number"}[kind]
+        raise ParameterError(f"{str(value)[:60]!r} is not {what}") from None
+    assert isinstance(found, bool | float | int | str)
+    return found
+
+
+def _edit(session: Path, changed: Callable[[Folder, Choices, datetime], Choices], clock: Clock | None) -> Choices:
+    """Read, change and write, alone; write nothing where nothing changes."""
+    now = (clock or SystemClock()).utc_now()
+    load_manifest(session)
+    with open_session(session) as root:
+        lock = SessionLock(root, LOCK, wait_s=LOCK_S)
+        try:
+            old = _read(root)
+            new = changed(root, old, now)
+            if new != old:
+                write_file(root, FILE, _text(new).encode())
+                _tidy(root, new)
+        finally:
+            lock.release()
+    return new
+
+
+def _tidy(root: Folder, choices: Choices) -> None:
+    """Remove copies that no choice names, now or in the past, and what a killed writer left."""
+    if root.lstat(FOLDER) is None:
+        return
+    named = {one.file for one in (*choices.chosen.values(), *choices.past)}
+    with root.sub(FOLDER) as folder:
+        for name in folder.names():
+            if f"{FOLDER}/{name}" not in named:
+                folder.remove(name)
+
+
+def _text(choices: Choices) -> str:
+    head = "# What was chosen for this session, by the commands themselves: `daylit choices SESSION` shows it.\n"
+    return head + tomli_w.dumps(choices.model_dump(exclude_defaults=True) | {"schema_version": SCHEMA})
+
+
+def _read(root: Folder) -> Choices:
+    raw, where = root.read_file(FILE, MAX_FILE_BYTES), str(root.path / FILE)
+    if raw is None:
+        return Choices()
+    advice = "correct it, or move it away and give the options again; it was left as it is"
+    try:
+        found = tomllib.loads(raw.decode())
+        version = found.get("schema_version")
+        if isinstance(version, int) and version > SCHEMA:
+            raise SchemaTooNewError(
+                f"is of version {version}, this daylit knows {SCHEMA}", where=where, advice="update daylit"
+            )
+        choices = Choices.model_validate(found)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        raise ChoicesError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}", where=where, advice=advice) from error
+    except (ValueError, RecursionError) as error:
+        raise ChoicesError(f"is no TOML: {str(error)[:200]}", where=where, advice=advice) from error
+    for name, one in choices.chosen.items():
+        if (one.value is None) == (one.file is None) or ".." in PurePosixPath(one.file or "").parts:
+            raise ChoicesError(f"chosen.{name}: neither a value nor a file's path", where=where, advice=advice)
+    return choices
+
+
+# A run goes on with what was chosen.
+
+
+class GoingOn(NamedTuple):
+    """A run that goes on with what was chosen."""
+
+    request: RunRequest
+    kept: dict[str, str]
+    """What it goes on with, by name, in words."""
+    notes: tuple[str, ...]
+    """What was chosen and is not used, or has changed since."""
+
+
+def with_options(run: RunRequest, given: Mapping[str, object]) -> RunRequest:
+    """Return a request with values by name: of the stages' options, and `TRADES`."""
+    own = {f"--{name}": value for name, value in given.items() if name not in TRADES}
+    traded: dict[str, Any] = {name: given.get(name) for name in TRADES}
+    return replace(
+        run,
+        quality=run.quality if traded["quality"] is None else _quality(traded["quality"]),
+        max_error=run.max_error if traded["max-error"] is None else traded["max-error"],
+        time_budget_s=run.time_budget_s if traded["time-budget"] is None else traded["time-budget"],
+        options=own,
+    )
+
+
+def _quality(value: object) -> Quality:
+    try:
+        return Quality(str(value))
+    except ValueError:
+        raise ParameterError(
+            f"there is no quality {str(value)[:40]!r}", advice=f"one of {', '.join(Quality)}"
+        ) from None
+
+
+@contextmanager
+def going_on(
+    session: Path,
+    given: Mapping[str, object],
+    run: RunRequest,
+    *,
+    by: str,
+    forgotten: Sequence[str] = (),
+    clock: Clock | None = None,
+) -> Iterator[GoingOn]:
+    """Give the request of a run: what is given now over what was chosen before; it is then what is chosen.
+
+    ``given``: values by name, of stages' options and `TRADES`; ``run``: the rest (until, force ...). A dry run chooses
+    nothing, and what makes the run end with a `UsageError` is chosen no longer. ``forgotten``: what is dropped first.
+    """
+    load_manifest(session)
+    before = read_choices(session)
+    if forgotten and run.dry_run:
+        before = _without(session, before, forgotten, (clock or SystemClock()).utc_now())
+    elif forgotten:
+        before = forget(session, forgotten, clock=clock)
+    found = _merged(session, before, given, run)
+    try:
+        planned(found.request, processing.pipeline.STAGES)
+    except ParameterError as error:
+        if found.kept:
+            error.advice += f"; chosen before: {', '.join(found.kept)} (daylit choices {session})"
+        raise
+    after = before if run.dry_run or not given else remember(session, given, by=by, clock=clock)
+    try:
+        yield found
+    except UsageError:
+        if after != before:
+            _restore(session, before, after, given, clock)
+        raise
+
+
+def _merged(session: Path, before: Choices, given: Mapping[str, object], run: RunRequest) -> GoingOn:
+    plan = selected(run.until, processing.pipeline.STAGES)
+    of_run, of_stages, traded = options(plan), options(), {t.replace("_", "-") for s in plan for t in s.trades}
+    active, aside = _active(before, given, of_stages)
+    values = dict(given)
+    for name in active:
+        if f"--{name}" in of_run or name in traded:
+            values[name] = before.value(session, name)
+    notes = [f"not used: --{name}: {why}" for name, why in aside.items()]
+    notes += [note for name in active if name in values and (note := _renewed(session, name, before.chosen[name]))]
+    kept = {name: shown(before.chosen[name]) for name in active if name in values}
+    return GoingOn(with_options(run, values), kept, tuple(notes))
+
+
+def _active(
+    before: Choices, given: Mapping[str, object], of_stages: Mapping[str, Option]
+) -> tuple[list[str], dict[str, str]]:
+    """Return the names of former choices that still count, and why the others do not: the newest goes first."""
+    taken, aside = list(given), {}
+    for name in sorted(before.chosen.keys() - given.keys(), key=lambda n: (-before.chosen[n].at.timestamp(), n)):
+        option = of_stages.get(f"--{name}")
+        rivals = [t for t in taken if option and _exclude(name, t, of_stages)]
+        if rivals:
+            aside[name] = f"--{rivals[0]} was chosen since, and goes instead"
+        elif option is None and name not in TRADES and name not in PLACES:
+            aside[name] = "this daylit has no such option"
+        else:
+            taken.append(name)
+    for name in [n for n in taken if n not in given and f"--{n}" in of_stages]:
+        without = [o[2:] for o in of_stages[f"--{name}"].beside if o[2:] not in taken or o[2:] in given]
+        if without:
+            aside[name] = f"it went with another --{without[0]}"
+    names = [n for n in taken if n not in given and n not in aside and n not in PLACES]
+    return sorted(names), dict(sorted(aside.items()))
+
+
+def _exclude(one: str, other: str, of_stages: Mapping[str, Option]) -> bool:
+    pairs = ((one, other), (other, one))
+    return any(f"--{b}" in of_stages[f"--{a}"].excludes for a, b in pairs if f"--{a}" in of_stages)
+
+
+def _renewed(session: Path, name: str, choice: Choice) -> str:
+    """Return a note where the file that was given is another by now."""
+    path = session / choice.given
+    if not choice.given or not path.is_file() or path.stat().st_size > COPIED_BYTES:
+        return ""
+    if hashlib.sha256(path.read_bytes()).hexdigest() == choice.sha256:
+        return ""
+    return f"--{name}: {path.name} has changed since it was chosen; give it again to use it as it is now"
+
+
+def _restore(session: Path, before: Choices, after: Choices, names: Mapping[str, object], clock: Clock | None) -> None:
+    """Choose again what was chosen before a run that could not be, unless another writer has chosen since."""
+
+    def changed(_root: Folder, now_chosen: Choices, now: datetime) -> Choices:
+        ours = [n for n in names if now_chosen.chosen.get(n) == after.chosen.get(n) != before.chosen.get(n)]
+        return _over(now_chosen, {name: before.chosen.get(name) for name in ours}, now)
+
+    _edit(session, changed, clock)
+
+
+def shown(choice: Choice) -> str:
+    """Return what was chosen, in a few words."""
+    if choice.file is None:
+        return str(choice.value)
+    return PurePosixPath(choice.given or choice.file).name
