@@ -151,7 +151,9 @@ def process(
     asked = {**options, "quality": quality, "max-error": max_error}
     given = {name.replace("_", "-"): value for name, value in asked.items() if value is not None}
     if unknown := sorted(set(given) - set(known())):
-        raise ParameterError(f"there is no option {unknown[0]}", where="daylit.process", advice="daylit process --help")
+        raise ParameterError(
+            f"there is no option --{unknown[0]}", where="daylit.process", advice="daylit process --help"
+        )
     request = RunRequest(until=until, force=tuple(force), dry_run=dry_run)
     with going_on(Path(session), given, request, by="daylit.process (Python)", forgotten=forget) as found:
         return run(Path(session), found.request, on_event=on_event or (lambda _event: None))

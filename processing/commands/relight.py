@@ -63,10 +63,11 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     from processing.light.solver.basis import BASIS_EFFORTS
     from processing.relighting.relit_session import FOLDER, Relighting
     from processing.relighting.session_room import check_sky, read_session_room
-    from processing.running.choices import go_on_with
+    from processing.running.choices import go_on_with, remember
 
     _check(asked)
-    asked |= go_on_with(session, {name: asked[name] for name in KEPT}, by="daylit relight")
+    given = {name: asked[name] for name in KEPT}
+    asked |= go_on_with(session, given)
     if asked["staged"] is None:
         asked["furniture"] = None
     room = read_session_room(session, asked["staged"], asked["rows"], asked["furniture"])
@@ -74,6 +75,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     folder = asked["output"] or session / FOLDER
     name = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
     moments = _moments(room, asked)
+    remember(session, given, by="daylit relight")
     ready = Relighting(room, session / FOLDER, BASIS_EFFORTS[asked["quality"]])
     folder.mkdir(parents=True, exist_ok=True)
     if asked["sweep"]:

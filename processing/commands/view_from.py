@@ -50,14 +50,16 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     from processing.light.picture.viewpoint import check_place, seen_from
     from processing.light.solver.irradiance import EFFORTS
     from processing.relighting.session_room import read_session_room
-    from processing.running.choices import go_on_with
+    from processing.running.choices import go_on_with, remember
     from station.commands.views import numbers
 
     eye = list(numbers("--eye", asked["eye"], 3, "metres to the right, ahead and up"))
     geometry = _geometry(asked)
     if asked["staged"] is not None:
-        asked |= go_on_with(session, {"furniture": asked["furniture"]}, by="daylit view-from")
+        asked |= go_on_with(session, {"furniture": asked["furniture"]})
     room = read_session_room(session, asked["staged"], 2048, asked["furniture"])
+    if asked["furniture"] is not None:
+        remember(session, {"furniture": asked["furniture"]}, by="daylit view-from")
     check_place(room.scene, (eye[0], eye[1], eye[2]))
     effort = EFFORTS[asked["quality"]]
     found = seen_from(room.scene, room.picture.rgb, room.eye_m, geometry, (eye[0], eye[1], eye[2]), effort=effort)

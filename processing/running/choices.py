@@ -15,7 +15,7 @@ import hashlib
 import os
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime
@@ -41,6 +41,7 @@ from station.session.store import load_manifest
 
 FILE, FOLDER, LOCK = "choices.toml", "choices", ".choices.lock"
 SCHEMA = 1
+"""Of the file; a higher one is refused."""
 COPIED_BYTES = 32 << 20
 """Up to which a file is copied into the session (chosen: a painted mask of full size has a tenth)."""
 NETWORKS = (".onnx", ".tflite")
@@ -48,10 +49,12 @@ NETWORKS = (".onnx", ".tflite")
 MOST_PAST = 100
 """Former choices that are kept (chosen)."""
 MAX_FILE_BYTES = 1 << 20
+"""Of choices.toml (chosen: with a long past it has a fiftieth)."""
 LOCK_S = 10.0
 """For which a writer waits for another; a write takes milliseconds (chosen)."""
 TRADES: dict[str, type] = {"quality": str, "max-error": float, "time-budget": float}
 """What a run takes beside the options of stages."""
+TRADED = {"quality": "quality", "max-error": "max_error", "time-budget": "time_budget_s"}
 PLACES: dict[str, type] = {"site": str, "heading": float}
 """What `daylit relight` takes, where the session does not say."""
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,60}$")]
@@ -72,10 +75,6 @@ class Choice(BaseModel):
     at: AwareDatetime
     by: SafeText
     """The command."""
-
-    def same(self, other: Choice | None) -> bool:
-        """Return whether both choose the same, whenever and by whatever."""
-        return other is not None and (self.value, self.file) == (other.value, other.file)
 
 
 class Former(Choice):
@@ -119,6 +118,12 @@ def known() -> dict[str, type]:
     return kinds | TRADES | PLACES
 
 
+def check_known(names: Iterable[str], where: str) -> None:
+    """Raise `ParameterError` for names that are none."""
+    if unknown := sorted(set(names) - set(known())):
+        raise ParameterError(f"there is no option --{unknown[0]}", where=where, advice="daylit process --help")
+
+
 def read_choices(session: Path) -> Choices:
     """Return what was chosen for a session; nothing where there is no file.
 
@@ -130,27 +135,24 @@ def read_choices(session: Path) -> Choices:
 
 
 def remember(session: Path, given: Mapping[str, object], *, by: str, clock: Clock | None = None) -> Choices:
-    """Choose: each name with its value, or its file; return all choices. What is chosen already keeps its time.
+    """Choose each name's value or file (None: leave it); return all choices. What is chosen already keeps its time.
 
     ``by`` names the command. Safe beside other writers; whoever reads sees the old choices or the new. Raises
     `ParameterError` for a name that is none and `SessionLockedError` where another writer does not end.
     """
     kinds = known()
-    if unknown := sorted(set(given) - set(kinds)):
-        raise ParameterError(f"there is no option {unknown[0]}", where=str(session), advice="daylit process --help")
+    check_known(given, str(session))
 
     def changed(root: Folder, old: Choices, now: datetime) -> Choices:
-        made = {name: _choice(root, kinds[name], value, now, by) for name, value in given.items()}
-        new = {name: one for name, one in made.items() if not one.same(old.chosen.get(name))}
-        return _over(old, new, now)
+        made = {name: _choice(root, kinds[name], v, now, by) for name, v in given.items() if v is not None}
+        return _over(old, {n: one for n, one in made.items() if _what(one) != _what(old.chosen.get(n))}, now)
 
     return _edit(session, changed, clock)
 
 
-def go_on_with(session: Path, given: Mapping[str, object], *, by: str, clock: Clock | None = None) -> dict[str, Any]:
-    """Return every name that is given with its value, where that is None with what was chosen; choose what is given."""
-    new = {name: value for name, value in given.items() if value is not None}
-    choices = remember(session, new, by=by, clock=clock) if new else read_choices(session)
+def go_on_with(session: Path, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return each name with the value that is given, or where that is None with what was chosen."""
+    choices = read_choices(session)
     return {name: choices.value(session, name) if value is None else value for name, value in given.items()}
 
 
@@ -166,6 +168,10 @@ def _without(session: Path, old: Choices, names: Sequence[str], now: datetime) -
         advice = f"chosen: {', '.join(sorted(old.chosen)) or 'nothing'}"
         raise ParameterError(f"--forget {strange[0]}: it was not chosen", where=str(session), advice=advice)
     return _over(old, dict.fromkeys(gone), now)
+
+
+def _what(choice: Choice | None) -> Any:
+    return choice and (choice.value, choice.file)
 
 
 def _over(old: Choices, new: Mapping[str, Choice | None], now: datetime) -> Choices:
@@ -283,23 +289,10 @@ class GoingOn(NamedTuple):
 def with_options(run: RunRequest, given: Mapping[str, object]) -> RunRequest:
     """Return a request with values by name: of the stages' options, and `TRADES`."""
     own = {f"--{name}": value for name, value in given.items() if name not in TRADES}
-    traded: dict[str, Any] = {name: given.get(name) for name in TRADES}
-    return replace(
-        run,
-        quality=run.quality if traded["quality"] is None else _quality(traded["quality"]),
-        max_error=run.max_error if traded["max-error"] is None else traded["max-error"],
-        time_budget_s=run.time_budget_s if traded["time-budget"] is None else traded["time-budget"],
-        options=own,
-    )
-
-
-def _quality(value: object) -> Quality:
-    try:
-        return Quality(str(value))
-    except ValueError:
-        raise ParameterError(
-            f"there is no quality {str(value)[:40]!r}", advice=f"one of {', '.join(Quality)}"
-        ) from None
+    traded: Any = {TRADED[name]: value for name, value in given.items() if name in TRADES}
+    if (quality := traded.get("quality", run.quality)) not in list(Quality):
+        raise ParameterError(f"there is no quality {str(quality)[:40]!r}", advice=f"one of {', '.join(Quality)}")
+    return replace(run, **(traded | {"quality": Quality(quality), "options": own}))
 
 
 @contextmanager
@@ -334,8 +327,15 @@ def going_on(
     try:
         yield found
     except UsageError:
-        if after != before:
-            _restore(session, before, after, given, clock)
+        new = [name for name in given if after.chosen.get(name) != before.chosen.get(name)]
+        if new:  # as before, unless another writer has chosen since
+            _edit(
+                session,
+                lambda _root, old, now: _over(
+                    old, {n: before.chosen.get(n) for n in new if old.chosen.get(n) == after.chosen.get(n)}, now
+                ),
+                clock,
+            )
         raise
 
 
@@ -376,28 +376,17 @@ def _active(
 
 
 def _exclude(one: str, other: str, of_stages: Mapping[str, Option]) -> bool:
-    pairs = ((one, other), (other, one))
-    return any(f"--{b}" in of_stages[f"--{a}"].excludes for a, b in pairs if f"--{a}" in of_stages)
+    pairs = ((f"--{one}", f"--{other}"), (f"--{other}", f"--{one}"))
+    return any(b in of_stages[a].excludes for a, b in pairs if a in of_stages)
 
 
 def _renewed(session: Path, name: str, choice: Choice) -> str:
     """Return a note where the file that was given is another by now."""
     path = session / choice.given
-    if not choice.given or not path.is_file() or path.stat().st_size > COPIED_BYTES:
-        return ""
-    if hashlib.sha256(path.read_bytes()).hexdigest() == choice.sha256:
+    same = not choice.given or not path.is_file() or path.stat().st_size > COPIED_BYTES
+    if same or hashlib.sha256(path.read_bytes()).hexdigest() == choice.sha256:
         return ""
     return f"--{name}: {path.name} has changed since it was chosen; give it again to use it as it is now"
-
-
-def _restore(session: Path, before: Choices, after: Choices, names: Mapping[str, object], clock: Clock | None) -> None:
-    """Choose again what was chosen before a run that could not be, unless another writer has chosen since."""
-
-    def changed(_root: Folder, now_chosen: Choices, now: datetime) -> Choices:
-        ours = [n for n in names if now_chosen.chosen.get(n) == after.chosen.get(n) != before.chosen.get(n)]
-        return _over(now_chosen, {name: before.chosen.get(name) for name in ours}, now)
-
-    _edit(session, changed, clock)
 
 
 def shown(choice: Choice) -> str:

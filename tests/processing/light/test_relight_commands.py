@@ -31,6 +31,7 @@ from processing.pictures.images import LuminanceImage
 from processing.relighting.relit_session import common_exposure, contact_sheet
 from processing.relighting.session_room import read_session_room
 from processing.relighting.weather import daylight_at, usual_weather
+from processing.running.choices import forget
 from processing.sphere import Equirectangular
 from processing.stages.arrange import with_door
 from station.session.session import BracketRecord, SessionManifest, Side, Site
@@ -209,6 +210,8 @@ def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_pa
         run(relight, session, *at, *small)
     assert run(relight, session, *at, *small, "--furniture", own_furniture)["staged"] == 1
     view = ("--eye", "0.3,0.2,1.4", "--width", 64)
+    assert run(view_from, session, *view, *small)["staged"] == 1, "the session remembers the folder"
+    forget(session, ["furniture"])
     with pytest.raises(RelightError, match="folder of your own"):
         run(view_from, session, *view, *small)
     assert run(view_from, session, *view, *small, "--furniture", own_furniture)["staged"] == 1
