@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from processing.errors import ParameterError, PlanError
+from processing.errors import PlanError
 from processing.layout.arrangement import Arrangements
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.running.results import OnEvent, RunReport
@@ -144,16 +144,13 @@ def process(
     >>> for stage in report.stages:
     ...     print(stage.stage, stage.action, stage.reason)
     """
-    from processing.running.choices import going_on, known
+    from processing.running.choices import check_known, going_on
     from processing.running.requests import RunRequest
     from processing.running.runner import process as run
 
     asked = {**options, "quality": quality, "max-error": max_error}
     given = {name.replace("_", "-"): value for name, value in asked.items() if value is not None}
-    if unknown := sorted(set(given) - set(known())):
-        raise ParameterError(
-            f"there is no option --{unknown[0]}", where="daylit.process", advice="daylit process --help"
-        )
+    check_known(given, "daylit.process")
     request = RunRequest(until=until, force=tuple(force), dry_run=dry_run)
     with going_on(Path(session), given, request, by="daylit.process (Python)", forgotten=forget) as found:
         return run(Path(session), found.request, on_event=on_event or (lambda _event: None))
