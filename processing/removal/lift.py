@@ -27,6 +27,8 @@ BAND_ROWS = 256
 """Rows that are lifted at once; chosen, 40 MB at full size."""
 LIFT_DOUBT = 0.25
 """Share of a log ratio that is its standard uncertainty (measured: docs/measurements/emptying.md)."""
+LIGHT_DOUBT = 0.05
+"""Of the light in a room, relative, standard (measured with the truth given: docs/measurements/emptying.md)."""
 REACHES_PX = (1.0, 4.0, 16.0, 64.0)
 """Of the working size: over which light goes on where a plane's own is not known."""
 
@@ -40,6 +42,8 @@ class Shade(NamedTuple):
     """(h, w, 3): irradiance in the empty room without direct sun; 0 where unknown."""
     seen: Flags
     """(h, w): where the change is known."""
+    returned: Flags | None = None
+    """(h, w): seen places from which the furniture keeps the sun away."""
 
 
 def lifted(
@@ -89,6 +93,16 @@ def lifted(
     uncertainty = np.where(stays, np.hypot(done.image.uncertainty, LIFT_DOUBT * np.abs(change)), done.image.uncertainty)
     lit = replace(done.image, rgb=rgb, uncertainty=uncertainty.astype(np.float32))
     return replace(done, image=lit), change
+
+
+def light_without(shade: Shade, room: RoomModel, rows: int) -> tuple[Floats, Floats]:
+    """Return the empty room's irradiance (H, 2 H, 3), lx, without direct sun, and its relative standard uncertainty
+    (H, 2 H), for a panorama of ``rows``."""
+    plane = surface_maps(room, Equirectangular(2 * rows, rows)).plane
+    light, doubt = np.empty((rows, 2 * rows, 3), np.float32), np.empty((rows, 2 * rows), np.float32)
+    for band, lift, lit in _bands(_by_plane(shade, room), plane, np.zeros(plane.shape, bool)):
+        light[band], doubt[band] = lit, LIFT_DOUBT * np.abs(lift.mean(axis=-1))
+    return light, np.hypot(doubt, LIGHT_DOUBT)
 
 
 def _by_plane(shade: Shade, room: RoomModel) -> dict[int, Floats]:

@@ -11,6 +11,7 @@ from processing.ground.arrays import Flags
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import share_of_sphere
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light
+from processing.light.scene.scene_file import write_scene
 from processing.light.scene.standins import standins_of
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LuminanceImage, Validity
@@ -94,6 +95,10 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.2, "stand-ins for the furniture")
     furniture = _furniture(context)
     parts = standins_of(room, furniture)
+    sunlight = context.optional_artifact("detect", "sunlight")
+    if sunlight is not None:
+        # What the sun falls on is to go, but gives light to the room as it is seen.
+        target = target & (furniture | ~np.asarray(sunlight, bool))
     context.progress(0.3, "light with and without furniture")
     rows = min(work.rows, image.rgb.shape[0])
     found = furnished_light(
@@ -117,7 +122,7 @@ def _furniture(context: StageContext) -> Flags:
 
 
 def _write(context: StageContext, found: FurnishedLight) -> None:
-    """Write shade.npz: what removal needs, in half precision."""
+    """Write shade.npz, what removal needs, in half precision, and scene.npz, the bare room under its light."""
     with (context.folder / "shade.npz").open("wb") as file:
         np.savez_compressed(
             file,
@@ -125,7 +130,9 @@ def _write(context: StageContext, found: FurnishedLight) -> None:
             log_without_lx=np.log(np.maximum(found.without_lx, 1e-6)).astype(np.float16),
             seen=found.seen,
             standin_m=found.standin_m.astype(np.float16),
+            returned=found.returned,
         )
+    write_scene(context.folder / "scene.npz", found.scene)
 
 
 def read_shade(context: StageContext) -> Shade | None:
@@ -137,7 +144,8 @@ def read_shade(context: StageContext) -> Shade | None:
         light = np.exp(kept["log_without_lx"].astype(np.float32))
         # 1e-6 lx stands for a place whose light is unknown.
         known = light.max(axis=-1, keepdims=True) > UNKNOWN_LX
-        return Shade(kept["log_change"].astype(np.float32), np.where(known, light, np.float32(0)), kept["seen"])
+        light = np.where(known, light, np.float32(0))
+        return Shade(kept["log_change"].astype(np.float32), light, kept["seen"], kept["returned"])
 
 
 UNKNOWN_LX = 1e-5
@@ -148,7 +156,7 @@ def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOut
     change = found.log_change.mean(axis=-1)[found.seen]
     low, middle, high = np.exp(np.quantile(change, (0.05, 0.5, 0.95))) if len(change) else (1.0, 1.0, 1.0)
     return StageOutput(
-        artifacts={"shade": True},
+        artifacts={"shade": True, "scene": True},
         metrics={
             "standins": len(found.parts),
             "outdoors": source,

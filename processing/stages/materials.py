@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from processing.light.scene.albedo import RoomAlbedo, albedo_of_room
+from processing.ground.seam import resized
+from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
 from processing.light.scene.emptied import EmptyRoom, with_sunlight
-from processing.light.scene.scene import Surface
-from processing.light.scene.scene_file import write_scene
+from processing.light.scene.scene import Outdoors, Surface
+from processing.light.scene.scene_file import read_scene, write_scene
 from processing.light.scene.shell import REVEAL_M
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
+from processing.removal.lift import light_without
 from processing.stages.contract import StageContext, StageOutput, StageWarning
+from processing.stages.light import read_shade
 from processing.stages.outdoors import light_outdoors
 from processing.stages.parameters import MaterialsParameters
 from processing.stages.upright import known_room, mask_in_size, why_doubtful, working_panorama
@@ -22,6 +26,8 @@ from processing.stages.upright import known_room, mask_in_size, why_doubtful, wo
 ROWS = {"draft": 256, "standard": 512, "reference": 1024}
 """Height of the albedo picture."""
 EFFORT = Effort(pixel_samples=32)
+SAME = 0.5
+"""Of a pixel, from which it is one of a mask's."""
 MOST_LAMPS = 100
 """That are listed one by one; the light of all is in the scene."""
 
@@ -42,10 +48,16 @@ def run(context: StageContext) -> StageOutput:
     empty = emptied(context)
     image = empty.image
     room = known_room(context)
-    context.progress(0.0, "the light outdoors")
-    outdoors, source, warnings = light_outdoors(context, image, room)
-    context.progress(0.1, "albedo")
     rows = min(ROWS[context.quality.value], image.rgb.shape[0])
+    context.progress(0.0, "the light outdoors")
+    shade, warnings = read_shade(context), list[str]()
+    outdoors: Outdoors | KnownLight | None
+    if shade is not None and asked.reveal_m is None:
+        scene, source = read_scene(context.artifact("light", "scene")), context.summary("light")["metrics"]["outdoors"]
+        outdoors = KnownLight(scene, *light_without(shade, room, rows))
+    else:
+        outdoors, source, warnings = light_outdoors(context, image, room)
+    context.progress(0.1, "albedo")
     found = albedo_of_room(
         image,
         room,
@@ -88,7 +100,10 @@ def emptied(context: StageContext) -> EmptyRoom:
         if mask is not None:
             hidden |= mask_in_size(np.asarray(mask, bool), filled.shape[1])
     sunlit = mask_in_size(np.asarray(sunlight, bool), filled.shape[1])
-    return with_sunlight(empty, before, filled, sunlit, hidden)
+    found, shade = with_sunlight(empty, before, filled, sunlit, hidden), read_shade(context)
+    if shade is None or shade.returned is None or found.sunless is None:
+        return found
+    return replace(found, sunless=found.sunless | (resized(shade.returned.astype(np.float32), filled.shape) > SAME))
 
 
 def _facts(found: RoomAlbedo, source: str, *, absolute: bool) -> dict[str, Any]:

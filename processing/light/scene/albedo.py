@@ -28,9 +28,15 @@ from processing.light.scene.room_light import (
 )
 from processing.light.scene.scene import Outdoors, Part, Scene, Vector, plain
 from processing.light.scene.shell import REVEAL_M, shell_of
-from processing.light.scene.sources import Lamp, find_lamps, measured_windows, windows_from_inside
+from processing.light.scene.sources import (
+    Lamp,
+    find_lamps,
+    measured_windows,
+    near_sun,
+    open_sun,
+    windows_from_inside,
+)
 from processing.light.solver.irradiance import Effort
-from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import Sight, albedo_of, sight_of
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
@@ -47,8 +53,6 @@ DARK_SHARE = 0.01
 """Of the median irradiance, below which albedo is not measured."""
 HALF_SHADOW = 0.35
 """Of log albedo from its surface's: a pixel near the sun's patch that fits neither sun nor shade is left out."""
-SUN_MARGIN_M = 0.25
-"""Around the sun's patch, where the model's edges may be wrong."""
 PX_PER_M = 50.0
 DARK = np.zeros((32, 64, 3), np.float32)
 DARK.setflags(write=False)
@@ -78,10 +82,22 @@ class RoomAlbedo:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class KnownLight:
+    """The empty room's light as it was estimated with its furniture still in it (`furnished`)."""
+
+    scene: Scene
+    """The bare room, its windows as they were measured."""
+    irradiance_lx: Floats
+    """(H, W, 3) without the sun's own disc, in the size of the albedo picture."""
+    error: Floats
+    """(H, W): relative standard uncertainty."""
+
+
 def albedo_of_room(
     panorama: LuminanceImage,
     room: RoomModel,
-    outdoors: Outdoors | None,
+    outdoors: Outdoors | KnownLight | None,
     *,
     reveal_m: float = REVEAL_M,
     filled: np.ndarray | None = None,
@@ -96,7 +112,8 @@ def albedo_of_room(
     panorama
         The emptied room, upright, equirectangular, in cd/m2.
     outdoors
-        The light outside at the same moment; None: nobody knows, the windows light as they look from inside.
+        The light outside at the same moment; None: nobody knows, the windows light as they look from inside. Where the
+        light in the room is known already, that: it is not gathered anew.
     filled
         (H, W): pixels that removal filled in; they light the room but show no albedo of their own.
     rows
@@ -111,15 +128,27 @@ def albedo_of_room(
     """
     effort = effort or Effort(pixel_samples=32)
     rgb, valid = brought_to(panorama, rows, filled)
-    stage, transmittance, notes = lit_stage(room, outdoors, rgb, valid, reveal_m, effort.texel_m)
+    known = outdoors if isinstance(outdoors, KnownLight) else None
+    if known is not None:
+        stage, notes = (
+            Stage.of(known.scene, effort.texel_m),
+            ("the light is that found with the furniture in the room",),
+        )
+        transmittance = {pane.opening: pane.transmittance for pane in known.scene.panes}
+    else:
+        assert not isinstance(outdoors, KnownLight)
+        stage, transmittance, notes = lit_stage(room, outdoors, rgb, valid, reveal_m, effort.texel_m)
     eye = (0.0, 0.0, room.camera_height_m)
     sight = sight_of(stage, Equirectangular(2 * rows, rows), eye)
-    small = sight_of(stage, Equirectangular(2 * min(effort.rows, rows), min(effort.rows, rows)), eye)
-    gathered = _gathered(stage, rgb, (sight, small), eye, effort, seed)
+    gathered = (
+        _gathered(stage, rgb, sight, eye, effort, seed)
+        if known is None
+        else _known(stage, rgb, sight, eye, known, seed)
+    )
     flat, highlight, gloss = _without_gloss(stage, gathered, sight, rgb, valid.ravel(), effort, seed)
-    if gloss:
+    if gloss and known is None:
         # What the floor mirrors towards the camera is not what it gives to the room.
-        gathered = _gathered(stage, flat.reshape(rgb.shape).astype(np.float32), (sight, small), eye, effort, seed)
+        gathered = _gathered(stage, flat.reshape(rgb.shape).astype(np.float32), sight, eye, effort, seed)
     sky, sun, error = gathered.sky, sun_of(stage, sight, effort.sun_samples, seed), gathered.error
     full = open_sun(stage, sight)
     value, whole, measured = _values(
@@ -207,36 +236,6 @@ def lit_stage(
     return stage.under(measured, clear), every, notes
 
 
-def open_sun(stage: Stage, sight: Sight) -> Doubles:
-    """Return the sun's irradiance (N, 3) where nothing were in its way but glass; 0 far from where it can fall."""
-    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
-    out = np.zeros((len(sight.label), 3))
-    if sun is None or not panes:
-        return out
-    near = near_sun(stage, sight)
-    cosine = np.maximum(sight.normal @ np.asarray(sun.direction), 0)[near, None]
-    glass = np.mean([pane.transmittance for pane in panes], axis=0)
-    out[near] = cosine * np.asarray(sun.normal_illuminance_lx) * glass
-    return out
-
-
-def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
-    """Return which pixels (N,) see a place within `SUN_MARGIN_M` of the sun's patch."""
-    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
-    near = np.zeros(len(sight.label), bool)
-    if sun is None:
-        return near
-    grown = [_grown(p.corner_m, p.across_m, p.up_m) for p in panes]
-    sides = [np.array([g[k] for g in grown]) for k in range(3)]
-    towards_panes(sight.point, np.asarray(sun.direction, np.float64), *sides, near)
-    return np.asarray(near & sight.solid & (sight.normal @ np.asarray(sun.direction, np.float32) > 0))
-
-
-def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
-    a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
-    return corner - a - b, across + 2 * a, up + 2 * b
-
-
 @dataclass(frozen=True)
 class _Gathered:
     """The light in the room as a picture of it shows."""
@@ -248,11 +247,15 @@ class _Gathered:
     """(H, W): relative, at the small size."""
 
 
-def _gathered(
-    stage: Stage, rgb: Floats, sights: tuple[Sight, Sight], eye: Vector, effort: Effort, seed: int
-) -> _Gathered:
-    """Return the light that a picture (H, W, 3) shows; ``sights`` are what it sees, and what a small one sees."""
-    sight, small = sights
+def _known(stage: Stage, rgb: Floats, sight: Sight, eye: Vector, known: KnownLight, seed: int) -> _Gathered:
+    light = measured_light(stage, rgb, sight, eye, (seed, 60))
+    return _Gathered(light, known.irradiance_lx.reshape(-1, 3), known.error)
+
+
+def _gathered(stage: Stage, rgb: Floats, sight: Sight, eye: Vector, effort: Effort, seed: int) -> _Gathered:
+    """Return the light that a picture (H, W, 3) shows, which sees ``sight``."""
+    rows = min(effort.rows, len(rgb))
+    small = sight_of(stage, Equirectangular(2 * rows, rows), eye)
     light = measured_light(stage, rgb, sight, eye, (seed, 60))
     base, error = irradiance_by_picture(stage, light, small, effort, seed)
     sky, _ = upsampled(base, small, sight, wraps=True)

@@ -24,20 +24,18 @@ from processing.light.scene.albedo import (
     brought_to,
     continued,
     lit_stage,
-    near_sun,
-    open_sun,
 )
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
-from processing.light.scene.scene import Outdoors, Part, Vector
+from processing.light.scene.scene import Outdoors, Part, Scene, Vector
 from processing.light.scene.shell import REVEAL_M
-from processing.light.scene.sources import LAMP_TIMES
+from processing.light.scene.sources import LAMP_TIMES, near_sun, open_sun, places_near_sun
 from processing.light.solver.irradiance import Effort, cleaned, gathered
 from processing.light.solver.kernels import FURNITURE
 from processing.light.solver.sight import FIRST_PART, Sight, sight_of
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
-from processing.light.solver.sun import sunlight
-from processing.light.solver.transport import bounced, light_map, links_of, patch_points
+from processing.light.solver.sun import sun_of, sunlight
+from processing.light.solver.transport import BrightPatches, LightMap, bounced, light_map, links_of, patch_points
 from processing.light.solver.upsample import upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.sphere import Equirectangular
@@ -45,8 +43,8 @@ from processing.surfaces.maps import SurfaceMaps, surface_maps
 
 ROUNDS = 6
 """Of reading albedo from light and light from albedo; hidden patches alone change, and settle in four (chosen)."""
-SUNNY_SHARE = 0.02
-"""Of the sky's light, from which a patch in the sun shows no albedo; chosen."""
+SUN_TIMES = 2.0
+"""What its surface gives in the shade, from which a patch near the sun's may be lit by it; chosen."""
 DARK_SHARE = 0.002
 """Of the median irradiance, below which a patch shows none; chosen."""
 MOST_RATIO = 3.0
@@ -67,6 +65,10 @@ class FurnishedLight:
     """(H, W): pixels that show the room's own surface, and its light among the furniture is known."""
     standin_m: Floats
     """(H, W): distance from the camera to the stand-in that a pixel sees; 0 where it sees none."""
+    returned: Flags
+    """(H, W): seen places from which the furniture keeps the sun away."""
+    scene: Scene
+    """The bare room, its windows as they were measured with the furniture in it, under as much sun as it shows."""
     parts: tuple[Part, ...]
     notes: tuple[str, ...]
 
@@ -77,7 +79,7 @@ class OldFurniture(NamedTuple):
     mask: Flags
     """(H, W), of the panorama."""
     target: Flags
-    """(H, W): all that is to be removed: furniture, shadows, equipment, sunlight."""
+    """(H, W): all that is to be removed and shows no light of the room: furniture, shadows, equipment."""
     parts: tuple[Part, ...]
     """Stand-ins for it, in the world."""
 
@@ -120,11 +122,14 @@ def furnished_light(
     everything = sight_of(full, geometry, eye)
     standin_m = np.where(everything.label >= FIRST_PART, everything.distance_m, 0).astype(np.float32)
     sight = _consistent(everything, mask, gone)
-    full, bare, lamps = _measured(full, bare, rgb * valid[..., None], sight, eye, effort, seed)
-    both = _both_lights(full, bare, room, rows, effort, seed)
+    shown = _shown(full, rgb, everything, sight, eye, seed)
+    full, bare, lamps = _measured(full, bare, shown, effort, seed)
+    both = _both_lights(full, bare, shown, room, rows, effort, seed)
     large = sight_of(bare, geometry, eye)
     own = large.solid & both.known & ~gone.ravel()
     sun = _sunlit(bare, large, rgb, both.with_lx, own)
+    hidden = [sun_of(stage, large, effort.sun_samples, seed) @ WEIGHTS for stage in (full, bare)]
+    returned = own & (hidden[0] < hidden[1] / 2) & ~sun.any(axis=1)
     shape = (rows, 2 * rows, 3)
     among: Floats = (both.with_lx + sun).reshape(shape)
     whole: Floats = (both.without_lx + sun).reshape(shape)
@@ -137,7 +142,9 @@ def furnished_light(
     log_change = np.where(seen[..., None], change, 0).astype(np.float32)
     notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
     without_lx = both.without_lx.reshape(shape).astype(np.float32)
-    return FurnishedLight(without_lx, log_change, seen, standin_m.reshape(shape[:2]), old.parts, notes)
+    standin = standin_m.reshape(shape[:2])
+    back = returned.reshape(shape[:2]) & seen
+    return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes)
 
 
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS, np.float32)
@@ -163,42 +170,58 @@ def _consistent(sight: Sight, furniture: Flags, target: Flags) -> Sight:
     return replace(sight, label=np.where(fits | ~sight.solid, sight.label, MISFIT).astype(np.int32))
 
 
-def _measured(
-    full: Stage, bare: Stage, rgb: Floats, sight: Sight, eye: Vector, effort: Effort, seed: int
-) -> tuple[Stage, Stage, int]:
+class _Shown(NamedTuple):
+    """What the furnished picture shows of patches (P)."""
+
+    given: Doubles
+    """(P, 3): radiosity, lm/m2, whatever stands where."""
+    seen: Flags
+    reflects: Doubles
+    """(P, 3): radiosity of pixels in which mask and stand-ins agree."""
+    known: Flags
+
+
+def _shown(full: Stage, rgb: Floats, everything: Sight, consistent: Sight, eye: Vector, seed: int) -> _Shown:
+    """Return what patches give off. Light counts wherever it comes from; for albedo, only what is there for sure."""
+    every, sure = (measured_light(full, rgb, sight, eye, (seed, 70)) for sight in (everything, consistent))
+    known = (sure.seen >= LEAST_SHARE) & (sure.radiance @ WEIGHTS > 0)
+    seen = (every.seen >= LEAST_SHARE) & (every.radiance @ WEIGHTS > 0)
+    return _Shown(math.pi * every.radiance, seen, math.pi * sure.radiance, known)
+
+
+def _measured(full: Stage, bare: Stage, shown: _Shown, effort: Effort, seed: int) -> tuple[Stage, Stage, int]:
     """Return both rooms with the albedo and the lamps that the furnished picture shows, and how many patches shine."""
-    light = measured_light(full, rgb.astype(np.float32), sight, eye, (seed, 70))
-    seen = (light.seen >= LEAST_SHARE) & (light.radiance @ WEIGHTS > 0)
-    given = np.where(seen[:, None], math.pi * light.radiance, 0.0)
-    samples, normals = effort.patch_samples, full.patches.normal
+    samples, normals, area = effort.patch_samples, full.patches.normal, full.patches.area_m2
     few = max(1, samples // 4)
     points = patch_points(full, samples, (seed, 71))
     links = links_of(full, points, normals, samples, (seed, 72))
     sky = skylight(full, patch_points(full, few, (seed, 73)), normals, few, (seed, 74))
     sun = sunlight(full, patch_points(full, few, (seed, 75)), normals, few, (seed, 76))
-    first = sky + sun
     shell = np.arange(full.patches.count) < bare.patches.count
-    sunny = sun @ WEIGHTS > SUNNY_SHARE * float(np.median(sky @ WEIGHTS + 1e-9))
-    albedo, exitance = np.full(first.shape, 0.5), np.zeros(first.shape)
-    level = first + given[shell].mean(axis=0)
+    zone = places_near_sun(full, points[:, 0], normals) | (sun @ WEIGHTS > 0)
+    albedo, share = np.full(sky.shape, 0.5), 1.0
+    exitance, level = np.zeros(sky.shape), sky + share * sun + shown.given[shell].mean(axis=0)
     for _ in range(ROUNDS):
         # What is seen is taken as it is given; only what is hidden gives what it would reflect.
-        radiosity = np.where(seen[:, None], given, albedo * level)
-        passed, _ = bounced(full, links, radiosity, None, (points, normals), 1, (seed, 77))
-        level = first + passed
-        apparent = given / np.maximum(level, 1e-9)
-        known = seen & ~sunny & (level @ WEIGHTS > DARK_SHARE * float(np.median(level @ WEIGHTS)))
+        radiosity = np.where(shown.seen[:, None], shown.given, albedo * level)
+        shade = sky + bounced(full, links, radiosity, None, (points, normals), 1, (seed, 77))[0]
+        level = shade + share * sun
+        apparent = shown.reflects / np.maximum(shade, 1e-9)
+        known = shown.known & ~zone & (shade @ WEIGHTS > DARK_SHARE * float(np.median(shade @ WEIGHTS)))
         usual = np.median(apparent[known & shell], axis=0) if (known & shell).any() else np.full(3, 0.5)
         shines = known & shell & (apparent @ WEIGHTS > LAMP_TIMES)
-        exitance = np.where(shines[:, None], np.maximum(given - usual * level, 0), 0)
+        exitance = np.where(shines[:, None], np.maximum(shown.reflects - usual * level, 0), 0)
         albedo = _everywhere(full, np.where(shines[:, None], usual, apparent), known)
-    count, area = bare.patches.count, full.patches.area_m2[:, None]
-    # As much sun as the picture shows: what holds it back besides furniture (trees, slats, sashes) no model knows.
-    shown = (np.maximum(given - albedo * (level - sun), 0) * area)[seen & sunny].sum()
-    share = min(float(shown / max((albedo * sun * area)[seen & sunny].sum(), 1e-9)), 1.0) if sunny.any() else 1.0
-    lit = _dimmed_sun(replace(full, albedo=albedo, exitance=exitance), share)
-    empty = _dimmed_sun(replace(bare, albedo=albedo[:count], exitance=exitance[:count]), share)
-    return lit, empty, int(shines.sum())
+        # As much sun as the picture shows, on whatever: what holds it back besides furniture (trees, slats, sashes) no
+        # model knows.
+        over, matte = (one @ WEIGHTS * area for one in (shown.given, albedo * shade))
+        lit = shown.seen & zone & (over > SUN_TIMES * matte)
+        due = float(((albedo * sun) @ WEIGHTS * area)[shown.seen].sum())
+        share = float(np.clip((over - matte)[lit].sum() / due, 0, 1)) if due > 0 else 1.0
+    count = bare.patches.count
+    among = _dimmed_sun(replace(full, albedo=albedo, exitance=exitance), share)
+    without = _dimmed_sun(replace(bare, albedo=albedo[:count], exitance=exitance[:count]), share)
+    return among, without, int(shines.sum())
 
 
 def _dimmed_sun(stage: Stage, share: float) -> Stage:
@@ -239,7 +262,26 @@ class _Both(NamedTuple):
     """(N,): pixels of which the light among the furniture is known."""
 
 
-def _both_lights(full: Stage, bare: Stage, room: RoomModel, rows: int, effort: Effort, seed: int) -> _Both:
+def _as_shown(full: Stage, bare: Stage, shown: _Shown, samples: int, seed: int) -> tuple[LightMap, LightMap]:
+    """Return the light of both rooms, of which seen patches give what the picture shows.
+
+    Without furniture a seen patch gives as many times more as the scenes say; the sun falls anew.
+    """
+    among, without = (light_map(stage, samples, seed) for stage in (full, bare))
+    model = full.albedo * among.rest
+    smooth = np.minimum(shown.given, LAMP_TIMES * model)
+    gain = np.clip(smooth / np.maximum(model, 1e-9), 1 / MOST_RATIO, MOST_RATIO)
+    usual = np.median(gain[shown.seen], axis=0) if shown.seen.any() else np.ones(3)
+    gain = np.where(shown.seen[:, None], gain, usual)
+    own = full.exitance + full.albedo * among.sun
+    glow = np.where(shown.seen[:, None], np.maximum(shown.given - gain * model, 0), own)
+    lit = replace(among, rest=gain * among.rest, bright=BrightPatches.of(full, glow))
+    return lit, replace(without, rest=gain[: bare.patches.count] * without.rest)
+
+
+def _both_lights(
+    full: Stage, bare: Stage, shown: _Shown, room: RoomModel, rows: int, effort: Effort, seed: int
+) -> _Both:
     """Gather both lights in a small picture by the same rays, and bring them to a height of ``rows``."""
     eye = (0.0, 0.0, room.camera_height_m)
     small_rows = min(effort.rows, rows)
@@ -247,8 +289,8 @@ def _both_lights(full: Stage, bare: Stage, room: RoomModel, rows: int, effort: E
     small, seen = sight_of(bare, geometry, eye), sight_of(full, geometry, eye)
     solid = np.flatnonzero(small.solid)
     pictures = []
-    for stage in (full, bare):
-        light = light_map(stage, effort.patch_samples, seed)
+    lights = _as_shown(full, bare, shown, effort.patch_samples, seed)
+    for stage, light in zip((full, bare), lights, strict=True):
         picture = np.zeros((len(small.label), 3), np.float32)
         points = small.point[solid], small.normal[solid]
         picture[solid] = gathered(stage, light, *points, effort.pixel_samples, seed)

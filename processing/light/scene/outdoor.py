@@ -23,6 +23,12 @@ SUN_SEARCH_RAD = math.radians(2.5)
 """Around the brightest place: the disc as lenses and merging blur it."""
 SUN_TIMES_SKY = 20.0
 """The sun is what exceeds the sky beside it this many times; a cloud's edge does not."""
+SPACE_SUN = np.array([1.09, 0.98, 0.96])
+"""Colour of the sun above the air: x 0.322, y 0.331 (ASTM E490)."""
+AIR_DEPTH = np.array([0.147, 0.2, 0.324])
+"""Optical depth for red, green and blue of clean air (0.06, 0.10, 0.20) and usual haze (Angstrom's 1.3 and 0.1)."""
+MOST_TINT = 0.35
+"""Natural logarithm: by which two channels may differ from that colour; chosen, twice what haze does."""
 LEAST_SUN_LX = 500.0
 """Of an excess that is called the sun; a veiled sun below is left in the sky, where it neither flickers nor matters."""
 
@@ -107,9 +113,22 @@ def without_sun(rgb: Doubles, rays: Doubles, area_sr: Doubles) -> tuple[Doubles,
         return rgb, None
     middle = np.tensordot(excess @ np.asarray(LUMINANCE_WEIGHTS), rays, axes=2)
     x, y, z = (float(v) for v in middle / np.linalg.norm(middle))
-    red, green, blue = (float(v) for v in light)
+    red, green, blue = (float(v) for v in _credible(light, z))
     rest = np.where(over[..., None], np.minimum(rgb, beside), rgb)
     return rest, Sun((x, y, z), (red, green, blue), SUN_RADIUS_RAD)
+
+
+def _credible(light: Doubles, sine: float) -> Doubles:
+    """Return the sun's light (3,) in the colour that air leaves it at this height, if its own is none of the sun's.
+
+    A disc of few pixels shows the colours of single filters of a camera's mosaic, an overexposed one that of clipping.
+    """
+    height_deg = math.degrees(math.asin(max(sine, 0.0)))
+    mass = 1 / (max(sine, 0.0) + 0.50572 * (height_deg + 6.07995) ** -1.6364)  # Kasten and Young 1989
+    colour, weights = SPACE_SUN * np.exp(-AIR_DEPTH * mass), np.asarray(LUMINANCE_WEIGHTS)
+    level = float(light @ weights)
+    apart = np.log(np.maximum(light, 1e-9) / level) - np.log(colour / float(colour @ weights))
+    return light if np.ptp(apart) < MOST_TINT else colour * (level / float(colour @ weights))
 
 
 def _filled_sky(panorama: Floats, known: np.ndarray) -> Floats:

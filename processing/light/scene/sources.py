@@ -23,6 +23,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
 from processing.light.scene.scene import Outdoors, Pane, Vector
+from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import GLASS, Sight, looked_up
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LUMINANCE_WEIGHTS
@@ -218,3 +219,42 @@ def find_lamps(
         level = float(np.average(own[mine] @ weights, weights=area[mine]))
         lamps.append(Lamp(size, level, int(labels[times.argmax()]), (x, y, z)))
     return emission, sorted(lamps, key=lambda lamp: -lamp.solid_angle_sr * lamp.luminance_cd_m2)
+
+
+SUN_MARGIN_M = 0.25
+"""Around the sun's patch, where the model's edges may be wrong."""
+
+
+def open_sun(stage: Stage, sight: Sight) -> Doubles:
+    """Return the sun's irradiance (N, 3) where nothing were in its way but glass; 0 far from where it can fall."""
+    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
+    out = np.zeros((len(sight.label), 3))
+    if sun is None or not panes:
+        return out
+    near = near_sun(stage, sight)
+    cosine = np.maximum(sight.normal @ np.asarray(sun.direction), 0)[near, None]
+    glass = np.mean([pane.transmittance for pane in panes], axis=0)
+    out[near] = cosine * np.asarray(sun.normal_illuminance_lx) * glass
+    return out
+
+
+def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
+    """Return which pixels (N,) see a place within `SUN_MARGIN_M` of the sun's patch."""
+    return sight.solid & places_near_sun(stage, sight.point, sight.normal)
+
+
+def places_near_sun(stage: Stage, points: Floats, normals: Floats) -> np.ndarray:
+    """Return which places (N, 3) of a room without furniture lie within `SUN_MARGIN_M` of the sun's patch."""
+    sun, panes = stage.scene.outdoors.sun, stage.scene.panes
+    near = np.zeros(len(points), bool)
+    if sun is None or not panes:
+        return near
+    grown = [_grown(p.corner_m, p.across_m, p.up_m) for p in panes]
+    sides = [np.array([g[k] for g in grown]) for k in range(3)]
+    towards_panes(points, np.asarray(sun.direction, np.float64), *sides, near)
+    return np.asarray(near & (normals @ np.asarray(sun.direction, np.float32) > 0))
+
+
+def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
+    return corner - a - b, across + 2 * a, up + 2 * b

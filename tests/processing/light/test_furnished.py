@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 
 from processing.ground.arrays import Flags, Floats
+from processing.ground.seam import grown
 from processing.light.picture.render import render
+from processing.light.scene.albedo import KnownLight, albedo_of_room
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light, guarded
 from processing.light.scene.scene import Part
 from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
 from processing.light.solver.irradiance import Effort
-from processing.light.solver.sight import FIRST_PART, sight_of
+from processing.light.solver.sight import FIRST_PART, GLASS, seen_outdoors, sight_of
 from processing.light.solver.stage import Stage
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
-from processing.removal.lift import Shade, lifted
+from processing.removal.lift import Shade, lifted, light_without
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import surface_maps
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
@@ -67,13 +69,22 @@ def dark() -> tuple[LuminanceImage, Flags]:
     return pictured((cabinet(0.05),))
 
 
-def test_what_furniture_took_comes_back(bare: LuminanceImage, dark: tuple[LuminanceImage, Flags]) -> None:
-    """A black cabinet, its mesh given: the lifted room is the one rendered without it; it took more than 5 %."""
+@pytest.fixture(scope="module")
+def found(dark: tuple[LuminanceImage, Flags]) -> FurnishedLight:
+    """The light about the black cabinet, its mesh given."""
+    return light_of(*dark, (cabinet(0.35),))
+
+
+def shade_of(found: FurnishedLight) -> Shade:
+    return Shade(found.log_change, found.without_lx, found.seen)
+
+
+def test_what_furniture_took_comes_back(
+    bare: LuminanceImage, dark: tuple[LuminanceImage, Flags], found: FurnishedLight
+) -> None:
+    """The lifted room is the one rendered without the cabinet, which took more than 5 %; so are light and albedo."""
     picture, furniture = dark
-    found = light_of(picture, furniture, (cabinet(0.35),))
-    done, change = lifted(
-        picture, furniture, box_room(), Shade(found.log_change, found.without_lx, found.seen), quality="draft"
-    )
+    done, change = lifted(picture, furniture, box_room(), shade_of(found), quality="draft")
     true, before, after = (luminance_cd_m2(one.rgb) for one in (bare, picture, done.image))
     seen = found.seen & ~furniture
     assert np.median(np.abs(before / true - 1)[seen]) > 0.05, "there is something to lift"
@@ -82,14 +93,42 @@ def test_what_furniture_took_comes_back(bare: LuminanceImage, dark: tuple[Lumina
     assert np.median(np.abs(after / true - 1)[furniture]) < 0.06
     assert (done.image.uncertainty[seen] >= picture.uncertainty[seen]).all()
     assert change[seen].mean() > 0.03
+    known = KnownLight(found.scene, *light_without(shade_of(found), box_room(), ROWS))
+    ours = albedo_of_room(done.image, box_room(), known, filled=furniture, rows=ROWS, effort=WORK)
+    anew = albedo_of_room(bare, box_room(), uniform_sky(4000.0), rows=ROWS, effort=WORK)
+    for plane in range(6):
+        there = (surface_maps(box_room(), GEOMETRY).plane == plane) & seen
+        light = [np.median(luminance_cd_m2(one.irradiance)[there]) for one in (ours, anew)]
+        assert light[0] == pytest.approx(light[1], rel=0.03), "light as in the truly empty room"
+        colour = [np.median(one.picture[there].mean(axis=-1)) for one in (ours, anew)]
+        assert colour[0] == pytest.approx(colour[1], rel=0.08)
 
 
-def test_a_darker_thing_takes_more(dark: tuple[LuminanceImage, Flags]) -> None:
-    white, furniture = pictured((cabinet(0.9),))
-    gains = []
-    for picture in (white, dark[0]):
-        found = light_of(picture, furniture, (cabinet(0.35),))
-        gains.append(float(np.median(found.log_change.mean(axis=-1)[found.seen])))
+def test_a_standin_off_by_20_cm_leaves_no_ghost(
+    bare: LuminanceImage, dark: tuple[LuminanceImage, Flags], found: FurnishedLight
+) -> None:
+    picture, furniture = dark
+    off = cabinet(0.35)
+    moved = light_of(picture, furniture, (replace(off, vertices_m=off.vertices_m + np.array([0.14, 0.14, 0.0])),))
+    beside = found.seen & moved.seen & grown(furniture, math.radians(8))
+    assert beside.sum() > 100
+    apart = np.abs(moved.log_change - found.log_change).mean(axis=-1)[beside]
+    assert np.median(apart) < 0.05
+    assert np.quantile(apart, 0.9) < 0.15
+
+
+def test_a_pane_gives_the_camera_what_the_camera_sees_on_it(
+    dark: tuple[LuminanceImage, Flags], found: FurnishedLight
+) -> None:
+    sight = sight_of(Stage.of(found.scene, 0.5), GEOMETRY, EYE)
+    glass = sight.label == GLASS
+    given = luminance_cd_m2(seen_outdoors(Stage.of(found.scene, 0.5), sight).reshape(ROWS, 2 * ROWS, 3)).ravel()
+    assert given[glass].mean() == pytest.approx(luminance_cd_m2(dark[0].rgb).ravel()[glass].mean(), rel=0.05)
+
+
+def test_a_darker_thing_takes_more(found: FurnishedLight) -> None:
+    white = light_of(*pictured((cabinet(0.9),)), (cabinet(0.35),))
+    gains = [float(np.median(one.log_change.mean(axis=-1)[one.seen])) for one in (white, found)]
     assert gains[0] < 0.5 * gains[1]
 
 
@@ -106,24 +145,21 @@ def test_without_furniture_nothing_changes(bare: LuminanceImage) -> None:
     assert np.median(np.abs(luminance_cd_m2(done.image.rgb) / luminance_cd_m2(bare.rgb) - 1)[hole]) < 0.05
 
 
-def test_windows_and_clipped_pixels_stay_as_they_are(dark: tuple[LuminanceImage, Flags]) -> None:
+def test_windows_and_clipped_pixels_stay_as_they_are(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
     picture, furniture = dark
     validity = picture.validity.copy()
     validity[10:14, 5:20] = 1
     clipped = replace(picture, validity=validity)
-    found = light_of(clipped, furniture, (cabinet(0.35),))
-    done, _ = lifted(
-        clipped, furniture, box_room(), Shade(found.log_change, found.without_lx, found.seen), quality="draft"
-    )
+    done, _ = lifted(clipped, furniture, box_room(), shade_of(found), quality="draft")
     glass = (surface_maps(box_room(), GEOMETRY).opening >= 0) & ~furniture
     for where in (glass, validity == 1):
         assert np.array_equal(done.image.rgb[where], picture.rgb[where])
 
 
-def test_the_same_input_gives_the_same_bytes(dark: tuple[LuminanceImage, Flags]) -> None:
-    one, other = (light_of(*dark, (cabinet(0.35),)) for _ in range(2))
-    assert np.array_equal(one.log_change, other.log_change)
-    assert np.array_equal(one.without_lx, other.without_lx)
+def test_the_same_input_gives_the_same_bytes(dark: tuple[LuminanceImage, Flags], found: FurnishedLight) -> None:
+    other = light_of(*dark, (cabinet(0.35),))
+    assert np.array_equal(found.log_change, other.log_change)
+    assert np.array_equal(found.without_lx, other.without_lx)
 
 
 def test_a_standin_stands_where_the_furniture_does() -> None:
@@ -174,3 +210,6 @@ def test_a_ghost_is_kept_down() -> None:
     shaded = np.where(spot, even * math.exp(0.1) / 1.5, even).astype(np.float32)
     assert np.median(guarded(log_ratio, shaded, light, seen, maps)[spot & seen]) > 0.8 * math.log(1.5)
     assert np.allclose(guarded(log_ratio, shaded, light, seen, maps)[~spot & seen], 0.1, atol=0.05)
+    rug = np.where(spot, 0.4 * even, even).astype(np.float32)
+    kept = guarded(np.full(even.shape, 0.1), rug, light, seen, maps)
+    assert np.allclose(kept[seen], 0.1, atol=0.01), "a dark rug in even light is no shade"

@@ -47,6 +47,23 @@ def test_the_sun_is_taken_out_of_the_sky_with_all_its_energy() -> None:
     assert without_sun(rest, rays, area)[1] is None
 
 
+def test_a_sun_of_one_filter_s_colour_keeps_its_light_and_gets_the_sun_s_colour() -> None:
+    """As through a mosaic of colour filters: nothing of it is blue; low suns are redder."""
+    geometry = Equirectangular(256, 128)
+    rays, area = directions(geometry)[0], solid_angles(geometry)
+    redness = []
+    for row in (30, 58):
+        rgb = np.full((128, 256, 3), 500.0)
+        rgb[row, 40] += np.array([9e4, 8e4, 0]) / area[row, 40]
+        sun = without_sun(rgb, rays, area)[1]
+        assert sun is not None
+        red, green, blue = sun.normal_illuminance_lx
+        assert 0.2127 * red + 0.7151 * green + 0.0722 * blue == pytest.approx(0.2127 * 9e4 + 0.7151 * 8e4, rel=0.01)
+        assert red > green > blue > 0.3 * green
+        redness.append(red / blue)
+    assert redness[1] > 1.3 * redness[0]
+
+
 def test_ground_below_the_horizon_reflects_sky_and_sun() -> None:
     sun = Sun((0.0, 0.0, 1.0), (3e4, 3e4, 3e4))
     found = sky_outdoors(lambda rays: np.full(rays.shape, 1000.0), rows=64, ground_albedo=0.3, sun=sun)
