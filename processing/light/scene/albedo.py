@@ -129,22 +129,13 @@ def albedo_of_room(
     effort = effort or Effort(pixel_samples=32)
     rgb, valid = brought_to(panorama, rows, filled)
     known = outdoors if isinstance(outdoors, KnownLight) else None
-    if known is not None:
-        stage, notes = (
-            Stage.of(known.scene, effort.texel_m),
-            ("the light is that found with the furniture in the room",),
-        )
-        transmittance = {pane.opening: pane.transmittance for pane in known.scene.panes}
+    if isinstance(outdoors, KnownLight):
+        stage, transmittance, notes = _known_stage(outdoors, effort.texel_m)
     else:
-        assert not isinstance(outdoors, KnownLight)
         stage, transmittance, notes = lit_stage(room, outdoors, rgb, valid, reveal_m, effort.texel_m)
     eye = (0.0, 0.0, room.camera_height_m)
     sight = sight_of(stage, Equirectangular(2 * rows, rows), eye)
-    gathered = (
-        _gathered(stage, rgb, sight, eye, effort, seed)
-        if known is None
-        else _known(stage, rgb, sight, eye, known, seed)
-    )
+    gathered = _gathered(stage, rgb, sight, eye, effort, seed, known)
     flat, highlight, gloss = _without_gloss(stage, gathered, sight, rgb, valid.ravel(), effort, seed)
     if gloss and known is None:
         # What the floor mirrors towards the camera is not what it gives to the room.
@@ -247,13 +238,18 @@ class _Gathered:
     """(H, W): relative, at the small size."""
 
 
-def _known(stage: Stage, rgb: Floats, sight: Sight, eye: Vector, known: KnownLight, seed: int) -> _Gathered:
-    light = measured_light(stage, rgb, sight, eye, (seed, 60))
-    return _Gathered(light, known.irradiance_lx.reshape(-1, 3), known.error)
+def _known_stage(known: KnownLight, texel_m: float) -> tuple[Stage, dict[int, Vector], tuple[str, ...]]:
+    every = {pane.opening: pane.transmittance for pane in known.scene.panes}
+    return Stage.of(known.scene, texel_m), every, ("the light is that found with the furniture in the room",)
 
 
-def _gathered(stage: Stage, rgb: Floats, sight: Sight, eye: Vector, effort: Effort, seed: int) -> _Gathered:
-    """Return the light that a picture (H, W, 3) shows, which sees ``sight``."""
+def _gathered(
+    stage: Stage, rgb: Floats, sight: Sight, eye: Vector, effort: Effort, seed: int, known: KnownLight | None = None
+) -> _Gathered:
+    """Return the light that a picture (H, W, 3) shows, which sees ``sight``; what is ``known`` is not gathered."""
+    if known is not None:
+        light = measured_light(stage, rgb, sight, eye, (seed, 60))
+        return _Gathered(light, known.irradiance_lx.reshape(-1, 3), known.error)
     rows = min(effort.rows, len(rgb))
     small = sight_of(stage, Equirectangular(2 * rows, rows), eye)
     light = measured_light(stage, rgb, sight, eye, (seed, 60))

@@ -240,7 +240,7 @@ def open_sun(stage: Stage, sight: Sight) -> Doubles:
 
 def near_sun(stage: Stage, sight: Sight) -> np.ndarray:
     """Return which pixels (N,) see a place within `SUN_MARGIN_M` of the sun's patch."""
-    return sight.solid & places_near_sun(stage, sight.point, sight.normal)
+    return np.asarray(sight.solid & places_near_sun(stage, sight.point, sight.normal))
 
 
 def places_near_sun(stage: Stage, points: Floats, normals: Floats) -> np.ndarray:
