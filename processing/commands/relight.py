@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from processing.calibration.outdoor.sun_place import Place
-    from processing.relighting.relit_session import Relighting, RelitRoom
+    from processing.relighting.relit_session import Relighting
     from processing.relighting.session_room import SessionRoom
     from processing.relighting.weather import Weather
 
@@ -60,6 +61,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sweep day --staged 1 --step 30m
       daylit relight sessions/2023-05-19T1554Z_coda-320 --sky other/stages/calibrate/outdoor.exr
     """
+    from processing.exchange.showing import session_shown
     from processing.light.solver.basis import BASIS_EFFORTS
     from processing.relighting.relit_session import FOLDER, Relighting
     from processing.relighting.session_room import check_sky, read_session_room
@@ -74,7 +76,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     check_sky(room)
     folder = asked["output"] or session / FOLDER
     name = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
-    moments = _moments(room, asked)
+    moments = _moments(room, asked) | {"shown": session_shown(session)}
     remember(session, given, by="daylit relight")
     ready = Relighting(room, session / FOLDER, BASIS_EFFORTS[asked["quality"]])
     folder.mkdir(parents=True, exist_ok=True)
@@ -188,26 +190,30 @@ def _step(text: str) -> Any:
 
 def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
     from processing.pictures.exr import write_exr
-    from processing.pictures.preview import auto_exposure
 
     stem, _, outdoors, said = moments["lights"][0]
     relit = ready.under(outdoors, said, modelled_sky=moments["modelled"])
     write_exr(folder / f"{name}-{stem}.exr", relit.picture)
-    _jpeg(folder / f"{name}-{stem}.jpg", relit, ready, auto_exposure(relit.picture.rgb))
+    shown = moments["shown"]
+    rgb8 = replace(shown, display=shown.display.exposed(relit.picture.rgb)).rgb8(
+        relit.picture.rgb, ready.room.picture.geometry
+    )
+    _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready)
     found = _summary(ready, moments, [relit.facts])
     (folder / f"{name}-{stem}.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
     return found
 
 
 def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
-    from processing.relighting.relit_session import common_exposure, preview_rgb8, reduced, write_animation, write_sheet
+    from processing.relighting.relit_session import display_of_day, shrunk, write_animation, write_sheet
 
     relits = [ready.under(outdoors, said) for _, _, outdoors, said in moments["lights"]]
-    exposure = common_exposure([r.picture.rgb for r in relits])
-    for (stem, _, _, _), relit in zip(moments["lights"], relits, strict=True):
-        _jpeg(folder / f"{name}-{stem}.jpg", relit, ready, exposure)
-    small = [preview_rgb8(reduced(r.picture.rgb, ANIMATION_ROWS), exposure) for r in relits]
-    sheet = [preview_rgb8(reduced(r.picture.rgb, SHEET_ROWS), exposure) for r in relits]
+    shown = moments["shown"]
+    shown = replace(shown, display=display_of_day(shown.display, [r.picture.rgb for r in relits]))
+    whole = [shown.rgb8(r.picture.rgb, ready.room.picture.geometry) for r in relits]
+    for (stem, _, _, _), rgb8 in zip(moments["lights"], whole, strict=True):
+        _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready)
+    small, sheet = ([shrunk(rgb8, rows) for rgb8 in whole] for rows in (ANIMATION_ROWS, SHEET_ROWS))
     day = moments["lights"][0][0][:10]
     write_animation(folder / f"{name}-{day}.webp", [_marked(p, ready) for p in small])
     write_sheet(folder / f"{name}-{day}-sheet.png", sheet, [caption for _, caption, _, _ in moments["lights"]])
@@ -234,11 +240,10 @@ def _marked(rgb8: Any, ready: Relighting) -> Any:
     return rgb8 if ready.room.staged is None else labelled(rgb8)
 
 
-def _jpeg(path: Path, relit: RelitRoom, ready: Relighting, exposure: float) -> None:
+def _jpeg(path: Path, shown: Any, ready: Relighting) -> None:
     from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
-    from processing.pictures.preview import preview_rgb8
 
-    rgb8 = _marked(preview_rgb8(relit.picture.rgb, exposure), ready)
+    rgb8 = _marked(shown, ready)
     high, wide = rgb8.shape[:2]
     heading = ready.room.manifest.heading_rad
     write_jpeg(

@@ -67,7 +67,7 @@ def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     kind = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
     stem = asked["name"] or f"{kind}-from-{'_'.join(f'{v:g}' for v in eye)}"
-    facts = _write(folder, stem, room, found, geometry, eye)
+    facts = _write(folder, stem, session, room, found, (geometry, eye))
     if as_json:
         click.echo(json.dumps({"ok": True, "folder": str(folder), **facts}))
         return 0
@@ -102,16 +102,16 @@ def _geometry(asked: dict[str, Any]) -> Any:
 
 
 def _write(
-    folder: Path, stem: str, room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float]
+    folder: Path, stem: str, session: Path, room: SessionRoom, found: Elsewhere, seen: tuple[Any, list[float]]
 ) -> dict[str, Any]:
     """Write picture, JPEG and mask; return the facts."""
     from processing.pictures.exr import write_exr
     from processing.pictures.masks import write_mask
 
-    solid = ~found.glass
+    solid, (geometry, eye) = ~found.glass, seen
     write_exr(folder / f"{stem}.exr", _picture(room, found, geometry, eye))
     write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
-    _jpeg(folder / f"{stem}.jpg", room, found, geometry)
+    _jpeg(folder / f"{stem}.jpg", session, room, found, geometry)
     return {
         "eye_m": eye,
         "staged": room.staged,
@@ -140,14 +140,15 @@ def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float
     )
 
 
-def _jpeg(path: Path, room: SessionRoom, found: Elsewhere, geometry: Any) -> None:
+def _jpeg(path: Path, session: Path, room: SessionRoom, found: Elsewhere, geometry: Any) -> None:
     from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
-    from processing.pictures.preview import preview_rgb8
+    from processing.exchange.showing import session_shown
     from processing.sphere import Equirectangular
 
-    rgb8 = preview_rgb8(found.rgb)
+    whole = isinstance(geometry, Equirectangular)
+    rgb8 = session_shown(session).display.shown(found.rgb, found.glass, around=whole)
     tags = None
-    if isinstance(geometry, Equirectangular):
+    if whole:
         tags = PanoramaTags.whole(geometry.width_px, geometry.height_px, heading_rad=room.manifest.heading_rad)
     staged = room.staged is not None
     marked = labelled(rgb8, panorama=tags is not None) if staged else rgb8

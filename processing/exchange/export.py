@@ -12,10 +12,10 @@ from pathlib import Path
 from processing.errors import ParameterError, PictureFileError, ProcessingError
 from processing.exchange.gltf import write_scene_glb
 from processing.exchange.jpeg_files import PanoramaTags, labelled, write_jpeg
+from processing.exchange.showing import Shown, session_shown
 from processing.light.scene.scene_file import read_scene
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
-from processing.pictures.preview import auto_exposure, preview_rgb8
 from processing.pictures.radiance import write_radiance_hdr
 from processing.pictures.writing import write_bytes
 from processing.sphere import Equirectangular
@@ -54,7 +54,7 @@ def export(
     Parameters
     ----------
     what
-        Some of `KINDS`. jpeg: tone-mapped, all of a room under the same exposure, with panorama tags; staged ones
+        Some of `KINDS`. jpeg: in the one display of the room, with panorama tags; staged ones
         carry the label and IPTC's source type. hdr, exr: in cd/m2. gltf: the room, and each staged room.
     heading_rad
         Compass azimuth of the panorama's centre, for viewers with a compass.
@@ -89,12 +89,10 @@ def _pictures(
     done: Exported,
     how: tuple[float | None, bool],
 ) -> None:
-    exposure: float | None = None
+    showing = session_shown(session) if "jpeg" in what else None
     for name, path in pictures.items():
         image = read_exr(path)
         assert isinstance(image, LuminanceImage)
-        if name == ROOM:
-            exposure = auto_exposure(image.rgb)
         stem = into / f"{session.name}_{name}"
         for kind in what:
             try:
@@ -103,8 +101,8 @@ def _pictures(
                 elif kind == "exr":
                     write_exr(stem.with_name(stem.name + ".exr"), image)
                     done.files.append(stem.with_name(stem.name + ".exr"))
-                elif kind == "jpeg":
-                    done.files.append(_jpeg(stem, image, name, None if name == SKY else exposure, how))
+                elif showing is not None:
+                    done.files.append(_jpeg(stem, image, name, showing, how))
             except PictureFileError as error:
                 done.left_out[f"{name}.{kind}"] = str(error)
 
@@ -115,10 +113,11 @@ def _hdr(stem: Path, image: LuminanceImage) -> Path:
     return path
 
 
-def _jpeg(stem: Path, image: LuminanceImage, name: str, exposure: float | None, how: tuple[float | None, bool]) -> Path:
+def _jpeg(stem: Path, image: LuminanceImage, name: str, showing: Shown, how: tuple[float | None, bool]) -> Path:
     heading_rad, label = how
     staged = name.startswith("staged")
-    shown = preview_rgb8(image.rgb, exposure)
+    sky = name == SKY
+    shown = showing.display.exposed(image.rgb).shown(image.rgb) if sky else showing.rgb8(image.rgb, image.geometry)
     if staged and label:
         shown = labelled(shown)
     tags = None

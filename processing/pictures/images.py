@@ -97,11 +97,12 @@ def _shown(image: RelativeImage | LuminanceImage) -> str:
     """Return a picture as a notebook shows it: a small preview, size, unit and range."""
     import base64
 
-    from processing.pictures.preview import jpeg_bytes, preview_rgb8
+    from processing.pictures.display import AS_GIVEN
+    from processing.pictures.preview import jpeg_bytes
 
     height, width = image.validity.shape
     step = max(1, width // 800)
-    preview = base64.b64encode(jpeg_bytes(preview_rgb8(image.rgb[::step, ::step]))).decode("ascii")
+    preview = base64.b64encode(jpeg_bytes(AS_GIVEN.exposed(image.rgb).shown(image.rgb[::step, ::step]))).decode("ascii")
     valid = luminance_cd_m2(image.rgb[image.validity == Validity.VALID])
     span = f"{valid.min():.4g} to {valid.max():.4g} {image.unit}" if valid.size else "no valid pixel"
     text = f"{width} x {height}, {type(image.geometry).__name__.lower()}; luminance {span}"

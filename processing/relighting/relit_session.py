@@ -24,8 +24,8 @@ from processing.light.solver.basis import LightBasis, basis_of, read_basis, scen
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView, Relit
 from processing.light.solver.stage import Stage
+from processing.pictures.display import Display
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
-from processing.pictures.preview import auto_exposure, preview_rgb8
 from processing.pictures.writing import write_bytes, write_whole
 from processing.relighting.session_room import MODELLED, SKY_MODEL, SessionRoom
 from processing.relighting.weather import Daylight, level_illuminance
@@ -166,12 +166,13 @@ FRAME_MS = 500
 _INK, _PAPER = (30, 30, 34), (250, 250, 248)
 
 
-def common_exposure(pictures: Sequence[Floats]) -> float:
-    """Return one exposure for pictures (H, W, 3) of a day, their brighter half's mean: dusk looks darker than noon."""
+def display_of_day(display: Display, pictures: Sequence[Floats]) -> Display:
+    """Return one display for pictures (H, W, 3) of a day, exposed for their brighter half: dusk looks darker."""
     if not pictures:
         raise ParameterError("no pictures")
-    every = sorted(auto_exposure(p) for p in pictures)
-    return float(np.exp(np.mean(np.log(every[: max(1, (len(every) + 1) // 2)]))))
+    every = sorted(display.exposed(p).exposure for p in pictures)
+    middle = float(np.exp(np.mean(np.log(every[: max(1, (len(every) + 1) // 2)]))))
+    return display.brighter(middle / display.exposure)
 
 
 def contact_sheet(pictures: Sequence[Bytes], captions: Sequence[str], *, columns: int = 3) -> Bytes:
@@ -212,14 +213,11 @@ def write_animation(path: Path, pictures: Sequence[Bytes]) -> None:
     write_bytes(path, out.getvalue())
 
 
-def reduced(rgb: Floats, rows: int) -> Floats:
-    """Return a picture (H, W, 3) at most ``rows`` high, by area."""
+def shrunk(rgb8: Bytes, rows: int) -> Bytes:
+    """Return a picture (H, W, 3) of sRGB codes at most ``rows`` high, by area."""
     import cv2
 
-    if rgb.shape[0] <= rows:
-        return rgb
-    size = (round(rgb.shape[1] * rows / rgb.shape[0]), rows)
-    return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-
-
-__all__ = ["common_exposure", "contact_sheet", "preview_rgb8", "reduced", "write_animation", "write_sheet"]
+    if rgb8.shape[0] <= rows:
+        return rgb8
+    size = (round(rgb8.shape[1] * rows / rgb8.shape[0]), rows)
+    return np.asarray(cv2.resize(rgb8, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

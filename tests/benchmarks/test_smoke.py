@@ -38,6 +38,7 @@ KEYS = {
     "end_to_end": "luminance_median_err_pct iou3d_median empty_median_err_pct staged_median_err_pct seconds peak_mb",
     "emptying": "filled_median_err_pct filled_bias_pct all_median_err_pct near_holes_p95_err_pct staged_median_err_pct "
     "staged_bias_pct pane_worst_pct depth_err_pct cpu_s",
+    "stills": "ceiling_ab_err clipped_window_share wall_ab_err before_after_moved_pct cpu_ms_mpx",
     "batch": "done wrong",
     "files": "",
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "

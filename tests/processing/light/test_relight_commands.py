@@ -26,9 +26,10 @@ from processing.light.picture.render import render
 from processing.light.scene.scene import Outdoors
 from processing.light.scene.scene_file import write_scene
 from processing.light.solver.irradiance import Effort
+from processing.pictures.display import AS_GIVEN
 from processing.pictures.exr import read_exr, write_exr
 from processing.pictures.images import LuminanceImage
-from processing.relighting.relit_session import common_exposure, contact_sheet
+from processing.relighting.relit_session import contact_sheet, display_of_day
 from processing.relighting.session_room import read_session_room
 from processing.relighting.weather import daylight_at, usual_weather
 from processing.running.choices import forget
@@ -178,7 +179,8 @@ def test_without_a_picture_of_the_sky_nobody_knows_another(session, tmp_path) ->
 
 def test_sheets_and_exposures() -> None:
     dark, light = np.full((8, 16, 3), 1.0, np.float32), np.full((8, 16, 3), 100.0, np.float32)
-    assert common_exposure([dark, light]) == pytest.approx(common_exposure([light]))
+    day, noon = (display_of_day(AS_GIVEN, some) for some in ([dark, light], [light]))
+    assert day.exposure == pytest.approx(noon.exposure)
     sheet = contact_sheet([np.zeros((8, 16, 3), np.uint8)] * 4, ["a", "b", "c", "d"])
     assert sheet.dtype == np.uint8
     assert sheet.shape[1] == 3 * (16 + 8) + 8

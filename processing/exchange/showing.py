@@ -1,0 +1,94 @@
+"""How a session's pictures are shown: its one display, and where its pictures look out of a window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from processing.errors import ProcessingError
+from processing.ground.arrays import Bytes, Flags, Floats
+from processing.ground.room_model import RoomModel, read_room
+from processing.pictures.display import AS_GIVEN, Display, display_of, spot_colour
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage
+from processing.sphere import Equirectangular, Geometry
+from processing.surfaces.maps import surface_maps
+from station.session import strict_json
+from station.session.session import SessionManifest
+from station.session.store import load_manifest
+
+DISPLAY_FILE = Path("stages", "stills", "display.json")
+"""Of a session: the display that its stills were made with, which all else follows."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How a session is shown."""
+
+    display: Display
+    room: RoomModel | None
+    """None: no windows are known."""
+
+    def rgb8(self, rgb: Floats, geometry: Geometry) -> Bytes:
+        """Return a picture (H, W, 3) from the camera's place, linear, in the session's unit, as sRGB codes."""
+        panes = panes_of(self.room, geometry)
+        return self.display.shown(rgb, panes, around=isinstance(geometry, Equirectangular))
+
+
+@lru_cache(maxsize=2)
+def panes_of(room: RoomModel | None, geometry: Geometry) -> Flags | None:
+    """Return where an upright panorama shows windows and doors (H, W), since doors may be glazed; None: none known."""
+    if room is None or not isinstance(geometry, Equirectangular):
+        return None
+    return np.asarray(surface_maps(room, geometry).opening >= 0) if room.openings else None
+
+
+def shown_as(
+    photograph: LuminanceImage,
+    indoor: LuminanceImage,
+    calibration: Mapping[str, Any],
+    room: RoomModel | None,
+    mode: str,
+) -> Shown:
+    """Return how a session is shown.
+
+    ``photograph``: the upright panorama; ``indoor``: as it was calibrated, in which ``calibration`` (the JSON of the
+    stage's side indoor) says where the board is; ``mode``: of the session's bracket ("panorama": a picture as some
+    camera balanced it).
+    """
+    target, board = calibration.get("target") or {}, None
+    if "longitude_deg" in target and isinstance(indoor.geometry, Equirectangular):
+        longitude = math.radians(target["longitude_deg"]) - indoor.geometry.yaw_rad
+        board = spot_colour(indoor.rgb, longitude, math.radians(target["latitude_deg"]))
+    panes = panes_of(room, photograph.geometry)
+    return Shown(display_of(photograph.rgb, board_rgb=board, panes=panes, balanced=mode == "panorama"), room)
+
+
+def session_shown(session: Path) -> Shown:
+    """Return how a processed session is shown: as its stills are, else from its pictures."""
+    stages = session / "stages"
+    try:
+        room = read_room(stages / "room" / "room.json")
+    except (ProcessingError, OSError):
+        room = None
+    if (session / DISPLAY_FILE).is_file():
+        return Shown(Display.read(strict_json.loads((session / DISPLAY_FILE).read_bytes())), room)
+    indoor = _picture(stages / "calibrate" / "indoor.exr")
+    photograph = _picture(stages / "room" / "panorama.exr") or indoor
+    if indoor is None or photograph is None:
+        return Shown(AS_GIVEN, room)
+    told = stages / "calibrate" / "calibration.json"
+    facts = strict_json.loads(told.read_bytes()) if told.is_file() else {}
+    manifest: SessionManifest = load_manifest(session)
+    return shown_as(photograph, indoor, facts.get("indoor") or {}, room, manifest.bracket.mode)
+
+
+def _picture(path: Path) -> LuminanceImage | None:
+    found = read_exr(path) if path.is_file() else None
+    return found if isinstance(found, LuminanceImage) else None

@@ -1,0 +1,277 @@
+"""How a room's pictures are shown: balanced, exposed, the view outside kept, on a film curve; measured values stay.
+
+One `Display` belongs to a room and serves all its states, so that before and after compare. Light goes to the screen in
+three steps: chromatic adaptation to the screen's white and exposure (one matrix); the window pull, which lowers what is
+seen through panes as a photographer blends in a darker exposure; and `film`, which leaves dark and middle tones in
+proportion and rolls highlights off. ``templates/encoding.js`` has the same film for the report's viewer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing.errors import ParameterError
+from processing.ground.arrays import Bytes, Doubles, Flags, Floats
+from processing.ground.colour import LUMINANCE_WEIGHTS, RGB_OF_XYZ, XYZ_OF_RGB, luminance_cd_m2, srgb_of_linear
+from processing.ground.seam import row_solid_angles, wrapped
+
+BRADFORD = ((0.8951, 0.2664, -0.1614), (-0.7502, 1.7135, 0.0367), (0.0389, -0.0685, 1.0296))
+"""CIE XYZ to cone responses (Lam 1985), as ICC profiles use it."""
+SPOT_RAD = math.radians(0.7)
+"""Of the white board that is averaged for its colour: the smallest board is twice as wide. Chosen."""
+MOST_GAIN = 3.0
+"""Of red or blue over green: light farther from white is no light of a room. Chosen: a candle's is 2.6."""
+OVERHEAD_RAD = math.radians(50)
+"""Latitude above which a panorama shows the ceiling. Chosen: of a room 2.4 m high, what is within 0.7 m."""
+CEILING_STOPS, CEILING_SHARE = 0.8, 0.8
+"""How far from the light's colour a white ceiling may look (red or blue over green), and its share in white. Chosen on
+simulated rooms: light that has been on brown floors and lawns is up to 0.65 stops from the board's."""
+BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
+"""Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
+not white. Chosen by looking at simulated and real rooms."""
+VIEW_SHARE, VIEW_LEVEL = 0.8, 0.9
+"""The same of what is seen through panes."""
+MOST_PULL_STOPS = 6.0
+"""A photographer's darkest exposure under the room's. Chosen."""
+LEAST_VIEW, VIEW_SPREAD = 0.9, 0.7
+"""Level of the film from which something in a pane is the view: not the room's light walls; and, of the geometric mean
+of the room's level and the view's, the share. Chosen by looking."""
+KNEE = 0.55
+"""Of the film: below, light is shown in proportion. Chosen by looking."""
+PLATEAU = 0.28
+"""Under which nothing within the view is lowered, so that reveals and shadows out there do not turn black. Chosen."""
+_NORM = 6.0
+"""Of the mean of neutral surfaces: Finlayson and Trezzi 2004, Shades of Gray, find 6 best."""
+_EDGE_RAD, _EDGE_EPS = math.radians(0.8), 0.05
+"""Within which a pane's edge follows the picture's, and how strong an edge counts (squared stops). Chosen."""
+_ROWS = 256  # at a time, for memory
+
+
+@dataclass(frozen=True)
+class Display:
+    """How pictures of one room are shown."""
+
+    matrix: tuple[float, ...]
+    """(9,): from the picture's linear RGB to that of the film, row by row: white balance and exposure."""
+    pull: float
+    """Factor of what is seen through panes, 1 or less."""
+    source: str
+    """What is taken for white: "board", "windows", "surfaces", each of them also "and ceiling"; "given": as it was."""
+
+    @property
+    def exposure(self) -> float:
+        """From the picture's luminance to the film's, of white light."""
+        return float(np.asarray(LUMINANCE_WEIGHTS) @ np.reshape(self.matrix, (3, 3)) @ self.white)
+
+    @property
+    def white(self) -> Doubles:
+        """RGB (3,) of luminance 1 that is shown as white, in the picture's colours."""
+        rgb = np.linalg.solve(np.reshape(self.matrix, (3, 3)), np.ones(3))
+        return np.asarray(rgb / (rgb @ np.asarray(LUMINANCE_WEIGHTS)))
+
+    @property
+    def said(self) -> str:
+        """Where the white is from, for people."""
+        first, _, ceiling = self.source.partition(" and ")
+        words = {
+            "board": "the white board beside the meter",
+            "windows": "the light of the windows",
+            "surfaces": "the room's light surfaces, taken for neutral",
+        }.get(first, "the camera, as the picture was given")
+        return f"{words}, and the ceiling, which by it is white" if ceiling else words
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def read(cls, facts: Mapping[str, Any]) -> Display:
+        """Return what `to_dict` gave; raise `ParameterError` for anything else."""
+        try:
+            found = cls(tuple(float(v) for v in facts["matrix"]), float(facts["pull"]), str(facts["source"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ParameterError("not a display's parameters", advice="process the session again") from error
+        if len(found.matrix) != 9 or not 0 < found.pull <= 1 or not np.isfinite(found.matrix).all():
+            raise ParameterError("a display's matrix has 9 numbers, its pull is above 0 and at most 1")
+        return found
+
+    def light(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Floats:
+        """Return linear RGB (H, W, 3) as the film gets it, float32 >= 0; see `screen`.
+
+        ``panes`` (H, W), bool or 0 to 1: where one looks out of a window; ``around``: whether it is a whole panorama,
+        whose left edge goes on at the right.
+        """
+        out = np.empty(rgb.shape, np.float32)
+        matrix = np.reshape(np.asarray(self.matrix, np.float32), (3, 3))
+        for top in range(0, len(rgb), _ROWS):
+            np.maximum(rgb[top : top + _ROWS] @ matrix.T, 0, out=out[top : top + _ROWS])
+        if panes is not None and self.pull < 1 and panes.any():
+            _pull(out, panes, self.pull, around=around)
+        return out
+
+    def shown(self, rgb: Floats, panes: npt.NDArray[Any] | None = None, *, around: bool = True) -> Bytes:
+        """Return linear RGB (H, W, 3) in the picture's unit as sRGB codes; see `light`."""
+        return screen(self.light(rgb, panes, around=around))
+
+    def brighter(self, factor: float) -> Display:
+        """Return the display at another exposure: a room at another hour."""
+        return replace(self, matrix=tuple(factor * v for v in self.matrix))
+
+    def exposed(self, rgb: Floats) -> Display:
+        """Return the same white with exposure by another picture (H, W, 3), linear: the room at another hour, a sky."""
+        step = max(1, rgb.shape[1] // 1024)
+        level = luminance_cd_m2(self.light(np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step])))
+        seen = level[level > 0]
+        bright = float(np.quantile(seen, BRIGHT_SHARE)) if seen.size else 0.0
+        return self.brighter(BRIGHT_LEVEL / bright) if bright > 0 else self
+
+
+def film(light: Floats) -> Floats:
+    """Return what the film shows, 0 to 1, of light of any shape: in proportion to `KNEE`, then rolled off.
+
+    The roll-off t / (1 + t) goes on with the same slope and never reaches white (Reinhard et al. 2002, eq. 3).
+    """
+    above = np.maximum(light - np.float32(KNEE), 0) / np.float32(1 - KNEE)
+    return np.asarray(np.minimum(light, np.float32(KNEE)) + np.float32(1 - KNEE) * above / (1 + above), np.float32)
+
+
+def screen(light: Floats) -> Bytes:
+    """Return sRGB codes of `Display.light`'s values, any shape."""
+    out = np.empty(light.shape, np.uint8)
+    for top in range(0, len(light), _ROWS):
+        out[top : top + _ROWS] = srgb_of_linear(film(light[top : top + _ROWS]))
+    return out
+
+
+AS_GIVEN = Display((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 1.0, "given")
+"""Nothing balanced, nothing pulled; `Display.exposed` makes it the display of a picture of which nothing is known."""
+
+
+def display_of(
+    rgb: Floats, *, board_rgb: Doubles | None = None, panes: Flags | None = None, balanced: bool = False
+) -> Display:
+    """Return how a room is shown, from its panorama (H, W, 3), linear, any scale.
+
+    Parameters
+    ----------
+    board_rgb
+        Colour (3,) of the white board (`spot_colour`), any scale.
+    panes
+        (H, W): where one looks out of a window; None where no windows are known.
+    balanced
+        The picture is a camera's own, with white as it should be.
+    """
+    white, source = (np.ones(3), "given") if balanced else _white(rgb, board_rgb, panes)
+    step = max(1, rgb.shape[1] // 1024)
+    sample = rgb[step // 2 :: step, step // 2 :: step]
+    weight = np.broadcast_to(row_solid_angles(sample.shape[:2]), sample.shape[:2])
+    adapted = _adaptation(white)
+    level = luminance_cd_m2(np.maximum(sample @ adapted.T.astype(np.float32), 0))
+    outside = np.zeros(level.shape, bool) if panes is None else panes[step // 2 :: step, step // 2 :: step]
+    bright = _weighted_quantile(level[~outside], weight[~outside], BRIGHT_SHARE)
+    exposure = BRIGHT_LEVEL / bright if bright > 0 else 1.0
+    outside = outside & (level * exposure > LEAST_VIEW)
+    view = _weighted_quantile(level[outside], weight[outside], VIEW_SHARE) * exposure
+    pull = float(np.clip(VIEW_LEVEL / view, 2.0**-MOST_PULL_STOPS, 1.0)) if view > 0 else 1.0
+    return Display(tuple(float(v) for v in (exposure * adapted).ravel()), pull, source)
+
+
+def _white(rgb: Floats, board_rgb: Doubles | None, panes: Flags | None) -> tuple[Doubles, str]:
+    """Return the light's colour (3,) of luminance 1, and where it is from.
+
+    A room has no one light: what falls on the ceiling has been on floor and lawn before, and by the board's white the
+    ceiling looks yellow. Where board, windows or surfaces allow the ceiling to be white, white is mostly its colour.
+    """
+    white, source = _light(rgb, board_rgb, panes)
+    overhead = rgb[: max(1, round((0.5 - OVERHEAD_RAD / math.pi) * len(rgb)))]
+    ceiling = _plausible(np.asarray(np.median(overhead.reshape(-1, 3), axis=0), np.float64))
+    if source == "given" or ceiling is None:
+        return white, source
+    apart = np.abs(np.log2((ceiling / ceiling[1]) / (white / white[1]))).max()
+    if apart > CEILING_STOPS:
+        return white, source
+    mixed = ceiling**CEILING_SHARE * white ** (1 - CEILING_SHARE)
+    return np.asarray(mixed / (mixed @ np.asarray(LUMINANCE_WEIGHTS))), f"{source} and ceiling"
+
+
+def _light(rgb: Floats, board_rgb: Doubles | None, panes: Flags | None) -> tuple[Doubles, str]:
+    """Return the first colour (3,) that can be a room's light, at luminance 1, and where it is from."""
+    if board_rgb is not None and (found := _plausible(board_rgb)) is not None:
+        return found, "board"
+    if panes is not None and panes.any():
+        weight = np.broadcast_to(row_solid_angles(panes.shape), panes.shape)[panes]
+        if (found := _plausible(weight @ rgb[panes])) is not None:
+            return found, "windows"
+    step = max(1, rgb.shape[1] // 512)
+    sample = np.asarray(rgb[::step, ::step], np.float64)
+    level = luminance_cd_m2(sample)
+    inside = sample[level < np.quantile(level, 0.98)]  # lamps and windows are no surfaces
+    norm = np.mean(inside**_NORM, axis=0) ** (1 / _NORM) if inside.size else np.zeros(3)
+    found = _plausible(norm)
+    return (np.ones(3), "given") if found is None else (found, "surfaces")
+
+
+def _plausible(rgb: Doubles) -> Doubles | None:
+    """Return a colour at luminance 1; None for what is no light of a room."""
+    level = float(rgb @ np.asarray(LUMINANCE_WEIGHTS))
+    if not (np.isfinite(rgb).all() and level > 0 and rgb.min() > 0):
+        return None
+    share = rgb / rgb[1]
+    return np.asarray(rgb / level) if share.max() < MOST_GAIN and share.min() > 1 / MOST_GAIN else None
+
+
+def spot_colour(rgb: Floats, longitude_rad: float, latitude_rad: float) -> Doubles:
+    """Return the median colour (3,) of a panorama (H, W, 3) about a direction: an edge within it changes nothing."""
+    rows, columns = rgb.shape[:2]
+    row, column = (0.5 - latitude_rad / math.pi) * rows, (longitude_rad / (2 * math.pi) + 0.5) * columns
+    reach = max(1.0, SPOT_RAD / math.pi * rows)
+    wide = reach / max(math.cos(latitude_rad), 0.2)
+    some = np.arange(math.floor(row - reach), math.ceil(row + reach) + 1).clip(0, rows - 1)
+    others = np.arange(math.floor(column - wide), math.ceil(column + wide) + 1) % columns
+    return np.asarray(np.median(rgb[np.ix_(some, others)].reshape(-1, 3), axis=0), np.float64)
+
+
+def _adaptation(white: Doubles) -> Doubles:
+    """Return the matrix (3, 3) that shows light of a colour (3,) as the screen's white (von Kries in Bradford's)."""
+    xyz, cone = np.asarray(XYZ_OF_RGB), np.asarray(BRADFORD)
+    gain = (cone @ xyz @ np.ones(3)) / (cone @ xyz @ white)
+    return np.asarray(np.asarray(RGB_OF_XYZ) @ np.linalg.inv(cone) @ np.diag(gain) @ cone @ xyz)
+
+
+def _weighted_quantile(values: Floats, weight: npt.NDArray[np.floating], share: float) -> float:
+    if not values.size:
+        return 0.0
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weight[order], dtype=np.float64)
+    return float(values[order[np.searchsorted(total, share * total[-1])]])
+
+
+def _pull(light: Floats, panes: npt.NDArray[Any], pull: float, *, around: bool) -> None:
+    """Lower in place what is seen through panes by a factor, all of a view alike.
+
+    A pane's mask is an estimate: of it counts what is nearer to the view's level than to the room's, and its edge
+    follows the picture's (guided filter, He et al. 2013). Bars, reveals and furniture before a pane thus stay.
+    """
+    margin = max(2, round(_EDGE_RAD / math.pi * len(light))) if around else max(2, len(light) // 150)
+    rows = np.flatnonzero(panes.any(axis=1))
+    top, bottom = max(0, rows[0] - 2 * margin), min(len(light), rows[-1] + 2 * margin + 1)
+    part = light[top:bottom]
+    level = luminance_cd_m2(part)
+    least = max(LEAST_VIEW, math.sqrt(BRIGHT_LEVEL * VIEW_LEVEL / pull) * VIEW_SPREAD)
+    mask = np.asarray(panes[top:bottom] * (level > least), np.float32)
+    mask = np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)), np.float32)
+    guide = np.log2(np.maximum(level, np.float32(1e-3)))
+    if around:
+        guide, mask = wrapped(guide, 2 * margin), wrapped(mask, 2 * margin)
+    soft = np.asarray(cv2.ximgproc.guidedFilter(guide, mask, margin, _EDGE_EPS), np.float32)
+    soft = np.clip(soft[:, 2 * margin : -2 * margin] if around else soft, 0, 1)
+    kept, low = np.minimum(level, np.float32(PLATEAU)), level * np.float32(pull)
+    lowered = np.minimum(np.hypot(kept, low), level) / np.maximum(level, np.float32(1e-6))
+    part *= (lowered**soft)[..., None]

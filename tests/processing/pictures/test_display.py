@@ -1,0 +1,154 @@
+"""The display: white is white, the view outside is kept, and nothing else than what was asked is changed."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from processing.errors import ParameterError
+from processing.ground.colour import lab_of_linear, linear_of_srgb
+from processing.pictures.display import (
+    AS_GIVEN,
+    BRIGHT_LEVEL,
+    KNEE,
+    Display,
+    display_of,
+    film,
+    screen,
+    spot_colour,
+)
+
+WARM = np.array([1.3, 1.0, 0.55])
+SHAPE = (64, 128)
+
+
+def room() -> tuple[np.ndarray, np.ndarray]:
+    """A grey room of 100 cd/m2 under warm light with a window of 100 times that; and where the window is."""
+    rng = np.random.default_rng(4)
+    level = 100 * rng.uniform(0.6, 1.0, SHAPE)
+    panes = np.zeros(SHAPE, bool)
+    panes[20:34, 50:80] = True
+    level[panes] *= np.where(np.arange(30) < 15, 40, 100)[None].repeat(14, axis=0).ravel()
+    return (level[..., None] * WARM).astype(np.float32), panes
+
+
+def test_the_board_is_white_whatever_the_light_and_luminance_follows_the_exposure() -> None:
+    rgb, panes = room()
+    board = spot_colour(rgb, 0.5, -0.4)
+    display = display_of(rgb, board_rgb=board, panes=panes)
+    assert display.source == "board and ceiling"
+    shown = linear_of_srgb(display.shown(rgb, panes))[~panes].astype(float)
+    lab = lab_of_linear(shown, np.ones(3))
+    assert np.abs(lab[:, 1:]).max() < 1.0
+    assert display.white == pytest.approx(WARM / (WARM @ [0.2127, 0.7151, 0.0722]), rel=1e-4)
+    light = display.light(WARM[None, None].astype(np.float32) * 50)
+    assert light[0, 0] == pytest.approx(np.full(3, 50 * display.exposure * (WARM @ [0.2127, 0.7151, 0.0722])), rel=1e-3)
+
+
+def test_white_is_mostly_the_ceilings_where_it_can_be_white_and_the_boards_under_a_wooden_one() -> None:
+    rgb, panes = room()
+    yellow, wood = rgb.copy(), rgb.copy()
+    yellow[:16] *= np.float32([1.0, 1.0, 0.75])
+    wood[:16] *= np.float32([1.3, 1.0, 0.4])
+    told = display_of(yellow, board_rgb=WARM, panes=panes)
+    lab = lab_of_linear(linear_of_srgb(told.shown(yellow, panes))[:14].reshape(-1, 3).astype(float), np.ones(3))
+    assert told.source == "board and ceiling"
+    assert np.abs(lab[:, 1:]).max() < 4
+    assert "ceiling" in told.said
+    under = display_of(wood, board_rgb=WARM, panes=panes)
+    assert under.source == "board"
+    assert under.white == pytest.approx(WARM / (WARM @ [0.2127, 0.7151, 0.0722]), rel=1e-4)
+
+
+def test_bradford_is_what_colour_science_has() -> None:
+    import colour
+
+    from processing.ground.colour import RGB_OF_XYZ, XYZ_OF_RGB
+
+    display = display_of(room()[0], board_rgb=WARM)
+    xyz = np.asarray(XYZ_OF_RGB)
+    white = xyz @ display.white
+    theirs = colour.adaptation.matrix_chromatic_adaptation_VonKries(white, xyz @ np.ones(3), transform="Bradford")
+    ours = np.reshape(display.matrix, (3, 3)) / display.exposure
+    np.testing.assert_allclose(ours, np.asarray(RGB_OF_XYZ) @ theirs @ xyz, atol=2e-3)
+
+
+def test_the_view_is_kept_and_the_room_stays() -> None:
+    rgb, panes = room()
+    display = display_of(rgb, board_rgb=WARM, panes=panes)
+    pulled, plain = display.light(rgb, panes), display.light(rgb)
+    assert display.pull < 0.05
+    np.testing.assert_array_equal(pulled[:14], plain[:14])
+    inside = pulled[22:32, 52:78]
+    assert inside.max() < 1.5 < 20 < plain[panes].max()
+    ratio = float(pulled[22:32, 67:78].mean() / pulled[22:32, 52:63].mean())
+    assert 1.5 < ratio < 2.7  # 2.5 in truth: the view's own contrast is not flattened away
+    assert (screen(inside) < 254).all()
+
+
+def test_what_stands_before_a_pane_or_was_taken_for_one_stays() -> None:
+    rgb, panes = room()
+    display = display_of(rgb, board_rgb=WARM, panes=panes)
+    wide = panes.copy()
+    wide[20:34, 85:100] = True
+    rgb[20:34, 60:66] = 30 * WARM
+    pulled, plain = display.light(rgb, wide), display.light(rgb)
+    np.testing.assert_allclose(pulled[24:30, 88:97], plain[24:30, 88:97], rtol=0.05)
+    np.testing.assert_allclose(pulled[24:30, 62:64], plain[24:30, 62:64], rtol=0.25)
+
+
+def test_white_is_from_the_board_else_the_windows_else_surfaces_and_said() -> None:
+    rgb, panes = room()
+    assert display_of(rgb, panes=panes).source == "windows and ceiling"
+    assert display_of(rgb).source == "surfaces and ceiling"
+    assert display_of(rgb, board_rgb=np.array([9.0, 1.0, 0.1]), panes=panes).source == "windows and ceiling"
+    given = display_of(rgb, board_rgb=WARM, balanced=True)
+    assert given.source == "given"
+    assert given.white == pytest.approx(np.ones(3))
+    said = [display_of(rgb, board_rgb=WARM).said, display_of(rgb).said, given.said]
+    assert len(set(said)) == 3
+    black = display_of(np.zeros((8, 16, 3), np.float32))
+    assert (black.shown(np.zeros((8, 16, 3), np.float32)) == 0).all()
+
+
+def test_one_display_for_all_states_and_as_a_file() -> None:
+    rgb, panes = room()
+    display = display_of(rgb, board_rgb=WARM, panes=panes)
+    assert Display.read(json.loads(json.dumps(display.to_dict()))) == display
+    half = display.light(rgb * 0.5)
+    np.testing.assert_allclose(half, display.light(rgb) * 0.5, rtol=1e-5)
+    for bad in ({}, {"matrix": [1.0] * 8, "pull": 1.0, "source": "x"}, {"matrix": [1.0] * 9, "pull": 0, "source": "x"}):
+        with pytest.raises(ParameterError):
+            Display.read(bad)
+
+
+def test_another_hour_has_its_own_exposure_and_the_same_white() -> None:
+    rgb, _ = room()
+    display = display_of(rgb, board_rgb=WARM)
+    dusk = display.exposed(rgb * 0.01)
+    assert dusk.exposure == pytest.approx(100 * display.exposure, rel=0.02)
+    np.testing.assert_allclose(dusk.white, display.white)
+    level = AS_GIVEN.exposed(rgb).light(rgb) @ np.array([0.2127, 0.7151, 0.0722], np.float32)
+    assert np.quantile(level, 0.75) == pytest.approx(BRIGHT_LEVEL, rel=0.03)
+
+
+def test_film_is_in_proportion_below_its_knee_and_never_clips() -> None:
+    light = np.geomspace(1e-3, 1e3, 400).astype(np.float32)
+    shown = film(light)
+    assert (np.diff(shown) > 0).all()
+    np.testing.assert_array_equal(shown[light <= KNEE], light[light <= KNEE])
+    assert shown.max() < 1
+    slope = np.diff(film(np.float32([KNEE, KNEE + 1e-3])))[0] / 1e-3
+    assert slope == pytest.approx(1, abs=0.01)
+
+
+def test_the_mask_goes_on_beyond_the_seam() -> None:
+    rgb, panes = room()
+    display = display_of(rgb, board_rgb=WARM, panes=panes)
+    middle = display.light(rgb, panes)
+    turned = display.light(np.roll(rgb, 64, axis=1), np.roll(panes, 64, axis=1))
+    np.testing.assert_allclose(np.roll(turned, -64, axis=1), middle, rtol=2e-3, atol=1e-4)
+    assert math.isfinite(float(turned.sum()))
