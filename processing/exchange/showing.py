@@ -83,7 +83,7 @@ def session_shown(session: Path) -> Shown:
     photograph = _picture(stages / "room" / "panorama.exr") or indoor
     if indoor is None or photograph is None:
         return Shown(AS_GIVEN, room)
-    told = stages / "calibrate" / "calibration.json"
+    facts_file = stages / "calibrate" / "calibration.json"
     facts = strict_json.loads(told.read_bytes()) if told.is_file() else {}
     manifest: SessionManifest = load_manifest(session)
     return shown_as(photograph, indoor, facts.get("indoor") or {}, room, manifest.bracket.mode)

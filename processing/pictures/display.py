@@ -72,7 +72,7 @@ class Display:
 
     @property
     def white(self) -> Doubles:
-        """RGB (3,) of luminance 1 that is shown as white, in the picture's colours."""
+        """RGB of shape (3,) and luminance 1 that is shown as white, in the picture's colours."""
         rgb = np.linalg.solve(np.reshape(self.matrix, (3, 3)), np.ones(3))
         return np.asarray(rgb / (rgb @ np.asarray(LUMINANCE_WEIGHTS)))
 
