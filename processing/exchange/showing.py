@@ -84,7 +84,7 @@ def session_shown(session: Path) -> Shown:
     if indoor is None or photograph is None:
         return Shown(AS_GIVEN, room)
     facts_file = stages / "calibrate" / "calibration.json"
-    facts = strict_json.loads(told.read_bytes()) if told.is_file() else {}
+    facts = strict_json.loads(facts_file.read_bytes()) if facts_file.is_file() else {}
     manifest: SessionManifest = load_manifest(session)
     return shown_as(photograph, indoor, facts.get("indoor") or {}, room, manifest.bracket.mode)
 
