@@ -35,8 +35,8 @@ LINES = {
     "drivers": 7_300,
     "station": 11_300,
     "mocks": 16_750,
-    "processing": 55_600,
-    "studio": 90,
+    "processing": 56_300,
+    "studio": 1_000,
 }
 """The budget of lines of each room."""
 OWN_PROGRAMS = {"__init__", "__main__", "child", "worker"}
