@@ -230,7 +230,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="render",
-        version=3,
+        version=4,
         title="render staged room",
         function="processing.stages.render:run",
         needs=("calibrate", "room", "detect", "light", "remove", "materials", "arrange"),

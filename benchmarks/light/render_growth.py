@@ -57,7 +57,7 @@ def growth(rows: Rows, *, quick: bool, seed: int) -> dict[str, Any]:
 def _living() -> tuple[Part, ...]:
     room, _ = with_door(room_model(5, 4, 2.7, (1.5, 3.5, 0.8, 2.3)))
     found = arrange(from_room_model(room, keep_camera_free=True), set_items("living"), n=1, seed=0)
-    return furniture_parts(found.arrangements[0].items, Catalogue.builtin("oak"))
+    return furniture_parts(found.arrangements[0].items, Catalogue.builtin("scandinavian"))
 
 
 def _staged(width: int, parts: tuple[Part, ...], effort: Effort, seed: int) -> dict[str, float]:

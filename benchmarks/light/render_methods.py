@@ -38,7 +38,7 @@ from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 from processing.stages.furnishing import furniture_parts
 
-ROWS, STYLE, CHANGED = 192, "oak", 0.02
+ROWS, STYLE, CHANGED = 192, "scandinavian", 0.02
 SETS = {Use.BEDROOM: "bedroom", Use.LIVING: "living", Use.OFFICE: "office", Use.DINING: "dining"}
 METHODS = ("inverse_tone_curve", "ibl", "global", "differential")
 LDR_WHITE, GAMMA = 0.02, 2.2

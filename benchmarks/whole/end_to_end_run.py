@@ -60,7 +60,7 @@ def measured(
         start_s = time.process_time()
         request = RunRequest(
             quality=Quality(quality),
-            options={"--calibration": str(profile), "--alternatives": 1, "--set": "auto", **options},
+            options={"--calibration": str(profile), "--alternatives": 1, "--styling": "none", **options},
         )
         done = process(session, request)
         row: dict[str, Any] = {"room": room.name, "cpu_s": round(time.process_time() - start_s, 2)}

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 _FOLDER = click.option(
     "--catalogue", type=click.Path(path_type=Path), metavar="FOLDER", help="Of glTF, GLB or OBJ files, or 3D-FUTURE's."
 )
-_STYLE = click.option("--style", metavar="NAME", help="oak, walnut, white or black (built-in furniture).")
+_STYLE = click.option(
+    "--style", metavar="NAME", help="scandinavian, mid-century, classic or industrial (built-in furniture)."
+)
 
 
 @click.group()
@@ -25,7 +27,7 @@ def furniture() -> None:
     \b
     Examples:
       daylit furniture list
-      daylit furniture show sofa/walnut --output sofa.png
+      daylit furniture show sofa/mid-century --output sofa.png
     """
 
 
@@ -39,7 +41,7 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
 
     \b
     Examples:
-      daylit furniture list --style oak
+      daylit furniture list --style scandinavian
       daylit furniture list --catalogue models/ --category sofa
     Exit code: 0 all read · 1 some files are refused (each with its reason).
     """
@@ -80,8 +82,8 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
 
     \b
     Examples:
-      daylit furniture show "bookshelf/white" --size 1.2,0.3,2.1
-      daylit furniture show --style black --output black.png
+      daylit furniture show "bookshelf/classic" --size 1.2,0.3,2.1
+      daylit furniture show --style industrial --output industrial.png
     """
     from processing.layout.drawn.thumbnails import model_sheet, two_sides
 
@@ -111,8 +113,8 @@ def export(what: str, rank: int, size: str | None, output: Path | None, *, as_js
 
     \b
     Examples:
-      daylit furniture export armchair/oak --output armchair.glb
-      daylit furniture export plan-layout/arrangement.json --rank 2 --style walnut --output layout-2.glb
+      daylit furniture export armchair/classic --output armchair.glb
+      daylit furniture export plan-layout/arrangement.json --rank 2 --style mid-century --output layout-2.glb
     """
     from processing.errors import CatalogueError
     from processing.layout.arrangement import read_arrangements

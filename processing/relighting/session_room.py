@@ -15,7 +15,7 @@ import numpy as np
 from processing.calibration.outdoor.sun_place import Place, sun_place
 from processing.errors import DaylightError, PictureFileError, RelightError
 from processing.ground.room_model import read_room
-from processing.layout.arrangement import Arrangements
+from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.layout.models.catalogue import Catalogue
 from processing.light.scene.outdoor import outdoors_of
 from processing.light.scene.scene import Outdoors, Scene, Vector
@@ -122,7 +122,11 @@ def _furnished(scene: Scene, stages: Path, staged: int, furniture: Path | None) 
     arrangements = Arrangements.model_validate_json(json.dumps(_json(stages / "arrange" / "arrangement.json")))
     one = arrangements.arrangements[staged - 1]
     own = None if furniture is None else Catalogue.at(furniture)
-    return scene.furnished(furniture_parts(one.items, Catalogue.builtin(every[staged - 1]["style"]), own))
+    shown = every[staged - 1]
+    items = (*one.items, *(PlacedItem.model_validate(item) for item in shown.get("added", ())))
+    return scene.furnished(
+        furniture_parts(items, Catalogue.builtin(shown["style"]), own, lit=shown.get("lamps") == "on")
+    )
 
 
 def _picture(path: Path, rows: int) -> LuminanceImage:

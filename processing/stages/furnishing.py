@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from processing.ground.colour import linear_of_srgb
+from processing.ground.mesh import crosses
 from processing.layout.arrangement import PlacedItem
 from processing.layout.furniture.model import Material as LookedUp
 from processing.layout.furniture.model import Part as MeshPart
@@ -18,8 +19,14 @@ LIFT_M = 0.001
 """By which everything stands above the floor, so that undersides do not lie in it."""
 
 
-def furniture_parts(items: Sequence[PlacedItem], built_in: Catalogue, own: Catalogue | None = None) -> tuple[Part, ...]:
-    """Return the parts of all items in the room's frame; ``own`` has those that name a model.
+WARM_WHITE = (1.9354, 0.8036, 0.1918)
+"""Linear Rec. 709 of unit luminance of a black body at 2,700 K, as lamps at home (CIE 15: x 0.4599, y 0.4106)."""
+
+
+def furniture_parts(
+    items: Sequence[PlacedItem], built_in: Catalogue, own: Catalogue | None = None, *, lit: bool = False
+) -> tuple[Part, ...]:
+    """Return the parts of all items in the room's frame; ``own`` has those that name a model; ``lit``: lamps are on.
 
     Raises `CatalogueError` or `ModelFileError`.
     """
@@ -29,11 +36,11 @@ def furniture_parts(items: Sequence[PlacedItem], built_in: Catalogue, own: Catal
             model = own.mesh(item.model, item.size_m)
         else:
             model = built_in.mesh(item.category, item.size_m)
-        found += [_placed(part, item) for part in model.parts if len(part.faces)]
+        found += [_placed(part, item, lit=lit) for part in model.parts if len(part.faces)]
     return tuple(found)
 
 
-def _placed(part: MeshPart, item: PlacedItem) -> Part:
+def _placed(part: MeshPart, item: PlacedItem, *, lit: bool) -> Part:
     c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     moved = part.vertices.astype(np.float64) @ turn.T + np.asarray(item.t_m) + (0.0, 0.0, LIFT_M)
@@ -41,13 +48,19 @@ def _placed(part: MeshPart, item: PlacedItem) -> Part:
         name=f"{item.id}: {part.material.name}",
         vertices_m=moved,
         faces=np.ascontiguousarray(part.faces, np.int32),
-        material=_material(part.material),
+        material=_material(part.material, _area_m2(part) if lit else 0.0),
         uv=part.texture_coordinates(),
         normals=np.asarray(part.normals @ turn.T.astype(np.float32), np.float32),
     )
 
 
-def _material(look: LookedUp) -> Material:
+def _area_m2(part: MeshPart) -> float:
+    return float(np.linalg.norm(crosses(part.vertices.astype(np.float64), part.faces), axis=1).sum() / 2)
+
+
+def _material(look: LookedUp, area_m2: float) -> Material:
+    """Return a material of the scene; what a lamp of some lumens sends out evenly (Lambert) over its area, 0: off."""
+    level = look.lumen / (math.pi * area_m2) if area_m2 > 0 else 0.0
     colour = tuple(float(min(max(v, 0.0), 1.0)) for v in look.base_colour)
     return Material(
         name=look.name,
@@ -55,4 +68,5 @@ def _material(look: LookedUp) -> Material:
         texture=None if look.texture is None else linear_of_srgb(look.texture),
         roughness=look.roughness,
         metallic=look.metallic,
+        emission_cd_m2=(level * WARM_WHITE[0], level * WARM_WHITE[1], level * WARM_WHITE[2]),
     )

@@ -362,8 +362,21 @@ class RenderParameters(StageParameters):
     ] = "differential"
     furniture: FurnitureFolder = None
     style: Annotated[
-        str | None, Field(description="Style of the built-in furniture; without it another for each alternative.")
+        str | None,
+        Field(
+            description="Style of the built-in furniture: scandinavian, mid-century, classic, industrial; without it "
+            "another for each alternative."
+        ),
     ] = None
+    styling: Annotated[
+        Literal["none", "light", "full"],
+        Field(
+            description="What dresses it: light adds curtains, rugs, art and lamps, full small things and plants too"
+        ),
+    ] = "full"
+    lamps: Annotated[
+        Literal["off", "on"], Field(description="Whether the lamps that are put in shine (their lumens: staged.json)")
+    ] = "off"
     seed: Seed = 0
 
 

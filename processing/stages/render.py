@@ -13,9 +13,11 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.exchange.gltf import write_scene_glb
 from processing.ground.arrays import Floats
-from processing.layout.arrangement import Arrangement, Arrangements
-from processing.layout.furniture.model import STYLES, style_named
+from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
+from processing.layout.furniture.styles import STYLES, differing, style_named
 from processing.layout.models.catalogue import Catalogue
+from processing.layout.plan_files import plan_from_mapping
+from processing.layout.styling import styled
 from processing.light.picture.composite import Bare, Staged, differential, ibl
 from processing.light.picture.render import render
 from processing.light.scene.emptied import EmptyRoom
@@ -36,9 +38,10 @@ QUALITY = {
     "standard": EFFORTS["standard"],
     "reference": Effort(texel_m=0.07, patch_samples=128, rows=512, pixel_samples=32, sun_samples=256),
 }
+_PLACED: Any = {"id", "category", "model", "size_m", "theta_rad", "t_m"}
 _SHOWN: Any = {
     "rank": True,
-    "items": {"__all__": {"id", "category", "model", "size_m", "theta_rad", "t_m"}},
+    "items": {"__all__": _PLACED},
     "not_placed": True,
 }
 """Of an arrangement, what its picture and facts depend on."""
@@ -86,19 +89,23 @@ def run(context: StageContext) -> StageOutput:
     if context.time_budget_s is not None:
         effort = replace(effort, budget_s=context.time_budget_s / len(every))
     work = cache(partial(_work, context, asked, effort))
+    plan = plan_from_mapping(arranged.plan, where="arrangement")
     alternatives: list[Any] = []
     units = ""
     for number, one in enumerate(every):
         context.progress(number / len(every), f"alternative {one.rank} of {len(every)}")
-        style = asked.style or list(STYLES)[(asked.seed + number) % len(STYLES)]
+        style = asked.style or STYLES[(asked.seed + number) % len(STYLES)]
+        added = styled(one, plan, style, asked.styling, asked.seed)
         name = f"staged-{number + 1}"
         own: dict[str, Any] = {"style": style, "effort": repr(effort), "quality": context.quality}
         own |= {"method": asked.method, "seed": asked.seed, "of": one.model_dump(mode="json", include=_SHOWN)}
+        own |= {"lamps": asked.lamps, "added": [item.model_dump(mode="json", include=_PLACED) for item in added]}
         files = (f"{name}.exr", f"{name}.glb")
-        make = partial(_alternative, context.folder / name, work, style, one)
+        make = partial(_alternative, context.folder / name, work, style, one, added)
         facts = dict(context.part(name, files, own, make, apart="arrange"))
         units = facts.pop("units")
-        alternatives.append({"rank": one.rank, **facts})
+        apart = {"designs_differ": round(differing(alternatives[0]["style"], style), 2)} if alternatives else {}
+        alternatives.append({"rank": one.rank, **facts, **apart, "differs_by": one.differs_by})
         if context.enough() and number + 1 < len(every):
             break
     names = [f"staged-{k}{kind}" for k in range(1, MOST_STAGED + 1) for kind in ("", "-model")]
@@ -128,16 +135,21 @@ def _work(context: StageContext, asked: RenderParameters, effort: Effort) -> _Wo
     return _Work(empty, base, bare, eye, effort, asked, None if folder is None else Catalogue.at(folder))
 
 
-def _alternative(path: Path, common: Callable[[], _Work], style: str, one: Arrangement) -> dict[str, Any]:
+def _alternative(
+    path: Path, common: Callable[[], _Work], style: str, one: Arrangement, added: tuple[PlacedItem, ...]
+) -> dict[str, Any]:
     """Render one alternative, write its picture and its model (``path`` without an ending), and return its facts."""
     work = common()
-    parts = furniture_parts(one.items, Catalogue.builtin(style), work.own)
+    lit = work.asked.lamps == "on"
+    parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=lit)
     staged = _staged(work, parts, work.effort)
     write_exr(path.with_suffix(".exr"), _picture(work, staged, one))
     write_scene_glb(path.with_suffix(".glb"), work.bare.stage.scene.furnished(parts))
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",
         "items": [item.id for item in one.items],
+        "added": [item.model_dump(mode="json", include=_PLACED) for item in added],
+        "lamps": work.asked.lamps,
         "not_placed": [item.id for item in one.not_placed],
         "style": style,
         "triangles": sum(len(part.faces) for part in parts),

@@ -98,10 +98,10 @@ def test_rows_are_kept_and_a_refused_room_is_a_row(tmp_path: Path, monkeypatch: 
 def test_furniture_is_truly_placed(tmp_path: Path) -> None:
     room = make_room(900_001, "bedroom")
     items = placed(tmp_path)
-    staged = staged_room(room, items, "oak")
+    staged = staged_room(room, items, "scandinavian")
     assert staged.items == ()
     assert staged.key != room.emptied().key
-    assert staged_room(room, items, "walnut").key != staged.key
+    assert staged_room(room, items, "mid-century").key != staged.key
     assert len(staged.parts()) == len(room.emptied().parts()) + len(staged.extra)
     corners = np.concatenate([part.mesh.vertices for part in staged.extra])
     (desk,) = items

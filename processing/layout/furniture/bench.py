@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from processing.ground.arrays import Doubles
-from processing.layout.furniture.model import Material, Part, Size, Style
+from processing.layout.furniture.model import Material, Part, Size
 from processing.layout.furniture.solids import (
     CREASE_RAD,
     Solid,
@@ -21,6 +21,7 @@ from processing.layout.furniture.solids import (
     square_leg,
     tube,
 )
+from processing.layout.furniture.styles import Style
 
 
 @dataclass
@@ -32,6 +33,7 @@ class Bench:
     rng: np.random.Generator
     made: dict[tuple[int, float], list[tuple[Solid, Doubles | None]]] = field(default_factory=dict)
     materials: dict[int, Material] = field(default_factory=dict)
+    lights: dict[tuple[str, float], Material] = field(default_factory=dict)
 
     def add(
         self, body: Solid | Sequence[Solid], material: Material, *, grain: int = 2, uv: Doubles | None = None,
@@ -67,18 +69,23 @@ class Bench:
 
     def legs(self, reach: tuple[float, float], top_z: float, *, thick_m: float = 0.04, splay: float = 0.0) -> None:
         """Add four legs whose hips stand at (+-x, +-y), in the style's manner; splay moves their feet outwards."""
-        x, y = reach
-        s = self.style
+        (x, y), s = reach, self.style
+        timber, second, metal = (s.material(role) for role in ("timber", "timber2", "metal"))
         for sx in (-1, 1):
             for sy in (-1, 1):
                 hip = (sx * x, sy * y, top_z)
                 foot = (sx * (x + splay), sy * (y + splay), 0.0)
                 if s.legs == "round":
-                    self.add(leg(foot, hip, 0.30 * thick_m, 0.52 * thick_m), s.second_timber)
+                    self.add(leg(foot, hip, 0.30 * thick_m, 0.52 * thick_m), second)
                 elif s.legs == "square":
-                    self.add(square_leg(foot, hip, 0.72 * thick_m, thick_m), s.timber)
+                    self.add(square_leg(foot, hip, 0.72 * thick_m, thick_m), timber)
                 else:
-                    self.add(leg(foot, hip, 0.26 * thick_m, 0.26 * thick_m), s.metal)
+                    self.add(leg(foot, hip, 0.26 * thick_m, 0.26 * thick_m), metal)
+
+    def glowing(self, material: Material, lumen: float) -> Material:
+        """Return a material that sends out light while its lamp is switched on; alike for alike lamps."""
+        key = (material.name, lumen)
+        return self.lights.setdefault(key, replace(material, name=f"{material.name}, {lumen:g} lm", lumen=lumen))
 
     def parts(self) -> tuple[Part, ...]:
         """Return what has been made, one part a material and crease; its bounds are the size's exactly."""

@@ -1,58 +1,49 @@
-"""The table of built-in models: how each is built, and the sizes it can be made in."""
+"""The built-in models: every design of every category, in any size within its limits, in the materials of a style."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from processing.errors import CatalogueError
-from processing.layout.furniture import beds_and_tables, decor, seating, storage
+from processing.errors import CatalogueError, ItemError
 from processing.layout.furniture.bench import Bench
-from processing.layout.furniture.model import FurnitureModel, Size, style_named
-from processing.layout.items import KINDS
+from processing.layout.furniture.model import FurnitureModel, Size
+from processing.layout.furniture.script import build, designs
+from processing.layout.furniture.styles import style_named
+from processing.layout.furniture.verbs import VERBS
 
 LICENCE = "Apache-2.0 (part of daylit)"
 
 
-@dataclass(frozen=True)
-class Kind:
-    """How a kind is built, and its smallest and largest size in metres."""
+class Kind(NamedTuple):
+    """A category's sizes in metres, and its designs."""
 
-    build: Callable[[Bench], None]
     smallest_m: Size
+    usual_m: Size
     largest_m: Size
+    designs: dict[str, str]
 
 
-BUILT_IN: dict[str, Kind] = {
-    "bed": Kind(beds_and_tables.bed, (1.2, 1.9, 0.8), (1.6, 2.2, 1.3)),
-    "single bed": Kind(beds_and_tables.bed, (0.8, 1.9, 0.8), (1.1, 2.2, 1.3)),
-    "king bed": Kind(beds_and_tables.bed, (1.6, 1.9, 0.8), (2.2, 2.2, 1.3)),
-    "nightstand": Kind(storage.nightstand, (0.35, 0.30, 0.40), (0.65, 0.50, 0.70)),
-    "wardrobe": Kind(storage.wardrobe, (0.5, 0.45, 1.6), (3.0, 0.70, 2.6)),
-    "chest": Kind(storage.chest, (0.45, 0.35, 0.60), (1.8, 0.60, 1.30)),
-    "bookshelf": Kind(storage.bookshelf, (0.4, 0.22, 0.7), (1.6, 0.45, 2.4)),
-    "desk": Kind(beds_and_tables.desk, (0.9, 0.5, 0.68), (2.0, 0.9, 0.80)),
-    "desk chair": Kind(seating.desk_chair, (0.50, 0.50, 0.80), (0.72, 0.72, 1.25)),
-    "sofa": Kind(seating.sofa, (1.2, 0.75, 0.70), (2.8, 1.1, 1.0)),
-    "armchair": Kind(seating.armchair, (0.62, 0.68, 0.70), (0.95, 0.95, 1.05)),
-    "coffee table": Kind(beds_and_tables.coffee_table, (0.6, 0.4, 0.32), (1.5, 0.9, 0.55)),
-    "tv stand": Kind(storage.tv_stand, (0.9, 0.30, 0.35), (2.4, 0.55, 0.70)),
-    "tv": Kind(decor.television, (0.7, 0.06, 0.42), (1.9, 0.35, 1.15)),
-    "dining table": Kind(beds_and_tables.dining_table, (0.8, 0.65, 0.70), (2.6, 1.2, 0.80)),
-    "dining chair": Kind(seating.dining_chair, (0.40, 0.44, 0.75), (0.55, 0.60, 1.05)),
-    "rug": Kind(decor.rug, (0.6, 0.4, 0.006), (4.0, 3.0, 0.03)),
-    "floor lamp": Kind(decor.floor_lamp, (0.25, 0.25, 1.2), (0.6, 0.6, 2.0)),
-    "plant": Kind(decor.plant, (0.25, 0.25, 0.4), (0.9, 0.9, 1.9)),
-}
+@cache
+def _shared() -> dict[str, str]:
+    return {name: text for table in designs()["shared"] for name, text in table.items()}
+
+
+def _kind(tables: dict[str, Any], row: dict[str, Any]) -> Kind:
+    smallest, usual, largest = (tuple(size) for size in row["sizes"])
+    texts = tables[row["like"]] if "like" in row else row
+    return Kind(smallest, usual, largest, {name: text for name, text in texts.items() if name not in ("sizes", "like")})
+
+
+BUILT_IN: dict[str, Kind] = {name: _kind(designs(), row) for name, row in designs().items() if name != "shared"}
 
 
 def checked_size(category: str, size_m: Size | None) -> Size:
     """Return a size within the kind's limits, its usual one for None; raise `CatalogueError` for others."""
     kind = BUILT_IN[category]
-    size = KINDS[category].size_m if size_m is None else size_m
+    size = kind.usual_m if size_m is None else size_m
     rows = zip(("wide", "deep", "high"), size, kind.smallest_m, kind.largest_m, strict=True)
     for word, value, low, high in rows:
         if not low - 1e-6 <= value <= high + 1e-6:
@@ -60,10 +51,20 @@ def checked_size(category: str, size_m: Size | None) -> Size:
     return size
 
 
-@lru_cache(maxsize=32)
-def build_model(category: str, style: str, size_m: Size | None = None) -> FurnitureModel:
-    """Return a built-in model; the same arguments give the same triangles."""
+def design_of(category: str, style: str) -> str:
+    """Return the name of the design that a style has of a category: its own, else the first."""
+    texts, chosen = BUILT_IN[category].designs, style_named(style).designs
+    of = next((name for name in (category, category.split()[-1]) if chosen.get(name) in texts), "")
+    return chosen[of] if of else next(iter(texts))
+
+
+@lru_cache(maxsize=64)
+def build_model(category: str, style: str, size_m: Size | None = None, design: str = "") -> FurnitureModel:
+    """Return a built-in model, in a style's design or another; the same arguments give the same triangles."""
     size = checked_size(category, size_m)
+    name = design or design_of(category, style)
+    if name not in BUILT_IN[category].designs:
+        raise ItemError(f"no design '{name[:40]}'; there are: {', '.join(BUILT_IN[category].designs)}", where=category)
     bench = Bench(size, style_named(style), np.random.default_rng(sum(category.encode())))
-    BUILT_IN[category].build(bench)
-    return FurnitureModel(f"{category}/{style}", category, bench.parts(), size, LICENCE)
+    build(bench, BUILT_IN[category].designs[name], VERBS, _shared())
+    return FurnitureModel(f"{category}/{style}", category, bench.parts(), size, LICENCE, notes=(f"design {name}",))

@@ -1,4 +1,4 @@
-"""A piece of furniture as triangles with materials: what the catalogue gives and the rendering stage takes; its styles.
+"""A piece of furniture as triangles with materials, and procedural surfaces: what catalogue and rendering share.
 
 The frame is the item's (`processing.layout.items`): origin on the floor in the middle of the footprint, x along the
 width, +y to the front, z up, metres. Triangles wind counter-clockwise seen from outside.
@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from scipy import fft
 
-from processing.errors import ItemError
 from processing.ground.arrays import Bytes, Doubles, Floats, Int32s
 from processing.ground.colour import linear_of_srgb, srgb_of_linear
 
@@ -38,6 +37,8 @@ class Material:
     """1 solid; less for glass."""
     two_sided: bool = False
     """Also seen from behind (loaded surfaces that are not closed)."""
+    lumen: float = 0.0
+    """Luminous flux that it sends out while its lamp is switched on."""
 
     @cached_property
     def albedo(self) -> Colour:
@@ -101,7 +102,9 @@ class FurnitureModel:
 # Procedural surfaces as pictures that repeat without a seam: wood, woven cloth, boucle, leather.
 
 SIDE = 384
-WOOD_M = (0.40, 1.20)
+WOOD_M = (0.72, 1.44)
+"""Four planks of 0.18 m side by side (chosen: veneer is laid so), each with its own figure."""
+PLANKS = 4
 CLOTH_M = (0.16, 0.16)
 LEATHER_M = (0.30, 0.30)
 
@@ -130,17 +133,27 @@ def _coloured(tone: Doubles, colour: Colour, tint: Colour = (0.0, 0.0, 0.0)) -> 
 def wood(colour: Colour, figure: float = 1.0, seed: int = 3) -> Bytes:
     """Return a picture (H, W, 3), sRGB, of wood of a mean colour, the grain running down the picture; `figure` 0 is
     nearly plain.
+
+    Growth rings 3 to 12 mm apart, as quarter- and flat-sawn boards of 0.18 m show them; pores 1 to 2 mm wide.
     """
-    tall, wide = 2 * SIDE, SIDE
-    x = np.arange(wide)[None, :] / wide
-    warp = 0.10 * noise((tall, wide), (420, 130), seed) + 0.014 * noise((tall, wide), (90, 26), seed + 1)
-    rings = (x + warp) * 9
+    tall, wide = 3 * SIDE, 3 * SIDE // 2
+    mm = wide / (1000 * WOOD_M[0])
+    rng = np.random.default_rng(seed)
+    plank = np.arange(wide) * PLANKS // wide
+    u = (np.arange(wide) * PLANKS / wide) % 1.0
+    heart = rng.uniform(-0.6, 1.6, PLANKS)[plank]
+    shift = rng.permutation(PLANKS)[plank] * 3.7
+    sway = noise((tall, wide), (700 * mm, 120 * mm), seed)
+    along = np.cos(2 * np.pi * (np.arange(tall)[:, None] / tall + rng.uniform(0, 1, PLANKS)[plank][None, :]))
+    # Flat-sawn boards cut the rings at a low angle about the heart: wide there, narrow at the edges.
+    away = np.sqrt((u - heart) ** 2 + 0.03 + 0.02 * along)
+    rings = 17 * away + 0.30 * sway + shift
     phase = rings - np.floor(rings)
-    late = np.exp(-(((phase - 0.82) / 0.16) ** 2)) + 0.35 * phase
-    pores = noise((tall, wide), (70, 1.6), seed + 2)
-    fibres = noise((tall, wide), (260, 3.0), seed + 3)
-    broad = noise((tall, wide), (600, 90), seed + 4)
-    tone = -0.20 * late - 0.055 * np.clip(pores, 0.2, None) + 0.035 * fibres + 0.06 * broad
+    late = np.exp(-(((phase - 0.80) / 0.18) ** 2)) + 0.30 * phase
+    pores = noise((tall, wide), (26 * mm, 1.6 * mm), seed + 2)
+    fibres = noise((tall, wide), (200 * mm, 2.6 * mm), seed + 3)
+    board = rng.normal(0, 0.05, PLANKS)[plank][None, :]
+    tone = -0.15 * late - 0.06 * np.clip(pores, 0.3, None) + 0.03 * fibres + board
     return _coloured(figure * tone, colour, (-0.12, 0.05, 0.35))
 
 
@@ -178,110 +191,3 @@ def leather(colour: Colour, seed: int = 17) -> Bytes:
     pores = np.abs(noise((SIDE, SIDE), (7, 7), seed))
     tone = -0.05 * np.exp(-4 * pores) + 0.07 * noise((SIDE, SIDE), (150, 150), seed + 1)
     return _coloured(tone, colour, (-0.1, 0.05, 0.1))
-
-
-Legs: TypeAlias = Literal["round", "square", "metal"]
-Handles: TypeAlias = Literal["knob", "bar", "grip"]
-Head: TypeAlias = Literal["slats", "padded", "panel"]
-
-
-@dataclass(frozen=True)
-class Style:
-    """Materials and details of a set."""
-
-    name: str
-    timber: Material
-    front: Material
-    """Doors and drawers."""
-    second_timber: Material
-    """Insides, table legs."""
-    fabric: Material
-    second_fabric: Material
-    accent: Material
-    """Cushions, throw."""
-    bedding: Material
-    metal: Material
-    legs: Legs
-    handles: Handles
-    head: Head
-    rug: tuple[Colour, Colour, Colour]
-    """Ground, pattern, lines."""
-    pot: Material
-
-
-def _wood(name: str, colour: Colour, figure: float = 1.0, roughness: float = 0.5) -> Material:
-    return Material(name, (1.0, 1.0, 1.0), roughness, texture=wood(colour, figure), texture_m=WOOD_M)
-
-
-def _cloth(name: str, colour: Colour, contrast: float = 1.0) -> Material:
-    return Material(name, (1.0, 1.0, 1.0), 0.92, texture=cloth(colour, contrast), texture_m=CLOTH_M)
-
-
-def _boucle(name: str, colour: Colour) -> Material:
-    return Material(name, (1.0, 1.0, 1.0), 0.95, texture=boucle(colour), texture_m=CLOTH_M)
-
-
-def _leather(name: str, colour: Colour) -> Material:
-    return Material(name, (1.0, 1.0, 1.0), 0.42, texture=leather(colour), texture_m=LEATHER_M)
-
-
-BLACK_STEEL = Material("black steel", (0.03, 0.03, 0.032), 0.45)
-BRASS = Material("brass", (0.78, 0.56, 0.26), 0.28, 1.0)
-NICKEL = Material("nickel", (0.62, 0.60, 0.57), 0.30, 1.0)
-
-
-@lru_cache(maxsize=1)
-def _oak() -> Style:
-    oak = _wood("oak", (0.50, 0.335, 0.185))
-    return Style(
-        "oak", oak, oak, oak, _cloth("linen, natural", (0.56, 0.51, 0.43)),
-        _boucle("boucle, cream", (0.68, 0.63, 0.55)),
-        _cloth("linen, sage", (0.24, 0.28, 0.19)), _cloth("cotton, white", (0.80, 0.79, 0.76), 0.35), BLACK_STEEL,
-        "round", "knob", "slats", ((0.62, 0.57, 0.48), (0.36, 0.33, 0.26), (0.20, 0.20, 0.16)),
-        Material("clay", (0.46, 0.24, 0.14), 0.8),
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=1)
-def _walnut() -> Style:
-    walnut = _wood("walnut", (0.165, 0.088, 0.046), 1.25, 0.42)
-    return Style(
-        "walnut", walnut, walnut, walnut, _cloth("wool, charcoal", (0.085, 0.09, 0.10)),
-        _leather("leather, cognac", (0.30, 0.125, 0.045)), _cloth("velvet, rust", (0.36, 0.13, 0.055), 0.6),
-        _cloth("percale, grey", (0.55, 0.55, 0.55), 0.35), BRASS, "metal", "bar", "padded",
-        ((0.17, 0.17, 0.18), (0.42, 0.38, 0.32), (0.30, 0.13, 0.07)), Material("stoneware", (0.09, 0.09, 0.095), 0.35),
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=1)
-def _white() -> Style:
-    white = Material("white lacquer", (0.76, 0.75, 0.72), 0.45)
-    birch = _wood("birch", (0.64, 0.50, 0.33), 0.55)
-    return Style(
-        "white", white, white, birch, _cloth("cotton, blue", (0.115, 0.19, 0.315)),
-        _cloth("cotton, pale blue", (0.46, 0.54, 0.62)), _cloth("cotton, mustard", (0.56, 0.36, 0.08)),
-        _cloth("cotton, ivory", (0.77, 0.75, 0.69), 0.35), NICKEL, "square", "knob", "panel",
-        ((0.70, 0.69, 0.66), (0.13, 0.21, 0.34), (0.42, 0.50, 0.60)), Material("glaze, white", (0.74, 0.73, 0.70), 0.2),
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=1)
-def _black() -> Style:
-    black = _wood("black ash", (0.040, 0.037, 0.035), 0.9, 0.55)
-    ash = _wood("ash", (0.60, 0.46, 0.30), 0.8)
-    return Style(
-        "black", black, black, ash, _cloth("wool, forest", (0.075, 0.135, 0.085)),
-        _cloth("wool, sand", (0.50, 0.41, 0.29)), _cloth("linen, ochre", (0.52, 0.31, 0.10)),
-        _cloth("linen, flax", (0.66, 0.60, 0.50), 0.5), BLACK_STEEL, "metal", "grip", "padded",
-        ((0.55, 0.47, 0.35), (0.07, 0.07, 0.07), (0.33, 0.25, 0.15)), Material("concrete", (0.38, 0.37, 0.35), 0.85),
-    )  # fmt: skip
-
-
-STYLES = {"oak": _oak, "walnut": _walnut, "white": _white, "black": _black}
-
-
-def style_named(name: str) -> Style:
-    """Return a style; raise `ItemError` naming those there are."""
-    if name not in STYLES:
-        raise ItemError(f"no style '{name[:40]}'; there are: {', '.join(STYLES)}")
-    return STYLES[name]()

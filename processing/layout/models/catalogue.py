@@ -12,8 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from processing.errors import CatalogueError, ModelFileError
-from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model
-from processing.layout.furniture.model import STYLES, FurnitureModel, Size, style_named
+from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model, design_of
+from processing.layout.furniture.model import FurnitureModel, Size
+from processing.layout.furniture.styles import STYLES, style_named
 from processing.layout.items import KINDS, ItemSpec, UseZone
 
 RULES = (
@@ -114,14 +115,15 @@ class BuiltInSource:
 
     @property
     def model_id(self) -> str:
-        """Return category and style, as in `sofa/oak`."""
+        """Return category and style, as in `sofa/classic`."""
         return f"{self.category}/{self.style}"
 
     def entry(self) -> CatalogueEntry:
         """Return its usual size and its limits."""
         kind = BUILT_IN[self.category]
-        size = KINDS[self.category].size_m
-        return CatalogueEntry(self.model_id, self.category, size, kind.smallest_m, kind.largest_m, LICENCE)
+        notes = (f"design {design_of(self.category, self.style)}",)
+        sizes = (kind.usual_m, kind.smallest_m, kind.largest_m)
+        return CatalogueEntry(self.model_id, self.category, *sizes, LICENCE, notes=notes)
 
     def model(self, size_m: Size | None) -> FurnitureModel:
         """Return it in the size asked for."""
@@ -139,7 +141,7 @@ class Catalogue:
     @classmethod
     def builtin(cls, style: str | None = None) -> Catalogue:
         """Return the built-in furniture in one style, or in all; raise `ItemError` for an unknown one."""
-        styles = list(STYLES) if style is None else [style_named(style).name]
+        styles = STYLES if style is None else [style_named(style).name]
         return cls(f"built-in, {style or 'all styles'}", [BuiltInSource(k, s) for k in BUILT_IN for s in styles])
 
     @classmethod

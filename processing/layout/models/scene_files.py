@@ -20,6 +20,7 @@ from processing.layout.arrangement import Arrangement, PlacedItem
 from processing.layout.furniture.builtin import BUILT_IN
 from processing.layout.furniture.model import FurnitureModel, Part
 from processing.layout.furniture.solids import rotation
+from processing.layout.furniture.styles import STYLES
 from processing.layout.models.catalogue import Catalogue
 
 
@@ -30,7 +31,7 @@ def _model_of(item: PlacedItem, catalogue: Catalogue) -> FurnitureModel:
         if item.category not in BUILT_IN:
             raise
         note = f"the built-in {item.category} instead: {error}"
-    model = Catalogue.builtin("oak").mesh(item.category, item.size_m)
+    model = Catalogue.builtin(STYLES[0]).mesh(item.category, item.size_m)
     return replace(model, notes=(*model.notes, note))
 
 

@@ -245,7 +245,7 @@ def test_categories_are_told_from_names(name: str, category: str) -> None:
 
 
 def test_glb_of_a_model_comes_back_as_it_was(tmp_path: Path) -> None:
-    model = Catalogue.builtin("walnut").mesh("nightstand")
+    model = Catalogue.builtin("mid-century").mesh("nightstand")
     path = tmp_path / "nightstand.glb"
     write_model(path, model)
     scene = trimesh.load_scene(path)
@@ -265,7 +265,7 @@ def test_arrangement_stands_in_the_rooms_axes(tmp_path: Path) -> None:
     chest = item("chest", "chest", 1.0, 2.0, math.pi / 2, (0.9, 0.45, 0.85))
     night = item("night", "nightstand", -1.0, 0.5, 0.0, (0.45, 0.40, 0.50))
     both = Arrangement(rank=1, items=(chest, night), score=1.0, scores={}, rule_set="standard")
-    models = write_arrangement(tmp_path / "room.glb", both, Catalogue.builtin("oak"))
+    models = write_arrangement(tmp_path / "room.glb", both, Catalogue.builtin("scandinavian"))
     assert "the built-in chest instead" in models[0].notes[-1]
     scene = trimesh.load_scene(tmp_path / "room.glb")
     low, high = scene.bounds

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from processing.errors import CatalogueError, ItemError
-from processing.layout.furniture.builtin import BUILT_IN, build_model
-from processing.layout.furniture.model import STYLES, FurnitureModel, noise, wood
+from processing.layout.arrangement import PlacedItem
+from processing.layout.furniture.builtin import BUILT_IN, build_model, design_of
+from processing.layout.furniture.model import FurnitureModel, noise, wood
 from processing.layout.furniture.solids import signed_volume_m3
+from processing.layout.furniture.styles import STYLES
 from processing.layout.items import KINDS, ItemSpec
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.models.mesh_files import RawPart
 from processing.layout.models.mesh_pose import repaired
+from processing.stages.furnishing import furniture_parts
 
 MOST_TRIANGLES = 20_000
 
@@ -48,24 +51,70 @@ def assert_closed(vertices: np.ndarray, faces: np.ndarray, name: str) -> None:
 @pytest.mark.parametrize("category", sorted(BUILT_IN))
 def test_model_is_sound_in_every_size(category: str) -> None:
     kind = BUILT_IN[category]
-    first = sorted(BUILT_IN).index(category)
-    styles = [list(STYLES)[(first + k) % 4] for k in range(3)]
-    for style, size in zip(styles, (None, kind.smallest_m, kind.largest_m), strict=True):
-        model = build_model(category, style, size)
-        assert model.size_m == (size or KINDS[category].size_m)
-        assert_sound(model)
+    sizes = (None, kind.smallest_m, kind.largest_m)
+    for number, design in enumerate(kind.designs):
+        for size in sizes if number == 0 else sizes[number % 3 :][:1]:
+            model = build_model(category, STYLES[number % 4], size, design)
+            assert model.size_m == (size or kind.usual_m)
+            assert_sound(model)
+
+
+SHAPED = ("sofa", "armchair", "coffee table", "bed", "nightstand", "wardrobe", "chest", "bookshelf", "desk", "rug",
+          "dining table", "dining chair", "floor lamp", "table lamp", "plant", "tv stand", "art")  # fmt: skip
+
+
+@pytest.mark.parametrize("category", SHAPED)
+def test_designs_differ_in_shape_and_each_style_has_its_own(category: str) -> None:
+    """Of one size and style, designs are of other parts and triangles; prints and rugs differ by pattern."""
+    designs = list(BUILT_IN[category].designs)
+    assert len(designs) >= 3
+    assert {design_of(category, style) for style in STYLES} <= set(designs)
+    assert len({design_of(category, style) for style in STYLES}) >= 3
+    if category == "rug":  # flat: their patterns differ
+        return
+    counts = [tuple(len(p.faces) for p in build_model(category, STYLES[0], None, design).parts) for design in designs]
+    prints = category == "art"
+    assert prints or len(set(counts)) == len(designs)
+
+
+def test_lamps_send_out_their_lumens_only_when_lit() -> None:
+    lamp = PlacedItem(id="l", category="table lamp", size_m=(0.28, 0.28, 0.46), theta_rad=0.0, t_m=(0.0, 0.0, 0.5))
+    catalogue = Catalogue.builtin("mid-century")
+    assert not any(sum(p.material.emission_cd_m2) for p in furniture_parts([lamp], catalogue))
+    flux = 0.0
+    for part in furniture_parts([lamp], catalogue, lit=True):
+        a, b, c = (part.vertices_m[part.faces[:, k]] for k in range(3))
+        area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+        flux += np.pi * area * np.dot((0.2127, 0.7151, 0.0722), part.material.emission_cd_m2)
+    assert flux == pytest.approx(400, rel=0.01)
+
+
+def test_wood_runs_along_boards_at_true_scale() -> None:
+    """A wardrobe's door is as wide in texture coordinates as in metres, its grain upright, in any size."""
+    for size in ((1.2, 0.6, 2.0), (2.4, 0.65, 2.5)):
+        parts = [p for p in build_model("wardrobe", "scandinavian", size).parts if p.material.name == "oak"]
+        for part in parts:
+            assert part.uv is not None
+            a, b, c = (part.faces[:, k] for k in range(3))
+            place, uv = part.vertices.astype(float), part.uv.astype(float)
+            seen = np.abs(part.normals[a, 1]) > 0.999  # fronts
+            for i, j in ((a, b), (b, c)):
+                real, drawn = place[j[seen]] - place[i[seen]], uv[j[seen]] - uv[i[seen]]
+                np.testing.assert_allclose(
+                    np.linalg.norm(drawn, axis=1), np.linalg.norm(real, axis=1), rtol=0.02, atol=1e-3
+                )
 
 
 def test_every_kind_of_the_item_table_has_a_model() -> None:
-    assert set(BUILT_IN) == set(KINDS)
+    assert set(BUILT_IN) >= set(KINDS)
     for category, kind in BUILT_IN.items():
-        usual = KINDS[category].size_m
+        usual = KINDS[category].size_m if category in KINDS else kind.usual_m
         assert all(a <= v <= b for a, v, b in zip(kind.smallest_m, usual, kind.largest_m, strict=True)), category
 
 
 @pytest.mark.parametrize("category", ["sofa", "armchair", "dining chair", "desk chair", "bed"])
 def test_backs_are_at_the_back(category: str) -> None:
-    model = build_model(category, "oak")
+    model = build_model(category, "scandinavian")
     points = np.concatenate([p.vertices for p in model.parts])
     upper = points[points[:, 2] > 0.85 * model.size_m[2]]
     assert upper[:, 1].mean() < -0.1 * model.size_m[1]
@@ -73,7 +122,7 @@ def test_backs_are_at_the_back(category: str) -> None:
 
 @pytest.mark.parametrize("category", ["chest", "wardrobe", "nightstand"])
 def test_handles_are_at_the_front(category: str) -> None:
-    model = build_model(category, "walnut")
+    model = build_model(category, "classic")
     metal = [p for p in model.parts if p.material.metallic == 1]
     points = np.concatenate([p.vertices for p in metal])
     assert points[:, 1].max() > 0.99 * model.size_m[1] / 2
@@ -82,8 +131,8 @@ def test_handles_are_at_the_front(category: str) -> None:
 
 def test_legs_keep_their_thickness_when_a_table_grows() -> None:
     def leg_width(size: tuple[float, float, float]) -> float:
-        model = build_model("dining table", "white", size)
-        points = np.concatenate([p.vertices for p in model.parts if p.material.texture is None])
+        model = build_model("dining table", "classic", size)
+        points = np.concatenate([p.vertices for p in model.parts])
         foot = points[(points[:, 2] < 0.02) & (points[:, 0] > 0) & (points[:, 1] > 0)]
         return float(np.ptp(foot[:, 0]))
 
@@ -92,9 +141,9 @@ def test_legs_keep_their_thickness_when_a_table_grows() -> None:
 
 def test_same_arguments_give_the_same_triangles_and_styles_differ() -> None:
     build_model.cache_clear()
-    one = build_model("plant", "oak", (0.5, 0.5, 1.0))
+    one = build_model("plant", "scandinavian", (0.5, 0.5, 1.0))
     build_model.cache_clear()
-    two = build_model("plant", "oak", (0.5, 0.5, 1.0))
+    two = build_model("plant", "scandinavian", (0.5, 0.5, 1.0))
     for a, b in zip(one.parts, two.parts, strict=True):
         assert np.array_equal(a.vertices, b.vertices)
     colours = {build_model("chest", style).parts[0].material.albedo for style in STYLES}
@@ -112,19 +161,19 @@ def test_textures_repeat_without_a_seam_and_keep_their_mean_colour() -> None:
 
 
 def test_catalogue_answers_for_names_sizes_and_limits() -> None:
-    catalogue = Catalogue.builtin("walnut")
+    catalogue = Catalogue.builtin("mid-century")
     assert len(catalogue.entries) == len(BUILT_IN)
     assert catalogue.mesh("coffee-table").category == "coffee table"
-    entry = catalogue.entry("bed/walnut")
+    entry = catalogue.entry("bed/mid-century")
     assert entry.zones == KINDS["bed"].zones
     spec = entry.item_spec()
     assert isinstance(spec, ItemSpec)
-    assert spec.model == "bed/walnut"
+    assert spec.model == "bed/mid-century"
     with pytest.raises(CatalogueError, match=r"0\.9 to 2 m wide"):
         catalogue.mesh("desk", (3.0, 0.6, 0.74))
-    with pytest.raises(CatalogueError, match="nearest: sofa/walnut"):
-        catalogue.mesh("sofaa/walnut")
-    with pytest.raises(ItemError, match="there are: oak"):
+    with pytest.raises(CatalogueError, match="nearest: sofa/mid-century"):
+        catalogue.mesh("sofaa/mid-century")
+    with pytest.raises(ItemError, match="there are: scandinavian"):
         Catalogue.builtin("baroque")
 
 
@@ -141,7 +190,7 @@ def test_choose_is_seeded_and_keeps_the_limits() -> None:
 
 def test_repair_finds_nothing_to_repair_in_our_own() -> None:
     """The loader's repair and the builder agree on what outward is."""
-    part = build_model("nightstand", "oak").parts[0]
+    part = build_model("nightstand", "scandinavian").parts[0]
     sound = repaired(RawPart(part.vertices.astype(float), part.faces.astype(np.int64), None, part.material), 1.0)
     assert sound is not None
     assert sound.turned == 0

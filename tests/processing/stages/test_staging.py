@@ -103,7 +103,7 @@ def test_without_a_picture_of_the_sky_the_windows_light_the_room(known: dict[tup
 
 
 def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
-    made = rendering.run(context(tmp_path, RenderParameters(style="walnut"), known, max_error=0.5))
+    made = rendering.run(context(tmp_path, RenderParameters(style="mid-century"), known, max_error=0.5))
     staged = read_exr(tmp_path / "staged-1.exr")
     before = known["calibrate", "indoor"]
     told = made.artifacts["staged"]["alternatives"][0]  # type: ignore[index]
@@ -118,7 +118,7 @@ def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict
     assert (tmp_path / "staged-1.glb").read_bytes()[:4] == b"glTF"
     again = tmp_path / "again"
     again.mkdir()
-    rendering.run(context(again, RenderParameters(style="walnut"), known, max_error=0.5))
+    rendering.run(context(again, RenderParameters(style="mid-century"), known, max_error=0.5))
     assert (again / "staged-1.exr").read_bytes() == (tmp_path / "staged-1.exr").read_bytes()
 
 

@@ -1,0 +1,278 @@
+"""The verbs of designs: shapes that are made, posed and added to a bench, and whole assemblies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from processing.ground.arrays import Bytes, Doubles
+from processing.ground.colour import srgb_of_linear
+from processing.ground.mesh import carried_frames
+from processing.layout.furniture import cases, seating
+from processing.layout.furniture.bench import Bench
+from processing.layout.furniture.model import Colour, Material, noise
+from processing.layout.furniture.soft import cushion, hanging, pad, pillow, sheets, wrinkled
+from processing.layout.furniture.solids import (
+    Solid,
+    Spot,
+    box,
+    circle,
+    curve,
+    leg,
+    loft,
+    rounded_rectangle,
+    signed_volume_m3,
+    slab,
+    solid,
+    square_leg,
+    tube,
+    turned_piece,
+    vessel,
+)
+
+Span = tuple[float, float]
+
+
+def _box(x: Span, y: Span, z: Span, bevel: float = 0.003, fine: int = 1) -> Solid:
+    return box((x[0], y[0], z[0]), (x[1], y[1], z[1]), bevel, fine)
+
+
+def _pad(
+    x: Span, y: Span, z: Span, edge: float, puff: Any = 0.006, folds: float = 0.0015, inner: int = 6, fine: int = 3
+) -> Solid:  # fmt: skip
+    one = pad((x[0], y[0], z[0]), (x[1], y[1], z[1]), edge, puff, inner=inner, steps=fine)
+    return wrinkled(one, folds, 0.4, round(1000 * abs(x[0] + 2 * z[0]))) if folds else one
+
+
+def _plate(size: Span, z: Span, corner: float = 0.012, edge: float = 0.006) -> Solid:
+    return slab(*size, *z, corner_m=corner, edge_m=edge)
+
+
+def _cushion(size: Spot, crown: float = 0.03, piping: float = 0.0045, seed: int = 0, inner: int = 5) -> Solid:
+    return cushion(*size, crown_m=crown, piping_m=piping, seed=seed, inner=inner)
+
+
+def _pillow(size: Spot, seed: int = 0) -> Solid:
+    return pillow(*size, seed=seed, grid=11)
+
+
+def _cover(size: Span, drop: float, thick: float, seed: int = 4, foot: float = 0.0, begin: float = 0.0) -> Solid:
+    cells = (40, 30 if foot else 12)
+    return hanging(*size, drop, thick, seed=seed, foot_drop_m=foot, begin_m=begin, cells=cells)
+
+
+def _rod(path: Sequence[Spot], r: Any, smooth: int = 0, sides: int = 12, ring: int = 0) -> Solid:
+    line = curve(path, smooth) if smooth else np.asarray(path, dtype=np.float64)
+    shares = np.linspace(0, 1, len(line))
+    radii = np.interp(shares, np.linspace(0, 1, len(r)), r).tolist() if isinstance(r, tuple) else r
+    return tube(line, radii, sides, closed=bool(ring))
+
+
+def sweep(
+    path: Sequence[Spot], section: Span, side: Spot = (1.0, 0.0, 0.0), scale: Any = 1.0, smooth: int = 5,
+    corner: float = 0.45,
+) -> Solid:  # fmt: skip
+    """Return a bar of rounded rectangular section along a smooth line; `side` is where the section's width points.
+
+    `corner`: its rounding as a share of its thinner side; `scale`: of the section, along the line.
+    """
+    line = curve(path, smooth)
+    tangents = np.gradient(line, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    frames = carried_frames(tangents, np.cross(tangents[0], np.asarray(side, dtype=np.float64)))
+    ring = rounded_rectangle(section[1], section[0], corner * min(section), steps=3)[:, :2]
+    many = np.interp(np.linspace(0, 1, len(line)), np.linspace(0, 1, len(scale)), scale) if _many(scale) else scale
+    rows = line[:, None, :] + np.broadcast_to(many, len(line))[:, None, None] * (ring @ frames)
+    body = loft(rows)
+    return body if signed_volume_m3(body.vertices, body.faces) > 0 else solid(body.vertices, body.faces[:, ::-1])
+
+
+def _many(value: Any) -> bool:
+    return isinstance(value, tuple | list)
+
+
+def _band(profile: Sequence[Span], sides: int = 48) -> Solid:
+    """Return the ring of a closed profile of (radius, height), given counter-clockwise with the axis to its left."""
+    rings = np.stack([circle(r, sides, z) for r, z in profile])
+    m, n = rings.shape[:2]
+    i, j = np.meshgrid(np.arange(m), np.arange(n), indexing="ij")
+    a, c = i * n + j, i * n + (j + 1) % n
+    b, d = (i + 1) % m * n + j, (i + 1) % m * n + (j + 1) % n
+    faces = np.concatenate([np.stack([a, c, d], -1).reshape(-1, 3), np.stack([a, d, b], -1).reshape(-1, 3)])
+    return solid(rings.reshape(-1, 3), faces)
+
+
+def _leaf(
+    size: Span, droop: float = 0.3, fold: float = 0.22, blunt: float = 0.75, cells: tuple[int, int] = (7, 9)
+) -> Solid:
+    """Return a leaf along +y: oval, folded along its midrib, drooping to its tip, 1 mm thick."""
+    long, wide = size
+    u, t = np.meshgrid(*(np.linspace(a, 1, n) for a, n in zip((-1, 0), cells, strict=True)), indexing="ij")
+    x = u * wide / 2 * np.sin(math.pi * t**0.82) ** blunt
+    z = fold * np.abs(x) * (1 - 0.5 * t) - droop * long * t**2 * 0.55 + 0.012 * long * np.sin(9 * t) * np.abs(u)
+    thick = 0.0012 * (1 - np.abs(u)) * np.sin(math.pi * np.clip(t, 0, 1)) ** 0.5
+    return sheets(np.stack([x, long * t, z + thick], -1), np.stack([x, long * t, z - thick], -1))
+
+
+def _drape(x: Span, z: Span, deep: float, pleats: int, seed: int = 0) -> Solid:
+    """Return gathered cloth hanging in x at y = 0: pleats fixed above, wider and less even below."""
+    rng = np.random.default_rng(seed)
+    s, t = np.meshgrid(np.linspace(0, 1, 12 * pleats + 1), np.linspace(0, 1, 11), indexing="ij")
+    wander = sum(rng.normal(0, 0.10) * np.sin((k + 1) * 2.1 * s + rng.uniform(0, 6)) for k in range(4))
+    wave = 2 * np.pi * (pleats * s + 0.55 * (1 - t) * wander)
+    across = x[0] + (x[1] - x[0]) * s + 0.12 * deep * np.sin(2 * wave) * (1 - 0.4 * t)
+    y = deep / 2 * np.sin(wave) * (0.62 + 0.38 * (1 - t)) * 0.96
+    slope = np.cos(wave)
+    thick = 0.0012 + 0.0002 * slope
+    across[0], across[-1] = x[0], x[1]
+    up = z[0] + (z[1] - z[0]) * t
+    return sheets(np.stack([across, y + thick, up], -1), np.stack([across, y - thick, up], -1))
+
+
+def _wheel(profile: Sequence[Span], sides: int = 32, stretch: Span = (1.0, 1.0)) -> Solid:
+    return turned_piece(profile, sides).scaled(stretch[0], stretch[1], 1.0)
+
+
+SHAPES: dict[str, Callable[..., Solid]] = {
+    "box": _box, "pad": _pad, "plate": _plate, "cushion": _cushion, "pillow": _pillow, "cover": _cover, "rod": _rod,
+    "sweep": sweep, "band": _band, "leaf": _leaf, "drape": _drape, "turned": _wheel,
+    "vessel": lambda profile, wall=0.006, sides=28: vessel(profile, wall, sides),
+    "leg": lambda foot, hip, r, sides=14: leg(foot, hip, r[0], r[1], sides),
+    "post": lambda foot, hip, side: square_leg(foot, hip, *side),
+}  # fmt: skip
+
+
+class Pose(NamedTuple):
+    """How a shape is put into a piece: turned by degrees about x, y, z in this order, then moved."""
+
+    at: Spot = (0.0, 0.0, 0.0)
+    tilt: float = 0.0
+    roll: float = 0.0
+    turn: float = 0.0
+    low: float | None = None
+    """Height of its lowest point."""
+    grain: int | None = None
+    """Axis along which its texture runs; its longest side's where it is not given."""
+    soft: int = 0
+    """Rounded over wide angles."""
+    lumen: float = 0.0
+    """What it sends out while switched on."""
+
+
+def add(bench: Bench, role: str, verb: str, **values: Any) -> None:
+    """Make a shape of its measures, pose it and add it."""
+    pose = Pose(**{key: values.pop(key) for key in Pose._fields if key in values})
+    body = SHAPES[verb](**values)
+    for axis, degrees in (("x", pose.tilt), ("y", pose.roll), ("z", pose.turn)):
+        body = body.turned(axis, math.radians(degrees)) if degrees else body
+    body = body.moved(*pose.at)
+    if pose.low is not None:
+        body = body.moved(0.0, 0.0, pose.low - float(body.vertices[:, 2].min()))
+    material = bench.style.material(role)
+    if pose.lumen:
+        material = bench.glowing(material, pose.lumen)
+    run = int(np.argmax(np.ptp(body.rest, axis=0))) if pose.grain is None else pose.grain
+    bench.add(body, material, grain=run, crease_rad=math.radians(80 if pose.soft else 50))
+
+
+# Flat pictures: rugs and prints, drawn in the style's colours.
+
+
+def _grid(width_m: float, depth_m: float, scale: float) -> tuple[Doubles, Doubles]:
+    cols, rows = max(16, round(width_m * scale)), max(16, round(depth_m * scale))
+    y, x = np.meshgrid((np.arange(rows) + 0.5) / scale, (np.arange(cols) + 0.5) / scale, indexing="ij")
+    return x, y
+
+
+def rug_pattern(kind: str, colours: tuple[Colour, Colour, Colour], width_m: float, depth_m: float) -> Bytes:
+    """Return a rug's picture (H, W, 3), sRGB: lozenges in a border, a plain border, bands, or a berber's grid."""
+    x, y = _grid(width_m, depth_m, min(400.0, 900.0 / max(width_m, depth_m)))
+    shape = (x.shape[0], x.shape[1])
+    wobble = 0.006 * noise(shape, (40, 40), 2)
+    edge = np.minimum(np.minimum(x, width_m - x), np.minimum(y, depth_m - y)) + wobble
+    ground, figure, line = (np.array(c) for c in colours)
+    picture = np.broadcast_to(ground, (*shape, 3)).copy()
+    n = [max(2, round((size - 0.3) / 0.34)) for size in (width_m, depth_m)]
+    u, v = ((a - 0.15) / max(s - 0.3, 0.1) * k + 2 * wobble for a, s, k in ((x, width_m, n[0]), (y, depth_m, n[1])))
+    lozenge = np.abs(u % 1 - 0.5) + np.abs(v % 1 - 0.5)
+    if kind == "lozenge":
+        inside = edge > 0.15
+        picture[inside & (np.abs(lozenge - 0.5) < 0.045)] = line
+        picture[inside & (lozenge < 0.20)] = figure
+        picture[(edge > 0.06) & (edge < 0.115)] = figure
+    elif kind == "border":
+        picture[(edge > 0.05) & (edge < 0.15)] = figure
+        picture[(np.abs(edge - 0.19) < 0.012) | (edge < 0.012)] = figure
+        picture[(edge > 0.26) & (np.abs(lozenge - 0.5) < 0.03)] = line
+    elif kind == "bands":
+        t = (x + 3 * wobble) / width_m
+        picture[np.abs(t - 0.30) < 0.11] = figure
+        picture[np.abs(t - 0.66) < 0.035] = line
+        picture[(np.abs(t - 0.80) < 0.05) | (np.abs(t - 0.47) < 0.012)] = figure
+    else:
+        picture[(np.abs(lozenge - 0.5) < 0.035) & (edge > 0.06)] = line
+    wool = 1 + 0.05 * noise(shape, (3, 9), 4) + 0.04 * noise(shape, (60, 60), 5)
+    return srgb_of_linear(picture * np.clip(wool, 0.6, 1.4)[..., None])[::-1]
+
+
+def print_picture(kind: str, colours: tuple[Colour, Colour, Colour], size: Span, seed: int) -> Bytes:
+    """Return a print (H, W, 3), sRGB: overlapping shapes, arches, or a horizon, in a style's colours on paper."""
+    x, y = _grid(*size, 420 / max(size))
+    u, v = x / size[0], 1 - y / size[1]
+    rng = np.random.default_rng(seed)
+    paper = np.array([0.72, 0.69, 0.62])
+    inks = [np.array(c) for c in colours] + [0.5 * (np.array(colours[1]) + paper)]
+    picture = np.broadcast_to(paper, (*x.shape, 3)).copy()
+    wobble = 0.012 * noise((x.shape[0], x.shape[1]), (50, 50), seed)
+    if kind == "horizon":
+        levels = np.sort(rng.uniform(0.15, 0.7, 5))[::-1]
+        sky = np.clip(1.2 - 0.5 * v, 0.5, 1)[..., None]
+        picture = picture * sky
+        for k, level in enumerate(levels):
+            hills = level + 0.05 * np.sin(5 * u + rng.uniform(0, 6)) + 0.02 * np.sin(13 * u + k) + wobble
+            picture[v < hills] = (0.75 - 0.13 * k) * inks[2 if k < 3 else 1] + 0.05 * (4 - k)
+    elif kind == "arches":
+        for k, (cx, r) in enumerate(((0.5, 0.36), (0.5, 0.25), (0.5, 0.14))):
+            top = np.hypot((u - cx) / r, (v - 0.5) * size[1] / size[0] / r) + wobble < 1
+            picture[(top & (v >= 0.5)) | ((np.abs(u - cx) + wobble < r) & (v < 0.5) & (v > 0.12))] = inks[(1, 2, 0)[k]]
+        picture[np.hypot(u - 0.72, (v - 0.84) * size[1] / size[0]) < 0.08] = inks[2]
+    else:
+        for k in range(5):
+            cx, cy, r, s = rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8), rng.uniform(0.13, 0.3), rng.uniform(0.7, 1.5)
+            blob = np.hypot((u - cx) * s, (v - cy) * size[1] / size[0]) * (1 + 3 * wobble) < r
+            picture[blob] = inks[k % 4]
+        picture[np.abs(v - 0.5 - 0.18 * np.sin(4 * u + rng.uniform(0, 6))) < 0.006] = inks[2]
+    grain = 1 + 0.03 * noise((x.shape[0], x.shape[1]), (3, 3), 6)
+    return srgb_of_linear(np.clip(picture * grain[..., None], 0, 0.85))
+
+
+def _printed(bench: Bench, _: str, kind: str, x: Span, z: Span, y: Span, seed: int = 0) -> None:
+    """Add a sheet in a frame whose front (+y) shows a print."""
+    size = (x[1] - x[0], z[1] - z[0])
+    body = _box(x, y, z, 0.0005)
+    middle = np.array([(x[0] + x[1]) / 2, (z[0] + z[1]) / 2])
+    uv = (body.vertices[body.faces][..., [0, 2]] - middle) * (-1.0, 1.0) / size + 0.5
+    picture = print_picture(kind, bench.style.colours, size, seed)
+    bench.add(body, Material("print", (1.0, 1.0, 1.0), 0.6, texture=picture), uv=uv)
+
+
+def _woven(bench: Bench, _: str, kind: str, fringe: float = 0.0) -> None:
+    """Add a rug's body with its pattern, and fringes at both ends where there are any."""
+    w, d, h = bench.size
+    picture = rug_pattern(kind, bench.style.colours, w - 2 * fringe, d)
+    body = slab(w - 2 * fringe, d, 0.0, h, corner_m=0.02, edge_m=min(0.004, 0.4 * h), steps=3)
+    uv = (body.rest[body.faces][..., :2] + np.array([w / 2 - fringe, d / 2])) / np.array([w - 2 * fringe, d])
+    bench.add(body, Material("rug", (1.0, 1.0, 1.0), 0.95, texture=picture), uv=uv)
+
+
+VERBS: dict[str, Callable[..., None]] = {
+    **{name: (lambda bench, role, name=name, **values: add(bench, role, name, **values)) for name in SHAPES},
+    "printed": _printed,
+    "woven": _woven,
+    "legs": lambda bench, _, reach, top, thick=0.04, splay=0.0: bench.legs(reach, top, thick_m=thick, splay=splay),
+    **cases.VERBS,
+    **seating.VERBS,
+}

@@ -1,0 +1,288 @@
+"""What a stager adds to a solved plan: curtains, rugs, art, lamps, plants, small things; by rows of `styling.toml`.
+
+No piece of the plan moves, no hard rule that held is broken by what stands on the floor (the judge is asked), and
+nothing covers an opening or what hangs on a wall. The same arguments give the same pieces.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import shapely
+
+from processing.ground.arrays import Doubles
+from processing.layout.arrangement import Arrangement, PlacedItem
+from processing.layout.furniture.builtin import BUILT_IN
+from processing.layout.items import KINDS, ItemSpec
+from processing.layout.plan import FloorPlan
+from processing.layout.rules import built_in_rules
+from processing.layout.verify import Judge, Piece
+
+LEVELS = ("none", "light", "full")
+AIR_M = 0.06
+"""Between things on a wall, and round a rug (chosen by eye, as all lengths of this file without another word)."""
+NEAR_WALL_M = 0.30
+"""What stands nearer than this to a wall is before it."""
+ABOVE_M, EYE_M = 0.18, 1.5
+"""Art hangs this much above its host, its middle at eye height where it has none (museums: 1.45 to 1.55 m)."""
+OVER_HEAD_M = 0.14
+"""A curtain's rod above its window."""
+Wall = tuple[int, float, float, float, float]
+"""An edge, start and end along it, bottom and top, metres."""
+
+
+@cache
+def _recipe() -> dict[str, Any]:
+    return tomllib.loads((files("processing.layout") / "styling.toml").read_text("utf-8"))
+
+
+def styled(one: Arrangement, plan: FloorPlan, style: str, level: str, seed: int) -> tuple[PlacedItem, ...]:
+    """Return what dresses an arrangement in its room, at most `styling.toml`'s `most` with the furniture itself."""
+    room = _Room(one, plan, np.random.default_rng([seed, one.rank]))
+    for row in _recipe()["rows"] if level != "none" else ():
+        wanted = LEVELS.index(row["level"]) <= LEVELS.index(level) and style not in row.get("but", ())
+        left = _recipe()["most"] - len(one.items) - len(room.added)
+        if wanted and left > 0:
+            for _, group in zip(range(row.get("most", 9)), _WAYS[row["where"]](room, row), strict=False):
+                room.added += group
+    return tuple(room.added[: max(0, _recipe()["most"] - len(one.items))])
+
+
+@dataclass
+class _Room:
+    """The arrangement being dressed."""
+
+    one: Arrangement
+    plan: FloorPlan
+    rng: np.random.Generator
+    added: list[PlacedItem] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        rules = built_in_rules().sets
+        self.judge = Judge(self.plan, rules.get(self.one.rule_set, rules["standard"]))
+        self.floor = shapely.Polygon(self.plan.corners, list(self.plan.holes))
+        self.broken = len(self.judge.judge(self._pieces()).violations)
+
+    def hosts(self, row: Mapping[str, Any]) -> list[PlacedItem]:
+        """Return the pieces that a row may belong to, by the order of its categories."""
+        return [item for name in row["host"] for item in self.one.items if item.category == name]
+
+    def piece(self, what: str, size: Sequence[float], x: float, y: float, base: float, theta: float) -> PlacedItem:
+        """Return a new piece, its size kept within what it is made in."""
+        kind = BUILT_IN[what]
+        w, d, h = (float(np.clip(v, a, b)) for v, a, b in zip(size, kind.smallest_m, kind.largest_m, strict=True))
+        name = what.replace(" ", "-")
+        taken = {item.id for item in (*self.one.items, *self.added)}
+        number = next(n for n in range(1, 99) if f"{name}-s{n}" not in taken)
+        place = (round(x, 6), round(y, 6), round(base, 6))
+        return PlacedItem(
+            id=f"{name}-s{number}", category=what, size_m=(w, d, h), base_m=place[2], theta_rad=theta, t_m=place
+        )
+
+    def _pieces(self, *more: PlacedItem) -> list[Piece]:
+        every = [*self.one.items, *(a for a in self.added if a.base_m == 0 and a.category != "curtain"), *more]
+        plain = {item.category: KINDS.get(item.category, ItemSpec(item.category, item.size_m)) for item in every}
+        return [
+            Piece(i.id, replace(plain[i.category], size_m=i.size_m, base_m=i.base_m), *i.t_m[:2], i.theta_rad, i.group)
+            for i in every
+        ]
+
+    def stands(self, piece: PlacedItem) -> bool:
+        """Return whether a piece on the floor breaks no rule that holds without it."""
+        return len(self.judge.judge(self._pieces(piece)).violations) <= self.broken
+
+    def free(self, wall: Wall) -> bool:
+        """Return whether a rectangle of a wall, with air round it, is free of openings, pieces and what hangs there."""
+        edge, start, end, low, high = wall
+        if start < AIR_M or end > self.plan.edge(edge)[2] - AIR_M or high > self.plan.ceiling_height_m - AIR_M:
+            return False
+        return not any(
+            e == edge and a < end + AIR_M and b > start - AIR_M and c < high + AIR_M and d > low - AIR_M
+            for e, a, b, c, d in self._taken()
+        )
+
+    def _taken(self) -> Iterator[Wall]:
+        for door in self.plan.doors:
+            yield door.edge, door.start_m, door.end_m, 0.0, 2.2
+        for thing in (*self.plan.windows, *self.plan.hung):
+            yield thing.edge, thing.start_m, thing.end_m, thing.sill_m, thing.head_m
+        for item in (*self.one.items, *self.added):
+            for edge in range(len(self.plan.corners)) if item.category != "rug" else ():
+                along, away = self.along(edge, item)
+                if -0.05 < away.min() < NEAR_WALL_M:
+                    yield edge, along.min(), along.max(), item.base_m, item.base_m + item.size_m[2]
+
+    def along(self, edge: int, item: PlacedItem) -> tuple[Doubles, Doubles]:
+        """Return places (4,) along an edge and distances (4,) from it of a piece's corners, metres."""
+        corner, u, _ = self.plan.edge(edge)
+        offset = outline(item) - corner
+        return offset @ u, offset @ np.array([-u[1], u[0]])
+
+    def at_wall(self, what: str, wall: Wall, deep: float, gap: float = 0.001) -> PlacedItem:
+        """Return a piece that hangs in a rectangle of a wall, its front to the room."""
+        edge, start, end, low, high = wall
+        corner, u, _ = self.plan.edge(edge)
+        x, y = corner + u * (start + end) / 2 + np.array([-u[1], u[0]]) * (deep / 2 + gap)
+        return self.piece(what, (end - start, deep, high - low), x, y, low, math.atan2(u[1], u[0]))
+
+
+def outline(item: PlacedItem, grow_m: float = 0.0) -> Doubles:
+    """Return the corners, shape (4, 2), of a piece's footprint in the room, metres, grown on all sides."""
+    w, d = item.size_m[0] / 2 + grow_m, item.size_m[1] / 2 + grow_m
+    return np.array([place(item, x, y) for x, y in ((-w, -d), (w, -d), (w, d), (-w, d))])
+
+
+def place(item: PlacedItem, x: float, y: float) -> tuple[float, float]:
+    """Return a place of a piece's own frame in the room."""
+    c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
+    return item.t_m[0] + x * c - y * s, item.t_m[1] + x * s + y * c
+
+
+Groups = Iterator[list[PlacedItem]]
+
+
+def _windows(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield a pair of curtains and their rod for each window where there is room for them; long where they can be."""
+    wide, deep, _ = row["size"]
+    for window in room.plan.windows:
+        dressed = (h.name == "curtain" and h.edge == window.edge for h in room.plan.hung)
+        top = min(window.head_m + OVER_HEAD_M, room.plan.ceiling_height_m - 2 * AIR_M)
+        if any(dressed) or top < window.head_m + 0.03:
+            continue
+        pair: list[PlacedItem] = []
+        for side, edge_m in ((-1.0, window.start_m), (1.0, window.end_m)):
+            near = edge_m + side * (AIR_M + 0.001)
+            tries = [
+                (window.edge, *sorted((near, near + side * share * wide)), low, top)
+                for low in (0.02, max(0.02, window.sill_m - 0.15), window.sill_m)
+                for share in (1.0, 0.7, 0.45)
+            ]
+            found = next(filter(room.free, tries), None)
+            pair += [room.at_wall("curtain", found, deep, 0.03)] if found else []
+        if pair:
+            pair[-1] = pair[-1].model_copy(update={"id": f"{pair[-1].id}-right"})
+            ends = [v for item in pair for v in room.along(window.edge, item)[0]]
+            rod = (min(*ends, window.start_m) - 0.04, max(*ends, window.end_m) + 0.04, top - 0.012, top + 0.028)
+            yield [*pair, room.at_wall("curtain rod", (window.edge, *rod), 0.03 + deep / 2 + 0.012)]
+
+
+def _under(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield a rug below a group: before and half under a sofa or bed, all round a table with its chairs."""
+    for host in room.hosts(row):
+        w, d, _ = host.size_m
+        if host.category == "dining table":
+            size, ahead = (w + 1.3, d + 1.3), 0.0
+        elif host.category == "sofa":
+            size, ahead = (w + 0.5, 1.9), d / 2 + 0.62
+        elif host.category == "desk":
+            size, ahead = (w + 0.3, 1.3), d / 2 + 0.35
+        else:
+            size, ahead = (w + 1.3, 1.7), 0.20 * d
+        if any(i.category == "rug" for i in room.one.items):
+            return
+        for share in (1.0, 0.86, 0.74):
+            x, y = place(host, 0.0, ahead * (0.4 + 0.6 * share))
+            turn = host.theta_rad
+            rug = room.piece(row["what"], (size[0] * share, size[1] * share, 0.012), x, y, 0.0, turn)
+            if room.floor.covers(shapely.Polygon(outline(rug, AIR_M))):
+                yield [rug]
+                break
+
+
+def _on(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield something on top of each host, where nothing stands yet."""
+    for host in room.hosts(row):
+        side = 1.0 if room.rng.random() < 0.5 else -1.0
+        w, d, h = row["size"]
+        free = [max(0.0, (a - b) / 2 - 0.02) for a, b in zip(host.size_m, (w, d), strict=False)]
+        top = host.base_m + host.size_m[2]
+        for sign in (side, -side):
+            x, y = (f * v for f, v in zip(free, row["at"], strict=True))
+            new = room.piece(row["what"], (w, d, h), *place(host, sign * x, y), top, host.theta_rad)
+            others = (i for i in (*room.one.items, *room.added) if i.base_m > 0 and abs(i.base_m - top) < 0.3)
+            shape = shapely.Polygon(outline(new, 0.01))
+            hides = h > 0.2 and any(p.edge == host.edge and top + h > p.sill_m for p in room.plan.windows)
+            clash = any(shape.intersects(shapely.Polygon(outline(i))) for i in others)
+            if min(host.size_m[:2]) > min(w, d) and not hides and not clash:
+                yield [new]
+                break
+
+
+def _above(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield art on the wall over a host: one broad picture, a pair, or a single upright one, as the wall allows."""
+    for host in room.hosts(row):
+        if host.edge is None or host.edge >= len(room.plan.corners):
+            continue
+        along, _ = room.along(host.edge, host)
+        screens = [i for i in room.one.items if i.category == "tv" and i.group == host.id]
+        low = max([host.size_m[2], *(i.base_m + i.size_m[2] for i in screens)]) + ABOVE_M
+        middle, wide = float(along.mean()), float(np.clip(0.62 * np.ptp(along), 0.40, 1.3))
+        high = min(0.72, 0.8 * wide, room.plan.ceiling_height_m - 0.2 - low)
+        low = max(low, min(EYE_M + 0.1 - high / 2, low + 0.25))
+        pairs = [(-wide / 2, -0.03), (0.03, wide / 2)]
+        tries = [pairs, [(-wide / 2, wide / 2)]] if room.rng.random() < 0.6 else [[(-wide / 2, wide / 2)], pairs]
+        for spans in (*tries, [(-0.2, 0.2)]) if high > 0.3 else ():
+            walls = [(host.edge, middle + a, middle + b, low, low + high) for a, b in spans]
+            if all(map(room.free, walls)):
+                made = [room.at_wall(row["what"], wall, 0.03) for wall in walls]
+                yield [a.model_copy(update={"id": a.id + "b" * n}) for n, a in enumerate(made)]
+                break
+
+
+def _beside(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield something on the floor at a host's left or right."""
+    if any(i.category == row["what"] for i in room.one.items):
+        return
+    w, d, _ = row["size"]
+    for host in room.hosts(row):
+        side = 1.0 if room.rng.random() < 0.5 else -1.0
+        for sign, back in ((side, 0.04), (-side, 0.04), (side, 0.3), (-side, 0.3)):
+            x = sign * (host.size_m[0] / 2 + w / 2 + 0.05)
+            spot = place(host, x, -host.size_m[1] / 2 + d / 2 + back)
+            new = room.piece(row["what"], row["size"], *spot, 0.0, host.theta_rad)
+            if room.stands(new):
+                yield [new]
+                return
+
+
+def _corner(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield something in corners of the room, those at windows first: plants want light."""
+    n = len(room.plan.corners)
+    lit = {w.edge for w in room.plan.windows}
+    w = row["size"][0]
+    for k in sorted(range(n), key=lambda k: (not lit & {k, (k - 1) % n}, room.rng.random())):
+        corner, u, _ = room.plan.edge(k)
+        _, before, _ = room.plan.edge((k - 1) % n)
+        if u @ np.array([-before[1], before[0]]) < 0.5:  # an outward corner, or nearly straight
+            continue
+        x, y = corner + (u - before) * (w / 2 + 0.08)
+        new = room.piece(row["what"], row["size"], x, y, 0.0, math.atan2(u[1], u[0]))
+        if room.stands(new):
+            yield [new]
+
+
+def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
+    """Yield something on free walls, in the middle of what is free, the longest first."""
+    w, d, h = row["size"]
+    for edge in sorted(range(len(room.plan.corners)), key=lambda k: -room.plan.edge(k)[2]):
+        length = room.plan.edge(edge)[2]
+        starts = np.arange(0.4, length - w - 0.4, 0.1)
+        low = EYE_M - h / 2
+        # Air on both sides: a picture squeezed between a door and a wardrobe is none.
+        free = [s for s in starts.tolist() if room.free((edge, s - 0.25, s + w + 0.25, low, low + h))]
+        if free:
+            s = free[len(free) // 2]
+            yield [room.at_wall(row["what"], (edge, s, s + w, low, low + h), d)]
+
+
+_WAYS = {
+    "windows": _windows, "under": _under, "on": _on, "above": _above, "beside": _beside, "corner": _corner,
+    "wall": _wall,
+}  # fmt: skip

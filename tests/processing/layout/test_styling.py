@@ -1,0 +1,82 @@
+"""What dresses a room: pieces enough, nothing covered, no rule broken, the same for the same seed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from processing.layout.arrange import arrange
+from processing.layout.arrangement import Arrangement, PlacedItem
+from processing.layout.furniture.builtin import checked_size
+from processing.layout.furniture.styles import STYLES, differing
+from processing.layout.items import KINDS, ItemSpec, set_items
+from processing.layout.plan import Door, FloorPlan, Hung, Window, make_plan
+from processing.layout.rules import built_in_rules
+from processing.layout.styling import LEVELS, styled
+from processing.layout.verify import Judge, Piece
+
+RING = [[0, 0], [4.6, 0], [4.6, 4.0], [0, 4.0]]
+PLAN = make_plan(
+    RING,
+    doors=[Door(0, 0.2, 1.1)],
+    windows=[Window(2, 1.2, 2.8, 0.9, 2.1), Hung(3, 0.5, 1.5, 1.2, 1.9, "picture")],
+    ceiling_height_m=2.5,
+)
+
+
+@pytest.fixture(scope="module", params=["bedroom", "living", "dining"])
+def solved(request: pytest.FixtureRequest) -> Arrangement:
+    return arrange(PLAN, set_items(request.param), "tight", n=1).arrangements[0]
+
+
+def spans(plan: FloorPlan, item: PlacedItem, edge: int) -> tuple[float, float, float, float] | None:
+    """Return start, end, bottom and top of what hangs on an edge; None where it does not."""
+    corner, u, _ = plan.edge(edge)
+    x, y = item.t_m[0] - corner[0], item.t_m[1] - corner[1]
+    along, away = x * u[0] + y * u[1], y * u[0] - x * u[1]
+    if abs(away) > 0.15:
+        return None
+    return along - item.size_m[0] / 2, along + item.size_m[0] / 2, item.t_m[2], item.t_m[2] + item.size_m[2]
+
+
+def test_a_room_gets_12_to_25_pieces_that_can_be_made(solved: Arrangement) -> None:
+    counts = {level: len(styled(solved, PLAN, "scandinavian", level, 0)) for level in LEVELS}
+    assert counts["none"] == 0 < counts["light"] < counts["full"]
+    assert 12 <= len(solved.items) + counts["full"] <= 25
+    added = styled(solved, PLAN, "classic", "full", 0)
+    ids = [item.id for item in (*solved.items, *added)]
+    assert len(set(ids)) == len(ids)
+    for item in added:
+        checked_size(item.category, item.size_m)
+
+
+def test_nothing_covers_an_opening_or_what_hangs_already(solved: Arrangement) -> None:
+    closed = [(d.edge, d.start_m, d.end_m, 0.0, 2.1) for d in PLAN.doors]
+    closed += [(w.edge, w.start_m, w.end_m, w.sill_m, w.head_m) for w in (*PLAN.windows, *PLAN.hung)]
+    hung = [i for i in styled(solved, PLAN, "classic", "full", 1) if i.category in ("art", "mirror", "curtain")]
+    assert {"art", "curtain"} <= {item.category for item in hung}
+    for item in hung:
+        for edge, start, end, low, high in closed:
+            at = spans(PLAN, item, edge)
+            across = at is not None and min(at[1], end) - max(at[0], start) > 0.01
+            assert not (across and min(at[3], high) - max(at[2], low) > 0.01), (item.id, edge)  # type: ignore[index]
+
+
+def test_the_floor_keeps_its_rules_and_seeds_decide(solved: Arrangement) -> None:
+    added = styled(solved, PLAN, "industrial", "full", 2)
+    assert added == styled(solved, PLAN, "industrial", "full", 2)
+    assert added != styled(solved, PLAN, "industrial", "full", 3) or len(added) < 8
+    floor = [i for i in added if i.t_m[2] == 0.0 and i.category not in ("curtain",)]
+    pieces = []
+    for item in (*solved.items, *floor):
+        spec = KINDS.get(item.category, ItemSpec(item.category, item.size_m))
+        spec = replace(spec, size_m=item.size_m, base_m=item.base_m)
+        pieces.append(Piece(item.id, spec, *item.t_m[:2], item.theta_rad, item.group))
+    assert Judge(PLAN, built_in_rules().named("tight")).judge(pieces).violations == ()
+
+
+def test_styles_have_designs_of_their_own() -> None:
+    for number, one in enumerate(STYLES):
+        assert differing(one, one) == 0.0
+        assert all(differing(one, other) > 0.7 for other in STYLES[:number])
