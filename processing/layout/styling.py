@@ -270,9 +270,11 @@ def _corner(room: _Room, row: Mapping[str, Any]) -> Groups:
 
 def _wall(room: _Room, row: Mapping[str, Any]) -> Groups:
     """Yield something on free walls, in the middle of what is free, the longest first."""
-    w, d, h = row["size"]
+    usual, d, h = row["size"]
     for edge in sorted(range(len(room.plan.corners)), key=lambda k: -room.plan.edge(k)[2]):
-        length = room.plan.edge(edge)[2]
+        length, w = room.plan.edge(edge)[2], usual
+        if row["what"] == "art":
+            w = usual * float(room.rng.choice((0.8, 1.0, 1.3)))
         starts = np.arange(0.4, length - w - 0.4, 0.1)
         low = EYE_M - h / 2
         # Air on both sides: a picture squeezed between a door and a wardrobe is none.

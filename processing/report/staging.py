@@ -96,7 +96,7 @@ def materials_section(materials: Mapping[str, Any], metrics: Mapping[str, Any]) 
 
 
 def _pieces_text(facts: Mapping[str, Any]) -> str:
-    parts = [f"{len(facts['items'])} pieces"] if facts.get("items") else []
+    parts = [f"{len(facts['items']) + len(facts.get('added', ()))} pieces"] if facts.get("items") else []
     if facts.get("style"):
         parts.append(str(facts["style"]))
     return ", ".join(parts)

@@ -235,10 +235,12 @@ def print_picture(kind: str, colours: tuple[Colour, Colour, Colour], size: Span,
             hills = level + 0.05 * np.sin(5 * u + rng.uniform(0, 6)) + 0.02 * np.sin(13 * u + k) + wobble
             picture[v < hills] = (0.75 - 0.13 * k) * inks[2 if k < 3 else 1] + 0.05 * (4 - k)
     elif kind == "arches":
-        for k, (cx, r) in enumerate(((0.5, 0.36), (0.5, 0.25), (0.5, 0.14))):
+        cx, order, wide = rng.uniform(0.4, 0.6), rng.permutation(3), rng.uniform(0.28, 0.38)
+        for k, r in enumerate((wide, 0.7 * wide, 0.4 * wide)):
             top = np.hypot((u - cx) / r, (v - 0.5) * size[1] / size[0] / r) + wobble < 1
-            picture[(top & (v >= 0.5)) | ((np.abs(u - cx) + wobble < r) & (v < 0.5) & (v > 0.12))] = inks[(1, 2, 0)[k]]
-        picture[np.hypot(u - 0.72, (v - 0.84) * size[1] / size[0]) < 0.08] = inks[2]
+            picture[(top & (v >= 0.5)) | ((np.abs(u - cx) + wobble < r) & (v < 0.5) & (v > 0.12))] = inks[order[k]]
+        sun = np.hypot(u - cx - rng.choice([-0.25, 0.25]), (v - 0.86) * size[1] / size[0])
+        picture[sun < rng.uniform(0.05, 0.09)] = inks[order[1]]
     else:
         for k in range(5):
             cx, cy, r, s = rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8), rng.uniform(0.13, 0.3), rng.uniform(0.7, 1.5)
