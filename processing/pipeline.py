@@ -149,7 +149,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=6,
+        version=7,
         title="detect furniture and sunlight",
         function="processing.stages.detect:run",
         data=NETWORK,
@@ -181,7 +181,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="remove",
-        version=5,
+        version=6,
         title="remove furniture",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect", "light"),

@@ -11,16 +11,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from processing.errors import ParameterError
-from processing.ground.arrays import Flags, Floats
+from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.room_model import RoomModel
-from processing.ground.seam import grown, resized, row_solid_angles, share_of_sphere
+from processing.ground.seam import components, grown, resized, row_solid_angles, share_of_sphere
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
-from processing.removal.furniture import FurnitureFound, find_furniture, islands_in
+from processing.removal.furniture import FurnitureFound, find_furniture, islands_in, with_things
 from processing.removal.shadows import ShadowFound, find_shadows
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
+from processing.removal.wall_shade import find_wall_shade
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import SurfaceMaps, surface_maps
@@ -30,6 +31,8 @@ from processing.surfaces.sun import coloured_as_behind
 WORKING_ROWS = 512
 MARGIN_RAD = math.radians(0.6)
 LEAST_ROWS = 16
+CURTAIN_RAD = math.radians(1.5)
+"""From a window, where fixtures are its curtains (chosen)."""
 BLOCKED = 0.5
 """Probability of doors, windows and fixtures from which a place is no bare floor or wall."""
 
@@ -133,9 +136,11 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     board, stand = _board(luminance, known.meter_target, maps.opening >= 0)
     tripod = replace(tripod, mask=tripod.mask | board)
     furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks)
-    hidden = furniture.mask | tripod.mask
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
+    if known.two_networks:
+        furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), fixtures)
+    hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
     unsure = (maps.opening < 0) & (maps.plane != CEILING) & furniture.mask & ~tripod.mask
@@ -150,12 +155,30 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     else:
         sunlight = SunFound(np.zeros(hidden.shape, bool), None, False, "the sky has no sun")
     furniture = replace(furniture, mask=furniture.mask & ~sunlight.mask & ~board)
+    hidden = furniture.mask | tripod.mask
     other = tripod.mask | sunlight.mask | others | fixtures | (maps.opening >= 0)
     shadow = find_shadows(luminance, room, geometry, furniture.mask, other & ~furniture.mask)
+    walls = find_wall_shade(rgb, room, geometry, hidden, (others | fixtures | (maps.opening >= 0)) & ~hidden)
+    shadow = replace(shadow, mask=shadow.mask | walls, contact=shadow.contact | walls)
     notes = _notes(furniture, tripod, sunlight, shadow)
     if board.any():
         notes += (f"tripod: the meter's board where the meter looked, {'with its' if stand else 'without a'} stand",)
     return _Found(furniture, tripod, sunlight, shadow, maps.opening >= 0, notes)
+
+
+def _with_things(
+    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, fixtures: Flags
+) -> FurnitureFound:
+    """Return furniture with what stands on it; curtains belong to their windows."""
+    count, labels = components(fixtures)
+    hangs = np.zeros(count + 1, bool)
+    beside = grown(openings, CURTAIN_RAD)
+    hangs[np.unique(labels[beside])] = True
+    hangs[0] = False
+    barred = beside | hangs[labels] | (maps.plane == CEILING)
+    mask = with_things(found.mask, shown, maps.plane == FLOOR, barred)
+    added = mask & ~found.mask
+    return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))
 
 
 def _board(luminance: Floats, target: tuple[float, float] | None, openings: Flags) -> tuple[Flags, bool]:

@@ -122,7 +122,11 @@ def _surface(
 ) -> tuple[Floats, Floats, bool, str]:
     """Return values, confidence, whether it is a continuation, and how it was filled."""
     if texture.plane.index == FLOOR:
-        done = complete(values, sources, hole, density=texture.density)
+        found = analyse(values, sources)
+        if found.repeat is Repeat.NONE:
+            plain = fill_plain(values, sources, hole, level_rows=False)
+            return plain.values, plain.confidence, True, f"plain (roughness {plain.roughness:.3f})"
+        done = complete(values, sources, hole, density=texture.density, found=found)
     else:
         wall = texture.plane.index >= FIRST_WALL
         usual = skirting.rows(len(hole), texture.px_per_m) if wall and skirting is not None else None

@@ -1,0 +1,91 @@
+"""What belongs together goes together: things on furniture, its shade on walls; skirting is the room's and stays."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from processing.ground.arrays import Flags, Floats
+from processing.removal.furniture import with_things, without_skirting
+from processing.removal.wall_shade import find_wall_shade
+from processing.sphere import Equirectangular
+from processing.surfaces.maps import surface_maps
+from processing.surfaces.planes import CEILING, FLOOR
+from tests.processing.removal.painted_room import box_room
+
+ROWS = 256
+GEOMETRY = Equirectangular(2 * ROWS, ROWS)
+ROOM = box_room(window=False)
+MAPS = surface_maps(ROOM, GEOMETRY)
+NONE = np.zeros((ROWS, 2 * ROWS), bool)
+
+
+def box(top: int, bottom: int, left: int, right: int) -> Flags:
+    found = NONE.copy()
+    found[top:bottom, left:right] = True
+    return found
+
+
+def grey_room() -> Floats:
+    light = np.full((ROWS, 2 * ROWS, 3), 0.6, np.float32)
+    light[MAPS.plane == FLOOR] = 0.25
+    return light * np.linspace(1.2, 0.8, ROWS, dtype=np.float32)[:, None, None]
+
+
+def shown(light: Floats) -> np.ndarray:
+    return (255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
+
+
+def test_a_lamp_on_a_table_goes_with_it_and_a_picture_apart_stays() -> None:
+    table, lamp, picture = box(150, 175, 240, 280), box(128, 150, 256, 264), box(90, 110, 300, 330)
+    light = grey_room()
+    light[table], light[lamp], light[picture] = 0.1, (0.9, 0.5, 0.05), (0.05, 0.3, 0.6)
+    found = with_things(table, shown(light), MAPS.plane == FLOOR, MAPS.plane == CEILING)
+    assert found[lamp].all()
+    assert not found[picture].any()
+    assert (found & ~(table | lamp)).sum() < 0.02 * table.sum(), "the wall around stays"
+    assert not (with_things(table, shown(light), NONE, lamp) & ~table).any(), "what is barred stays"
+
+
+def test_what_is_large_is_the_building_and_stays() -> None:
+    table, pillar = box(150, 175, 240, 280), box(80, 150, 256, 270)
+    light = grey_room()
+    light[table], light[pillar] = 0.1, (0.7, 0.05, 0.05)
+    assert not (with_things(table, shown(light), NONE, NONE) & pillar).any()
+
+
+def test_skirting_along_a_wall_is_no_furniture_and_a_chair_before_it_is() -> None:
+    foot = ROWS - (MAPS.plane == FLOOR).sum(axis=0)
+    rows = np.arange(ROWS)[:, None]
+    strip = (rows >= foot - 5) & (rows <= foot)
+    chair = box(int(foot[256]) - 30, int(foot[256]) + 12, 250, 262)
+    found = without_skirting(strip | chair, MAPS)
+    assert found[chair].all()
+    assert found[strip & ~chair].mean() < 0.03
+    crate = strip & (np.abs(np.arange(2 * ROWS) - 256) < 2)[None]
+    assert without_skirting(crate, MAPS)[crate].all(), "too short for skirting"
+
+
+def test_soft_shade_beside_furniture_is_replaced() -> None:
+    chest = box(140, 176, 240, 280)
+    light, columns = grey_room(), np.arange(2 * ROWS, dtype=np.float32)[None]
+    away = np.maximum(np.maximum(240 - columns, columns - 279), 0)
+    fall = 1 - 0.3 * np.exp(-away / 10)
+    wall = (MAPS.plane != FLOOR) & (MAPS.plane != CEILING)
+    rows = np.arange(ROWS)[:, None]
+    band = wall & (rows > 120) & (rows < 160)
+    light = np.where(band[..., None], light * fall[..., None], light).astype(np.float32)
+    found = find_wall_shade(light, ROOM, GEOMETRY, chest, NONE)
+    assert not (found & ~wall).any()
+    near = band & (away > 0) & (away < 5) & (rows > 135) & (rows < 150)
+    far = wall & (away > 60)
+    assert found[near].mean() > 0.8
+    assert not found[far].any()
+    assert not find_wall_shade(light, ROOM, GEOMETRY, chest, wall & ~chest).any(), "openings and fixtures stay"
+    assert not find_wall_shade(light, ROOM, GEOMETRY, NONE, NONE).any()
+
+
+def test_a_patterned_wall_has_no_shade_to_find() -> None:
+    chest, light = box(140, 176, 240, 280), grey_room()
+    checks = (np.arange(ROWS)[:, None] // 6 + np.arange(2 * ROWS)[None] // 6) % 2 == 0
+    light[checks & ~chest] *= 0.5
+    assert not find_wall_shade(light, ROOM, GEOMETRY, chest, NONE).any()
