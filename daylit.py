@@ -92,6 +92,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "view": Entry("processing.commands.results", "view", "Open a session's report."),
         "rig": Entry("processing.commands.rig", "rig", "Calibrate a rig: response, k2, lens, filter."),
         "room": Entry("processing.commands.room", "room", "Correct a room's model by hand."),
+        "studio": Entry("studio.command", "studio", "See and correct sessions in the browser."),
         "arrange": Entry("processing.commands.arrange", "arrange", "Arrange furniture so that no rule is broken."),
         "furniture": Entry("processing.commands.furniture", "furniture", "List, show and export furniture models."),
         "models": Entry("processing.commands.models", "models", "Networks of others: list, get, add."),

@@ -23,6 +23,7 @@ def all_errors(base: type[DaylitError] = DaylitError) -> set[type[DaylitError]]:
         "mocks.rooms.light.engine",
         "mocks.rooms.truth",
         "processing.errors",
+        "studio.sessions",
     ):
         importlib.import_module(module)
     found = {base}

@@ -36,7 +36,7 @@ LINES = {
     "station": 11_300,
     "mocks": 16_750,
     "processing": 56_300,
-    "studio": 90,
+    "studio": 860,
 }
 """The budget of lines of each room."""
 OWN_PROGRAMS = {"__init__", "__main__", "child", "worker"}

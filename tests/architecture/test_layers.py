@@ -42,7 +42,7 @@ ONLY_IN = {
     "serial": ("drivers/serial_link.py",),
     "usb": ("drivers/usb_link.py", "mocks/instruments/usb/"),
     "libusb_package": ("drivers/usb_link.py",),
-    "click": ("station/commands/", "processing/commands/", "daylit.py"),
+    "click": ("station/commands/", "processing/commands/", "studio/command.py", "daylit.py"),
     "rich": ("station/commands/", "processing/commands/"),
     "numba": (
         *("processing/ground/", "processing/sphere/", "processing/surfaces/", "processing/calibration/"),
@@ -59,6 +59,8 @@ ONLY_IN = {
     "onnxruntime": ("processing/segmentation/",),
     "ai_edge_litert": ("processing/segmentation/",),
     "pooch": ("processing/segmentation/installed.py",),
+    "starlette": ("studio/",),
+    "uvicorn": ("studio/",),
     "distributed": ("processing/batch/",),
     "dask": ("processing/batch/",),
     "trimesh": ("processing/layout/", "processing/light/", "processing/room/"),

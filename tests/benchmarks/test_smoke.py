@@ -41,6 +41,7 @@ KEYS = {
     "stills": "ceiling_ab_err clipped_window_share wall_ab_err before_after_moved_pct cpu_ms_mpx",
     "batch": "done wrong",
     "files": "",
+    "studio": "corner_iou_gain drag_ms preview_s first_page_s",
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
     "late_partner_lost clock_cases clock_lost",
 }
@@ -55,7 +56,7 @@ NEEDS = {
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
     *("batch", "capture", "detect", "emptying", "end_to_end", "instruments"),
-    *("photometry", "real", "remove", "room", "sphere", "truth"),
+    *("photometry", "real", "remove", "room", "sphere", "studio", "truth"),
 }
 """Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128

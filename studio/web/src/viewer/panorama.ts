@@ -193,12 +193,13 @@ export class PanoramaView {
     const all: [string, string, () => void][] = [
       ["+", "Zoom in", () => this.look(this.yaw, this.pitch, this.field / 1.2)],
       ["−", "Zoom out", () => this.look(this.yaw, this.pitch, this.field * 1.2)],
-      ["⛶", "Full screen", whole],
+      ["", "Full screen", whole],
     ];
     for (const [text, label, act] of all) {
       if (act === whole && !document.fullscreenEnabled) continue;
       const button = document.createElement("button");
       Object.assign(button, { type: "button", textContent: text, ariaLabel: label, title: label });
+      if (!text) button.innerHTML = '<svg width="14" height="14" viewBox="0 0 14 14" aria-hidden="true"><path d="M1 5V1h4M9 1h4v4M13 9v4H9M5 13H1V9" fill="none" stroke="#fff" stroke-width="1.6"/></svg>';
       button.addEventListener("click", act);
       box.append(button);
     }

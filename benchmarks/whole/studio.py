@@ -1,0 +1,282 @@
+"""The studio in a real browser: corners dragged to the truth of generated rooms by the mouse, and how long one waits.
+
+Each room's estimate has two corners in wrong places; a scripted user drags them to where they are. The picture is the
+bare room, drawn here: nothing but pixels to draw is taken from it. Times are wall times of a browser without a graphics
+processor.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from PIL import Image
+
+from benchmarks.seeds import seeds
+from benchmarks.truth_rooms import room_model_of
+from drivers.errors import DaylitError
+from mocks.rooms.room import make_room
+from processing.ground.room_model import RoomModel, geometry_problems, write_room
+from processing.layout.arrange import arrange
+from processing.layout.assumed import with_door
+from processing.layout.items import parse_items
+from processing.layout.plan import from_room_model
+from processing.pictures.exr import write_exr
+from processing.pictures.images import LuminanceImage
+from processing.pictures.masks import write_mask
+from processing.running.panorama_session import panorama_session
+from processing.sphere import Equirectangular
+
+SIZE_PX = (512, 256)
+ROOMS, QUICK_ROOMS = 12, 2
+WRONG_M = 0.45
+"""By which two corners of an estimate are off."""
+MOVES = 12
+"""Of the mouse in a drag."""
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+OPTIONS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage"]
+PATIENCE_MS = 60_000
+ITEMS = "bed, nightstand, chest"
+
+
+def run(*, quick: bool, seed: int) -> dict[str, Any]:
+    from playwright.sync_api import sync_playwright
+
+    count = QUICK_ROOMS if quick else ROOMS
+    with tempfile.TemporaryDirectory(prefix="daylit-studio-") as place, sync_playwright() as started:
+        folder = Path(place)
+        truths = {f"room {number}": truth(number) for number in seeds("test", count, seed)}
+        made = {name: make_session(folder, name, wrong(room), room) for name, room in truths.items()}
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
+        with served(folder) as links:
+            page = browser.new_page(viewport={"width": 1440, "height": 900})
+            page.set_default_timeout(PATIENCE_MS)
+            begin_s = time.perf_counter()
+            page.goto(links[0])
+            page.wait_for_selector("#screen[data-ready]")
+            first_page_s = time.perf_counter() - begin_s
+            gains, drags = [], []
+            for name, room in truths.items():
+                before = iou(wrong(room), room)
+                drags.append(corrected(page, made[name].name, room))
+                after = RoomModel.model_validate_json((made[name] / "room.json").read_bytes())
+                gains.append(iou(after, room) - before)
+            preview_s = emptied(page, next(iter(made.values())).name)
+        browser.close()
+    return {
+        "metrics": {
+            "corner_iou_gain": round(float(np.median(gains)), 4),
+            "drag_ms": round(float(np.median(drags)), 2),
+            "preview_s": round(preview_s, 2),
+            "first_page_s": round(first_page_s, 3),
+            "rooms": count,
+        },
+        "units": {"corner_iou_gain": "IoU", "rooms": ""},
+        "notes": [
+            f"preview: a whole run until remove, in draft, at {SIZE_PX[0]} x {SIZE_PX[1]}, Python's start included"
+        ],
+    }
+
+
+def truth(number: int) -> RoomModel:
+    """The shape of a generated room, as the estimate would be at best."""
+    return room_model_of(make_room(number))
+
+
+def wrong(room: RoomModel) -> RoomModel:
+    """The room with its first and third corner moved away from the camera, openings left out that no longer fit."""
+    floor = [np.array(corner) for corner in room.floor]
+    for corner in (0, 2):
+        floor[corner] = floor[corner] * (1 + WRONG_M / np.hypot(*floor[corner]))
+    moved = tuple((round(float(x), 4), round(float(y), 4)) for x, y in floor)
+    made = room.model_copy(update={"floor": moved, "source": "estimated", "confidence": 0.6, "openings": ()})
+    assert not geometry_problems(made), geometry_problems(made)
+    return made
+
+
+def iou(one: RoomModel, other: RoomModel) -> float:
+    """Of two floors."""
+    a, b = shapely.Polygon(one.floor), shapely.Polygon(other.floor)
+    return float(a.intersection(b).area / a.union(b).area)
+
+
+def make_session(folder: Path, name: str, estimated: RoomModel, room: RoomModel) -> Path:
+    """A session of one panorama whose room was estimated, with two detected things and an arrangement."""
+    rgb = drawn(room)
+    picture = folder / f"{name}.png"
+    Image.fromarray((255 * np.clip(rgb / 100, 0, 1) ** (1 / 2.2)).astype(np.uint8)).save(picture)
+    session = panorama_session(picture, folder)
+    picture.unlink()
+    results = {stage: session / "stages" / stage for stage in ("calibrate", "room", "detect", "arrange")}
+    for where in results.values():
+        where.mkdir(parents=True)
+        (where / "result.json").write_text("{}")
+    height, width = rgb.shape[:2]
+    zeros = np.zeros((height, width), np.float32)
+    image = LuminanceImage(
+        rgb, zeros + 0.02, zeros.astype(np.uint8), Equirectangular(width, height), 0.02, absolute=False
+    )
+    write_exr(results["calibrate"] / "indoor.exr", image)
+    write_room(results["room"] / "room.json", estimated)
+    mask = np.zeros((height, width), bool)
+    mask[150:190, 60:120] = mask[160:200, 300:380] = True
+    write_mask(results["detect"] / "target.png", mask)
+    plan = from_room_model(with_door(estimated)[0], name="room", keep_camera_free=True)
+    try:
+        arrange(plan, parse_items(ITEMS), n=1).write(results["arrange"] / "arrangement.json")
+    except DaylitError:
+        shutil.rmtree(results["arrange"])
+    return session
+
+
+def drawn(room: RoomModel) -> np.ndarray:
+    """The bare room as its panorama shows it, (H, W, 3) float32, 1 to 100: each wall a grey, boards on the floor."""
+    width, height = SIZE_PX
+    longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2 * np.pi
+    slope = np.tan((0.5 - (np.arange(height) + 0.5) / height) * np.pi)[:, None]
+    away = np.full(width, np.inf)
+    shade = np.zeros(width)
+    corners = np.array(room.floor)
+    for k, (a, b) in enumerate(zip(corners, np.roll(corners, -1, axis=0), strict=True)):
+        ray, along = np.stack([np.sin(longitude), np.cos(longitude)]), b - a
+        turn = ray[0] * along[1] - ray[1] * along[0]
+        t = (a[0] * along[1] - a[1] * along[0]) / turn
+        u = (a[0] * ray[1] - a[1] * ray[0]) / turn
+        hit = (t > 0) & (u >= 0) & (u <= 1) & (t < away)
+        away[hit], shade[hit] = t[hit], 35 + 9 * (k % 5)
+    z = room.camera_height_m + slope * away
+    level = np.repeat(shade[None], height, axis=0)
+    level[z > room.ceiling_height_m] = 80
+    below = z < 0
+    reach = np.where(below, room.camera_height_m / np.maximum(-slope, 1e-6), 0)
+    boards = 18 + 6 * (np.floor(4 * reach * np.sin(longitude)) % 2)
+    level = np.where(below, boards, level)
+    return np.repeat(level[..., None], 3, axis=2).astype(np.float32)
+
+
+@contextmanager
+def served(folder: Path, port: int = 0) -> Iterator[list[str]]:
+    """The server as a program of its own; links to it."""
+    process = start(folder, port)
+    assert process.stdout is not None
+    try:
+        yield json.loads(process.stdout.readline())["links"]
+    finally:
+        stop(process)
+
+
+def start(folder: Path, port: int = 0) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "daylit", "studio", str(folder), "--port", str(port), "--no-open", "--json"]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=dict(os.environ))
+
+
+def stop(process: subprocess.Popen[str], by: int = signal.SIGKILL) -> None:
+    process.send_signal(by)
+    process.wait(timeout=30)
+    if process.stdout:
+        process.stdout.close()
+
+
+def until(page: Any, script: str, arg: object = None, *, limit_ms: float = PATIENCE_MS) -> None:
+    """Wait until a script says so; the page's policy forbids the browser driver's own way, which evaluates text."""
+    end_s = time.monotonic() + limit_ms / 1000
+    while not page.evaluate(script, arg):
+        if time.monotonic() > end_s:
+            raise TimeoutError(script)
+        page.wait_for_timeout(20)
+
+
+def screen(page: Any, session: str, kind: str) -> None:
+    """Open a screen of a session and wait until it stands."""
+    page.evaluate(
+        "([session, kind]) => { location.hash = `#/${encodeURIComponent(session)}/${kind}`; }", [session, kind]
+    )
+    until(page, "() => document.querySelector('#screen').dataset.ready === location.hash")
+
+
+def corrected(page: Any, session: str, room: RoomModel) -> float:
+    """Drag the wrong corners on the plan to where they are; return the median milliseconds of a move of the mouse."""
+    screen(page, session, "room")
+    page.evaluate(_WATCH)
+    page.keyboard.down("Shift")
+    for corner in (0, 2):
+        drag(page, f"[data-corner='{corner}']", room.floor[corner])
+    page.keyboard.up("Shift")
+    return float(np.median(page.evaluate("() => window.moveTimes")))
+
+
+def drag(page: Any, mark: str, to: Sequence[float], *, drop: bool = True) -> None:
+    """Drag something on the plan to a place in metres by the mouse, and wait until it is saved."""
+    box = page.locator(f".plan {mark}").bounding_box()
+    before = page.locator("[data-part=facts], [data-part=verdict]").first.get_attribute("data-saved")
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    place = page.evaluate(_TO_SCREEN, list(to))
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(*place, steps=MOVES)
+    if not drop:
+        return
+    page.mouse.up()
+    changed = "(old) => (document.querySelector('[data-saved]')?.dataset.saved ?? null) !== old"
+    until(page, changed, before)
+
+
+def emptied(page: Any, session: str) -> float:
+    """Ask for the emptied room and return the seconds until it is on the screen."""
+    screen(page, session, "remove")
+    page.get_by_role("checkbox", name="Object 2").uncheck()
+    page.get_by_text("corrected by hand").wait_for()
+    page.get_by_label("Quality").select_option("draft")
+    begin_s = time.perf_counter()
+    page.get_by_role("button", name="Empty the room").click()
+    until(page, "() => document.querySelector('.job').dataset.state.startsWith('ended')", limit_ms=10 * PATIENCE_MS)
+    assert page.locator(".job").get_attribute("data-state") == "ended 0", page.locator(".job").inner_text()
+    page.get_by_label("Picture").select_option("Emptied")
+    page.wait_for_selector("canvas[data-shown=Emptied]")
+    return time.perf_counter() - begin_s
+
+
+_TO_SCREEN = """([x, y]) => {
+  const plan = document.querySelector(".plan");
+  const place = new DOMPoint(x, -y).matrixTransform(plan.getScreenCTM());
+  return [place.x, place.y];
+}"""
+_WATCH = """() => {
+  window.moveTimes = [];
+  window.addEventListener("pointermove", () => {
+    const begin = performance.now();
+    requestAnimationFrame(() => setTimeout(() => window.moveTimes.push(performance.now() - begin)));
+  }, { capture: true });
+}"""
+
+
+def pictures(session: Path, into: Path) -> None:
+    """Write the guide's screenshots of a session that was processed: ``python -m benchmarks.whole.studio SESSION``."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as started, served(session.parent) as links:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
+        page = browser.new_page(viewport={"width": 1280, "height": 760})
+        page.goto(links[0])
+        page.wait_for_selector("#screen[data-ready]")
+        for kind in ("room", "remove", "furnish"):
+            screen(page, session.name, kind)
+            page.wait_for_timeout(4000)  # the panorama is drawn when it has come
+            page.screenshot(path=into / f"studio-{kind}.jpg", quality=70, type="jpeg")
+        browser.close()
+
+
+if __name__ == "__main__":
+    pictures(Path(sys.argv[1]).resolve(), Path(__file__).parents[2] / "docs" / "images")

@@ -1,0 +1,84 @@
+"""``daylit studio``: sessions in the browser, to see and to correct."""
+
+from __future__ import annotations
+
+import json
+import socket
+import webbrowser
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default="sessions")
+@click.option("--port", type=click.IntRange(0, 65535), default=8321, show_default=True, help="0: any free one.")
+@click.option("--phone", is_flag=True, help="Listen on the local network, too, and print a second link, for a phone.")
+@click.option("--open/--no-open", "show", default=True, help="Open the browser.")
+@click.option("--json", "as_json", is_flag=True, help="Print the links as one JSON object.")
+def studio(folder: Path, *, port: int, phone: bool, show: bool, as_json: bool) -> int:
+    """Look at the sessions in FOLDER and correct them by hand: room, mask, furniture.
+
+    Only this computer can connect, and only by the link that is printed: it counts once. Corrections are choices of the
+    session, kept as soon as they are made; a server that is killed loses nothing.
+
+    \b
+    Examples:
+      daylit studio
+      daylit studio sessions --phone
+    """
+    import uvicorn
+
+    from processing.errors import ParameterError
+    from studio.server import STATIC, Door, make_app
+
+    if not folder.is_dir():
+        raise ParameterError("there is no such folder", where=str(folder), advice="give the folder of the sessions")
+    if not (STATIC / "index.html").is_file():
+        advice = "make web (in the checkout; needs npm's registry once), or install a wheel, which has it built"
+        raise ParameterError("the studio's pages were not built at set-up", where=str(STATIC), advice=advice)
+    sockets = [_listening("127.0.0.1", port)]
+    port = sockets[0].getsockname()[1]
+    hosts = [f"127.0.0.1:{port}", f"localhost:{port}"]
+    if phone:
+        sockets.append(_listening(_own_address(), port))
+        hosts.append(f"{sockets[1].getsockname()[0]}:{port}")
+    door = Door(set(hosts))
+    links = [f"http://{host}/?token={door.token()}" for host in (hosts[0], *hosts[2:])]
+    if as_json:
+        click.echo(json.dumps({"ok": True, "links": links}))
+    else:
+        for what, link in zip(("studio", "on a phone"), links, strict=False):
+            click.echo(f"{what}: {link}")
+        click.echo("each link counts once; end with ctrl-C")
+    if show:
+        webbrowser.open(links[0])
+    config = uvicorn.Config(make_app(folder.resolve(), door), log_level="warning", timeout_graceful_shutdown=1)
+    uvicorn.Server(config).run(sockets=sockets)
+    return 0
+
+
+def _listening(address: str, port: int) -> socket.socket:
+    from processing.errors import ParameterError
+
+    opened = socket.socket()
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        opened.bind((address, port))
+        opened.listen(128)  # whoever follows a link at once waits, and is not refused
+    except OSError as error:
+        opened.close()
+        raise ParameterError(f"--port {port}: {error.strerror}", where=address, advice="give another --port") from error
+    return opened
+
+
+def _own_address() -> str:
+    """Return this computer's address on the network that its default route leads to; nothing is sent."""
+    from processing.errors import ParameterError
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # of documentation (RFC 5737): nobody has it
+        except OSError as error:
+            raise ParameterError("--phone: this computer is in no network", where="studio") from error
+        return str(probe.getsockname()[0])

@@ -1,0 +1,288 @@
+"""The studio's server: for one browser user on this computer, or one whom a one-time link lets in.
+
+Every request needs a Host that the server has, and the cookie that a one-time token was exchanged for; writing ones an
+Origin of its own. Nothing is allowed to other origins, and pages may load nothing but what the server gives.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from collections.abc import AsyncIterator, Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import (
+    FileResponse,
+    JSONResponse,
+    PlainTextResponse,
+    RedirectResponse,
+    Response,
+    StreamingResponse,
+)
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from drivers.errors import DaylitError
+from processing.errors import ParameterError
+from station.session import strict_json
+from studio import sessions as seen
+from studio.jobs import Jobs
+
+STATIC = Path(__file__).parent / "static"
+COOKIE = "daylit"
+MOST_BYTES = 64 << 20
+"""Of an upload: a painted mask of full size has a hundredth (chosen)."""
+LOOK_S = 0.4
+"""From one look at a session's stamp to the next (chosen: people wait for it, the disk does not)."""
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' blob: data:; "
+    "connect-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+HEADERS = [
+    (b"content-security-policy", POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cache-control", b"no-store"),
+]
+Handler = Callable[[Request], Awaitable[Response]]
+
+
+class Door:
+    """Who may come in: tokens that count once, and the cookies that they were exchanged for."""
+
+    def __init__(self, hosts: set[str]) -> None:
+        self.hosts = hosts
+        self._tokens: set[str] = set()
+        self._cookies: set[str] = set()
+
+    def token(self) -> str:
+        """Return a new token, good for one browser."""
+        self._tokens.add(token := secrets.token_urlsafe(24))
+        return token
+
+    def admit(self, token: str) -> str | None:
+        """Return a cookie for a token that was not used yet."""
+        if token not in self._tokens:
+            return None
+        self._tokens.discard(token)
+        self._cookies.add(cookie := secrets.token_urlsafe(24))
+        return cookie
+
+    def known(self, cookie: str | None) -> bool:
+        """Return whether a cookie was given to somebody."""
+        return cookie is not None and cookie in self._cookies
+
+
+class Guard:
+    """Turns away whoever the door does not know, before anything is read or routed."""
+
+    def __init__(self, app: ASGIApp, door: Door) -> None:
+        self._app, self._door = app, door
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer, or let the application answer, with the headers that every answer has."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *HEADERS]
+            await send(message)
+
+        request = Request(scope)
+        refused = self._refused(request)
+        await (refused or self._app)(scope, receive, with_headers)
+
+    def _refused(self, request: Request) -> Response | None:
+        host = request.headers.get("host", "")
+        if host not in self._door.hosts:
+            return PlainTextResponse("unknown host", 421)
+        if request.method not in ("GET", "HEAD") and request.headers.get("origin") != f"http://{host}":
+            return PlainTextResponse("another origin", 403)
+        if int(request.headers.get("content-length") or 0) > MOST_BYTES:
+            return PlainTextResponse("too large", 413)
+        if request.url.path == "/" and (token := request.query_params.get("token")):
+            cookie = self._door.admit(token)
+            if cookie:
+                answer = RedirectResponse("/", 303)
+                answer.set_cookie(COOKIE, cookie, httponly=True, samesite="strict", path="/")
+                return answer
+        if not self._door.known(request.cookies.get(COOKIE)):
+            text = "This link was used already, or is none. daylit studio prints a new one each time it starts."
+            return PlainTextResponse(text, 403)
+        return None
+
+
+class Studio:
+    """The routes over a folder of sessions."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.jobs = Jobs()
+
+    def session(self, request: Request) -> Path:
+        """Return the session that the address names."""
+        return seen.session_at(self.folder, request.path_params["name"])
+
+    async def index(self, _request: Request) -> Response:
+        """Return the page."""
+        return FileResponse(STATIC / "index.html")
+
+    async def cards(self, _request: Request) -> Response:
+        """Return the folder's sessions."""
+        return JSONResponse({"folder": str(self.folder), "sessions": await run_in_threadpool(seen.cards, self.folder)})
+
+    async def overview(self, request: Request) -> Response:
+        """Return what there is of a session."""
+        session = self.session(request)
+        found = await run_in_threadpool(seen.overview, session)
+        return JSONResponse({**found, "path": str(session), "job": self.jobs.state(session)})
+
+    async def picture(self, request: Request) -> Response:
+        """Return a panorama of the room."""
+        width = min(4096, max(64, int(request.query_params.get("width", "2048"))))
+        state = request.query_params.get("state", "Photograph")
+        data = await run_in_threadpool(seen.picture_jpeg, self.session(request), state, width)
+        return Response(data, media_type="image/jpeg")
+
+    async def viewer(self, request: Request) -> Response:
+        """Return a state with its numbers, for the probe."""
+        state = request.query_params.get("state", "Photograph")
+        text = await run_in_threadpool(seen.viewer_json, self.session(request), state)
+        return Response(text, media_type="application/json")
+
+    async def frame(self, request: Request) -> Response:
+        """Return a frame, small."""
+        file = request.query_params.get("file", "")
+        return Response(
+            await run_in_threadpool(seen.frame_jpeg, self.session(request), file, 480), media_type="image/jpeg"
+        )
+
+    async def capture(self, request: Request) -> Response:
+        """Return what a capture has brought so far."""
+        return JSONResponse(await run_in_threadpool(seen.capture_state, self.session(request)))
+
+    async def file(self, request: Request) -> Response:
+        """Return a result as a file; the report as the page that it is."""
+        session, inner = self.session(request), request.path_params["path"]
+        path = (session / "stages" / inner).resolve()
+        if not path.is_relative_to((session / "stages").resolve()) or not path.is_file():
+            return PlainTextResponse("no such file", 404)
+        return FileResponse(path, filename=path.name)
+
+    async def correction(self, request: Request) -> Response:
+        """Read, write or forget the room, the mask or the arrangement."""
+        session, name = self.session(request), _CORRECTIONS[request.path_params["what"]]
+        if request.method == "DELETE":
+            await run_in_threadpool(seen.drop, session, name)
+        elif request.method == "PUT":
+            base = request.query_params.get("base", "")
+            data = await _body(request)
+            await run_in_threadpool(lambda: seen.save(session, name, _file_of(session, name, data), base))
+        data, corrected = await run_in_threadpool(seen.current, session, name)
+        if not data:
+            raise ParameterError("there is none yet", where=name)
+        kind = "image/png" if name == seen.MASK else "application/json"
+        return Response(
+            data, media_type=kind, headers={"x-digest": seen.digest(data), "x-corrected": str(int(corrected))}
+        )
+
+    async def judge(self, request: Request) -> Response:
+        """Return the rules that an arrangement breaks, while a piece is dragged."""
+        session, places = self.session(request), strict_json.loads(await _body(request))
+
+        def verdict() -> list[str]:
+            return seen.broken(seen.plan_of(session), seen.moved(session, places).arrangements[0])
+
+        return JSONResponse({"broken": await run_in_threadpool(verdict)})
+
+    async def run(self, request: Request) -> Response:
+        """Begin a run, or stop it."""
+        session = self.session(request)
+        if request.method == "DELETE":
+            self.jobs.stop(session)
+        else:
+            asked = strict_json.loads(await _body(request))
+            await self.jobs.start(session, str(asked.get("until")), str(asked.get("quality", "draft")))
+        return JSONResponse(self.jobs.state(session))
+
+    async def events(self, request: Request) -> Response:
+        """Send the session's stamp and its run whenever one of them changes."""
+        session = self.session(request)
+        return StreamingResponse(self._changes(request, session), media_type="text/event-stream")
+
+    async def _changes(self, request: Request, session: Path) -> AsyncIterator[str]:
+        last = ""
+        while not await request.is_disconnected():
+            state = {"stamp": await run_in_threadpool(seen.stamp, session), "job": self.jobs.state(session)}
+            text = json.dumps(state)
+            if text != last:
+                yield f"data: {text}\n\n"
+                last = text
+            await asyncio.sleep(LOOK_S)
+
+
+_CORRECTIONS = {"room": seen.ROOM, "mask": seen.MASK, "arrangement": seen.ARRANGEMENT}
+
+
+def _file_of(session: Path, name: str, data: bytes) -> bytes:
+    """Return what was sent as the file to write, checked."""
+    if name == seen.MASK:
+        return seen.mask_bytes(data, session)
+    value = strict_json.loads(data)
+    if name == seen.ROOM:
+        return seen.room_bytes(value)
+    found = seen.moved(session, value)
+    if rules := seen.broken(seen.plan_of(session), found.arrangements[0]):
+        raise ParameterError(f"not so: {rules[0]}", where="furnish", advice="move the piece until no rule is broken")
+    return (found.model_dump_json(indent=1) + "\n").encode()
+
+
+async def _body(request: Request) -> bytes:
+    """Return what was sent, up to `MOST_BYTES`."""
+    found = bytearray()
+    async for part in request.stream():
+        found += part
+        if len(found) > MOST_BYTES:
+            raise ParameterError("too large", where="upload")
+    return bytes(found)
+
+
+async def _told(_request: Request, error: Exception) -> Response:
+    if isinstance(error, DaylitError):
+        status = 409 if isinstance(error, seen.StaleError) else 404 if error.code.startswith("SES") else 400
+        return JSONResponse({"error": error.to_dict()}, status)
+    return JSONResponse({"error": {"code": "USE-001", "message": f"what was sent cannot be read: {error}"[:200]}}, 400)
+
+
+def make_app(folder: Path, door: Door) -> Starlette:
+    """Return the application over a folder of sessions."""
+    studio = Studio(folder)
+    base = "/api/sessions/{name}"
+    corrected = "/{what:str}"
+    routes = [
+        Route("/", studio.index),
+        Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
+        Route("/api/sessions", studio.cards),
+        Route(base, studio.overview),
+        Route(base + "/picture", studio.picture),
+        Route(base + "/viewer", studio.viewer),
+        Route(base + "/frame", studio.frame),
+        Route(base + "/capture", studio.capture),
+        Route(base + "/judge", studio.judge, methods=["POST"]),
+        Route(base + "/run", studio.run, methods=["POST", "DELETE"]),
+        Route(base + "/events", studio.events),
+        Route(base + "/files/{path:path}", studio.file),
+        Route(base + "/correction" + corrected, studio.correction, methods=["GET", "PUT", "DELETE"]),
+    ]
+    errors: dict[Any, Any] = dict.fromkeys((DaylitError, ValueError, KeyError), _told)
+    return Starlette(routes=routes, middleware=[Middleware(Guard, door=door)], exception_handlers=errors)

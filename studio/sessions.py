@@ -1,0 +1,312 @@
+"""What the screens show of a session, and what they write to it: corrections, which are choices like any other."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from processing.errors import LayoutError, ParameterError
+from processing.ground.room_model import check_room, read_room, room_text
+from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
+from processing.running.choices import forget, read_choices, remember
+from processing.running.results import RESULT_NAME
+from station.errors import SessionNotFoundError
+from station.session.folder import open_session, write_file
+from station.session.session import MANIFEST_NAME
+from station.session.store import SessionStore, load_manifest
+
+BY = "daylit studio"
+ROOM, MASK, ARRANGEMENT = "room.json", "mask.png", "arrangement.json"
+"""Corrections: files of the session, each named by the choice that its stem names."""
+ESTIMATED = {
+    ROOM: "stages/room/room.json",
+    MASK: "stages/detect/target.png",
+    ARRANGEMENT: "stages/arrange/arrangement.json",
+}
+STATES = {
+    "Photograph": ("stages/room/panorama.exr", "stages/calibrate/indoor.exr", "stages/merge/indoor.exr"),
+    "Emptied": ("stages/remove/empty.exr",),
+    **{f"Staged {k}": (f"stages/render/staged-{k}.exr",) for k in range(1, 8)},
+}
+"""Pictures of the room, and where each may lie."""
+MOST_MASK_PX = 1 << 26
+"""Chosen: three times a mask of full size."""
+
+
+class StaleError(ParameterError):
+    """A correction made on a state that another tab or command has changed since."""
+
+    code = "USE-005"
+
+
+def session_at(folder: Path, name: str) -> Path:
+    """Return the session's folder; whatever is no name of a folder there that holds a session is refused."""
+    if (
+        not re.fullmatch(r"[^/\\\x00]{1,255}", name)
+        or name in (".", "..")
+        or not (folder / name / MANIFEST_NAME).is_file()
+    ):
+        raise SessionNotFoundError("there is no such session", where=name[:80])
+    return folder / name
+
+
+def cards(folder: Path) -> list[dict[str, Any]]:
+    """Return a row for each session of the folder, the newest first; one that cannot be read says so."""
+    found = [_card(path.parent) for path in folder.glob(f"*/{MANIFEST_NAME}")]
+    return sorted(found, key=lambda card: (str(card["taken"]), str(card["name"])), reverse=True)
+
+
+def _card(session: Path) -> dict[str, Any]:
+    try:
+        manifest = load_manifest(session)
+    except Exception as error:  # noqa: BLE001 (one damaged session must not hide the others)
+        return {"name": session.name, "title": session.name, "taken": "", "status": "damaged", "missing": [str(error)]}
+    return {
+        "name": session.name,
+        "title": manifest.name,
+        "taken": f"{manifest.created_utc:%Y-%m-%d %H:%M} UTC",
+        "status": manifest.status.value,
+        "missing": list(manifest.missing),
+        "simulated": manifest.simulated,
+        "frames": len(manifest.frames),
+        "stages": stages(session),
+    }
+
+
+def stages(session: Path) -> list[str]:
+    """Return the stages that have a result."""
+    return sorted(path.parent.name for path in session.glob(f"stages/*/{RESULT_NAME}"))
+
+
+def overview(session: Path) -> dict[str, Any]:
+    """Return all that the screens need to begin with: the card, which pictures there are, choices, and its stamp."""
+    chosen = read_choices(session).chosen
+    return {
+        **_card(session),
+        "states": [name for name in STATES if _picture(session, name)],
+        "chosen": {name: choice.file if choice.value is None else choice.value for name, choice in chosen.items()},
+        "page": (session / "stages" / "report" / "index.html").is_file(),
+        "stamp": stamp(session),
+    }
+
+
+def stamp(session: Path) -> str:
+    """Return what changes whenever something of the session does: choices, corrections, results, the journal."""
+    names = (MANIFEST_NAME, "journal.jsonl", "choices.toml", *ESTIMATED)
+    paths = [session / name for name in names] + sorted(session.glob(f"stages/*/{RESULT_NAME}"))
+    seen = [(path.name, path.parent.name, path.stat().st_mtime_ns) for path in paths if path.exists()]
+    return hashlib.sha256(repr(seen).encode()).hexdigest()[:16]
+
+
+def current(session: Path, name: str) -> tuple[bytes, bool]:
+    """Return a correction's file, else what was estimated, and whether it was corrected; empty: there is neither."""
+    chosen = read_choices(session).chosen.get(Path(name).stem)
+    corrected = session / chosen.file if chosen is not None and chosen.file else None
+    for path in (corrected, session / ESTIMATED[name]):
+        if path is not None and path.is_file():
+            return path.read_bytes(), path == corrected
+    photograph = _picture(session, "Photograph")
+    return (_nothing_png(photograph) if name == MASK and photograph else b""), False
+
+
+@lru_cache(maxsize=8)
+def _nothing_png(panorama: Path) -> bytes:
+    """Return the mask of a panorama in which nothing was detected."""
+    from PIL import Image
+
+    from processing.pictures.exr import read_exr
+
+    height, width = read_exr(panorama).rgb.shape[:2]
+    out = io.BytesIO()
+    Image.new("L", (width, height)).save(out, "PNG")
+    return out.getvalue()
+
+
+def digest(data: bytes) -> str:
+    """Return what names a state of a correction."""
+    return hashlib.sha256(data).hexdigest()[:16]
+
+
+def save(session: Path, name: str, data: bytes, base: str) -> str:
+    """Write a correction durably and choose it; return its digest.
+
+    ``base`` names the state that it was made on; raises `StaleError` where that is not the current one any more.
+    """
+    if base != digest(current(session, name)[0]):
+        raise StaleError(
+            "somebody else has changed this meanwhile", where=name, advice="look at what it is now, then try again"
+        )
+    with open_session(session) as root:
+        write_file(root, name, data)
+    remember(session, {Path(name).stem: session / name}, by=BY)
+    return digest(data)
+
+
+def drop(session: Path, name: str) -> None:
+    """Go back to what was estimated; the correction's file stays where it is."""
+    forget(session, [Path(name).stem])
+
+
+def room_bytes(data: Any) -> bytes:
+    """Return a corrected room as its file; raises `RoomError` naming all that is wrong with it."""
+    from processing.ground.room_model import RoomModel
+
+    if isinstance(data, dict):
+        data = {**data, "source": "given", "confidence": 1.0}
+    check_room(data)
+    return room_text(RoomModel.model_validate_json(json.dumps(data))).encode()
+
+
+def mask_bytes(png: bytes, session: Path) -> bytes:
+    """Return a painted mask (PNG, white: remove) in the panorama's size, 0 or 255."""
+    import numpy as np
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(io.BytesIO(png)) as given, Image.open(io.BytesIO(current(session, MASK)[0])) as estimated:
+            if given.format != "PNG" or given.width * given.height > MOST_MASK_PX:
+                raise ParameterError("a mask is a PNG no larger than the panorama", where="mask")
+            whole = given.convert("L").resize(estimated.size, Image.Resampling.BILINEAR)
+    except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
+        raise ParameterError(f"the mask cannot be read: {str(error)[:100]}", where="mask") from error
+    out = io.BytesIO()
+    Image.fromarray(np.where(np.asarray(whole) >= 128, 255, 0).astype(np.uint8)).save(out, "PNG")
+    return out.getvalue()
+
+
+def plan_of(session: Path) -> Any:
+    """Return the plan that furniture is arranged on: the room as corrected, a door assumed where it has none."""
+    from processing.layout.assumed import with_door
+    from processing.layout.plan import from_room_model
+
+    data, _ = current(session, ROOM)
+    if not data:
+        raise ParameterError("the session has no room yet", where=session.name, advice="process it until room")
+    chosen = read_choices(session).value(session, "room")
+    room, _ = with_door(read_room(chosen or session / ESTIMATED[ROOM]))
+    return from_room_model(room, name="room", keep_camera_free=True)
+
+
+def broken(plan: Any, arrangement: Arrangement) -> list[str]:
+    """Return the hard rules that an arrangement breaks, by the judge of `daylit arrange`; empty: none."""
+    from processing.layout.assumed import broken_rules
+
+    try:
+        found = broken_rules(arrangement, plan)
+    except LayoutError as error:
+        return [error.message]
+    return found.split("; ") if found else []
+
+
+def moved(session: Path, places: Mapping[str, Any]) -> Arrangements:
+    """Return the session's arrangements, of which the first has pieces at other ``places``: id to [x, y, theta].
+
+    A piece that has no place is left out; metres and radians of the room's frame.
+    """
+    data, _ = current(session, ARRANGEMENT)
+    if not data:
+        raise ParameterError("nothing is arranged yet", where=session.name, advice="process it until arrange")
+    chosen = read_choices(session).value(session, "arrangement")
+    found = read_arrangements(chosen or session / ESTIMATED[ARRANGEMENT])
+    first = found.arrangements[0]
+    try:
+        items = tuple(
+            item.model_copy(
+                update={"t_m": (float(x), float(y), item.t_m[2]), "theta_rad": float(theta), "pinned": True}
+            )
+            for item in first.items
+            if item.id in places
+            for x, y, theta in [places[item.id]]
+        )
+        return Arrangements.model_validate_json(
+            found.model_copy(
+                update={"arrangements": (first.model_copy(update={"items": items}), *found.arrangements[1:])}
+            ).model_dump_json()
+        )
+    except (TypeError, ValueError) as error:
+        raise ParameterError(
+            f"places are [x, y, theta] by the piece's id: {str(error)[:80]}", where="furnish"
+        ) from error
+
+
+def _picture(session: Path, state: str) -> Path | None:
+    return next((p for name in STATES.get(state, ()) if (p := session / name).is_file()), None)
+
+
+def picture_jpeg(session: Path, state: str, width_px: int) -> bytes:
+    """Return a panorama of the room as JPEG, at most ``width_px`` wide."""
+    path = _picture(session, state)
+    if path is None:
+        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
+    look = _picture(session, "Photograph") or path
+    return _jpeg(path, path.stat().st_mtime_ns, look, look.stat().st_mtime_ns, width_px)
+
+
+@lru_cache(maxsize=24)
+def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int, width_px: int) -> bytes:
+    import cv2
+
+    from processing.pictures.exr import read_exr
+    from processing.report.states import Look, shown
+
+    image = read_exr(path)
+    look = Look.of(image if path == look_path else read_exr(look_path))  # type: ignore[arg-type]
+    height, width = image.rgb.shape[:2]
+    wide = min(width_px, width)
+    rgb: Any = cv2.resize(image.rgb, (wide, wide * height // width), interpolation=cv2.INTER_AREA)
+    coded, data = cv2.imencode(".jpg", shown(rgb, look)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 88])
+    assert coded
+    return bytes(data.tobytes())
+
+
+def viewer_json(session: Path, state: str) -> str:
+    """Return what the viewer with exposure and probe shows of a state, as the report's page holds it."""
+    from processing.pictures.exr import read_exr
+    from processing.report.states import Look, State, viewer
+
+    path = _picture(session, state)
+    photograph = _picture(session, "Photograph")
+    if path is None or photograph is None:
+        raise ParameterError("there is no such picture yet", where=f"{session.name}: {state[:40]}")
+    first = read_exr(photograph)
+    image = first if path == photograph else read_exr(path)
+    name = path.relative_to(session).as_posix()
+    staged = state.startswith("Staged")
+    return viewer([State(state, image, staged, name)], Look.of(first)).json  # type: ignore[arg-type]
+
+
+def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:
+    """Return a frame as it came from the camera, small."""
+    from PIL import Image
+
+    manifest = load_manifest(session)
+    if file not in {frame.file for frame in manifest.frames if not frame.is_raw}:
+        raise ParameterError("there is no such frame", where=file[:80])
+    with Image.open(session / file) as frame:
+        frame.draft("RGB", (width_px, width_px))
+        frame.thumbnail((width_px, width_px))
+        out = io.BytesIO()
+        frame.convert("RGB").save(out, "JPEG", quality=82)
+    return out.getvalue()
+
+
+def capture_state(session: Path) -> dict[str, Any]:
+    """Return what a capture has brought so far: frames with their shares, meter, skews, warnings, verdict."""
+    with SessionStore.open(session, writable=False) as store:  # with what the journal has and session.json has not yet
+        manifest = store.manifest
+    return {
+        "status": manifest.status.value,
+        "missing": list(manifest.missing),
+        "stops_s": list(manifest.bracket.stops_s),
+        "devices": [{"role": d.role, "model": d.model, "simulated": d.simulated} for d in manifest.devices],
+        "frames": [frame.model_dump(mode="json", exclude_none=True) for frame in manifest.frames if not frame.is_raw],
+        "readings": [reading.model_dump(mode="json", exclude_none=True) for reading in manifest.readings],
+        "drift": manifest.drift_frac,
+        "warnings": [warning.model_dump(mode="json") for warning in manifest.warnings],
+    }

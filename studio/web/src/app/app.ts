@@ -1,0 +1,116 @@
+// The frame around the screens: where one is, what runs, undo, and the command line that does the same.
+import { api, type Card, type Job, type Overview } from "./api";
+import { captureScreen } from "./capture";
+import { button, h, note } from "./dom";
+import { furnishScreen } from "./furnish";
+import { removeScreen } from "./remove";
+import { resultsScreen } from "./results";
+import { roomScreen } from "./room";
+import type { Screen } from "./screens";
+
+const SCREENS: Record<string, { title: string; needs: string; open: (session: Overview) => Promise<Screen> }> = {
+  capture: { title: "Capture", needs: "frames", open: captureScreen },
+  room: { title: "Room", needs: "room", open: roomScreen },
+  remove: { title: "Remove", needs: "detect", open: removeScreen },
+  furnish: { title: "Furnish", needs: "arrange", open: furnishScreen },
+  results: { title: "Results", needs: "calibrate", open: resultsScreen },
+};
+
+const [top, main, below] = ["top", "screen", "below"].map((id) => document.getElementById(id)!) as [HTMLElement, HTMLElement, HTMLElement];
+let screen: Screen | null = null;
+let events: EventSource | null = null;
+let opening = 0;
+
+function close(): void {
+  screen?.close?.();
+  events?.close();
+  screen = events = null;
+}
+
+async function route(): Promise<void> {
+  const mine = (opening += 1);
+  close();
+  main.replaceChildren(h("p", { class: "facts" }, "Opening …"));
+  below.replaceChildren();
+  const [name, kind] = location.hash.slice(2).split("/").map(decodeURIComponent);
+  try {
+    if (name) await session(name, kind ?? "", mine);
+    else await sessions();
+  } catch (error) {
+    main.replaceChildren(h("p", { class: "verdict bad" }, (error as Error).message));
+  }
+  main.dataset.ready = location.hash;
+}
+
+async function sessions(): Promise<void> {
+  top.replaceChildren(h("h1", {}, "Sessions"));
+  const found = await api.sessions();
+  const cards = found.sessions.map(card);
+  main.replaceChildren(cards.length ? h("ul", { class: "cards" }, ...cards) : h("p", {}, "There is no session here yet: capture or import one."));
+  below.replaceChildren(h("p", {}, "On the command line: ", h("code", {}, `ls ${found.folder}`)));
+}
+
+function card(one: Card): HTMLElement {
+  const stages = one.stages ?? [];
+  const first = one.status !== "complete" ? "capture" : stages.includes("render") ? "results" : "room";
+  const picture = stages.includes("calibrate")
+    ? h("img", { src: api.picture(one.name, "Photograph", 640, ""), alt: "", loading: "lazy" })
+    : h("div", { class: "blank" });
+  const state = one.status === "complete" ? (stages.includes("report") ? "processed" : stages.length ? `processed until ${["report", "render", "arrange", "remove", "detect", "room", "calibrate", "merge", "verify"].find((s) => stages.includes(s))}` : "captured") : one.status;
+  return h("li", { class: "card" }, h("a", { href: `#/${encodeURIComponent(one.name)}/${first}` }, picture, h("strong", {}, one.title)),
+    h("p", {}, [one.taken, state, one.simulated ? "simulated" : ""].filter(Boolean).join(" · ")),
+    one.missing.length ? h("p", { class: "bad" }, `Missing: ${one.missing.slice(0, 4).join(", ")}${one.missing.length > 4 ? " …" : ""}`) : null);
+}
+
+async function session(name: string, kind: string, mine: number): Promise<void> {
+  const found = await api.overview(name);
+  const there = [...(found.stages ?? []), found.frames || found.status !== "complete" ? "frames" : ""];
+  const open = Object.entries(SCREENS).filter(([, one]) => there.includes(one.needs));
+  const chosen = open.some(([id]) => id === kind) ? kind : open[0]?.[0];
+  if (!chosen) throw new Error("There is nothing to show of this session yet: process it");
+  const tabs = open.map(([id, one]) => h("a", { href: `#/${encodeURIComponent(name)}/${id}`, "aria-current": id === chosen ? "page" : null }, one.title));
+  top.replaceChildren(h("a", { class: "home", href: "#/" }, "Sessions"), h("h1", {}, found.title), h("nav", { "aria-label": "Screens" }, ...tabs));
+  const opened = await SCREENS[chosen]!.open(found);
+  if (mine !== opening) return opened.close?.();
+  screen = opened;
+  main.replaceChildren(opened.element);
+  const job = h("div", { class: "job" });
+  below.replaceChildren(job, h("p", {}, "On the command line: ", h("code", {}, opened.command)));
+  showJob(job, found, found.job, opened);
+  events = api.events(name);
+  let stamp = found.stamp;
+  events.addEventListener("message", (event: MessageEvent<string>) => {
+    const now = JSON.parse(event.data) as { stamp: string; job: Job | null };
+    showJob(job, found, now.job, opened);
+    if (now.stamp === stamp) return;
+    stamp = now.stamp;
+    opened.refresh?.().catch((error: unknown) => note((error as Error).message, true));
+  });
+}
+
+function showJob(box: HTMLElement, { name, chosen: { quality: chosen = "standard" } }: Overview, job: Job | null, opened: Screen): void {
+  const ask = (act: () => Promise<void>) => (): void => void act().catch((error: unknown) => note((error as Error).message, true));
+  const children: Node[] = [];
+  if (job?.running) {
+    children.push(h("p", {}, h("span", { class: "busy", "aria-hidden": "true" }), `Running: ${job.lines.at(-1) ?? "starting"}`), button("Stop", ask(() => api.stop(name))));
+  } else if (opened.run) {
+    const { until, text } = opened.run;
+    const quality = h("select", { "aria-label": "Quality" }, ...["draft", "standard", "reference"].map((one) => h("option", { selected: one === chosen }, one)));
+    children.push(button(text, ask(() => api.run(name, until, quality.value)), { class: "main" }), quality);
+    if (job) children.push(h("p", { class: job.code ? "bad" : "" }, job.code ? `It ended with an error: ${job.lines.at(-1)}` : "The last run is done"));
+  }
+  if (job?.lines.length) children.push(h("details", {}, h("summary", {}, "What it says"), h("pre", { tabindex: 0 }, job.lines.join("\n"))));
+  box.dataset.state = job?.running ? "running" : job ? `ended ${job.code}` : "none";
+  const open = box.querySelector("details")?.open;
+  box.replaceChildren(...children);
+  if (open) box.querySelector("details")?.setAttribute("open", "");
+}
+
+window.addEventListener("hashchange", () => void route());
+window.addEventListener("keydown", (event) => {
+  if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || !screen) return;
+  event.preventDefault();
+  if (event.shiftKey) screen.redo?.();
+  else screen.undo?.();
+});
+void route();

@@ -1,0 +1,73 @@
+// Capture: frames as they come, what is clipped, what the meter said, what is missing.
+import { api, type Capture, type Overview } from "./api";
+import { h } from "./dom";
+import type { Screen } from "./screens";
+
+const BINS = 64;
+const exposure = (seconds: number): string => (seconds >= 0.4 ? `${seconds} s` : `1/${Math.round(1 / seconds)} s`);
+
+/** A histogram of a frame's brightest channel; the last bin is what is clipped. */
+function histogram(image: HTMLImageElement, onto: HTMLCanvasElement): void {
+  const small = h("canvas", { width: 160, height: Math.max(1, Math.round((160 * image.naturalHeight) / image.naturalWidth)) });
+  const context = small.getContext("2d", { willReadFrequently: true })!;
+  context.drawImage(image, 0, 0, small.width, small.height);
+  const { data } = context.getImageData(0, 0, small.width, small.height);
+  const counts = new Float64Array(BINS);
+  for (let i = 0; i < data.length; i += 4) counts[Math.floor((Math.max(data[i]!, data[i + 1]!, data[i + 2]!) * BINS) / 256)]! += 1;
+  const most = Math.max(...counts);
+  const to = onto.getContext("2d")!;
+  to.clearRect(0, 0, onto.width, onto.height);
+  counts.forEach((count, i) => {
+    const tall = onto.height * Math.sqrt(count / most);
+    to.fillStyle = i === BINS - 1 ? "#e5484d" : "#9aa3a0";
+    to.fillRect((i * onto.width) / BINS, onto.height - tall, onto.width / BINS, tall);
+  });
+}
+
+export async function captureScreen(session: Overview): Promise<Screen> {
+  const verdict = h("p", { class: "verdict", "data-part": "verdict", role: "status" });
+  const facts = h("dl", { class: "figures" });
+  const frames = h("div", { class: "frames" });
+  const shown = new Map<string, HTMLElement>();
+
+  function fact(name: string, text: string): HTMLElement {
+    return h("div", {}, h("dt", {}, name), h("dd", {}, text));
+  }
+
+  function tile(file: string, text: string): HTMLElement {
+    const bars = h("canvas", { width: 160, height: 36, "aria-hidden": "true" });
+    const image = h("img", { src: api.frame(session.name, file), alt: text, load: (event: Event) => histogram(event.target as HTMLImageElement, bars) });
+    return h("figure", { "data-file": file }, image, bars, h("figcaption", {}));
+  }
+
+  function show(now: Capture): void {
+    const complete = now.status === "complete";
+    verdict.textContent = complete ? `Complete: ${now.frames.length} frames` : `Partial: ${now.missing.join(", ") || "it is being captured"}`;
+    verdict.classList.toggle("bad", !complete);
+    const readings = now.readings.map((one) => `${one.when}: ${one.luminance_cd_m2 === undefined ? one.status : `${one.luminance_cd_m2.toPrecision(4)} cd/m²`}`);
+    const clipped = now.frames.filter((one) => (one.statistics?.clipped_frac ?? 0) > 0.5).length;
+    facts.replaceChildren(
+      ...now.devices.map((one) => fact(one.role, `${one.model}${one.simulated ? " (simulated)" : ""}`)),
+      fact("Meter", readings.join(", ") || "no reading yet"),
+      ...(now.drift === null ? [] : [fact("Drift of the light", `${(100 * now.drift).toFixed(1)} %`)]),
+      fact("Frames", `${now.frames.length} of ${2 * now.stops_s.length}${clipped ? `, ${clipped} mostly clipped` : ""}`),
+      ...(now.warnings.length ? [fact("Warnings", now.warnings.map((one) => one.message).join("; "))] : []));
+    for (const one of [...now.frames].sort((a, b) => a.side.localeCompare(b.side) || a.stop - b.stop)) {
+      const seconds = now.stops_s[one.stop];
+      const text = `${one.side}, ${seconds === undefined ? one.file : exposure(seconds)}`;
+      const box = shown.get(one.file) ?? tile(one.file, text);
+      const share = one.statistics === undefined ? "" : ` · ${(100 * one.statistics.clipped_frac).toFixed(1)} % clipped`;
+      box.querySelector("figcaption")!.textContent = text + share;
+      shown.set(one.file, box);
+      frames.append(box);
+    }
+  }
+
+  const refresh = async (): Promise<void> => show(await api.capture(session.name));
+  await refresh();
+  return {
+    element: h("section", { class: "wide" }, verdict, facts, frames),
+    refresh,
+    command: session.status === "complete" ? `daylit verify ${session.path}` : `daylit capture --resume ${session.path}`,
+  };
+}

@@ -1,0 +1,206 @@
+// Furnish: pieces on the plan, dragged and turned, with the judge's verdict while they move.
+import { api, type Overview, type Piece, type Pose, type Room } from "./api";
+import { button, h, note, svg } from "./dom";
+import { ARROWS, draggable, Plan } from "./plan";
+import { onWall, round } from "./rooms";
+import type { Screen } from "./screens";
+import { Turns, Undo } from "./undo";
+
+interface Arranged {
+  arrangements: { items: Piece[] }[];
+}
+type Places = Record<string, Pose>;
+
+const TURN = Math.PI / 12;
+const SNAP_RAD = 0.07;
+const read = async (answer: Response): Promise<Piece[]> => ((await answer.json()) as Arranged).arrangements[0]!.items;
+const placesOf = (pieces: Piece[]): Places => Object.fromEntries(pieces.map((one) => [one.id, [one.t_m[0], one.t_m[1], one.theta_rad]]));
+
+export async function furnishScreen(session: Overview): Promise<Screen> {
+  const room = (await api.read<Room>(session.name, "room", async (answer) => (await answer.json()) as Room)).value;
+  let found = await api.read(session.name, "arrangement", read);
+  let pieces = found.value;
+  let places = placesOf(pieces);
+  let broken: string[] = [];
+  let judging = false;
+  let waiting: Places | null = null;
+  let focused = "";
+  const turns = new Turns();
+  const undo = new Undo<Places>((before) => void keep(before, places));
+  const verdict = h("p", { class: "verdict", "data-part": "verdict", role: "status" });
+  const plan = new Plan(room.floor, "Plan: drag pieces; R turns, Delete takes away");
+  const layer = svg("g");
+  const bar = h("div", { class: "bar" },
+    button("Undo", () => undo.back(places), { "data-part": "undo" }), button("Redo", () => undo.again(places)),
+    button("Turn (R)", () => turn(TURN)), button("Take away", away), button("As arranged", () => void forget()));
+  const list = h("ul", { class: "objects" });
+
+  plan.element.append(svg("polygon", { class: "floor", points: room.floor.map(([x, y]) => `${x},${-y}`).join(" ") }));
+  room.floor.forEach(([x, y], i) => {
+    const to = room.floor[(i + 1) % room.floor.length]!;
+    plan.element.append(svg("line", { class: "wall still", x1: x, y1: -y, x2: to[0], y2: -to[1] }));
+  });
+  for (const o of room.openings) {
+    const [from, to] = [onWall(room, o.wall, o.start_m), onWall(room, o.wall, o.end_m)];
+    plan.element.append(svg("line", { class: `opening still ${o.kind}`, x1: from[0], y1: -from[1], x2: to[0], y2: -to[1] }));
+  }
+  plan.element.append(svg("circle", { class: "camera", r: 1.3 * plan.scale }), layer);
+
+  function place(mark: SVGGElement, id: string): void {
+    const [x, y, theta] = places[id]!;
+    mark.setAttribute("transform", `translate(${x} ${-y}) rotate(${(-theta * 180) / Math.PI})`);
+    const upside = Math.cos(theta) < -0.01;
+    mark.querySelector("text")!.setAttribute("transform", upside ? "rotate(180)" : "");
+  }
+
+  const marks = (): SVGGElement[] => [...layer.querySelectorAll<SVGGElement>(".piece")];
+
+  function draw(): void {
+    layer.replaceChildren(...pieces.filter((one) => places[one.id]).map((one) => {
+      const [w, d] = one.size_m;
+      const name = one.id.replaceAll("-", " ");
+      const mark = svg("g", { class: "piece", tabindex: 0, role: "button", "aria-label": name, "data-id": one.id },
+        svg("rect", { x: -w / 2, y: -d / 2, width: w, height: d, rx: 0.04 }),
+        svg("line", { class: "front", x1: -w / 2 + 0.05, x2: w / 2 - 0.05, y1: -d / 2 + 0.05, y2: -d / 2 + 0.05 }),
+        svg("text", { "font-size": Math.max(1.6 * plan.scale, Math.min(2.6 * plan.scale, (1.7 * w) / name.length)) }, name));
+      place(mark, one.id);
+      mark.addEventListener("focus", () => (focused = one.id));
+      mark.addEventListener("keydown", (event) => key(event, one.id));
+      draggable(mark, (down) => drag(down, one.id, mark));
+      return mark;
+    }));
+    list.replaceChildren(...pieces.map((one) => h("li", {}, h("label", {},
+      h("input", { type: "checkbox", checked: Boolean(places[one.id]), change: () => putBack(one) }),
+      `${one.id.replaceAll("-", " ")} · ${one.size_m.map((m) => m.toFixed(2)).join(" × ")} m`))));
+    say();
+  }
+
+  function say(): void {
+    verdict.textContent = broken.length ? `Not so: ${broken.join("; ")}` : "Every rule is kept";
+    verdict.classList.toggle("bad", broken.length > 0);
+    for (const mark of marks()) mark.classList.toggle("wrong", broken.some((line) => new RegExp(`\\b${mark.dataset.id}\\b`).test(line)));
+  }
+
+  /** Ask the judge; while it thinks only the last place is kept for its next turn. */
+  async function judge(asked: Places): Promise<void> {
+    if (judging) {
+      waiting = asked;
+      return;
+    }
+    judging = true;
+    try {
+      broken = await api.judge(session.name, asked);
+      say();
+    } finally {
+      judging = false;
+      const next = waiting;
+      waiting = null;
+      if (next) await judge(next);
+    }
+  }
+
+  function drag(down: PointerEvent, id: string, mark: SVGGElement): { move: (event: PointerEvent) => void; end: () => void } {
+    const [start, before] = [plan.at(down), places];
+    const [x, y, theta] = before[id]!;
+    return {
+      move: (event) => {
+        const here = plan.at(event);
+        places = { ...places, [id]: [round(x + here[0] - start[0]), round(y + here[1] - start[1]), theta] };
+        place(mark, id);
+        void judge(places);
+      },
+      end: () => {
+        if (places !== before) void keep(places, before, true);
+      },
+    };
+  }
+
+  function key(event: KeyboardEvent, id: string): void {
+    const arrow = ARROWS[event.key];
+    const [x, y, theta] = places[id]!;
+    const by = event.shiftKey ? 0.1 : 0.02;
+    if (arrow) move(id, [round(x + arrow[0] * by), round(y + arrow[1] * by), theta]);
+    else if (event.key === "r" || event.key === "R") turn(event.shiftKey ? -TURN : TURN);
+    else if (event.key === "Delete" || event.key === "Backspace") away();
+    else return;
+    event.preventDefault();
+  }
+
+  const move = (id: string, to: Pose): void => void keep({ ...places, [id]: to }, places, true);
+
+  /** Turn by a step; nearly along a wall it is along it. */
+  function turn(by: number): void {
+    const at = places[focused];
+    if (!at) return note("Choose a piece first");
+    let theta = at[2] + by;
+    room.floor.forEach(([x, y], i) => {
+      const to = room.floor[(i + 1) % room.floor.length]!;
+      const off = (theta - Math.atan2(to[1] - y, to[0] - x)) / (Math.PI / 2);
+      if (Math.abs(off - Math.round(off)) * (Math.PI / 2) < SNAP_RAD) theta -= (off - Math.round(off)) * (Math.PI / 2);
+    });
+    move(focused, [at[0], at[1], theta]);
+  }
+
+  function away(): void {
+    if (!places[focused]) return note("Choose a piece first");
+    const { [focused]: _gone, ...rest } = places;
+    void keep(rest, places, true);
+  }
+
+  function putBack(one: Piece): void {
+    if (places[one.id]) {
+      focused = one.id;
+      away();
+    } else void keep({ ...places, [one.id]: [one.t_m[0], one.t_m[1], one.theta_rad] }, places, true);
+  }
+
+  /** Save; where a rule is broken the piece goes back to where it was, and the reason is said. */
+  async function keep(changed: Places, before: Places, step = false): Promise<void> {
+    places = changed;
+    try {
+      await judge(changed);
+      if (broken.length) throw new Error(broken[0]);
+      await turns.save(async () => {
+        found = await api.write(session.name, "arrangement", found.digest, JSON.stringify(changed), read);
+      });
+      if (step) undo.step(before);
+      verdict.dataset.saved = found.digest;
+      note("Saved");
+    } catch (error) {
+      places = before;
+      note(`Refused: ${(error as Error).message}`, true);
+      broken = [];
+    }
+    draw();
+    if (focused) marks().find((mark) => mark.dataset.id === focused)?.focus();
+  }
+
+  const refresh = (): Promise<void> => turns.take(async () => {
+    const now = await api.read(session.name, "arrangement", read);
+    if (now.digest === found.digest) return;
+    turns.foreign += 1;
+    found = now;
+    const gone = pieces.filter((one) => !now.value.some((other) => other.id === one.id));
+    pieces = [...now.value, ...gone];
+    places = placesOf(now.value);
+    draw();
+  });
+
+  async function forget(): Promise<void> {
+    if (!found.corrected) return;
+    undo.step(places);
+    await api.forget(session.name, "arrangement");
+    await refresh();
+  }
+
+  draw();
+  void judge(places);
+  return {
+    element: h("section", { class: "side-by-side" }, h("div", {}, bar, plan.element, verdict), h("div", {}, h("h2", {}, "Pieces"), list)),
+    refresh,
+    undo: () => undo.back(places),
+    redo: () => undo.again(places),
+    command: `daylit process ${session.path} --arrangement arrangement.json`,
+    run: { until: "report", text: "Render with these places" },
+  };
+}

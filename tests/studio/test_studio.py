@@ -1,0 +1,363 @@
+"""The studio in a real browser, by the mouse: what is dragged, clicked and painted is in the session afterwards."""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from benchmarks.whole.studio import CHROMIUM, OPTIONS, drag, iou, make_session, screen, start, stop, until, wrong
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.pictures.masks import read_mask
+from processing.running.choices import read_choices
+from station.session.session import Side, WarningRecord
+from station.session.store import SessionStore
+from studio.server import STATIC
+from tests.station.session.sessions import STOPS_S, frame_record, manifest
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine"),
+    pytest.mark.skipif(not (STATIC / "index.html").exists(), reason="the studio is not built: make web"),
+    pytest.mark.timeout(900),
+]
+PATIENCE_MS = 60_000
+AXE = Path(__file__).parents[2] / "studio" / "web" / "node_modules" / "axe-core" / "axe.min.js"
+TRUTH = RoomModel(
+    source="given",
+    floor=((2.2, -1.8), (2.2, 2.4), (-2.3, 2.4), (-2.3, -1.8)),
+    camera_height_m=1.6,
+    ceiling_height_m=2.7,
+    openings=(Opening(kind=OpeningKind.DOOR, wall=3, start_m=1.2, end_m=2.1, sill_m=0, head_m=2.05),),
+)
+
+
+@dataclass
+class Opened:
+    """A page on the server, and what goes with it."""
+
+    page: Any
+    context: Any
+    folder: Path
+    session: Path
+    base: str
+    server: Any
+    complaints: list[str]
+
+    def fresh(self, name: str) -> Path:
+        """A session of its own."""
+        return make_session(self.folder, name, wrong(TRUTH), TRUTH)
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
+    folder = tmp_path_factory.mktemp("sessions")
+    session = make_session(folder, "lounge & <b>hall", wrong(TRUTH), TRUTH)
+    server = start(folder)
+    link = json.loads(server.stdout.readline())["links"][0]
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=OPTIONS, timeout=PATIENCE_MS)
+        context = browser.new_context(viewport={"width": 1440, "height": 900}, reduced_motion="reduce")
+        found = Opened(context.new_page(), context, folder, session, link.split("/?")[0], server, [])
+        listen(found.page, found.complaints)
+        found.page.goto(link)
+        found.page.wait_for_selector("#screen[data-ready]")
+        yield found
+        browser.close()
+    stop(found.server)
+
+
+def listen(page: Any, complaints: list[str]) -> None:
+    page.set_default_timeout(PATIENCE_MS)
+    page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+
+
+def room_of(session: Path) -> RoomModel:
+    return RoomModel.model_validate_json((session / "room.json").read_bytes())
+
+
+def test_names_stay_text_and_all_sessions_are_there(opened: Opened) -> None:
+    assert "<b>hall" in opened.page.locator(".card strong").all_inner_texts()[0]
+    assert opened.page.locator(".card b").count() == 0
+
+
+def test_corners_dragged_on_the_plan_to_the_truth(opened: Opened) -> None:
+    """Square to its neighbours by itself: the mouse needs not be exact."""
+    assert iou(wrong(TRUTH), TRUTH) < 0.9
+    screen(opened.page, opened.session.name, "room")
+    assert "confidence 0.60" in opened.page.locator("[data-part=facts]").inner_text()
+    for corner in (0, 2):
+        drag(opened.page, f"[data-corner='{corner}']", TRUTH.floor[corner])
+    assert iou(room_of(opened.session), TRUTH) > 0.985
+    assert read_choices(opened.session).chosen["room"].file == "room.json"
+    assert "by hand" in opened.page.locator("[data-part=facts]").inner_text()
+    opened.page.keyboard.press("Control+z")
+    wait(lambda: iou(room_of(opened.session), TRUTH) < 0.95)
+    wait(lambda: iou(room_of(opened.session), TRUTH) < 0.95)
+    opened.page.keyboard.press("Control+Shift+z")
+    wait(lambda: iou(room_of(opened.session), TRUTH) > 0.985)
+
+
+def test_ceiling_dragged_in_the_panorama(opened: Opened) -> None:
+    """From a wrong height to the true one, at a corner where the picture shows it."""
+    screen(opened.page, opened.session.name, "room")
+    mark = opened.page.locator("[data-name='Corner 2 at the ceiling: height']")
+    opened.page.locator(".stage").focus()
+    for _ in range(30):
+        if mark.count() and mark.bounding_box()["x"] < 700:
+            break
+        opened.page.keyboard.press("ArrowRight")
+        opened.page.wait_for_timeout(30)
+    for _ in range(8):
+        opened.page.keyboard.press("ArrowUp")
+    opened.page.wait_for_timeout(100)
+    box = mark.bounding_box()
+    before = room_of(opened.session).ceiling_height_m
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    opened.page.mouse.move(x, y)
+    opened.page.mouse.down()
+    opened.page.mouse.move(x, y - 40, steps=4)
+    opened.page.mouse.up()
+    wait(lambda: room_of(opened.session).ceiling_height_m > before + 0.1)
+    opened.page.get_by_role("button", name="Undo").click()
+    wait(lambda: room_of(opened.session).ceiling_height_m == before)
+
+
+def test_what_cannot_be_is_not_saved_and_says_why(opened: Opened) -> None:
+    """A corner across the opposite wall."""
+    session = opened.fresh("crossing")
+    screen(opened.page, session.name, "room")
+    before = opened.page.locator(".plan .floor").get_attribute("points")
+    box = opened.page.locator("[data-corner='0']").bounding_box()
+    opened.page.mouse.move(box["x"] + 4, box["y"] + 4)
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] - 500, box["y"] - 420, steps=4)
+    opened.page.mouse.up()
+    opened.page.get_by_text("Not saved: floor").wait_for()
+    assert not (session / "room.json").exists()
+    opened.page.get_by_role("button", name="Undo").click()
+    assert opened.page.locator(".plan .floor").get_attribute("points") == before
+
+
+def test_two_tabs_on_one_session_see_the_same(opened: Opened) -> None:
+    session = opened.fresh("two tabs")
+    other = opened.context.new_page()
+    listen(other, opened.complaints)
+    for page in (opened.page, other):
+        page.goto(f"{opened.base}/#/{session.name}/room".replace(" ", "%20"))
+        page.wait_for_selector(".plan")
+    drag(opened.page, "[data-corner='0']", TRUTH.floor[0])
+    points = opened.page.locator(".plan .floor").get_attribute("points")
+    until(other, "(points) => document.querySelector('.plan .floor').getAttribute('points') === points", points)
+    drag(other, "[data-corner='2']", TRUTH.floor[2])
+    assert iou(room_of(session), TRUTH) > 0.985
+    stale = "async ([url, body]) => (await fetch(url, { method: 'PUT', body })).status"
+    url = f"/api/sessions/{session.name}/correction/room?base=0123"
+    assert other.evaluate(stale, [url, room_of(session).model_dump_json()]) == 409
+    other.close()
+
+
+def test_an_object_clicked_away_is_gone_from_the_mask(opened: Opened) -> None:
+    screen(opened.page, opened.session.name, "remove")
+    click(opened.page, 0.18, 0.66)
+    wait(lambda: "mask" in read_choices(opened.session).chosen)
+    mask = read_mask(opened.session / "mask.png")
+    assert not mask[150:190, 60:120].any(), "it stays"
+    assert mask[160:200, 300:380].all(), "the other one goes"
+    assert read_choices(opened.session).chosen["mask"].file == "mask.png"
+    opened.page.get_by_role("checkbox", name="Object 2").check()
+    wait(lambda: read_mask(opened.session / "mask.png")[150:190, 60:120].all())
+
+
+def test_a_stroke_is_what_was_painted(opened: Opened) -> None:
+    """Across the seam's side of the picture, where nothing was detected: the swept discs, by their own formula."""
+    screen(opened.page, opened.session.name, "remove")
+    before = read_mask(opened.session / "mask.png")
+    opened.page.get_by_text("Brush: remove").click()
+    box = opened.page.locator("main canvas").bounding_box()
+    start_at, end = (0.80, 0.30), (0.92, 0.42)
+    opened.page.mouse.move(box["x"] + start_at[0] * box["width"], box["y"] + start_at[1] * box["height"])
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + end[0] * box["width"], box["y"] + end[1] * box["height"], steps=6)
+    opened.page.mouse.up()
+    wait(lambda: (read_mask(opened.session / "mask.png") != before).any())
+    height, width = before.shape
+    y, x = np.mgrid[:height, :width] + 0.5
+    a, b = (np.array(place) * (width, height) for place in (start_at, end))
+    share = np.clip(((x - a[0]) * (b - a)[0] + (y - a[1]) * (b - a)[1]) / ((b - a) ** 2).sum(), 0, 1)
+    wanted = np.hypot(x - a[0] - share * (b - a)[0], y - a[1] - share * (b - a)[1]) <= 24
+    painted = read_mask(opened.session / "mask.png") & ~before
+    assert (painted & wanted).sum() / (painted | wanted).sum() > 0.9
+    opened.page.keyboard.press("Control+z")
+    wait(lambda: (read_mask(opened.session / "mask.png") == before).all())
+
+
+def test_a_piece_in_a_wall_is_refused_with_the_reason(opened: Opened) -> None:
+    session = opened.fresh("furnished")
+    screen(opened.page, session.name, "furnish")
+    assert opened.page.locator("[data-part=verdict]").inner_text() == "Every rule is kept"
+    bed = opened.page.locator(".piece[data-id=bed]")
+    before = bed.get_attribute("transform")
+    drag(opened.page, ".piece[data-id=bed]", (4.2, 0.0), drop=False)
+    opened.page.get_by_text("Not so:").wait_for()
+    opened.page.mouse.up()
+    opened.page.get_by_text("Refused:").wait_for()
+    assert opened.page.locator(".piece[data-id=bed]").get_attribute("transform") == before
+    assert not (session / "arrangement.json").exists()
+    opened.page.locator(".piece[data-id=chest]").focus()
+    opened.page.keyboard.press("Delete")
+    wait(lambda: "arrangement" in read_choices(session).chosen)
+    kept = json.loads((session / "arrangement.json").read_bytes())["arrangements"][0]["items"]
+    assert {item["id"] for item in kept} == {"bed", "nightstand"}
+    assert read_choices(session).chosen["arrangement"].file == "arrangement.json"
+
+
+def test_a_capture_is_followed_to_its_end(opened: Opened) -> None:
+    """Frames as they become safe, a rejected one, a warning, a missing stop and the verdict; nobody reloads."""
+    Image.new("RGB", (64, 32), (250, 252, 255)).save(picture := opened.folder / "frame.jpg")
+    with SessionStore.create(opened.folder, manifest(name="on site")) as store:
+        screen(opened.page, store.path.name, "capture")
+        assert "Partial" in opened.page.locator("[data-part=verdict]").inner_text()
+        for stop_index in (0, 2):
+            part = store.begin_frame(Side.INDOOR, stop_index, STOPS_S[stop_index])
+            part.write(picture.read_bytes())
+            store.add_frame(frame_record(Side.INDOOR, stop_index, part.commit()))
+            until(opened.page, f"() => document.querySelectorAll('[data-file] img').length === {1 + stop_index // 2}")
+        store.add_warning(WarningRecord(code="CAP-1", message="the shutters opened 459 ms apart"))
+        opened.page.get_by_text("459 ms apart").wait_for()
+        store.save_manifest()
+        part = store.begin_frame(Side.INDOOR, 1, STOPS_S[1])
+        part.write(picture.read_bytes())
+        store.add_frame(frame_record(Side.INDOOR, 1, part.commit()))
+        store.finish()
+        opened.page.get_by_text("Complete: 3 frames").wait_for()
+    picture.unlink()
+
+
+def test_a_run_is_a_child_whose_words_are_shown(opened: Opened) -> None:
+    session = opened.fresh("run")
+    screen(opened.page, session.name, "room")
+    body = "JSON.stringify({ until: 'verify', quality: 'draft' })"
+    ask = f"async (url) => (await fetch(url, {{ method: 'POST', body: {body} }})).status"
+    assert opened.page.evaluate(ask, f"/api/sessions/{session.name}/run") == 200
+    opened.page.get_by_text("The last run is done").wait_for()
+    assert "verify" in opened.page.locator(".job pre").text_content()
+    assert read_choices(session).chosen["quality"].value == "draft"
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+def test_screens_fit_and_are_accessible(opened: Opened, width: int) -> None:
+    opened.page.set_viewport_size({"width": width, "height": 844})
+    script = AXE.read_text("utf-8")
+    for kind in ("", "room", "remove", "furnish", "results"):
+        opened.page.goto(f"{opened.base}/#/")
+        if kind:
+            screen(opened.page, opened.session.name, kind)
+        if kind == "results":
+            opened.page.wait_for_selector(".viewer.ready")
+        opened.page.evaluate(script)
+        found = opened.page.evaluate("async () => (await axe.run()).violations.map((v) => [v.id, v.nodes[0].html])")
+        assert found == [], kind
+        assert opened.page.evaluate("() => document.documentElement.scrollWidth") <= width, kind
+        assert kind == "" or "daylit " in opened.page.locator("footer code").inner_text()
+    opened.page.set_viewport_size({"width": 1440, "height": 900})
+
+
+def test_a_killed_server_loses_nothing(opened: Opened) -> None:
+    """In mid-drag: what was saved stands, the rest is in the browser and is saved when the server is back."""
+    session = opened.fresh("killed")
+    screen(opened.page, session.name, "room")
+    drag(opened.page, "[data-corner='0']", TRUTH.floor[0])
+    saved = (session / "room.json").read_bytes()
+    drag(opened.page, "[data-corner='2']", TRUTH.floor[2], drop=False)
+    stop(opened.server, signal.SIGKILL)
+    opened.page.mouse.up()
+    opened.page.get_by_text("The server does not answer").wait_for()
+    assert (session / "room.json").read_bytes() == saved
+    opened.server = start(opened.folder, int(opened.base.rpartition(":")[2]))
+    opened.page.goto(json.loads(opened.server.stdout.readline())["links"][0])
+    opened.page.wait_for_selector("#screen[data-ready]")
+    screen(opened.page, session.name, "room")
+    wait(lambda: iou(room_of(session), TRUTH) > 0.985)
+
+
+def test_nothing_went_wrong_unseen(opened: Opened) -> None:
+    """Last: of all that was done above; what the server refused, or did not answer, on purpose is no fault."""
+    wanted = ("status of 400", "status of 409", "ERR_", "403")
+    assert [one for one in opened.complaints if not any(word in one for word in wanted)] == []
+
+
+def test_strangers_are_turned_away(opened: Opened) -> None:
+    """Another host, no cookie, a used link, another origin; hostile names and uploads change nothing."""
+    cookie = "; ".join(f"{one['name']}={one['value']}" for one in opened.context.cookies())
+    own = {"Cookie": cookie, "Origin": opened.base}
+    name = opened.session.name.replace(" ", "%20").replace("<", "%3C").replace(">", "%3E").replace("&", "%26")
+    room = f"/api/sessions/{name}/correction/room"
+    assert asked(opened, "/", {}) == 403
+    assert asked(opened, "/?token=guessed", {}) == 403
+    assert asked(opened, "/", {**own, "Host": "evil.example"}) == 421
+    assert asked(opened, "/api/sessions", own) == 200
+    assert asked(opened, room + "?base=1", {"Cookie": cookie, "Origin": "http://evil.example"}, b"{}") == 403
+    assert asked(opened, room + "?base=1", {"Cookie": cookie}, b"{}") == 403
+    for evil in ("..", "..%2f..%2fetc", "%00", "nobody", "a" * 5000):
+        assert asked(opened, f"/api/sessions/{evil}/room", own) in (400, 404), evil
+    for path in ("..%2f..%2fsession.json", "room%2f..%2f..%2fsession.json", "%2fetc%2fpasswd"):
+        assert asked(opened, f"/api/sessions/{name}/files/{path}", own) == 404, path
+    before = (opened.session / "mask.png").read_bytes()
+    for what, data in (
+        ("room", b"{"),
+        ("room", b"[" * 100_000),
+        ("mask", b"no picture"),
+        ("mask", bomb()),
+        ("arrangement", b"[1]"),
+    ):
+        status = asked(opened, f"/api/sessions/{name}/correction/{what}?base=1", own, data)
+        assert status in (400, 409), (what, status)
+    assert (opened.session / "mask.png").read_bytes() == before
+
+
+def bomb() -> bytes:
+    """A PNG that says it has a billion pixels."""
+    import struct
+    import zlib
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", 40_000, 40_000, 8, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0" * 999)) + chunk(b"IEND", b"")
+    )
+
+
+def asked(opened: Opened, path: str, headers: dict[str, str], data: bytes | None = None) -> int:
+    request = urllib.request.Request(opened.base + path, data, headers, method="PUT" if data is not None else "GET")
+    try:
+        with urllib.request.urlopen(request, timeout=30) as answer:
+            return int(answer.status)
+    except urllib.error.HTTPError as error:
+        return error.code
+
+
+def click(page: Any, across: float, down: float) -> None:
+    box = page.locator("main canvas").bounding_box()
+    page.mouse.click(box["x"] + across * box["width"], box["y"] + down * box["height"])
+
+
+def wait(done: Any, limit_s: float = 30) -> None:
+    """Until something is so on the disk."""
+    end_s = time.monotonic() + limit_s
+    while not done():
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
