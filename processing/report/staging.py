@@ -99,6 +99,8 @@ def _pieces_text(facts: Mapping[str, Any]) -> str:
     parts = [f"{len(facts['items']) + len(facts.get('added', ()))} pieces"] if facts.get("items") else []
     if facts.get("style"):
         parts.append(str(facts["style"]))
+    if facts.get("designs_differ"):
+        parts.append(f"{facts['designs_differ']:.0%} of its designs are other ones than the first's")
     return ", ".join(parts)
 
 
