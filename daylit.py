@@ -106,6 +106,14 @@ COMMANDS: dict[str, dict[str, Entry]] = {
 }
 
 
+def did_you_mean(word: str, known: list[str]) -> str:
+    """Return the end of a sentence on a word that is none: what it may stand for."""
+    import difflib
+
+    near = difflib.get_close_matches(word, known)
+    return f"; did you mean {' or '.join(near)}?" if near else ""
+
+
 class LazyGroup(click.Group):
     """A group whose commands are imported when they are used."""
 
@@ -122,6 +130,15 @@ class LazyGroup(click.Group):
                 assert isinstance(command, click.Command)
                 return command
         return None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is named; of one that there is not, say which it may be."""
+        names = self.list_commands(ctx)
+        if args[0] not in names and not args[0].startswith("-"):
+            ctx.fail(f"there is no command {args[0]!r}{did_you_mean(args[0], names)}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table without importing any command."""

@@ -209,7 +209,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="arrange",
-        version=4,
+        version=5,
         title="arrange furniture",
         function="processing.stages.arrange:run",
         needs=("room",),
@@ -245,7 +245,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="report",
-        version=6,
+        version=7,
         title="write report",
         function="processing.report.stage:run",
         data=("report/static/viewer.js",),

@@ -36,7 +36,7 @@ def split_of(room: str, shares: Sequence[float], salt: str = "daylit") -> str:
     return SPLITS[max(k for k, share in enumerate(shares) if share > 0)]
 
 
-def index_rows(folder: Path, shares: Sequence[float], zone: str = "UTC") -> list[Row]:
+def index_rows(folder: Path, shares: Sequence[float], zone: str | None = None) -> list[Row]:
     """Return the rows of all sessions in a folder, numbered from 1. Raises `ParameterError` where there is none."""
     ledger = _ledger(folder)
     rows = []

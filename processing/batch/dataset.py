@@ -96,7 +96,7 @@ def build(
     about: Description,
     *,
     shares: Sequence[float] = USUAL_SHARES,
-    zone: str = "UTC",
+    zone: str | None = None,
     progress: Progress = _silent,
 ) -> list[Path]:
     """Write index.csv, LICENCE.txt, croissant.json and, last, SHA256SUMS into a folder of sessions; return them.

@@ -12,14 +12,15 @@ import json
 import math
 from collections.abc import Iterable
 from contextlib import suppress
-from datetime import datetime
+from datetime import datetime, tzinfo
 from pathlib import Path
 from typing import Any
-from zoneinfo import ZoneInfo
 
 from processing.batch.run import BatchReport
 from processing.batch.work import Outcome
+from processing.calibration.outdoor.sun_place import zone_at
 from processing.pictures.writing import write_bytes
+from processing.running.choices import read_choices
 from station.session.session import SessionManifest, Side
 from station.session.store import load_manifest
 
@@ -37,14 +38,19 @@ _POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 _MAX_JSON_BYTES = 8 << 20
 
 
-def session_row(path: Path, zone: str = "UTC") -> dict[str, str]:
-    """Return a session's row but for its index; dates and times in ``zone``. Raises `SessionError` for no session."""
+def session_row(path: Path, named: str | None = None) -> dict[str, str]:
+    """Return a session's row but for its index; times in the zone named, else the chosen one, else its place's.
+
+    Raises `SessionError` for no session.
+    """
     manifest = load_manifest(path)
+    place = manifest.site.latitude_deg, manifest.site.longitude_deg
+    zone = zone_at(*place, named or read_choices(path).value(path, "zone"))
     found = _paper(manifest, path, zone) | {
         "session": path.name,
         "session_id": manifest.session_id,
         "utc": f"{manifest.created_utc:%Y-%m-%dT%H:%MZ}",
-        "zone": zone,
+        "zone": str(zone),
         "latitude_deg": _number(manifest.site.latitude_deg),
         "longitude_deg": _number(manifest.site.longitude_deg),
         "simulated": "YES" if manifest.simulated else "NO",
@@ -53,12 +59,12 @@ def session_row(path: Path, zone: str = "UTC") -> dict[str, str]:
     return found | _calibrated(path) | _light(path) | _room(path) | _staged(path)
 
 
-def _paper(manifest: SessionManifest, path: Path, zone: str) -> dict[str, str]:
+def _paper(manifest: SessionManifest, path: Path, zone: tzinfo) -> dict[str, str]:
     readings = [r.luminance_cd_m2 for r in manifest.readings if r.luminance_cd_m2 is not None]
     outdoor = [device for device in manifest.devices if device.role == "outdoor"]
     facts = stage_json(path, "calibrate", "calibration").get("outdoor", {})
     lux = facts.get("measured_outdoor_lux", {}).get("value", facts.get("illuminance_lx", {}).get("up", {}).get("value"))
-    local = manifest.created_utc.astimezone(ZoneInfo(zone))
+    local = manifest.created_utc.astimezone(zone)
     return {
         "date": f"{local:%Y%m%d}",
         "scene_name": manifest.name,
@@ -72,9 +78,9 @@ def _paper(manifest: SessionManifest, path: Path, zone: str) -> dict[str, str]:
     }
 
 
-def _begun(manifest: SessionManifest, side: Side, zone: str) -> str:
+def _begun(manifest: SessionManifest, side: Side, zone: tzinfo) -> str:
     times: list[datetime] = [f.taken_utc for f in manifest.frames if f.side is side and f.taken_utc is not None]
-    return f"{min(times).astimezone(ZoneInfo(zone)):%H:%M}" if times else ""
+    return f"{min(times).astimezone(zone):%H:%M}" if times else ""
 
 
 def orientation(heading_rad: float | None) -> str:

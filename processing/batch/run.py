@@ -35,7 +35,7 @@ class BatchRequest:
     """On this computer; not used with a cluster elsewhere."""
     cluster: str | None = None
     timeout_s: float = 7200.0
-    zone: str = "UTC"
+    zone: str | None = None
 
 
 @dataclass

@@ -48,8 +48,8 @@ class Task:
     timeout_s: float
     machines: Mapping[str, int] = field(default_factory=dict)
     """Sessions at once on each machine of the cluster: they share its cores."""
-    zone: str = "UTC"
-    """For dates and times of the table."""
+    zone: str | None = None
+    """For dates and times of the table; None: each session's own."""
 
 
 @dataclass(frozen=True)

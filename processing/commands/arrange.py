@@ -23,29 +23,39 @@ if TYPE_CHECKING:
     "--rules", default="standard", show_default=True, help="comfort, standard, tight, accessible, or your own."
 )
 @click.option("--rules-file", type=click.Path(path_type=Path), help="Your edited copy of the rules.")
-@click.option("-n", "count", type=click.IntRange(1, 50), default=7, show_default=True, help="How many alternatives.")
+@click.option(
+    "--alternatives",
+    "-n",
+    "count",
+    type=click.IntRange(1, 50),
+    default=7,
+    show_default=True,
+    help="How many alternatives.",
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Another draw.")
 @click.option("--pin", "pins", multiple=True, metavar="ITEM=X,Y,DEG", help="A piece that stands already.")
 @click.option(
     "--place", "places", multiple=True, metavar="ITEM=EDGE,ALONG,AWAY,FACING", help="The paper's form; see below."
 )
-@click.option("--catalogue", type=click.Path(path_type=Path), metavar="FOLDER", help="Take models and sizes from it.")
+@click.option(
+    "--furniture", "catalogue", type=click.Path(path_type=Path), metavar="FOLDER", help="Take models and sizes from it."
+)
 @click.option("--keep-camera", is_flag=True, help="Keep the floor at the camera free (rooms and sessions).")
-@click.option("--output", type=click.Path(path_type=Path, file_okay=False), help="Folder for the results.")
+@click.option("--into", "output", type=click.Path(path_type=Path, file_okay=False), help="Folder for the results.")
 @click.option("--no-pictures", is_flag=True, help="Write arrangement.json only.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object: the arrangements.")
 def arrange(room: Path, *, as_json: bool, no_pictures: bool, output: Path | None, **options: Any) -> int:
     """Arrange furniture in ROOM (a plan.json, a room.json or a session) so that no hard rule is broken.
 
-    Writes arrangement.json, a floor plan of each arrangement (SVG and PNG) and contact-sheet.png into --output
+    Writes arrangement.json, a floor plan of each arrangement (SVG and PNG) and contact-sheet.png into --into
     (default: ROOM's folder with -layout added). --place puts an item as the paper does: beside floor edge EDGE (its
     number, wall or window), ALONG and AWAY in 0 to 1 over all places that are legal there, FACING in or wall.
 
     \b
     Examples:
       daylit arrange plan.json --set bedroom
-      daylit arrange plan.json --items "bed, 2 nightstand, desk, desk chair" --rules tight -n 3
-      daylit arrange plan.json --set living --catalogue models/
+      daylit arrange plan.json --items "bed, 2 nightstand, desk, desk chair" --rules tight --alternatives 3
+      daylit arrange plan.json --set living --furniture models/
       daylit arrange room.json --set living --pin tv-stand=0.2,2.4,-90 --place sofa=window,0.5,0,in
     Exit code: 0 all items placed · 1 some have no place (each with its reason) · 2, 5 refused.
     """

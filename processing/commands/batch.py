@@ -68,7 +68,7 @@ def summary_lines(report: BatchReport) -> Iterator[str]:
     metavar="SECONDS",
     help="A session that takes longer is ended and listed.",
 )
-@click.option("--zone", default="UTC", show_default=True, metavar="NAME", help="Of dates and times in the table.")
+@click.option("--zone", metavar="NAME", help="Of dates and times in the table (default: each session's).")
 @click.option(
     "--into", type=click.Path(path_type=Path, file_okay=False), help="For the table (default: FOLDER; of a URL: here)."
 )
@@ -92,6 +92,7 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
     from processing.batch.rows import write_table
     from processing.batch.run import BatchRequest, run_batch
     from processing.batch.store import is_url
+    from processing.calibration.outdoor.sun_place import zone_named
 
     if asked["cluster"] is not None and asked["workers"] is not None:
         from processing.errors import ParameterError
@@ -103,7 +104,7 @@ def batch(folder: str, *, as_json: bool, **asked: Any) -> int:
         asked["workers"] or usual_workers(),
         asked["cluster"],
         asked["session_timeout"],
-        known_zone(asked["zone"]),
+        asked["zone"] and str(zone_named(asked["zone"])),
     )
     with SilentView() if as_json else BarsView(terminal=sys.stdout.isatty()) as view:
         report = run_batch(request, lambda *event: view.show(event))
@@ -143,19 +144,6 @@ def _arguments(asked: dict[str, Any]) -> tuple[str, ...]:
             path = option is not None and option.kind != "parameter" and not (option.installed and str(value) in WORDS)
             found += [flag, str(Path(str(value)).resolve() if path else value)]
     return tuple(found)
-
-
-def known_zone(name: str) -> str:
-    """Return the name of a time zone; raise `ParameterError` where there is none."""
-    from zoneinfo import ZoneInfo
-
-    from processing.errors import ParameterError
-
-    try:
-        ZoneInfo(name)
-    except (KeyError, ValueError, OSError):
-        raise ParameterError(f"--zone {name[:60]}: no such time zone", advice="such as America/New_York") from None
-    return name
 
 
 def outcome_line(outcome: Outcome) -> str:

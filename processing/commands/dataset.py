@@ -38,9 +38,9 @@ def dataset() -> None:
     metavar="A,B,C",
     help="Per cent of rooms to train, validate, test.",
 )
-@click.option("--zone", default="UTC", show_default=True, metavar="NAME", help="Of dates and times in the index.")
+@click.option("--zone", metavar="NAME", help="Of dates and times in the index (default: each session's).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
-def build(folder: Path, *, split: str, zone: str, as_json: bool, **about: str) -> int:
+def build(folder: Path, *, split: str, zone: str | None, as_json: bool, **about: str) -> int:
     """Write index.csv, croissant.json, LICENCE.txt and SHA256SUMS into FOLDER, beside its sessions.
 
     Splits are by room: all sessions of a room are in one, and stay in it when sessions are added.
@@ -51,12 +51,12 @@ def build(folder: Path, *, split: str, zone: str, as_json: bool, **about: str) -
     from processing.batch.croissant import Description
     from processing.batch.dataset import build as make
     from processing.batch.dataset import summary as sum_up
-    from processing.commands.batch import known_zone
+    from processing.calibration.outdoor.sun_place import zone_named
     from station.commands.views import numbers
 
     description = Description(version=about.pop("release"), **about)
     train, validation, test = (part / 100 for part in numbers("--split", split, 3, "per cent, such as 70,15,15"))
-    made = make(folder, description, shares=(train, validation, test), zone=known_zone(zone))
+    made = make(folder, description, shares=(train, validation, test), zone=zone and str(zone_named(zone)))
     if as_json:
         click.echo(json.dumps({"ok": True, "files": [str(path) for path in made], **sum_up(folder)}))
         return 0

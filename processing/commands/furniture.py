@@ -13,7 +13,11 @@ if TYPE_CHECKING:
     from processing.layout.models.catalogue import Catalogue
 
 _FOLDER = click.option(
-    "--catalogue", type=click.Path(path_type=Path), metavar="FOLDER", help="Of glTF, GLB or OBJ files, or 3D-FUTURE's."
+    "--furniture",
+    "catalogue",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Of glTF, GLB or OBJ files, or 3D-FUTURE's.",
 )
 _STYLE = click.option(
     "--style", metavar="NAME", help="scandinavian, mid-century, classic or industrial (built-in furniture)."
@@ -27,7 +31,7 @@ def furniture() -> None:
     \b
     Examples:
       daylit furniture list
-      daylit furniture show sofa/mid-century --output sofa.png
+      daylit furniture show sofa/mid-century --into sofa.png
     """
 
 
@@ -42,7 +46,7 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
     \b
     Examples:
       daylit furniture list --style scandinavian
-      daylit furniture list --catalogue models/ --category sofa
+      daylit furniture list --furniture models/ --category sofa
     Exit code: 0 all read · 1 some files are refused (each with its reason).
     """
     found = _catalogue(catalogue, style)
@@ -75,7 +79,9 @@ def list_(catalogue: Path | None, style: str | None, category: str | None, *, as
 @_FOLDER
 @_STYLE
 @click.option("--size", metavar="W,D,H", help="Metres; the model's own size where it is not given.")
-@click.option("--output", type=click.Path(path_type=Path, dir_okay=False), help="PNG; default: the model's name.")
+@click.option(
+    "--into", "output", type=click.Path(path_type=Path, dir_okay=False), help="PNG; default: the model's name."
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def show(model: str | None, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
     """Draw MODEL from the front and from behind, or a contact sheet of the whole catalogue.
@@ -83,7 +89,7 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
     \b
     Examples:
       daylit furniture show "bookshelf/classic" --size 1.2,0.3,2.1
-      daylit furniture show --style industrial --output industrial.png
+      daylit furniture show --style industrial --into industrial.png
     """
     from processing.layout.drawn.thumbnails import model_sheet, two_sides
 
@@ -106,15 +112,17 @@ def show(model: str | None, size: str | None, output: Path | None, *, as_json: b
 @_STYLE
 @click.option("--rank", type=click.IntRange(min=1), default=1, show_default=True, help="Which arrangement of the file.")
 @click.option("--size", metavar="W,D,H", help="Of one model, in metres.")
-@click.option("--output", type=click.Path(path_type=Path, dir_okay=False), help="GLB; default: the model's name.")
+@click.option(
+    "--into", "output", type=click.Path(path_type=Path, dir_okay=False), help="GLB; default: the model's name."
+)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def export(what: str, rank: int, size: str | None, output: Path | None, *, as_json: bool, **where: Any) -> int:
     """Write a model, or all furniture of an arrangement.json where it stands, as GLB (metres, y up).
 
     \b
     Examples:
-      daylit furniture export armchair/classic --output armchair.glb
-      daylit furniture export plan-layout/arrangement.json --rank 2 --style mid-century --output layout-2.glb
+      daylit furniture export armchair/classic --into armchair.glb
+      daylit furniture export plan-layout/arrangement.json --rank 2 --style mid-century --into layout-2.glb
     """
     from processing.errors import CatalogueError
     from processing.layout.arrangement import read_arrangements
@@ -140,7 +148,7 @@ def _catalogue(folder: Path | None, style: str | None) -> Catalogue:
     from processing.layout.models.catalogue import Catalogue
 
     if folder is not None and style is not None:
-        raise ParameterError("--style is of the built-in furniture: give it or --catalogue")
+        raise ParameterError("--style is of the built-in furniture: give it or --furniture")
     return Catalogue.at(folder) if folder is not None else Catalogue.builtin(style)
 
 

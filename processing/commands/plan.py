@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from datetime import datetime, timedelta
+from datetime import datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
@@ -43,9 +43,7 @@ class Moment(NamedTuple):
     metavar="DEG",
     help="Compass azimuth a window faces, besides walls.",
 )
-@click.option(
-    "--utc-offset", type=click.FloatRange(-14, 14), metavar="HOURS", help="Of local time; by longitude if unset."
-)
+@click.option("--zone", metavar="NAME", help="Of local time: America/New_York, or -04:00; by the place if unset.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def plan(*, as_json: bool, **asked: Any) -> int:
     """Plan a day: hours of sun on each wall of a room, and how fast a clear sky's light changes.
@@ -55,23 +53,22 @@ def plan(*, as_json: bool, **asked: Any) -> int:
 
     \b
     Example:
-      daylit plan --site 40.44,-79.99 --heading 200 --date 2023-06-21 --utc-offset -4
+      daylit plan --site 40.44,-79.99 --heading 200 --date 2023-06-21
     """
-    from processing.calibration.outdoor.sun_place import Place
-    from processing.relighting.relit_session import parse_time, zone_hours
+    from processing.calibration.outdoor.sun_place import Place, zone_at
+    from processing.relighting.relit_session import parse_time
     from station.commands.views import numbers
 
     latitude, longitude = numbers("--site", asked["site"], 2, "LAT,LON in degrees")
     place = Place(latitude, longitude)
-    hours = zone_hours(place) if asked["utc_offset"] is None else asked["utc_offset"]
+    local = zone_at(latitude, longitude, asked["zone"])
     today = datetime.now().astimezone().strftime("%Y-%m-%d")  # as a user's calendar shows it
-    noon = parse_time(f"{asked['date'] or today} 12:00", hours)
+    noon = parse_time(f"{asked['date'] or today} 12:00", local)
     moments = day_moments(noon, place)
-    local = timedelta(hours=hours)
     walls = [(name, (asked["heading"] + turn) % 360) for name, turn in WALLS]
     walls += [(f"window {azimuth:g}", azimuth % 360) for azimuth in asked["windows"]]
     facts = {
-        "utc_offset_h": hours,
+        "zone": str(local),
         "sun": [
             {"wall": name, "faces_deg": deg, "hours": _clock(sun_hours(moments, deg), local)} for name, deg in walls
         ],
@@ -120,7 +117,7 @@ def drift_frac_per_min(moments: list[Moment]) -> list[tuple[datetime, float]]:
     return [(a.utc + (b.utc - a.utc) / 2, abs(math.log(b.global_lx / a.global_lx)) / STEP_MIN) for a, b in pairs]
 
 
-def _sky(moments: list[Moment], local: timedelta) -> dict[str, Any]:
+def _sky(moments: list[Moment], local: tzinfo) -> dict[str, Any]:
     drifts = drift_frac_per_min(moments)
     if not drifts:
         return {"stillest": None, "sky_frac_per_min": None, "still": []}
@@ -131,11 +128,15 @@ def _sky(moments: list[Moment], local: timedelta) -> dict[str, Any]:
         if frac <= STILL_FRAC_PER_MIN:
             start = spans.pop()[0] if spans and spans[-1][1] == utc - half else utc - half
             spans.append((start, utc + half))
-    return {"stillest": f"{best + local:%H:%M}", "sky_frac_per_min": round(least, 6), "still": _clock(spans, local)}
+    return {
+        "stillest": f"{best.astimezone(local):%H:%M}",
+        "sky_frac_per_min": round(least, 6),
+        "still": _clock(spans, local),
+    }
 
 
-def _clock(spans: list[tuple[datetime, datetime]], local: timedelta) -> list[list[str]]:
-    return [[f"{a + local:%H:%M}", f"{b + local:%H:%M}"] for a, b in spans]
+def _clock(spans: list[tuple[datetime, datetime]], local: tzinfo) -> list[list[str]]:
+    return [[f"{t.astimezone(local):%H:%M}" for t in span] for span in spans]
 
 
 def _show(facts: dict[str, Any]) -> None:
@@ -151,6 +152,4 @@ def _show(facts: dict[str, Any]) -> None:
             f"a clear sky changes least at {facts['stillest']} ({100 * facts['sky_frac_per_min']:.2f} % a minute); "
             f"by no more than {100 * STILL_FRAC_PER_MIN:g} %: {words(facts['still'])}"
         )
-    click.echo(
-        f"local time is UTC{facts['utc_offset_h']:+g} h; the sun moves by a degree in 4 minutes; clouds are not known"
-    )
+    click.echo(f"local time is that of {facts['zone']}; the sun moves by a degree in 4 minutes; clouds are not known")

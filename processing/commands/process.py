@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from processing.stages.parameters import Option
 
 _PREFIX = "of_stage_"
+LINE_S = 15.0
+"""Off a terminal, between lines on a stage that goes on (chosen: few in a log, soon enough for a person)."""
 _TRADES = {
     "quality": {"type": click.Choice(["draft", "standard", "reference"]), "help": "How much work is worthwhile."},
     "max_error": {"type": float, "help": "Relative error that is good enough (0.02 is 2 %)."},
@@ -233,12 +236,23 @@ def _session(session: Path | None, panorama: Path | None, into: Path | None) -> 
 
 
 class PlainView(SilentView):
-    """A line when a stage starts: for logs."""
+    """A line when a stage starts, every `LINE_S` seconds while it works, and when it is done: for logs."""
+
+    def __init__(self) -> None:
+        self._said_s = time.monotonic()
 
     def show(self, event: RunEvent) -> None:
         """Write a line for what takes time."""
-        if event.kind in ("started", "first"):
+        cost = event.report.cost if event.report else None
+        if event.kind == "finished" and cost:
+            click.echo(printable(f"{event.stage}: done in {cost.seconds:.1f} s"))
+        elif event.kind in ("started", "first"):
             click.echo(printable(f"{event.stage}: {event.text}{_left(event.left_s)}"))
+        elif event.kind == "progress" and time.monotonic() - self._said_s >= LINE_S:
+            click.echo(printable(f"{event.stage}: {event.fraction:.0%} {event.text}{_left(event.left_s)}"))
+        else:
+            return
+        self._said_s = time.monotonic()
 
 
 class TerminalView(SilentView):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from processing.relighting.weather import Weather
 
 SHEET_ROWS, ANIMATION_ROWS = 192, 384
-KEPT = ("furniture", "site", "heading")
+KEPT = ("furniture", "site", "heading", "zone")
 """Options that the session remembers."""
 
 
@@ -40,12 +40,10 @@ KEPT = ("furniture", "site", "heading")
 @click.option("--weather", type=click.Choice(["captured", "clear", "overcast"]), default="captured", show_default=True)
 @click.option("--site", metavar="LAT,LON", help="Where the room is, if the session does not say.")
 @click.option("--heading", type=float, metavar="DEGREES", help="Compass azimuth of the panorama's middle.")
-@click.option(
-    "--utc-offset", type=click.FloatRange(-14, 14), metavar="HOURS", help="Of local time; by longitude if unset."
-)
+@click.option("--zone", metavar="NAME", help="Of local time: America/New_York, or -04:00; by the place if unset.")
 @click.option("--rows", type=click.IntRange(64, 2048), default=1024, show_default=True, help="Height of the pictures.")
 @click.option("--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard", show_default=True)
-@click.option("--output", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/relight.")
+@click.option("--into", "output", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/relight.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
 def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     """Show SESSION's room, empty or staged, in another light: another time, another sky, a whole day.
@@ -53,7 +51,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     Needs a session that was processed with furniture asked for (--set). The captured weather goes with the sun:
     how clear the sky was and its colour are kept. Writes pictures in cd/m2 (EXR) and JPEG; a sweep writes JPEG, a
     contact sheet and an animation (WebP). A basis of the light is kept in SESSION/relight for the next time. The
-    session remembers --furniture, --site and --heading.
+    session remembers --furniture, --site, --heading and --zone.
 
     \b
     Examples:
@@ -106,7 +104,7 @@ def _check(asked: dict[str, Any]) -> None:
         if asked[name] is not None and not asked["sweep"]:
             raise click.UsageError(f"--{name} goes with --sweep")
     if asked["sky"] is not None:
-        for name in ("site", "heading", "utc_offset"):
+        for name in ("site", "heading", "zone"):
             if asked[name] is not None:
                 raise click.UsageError(f"--{name.replace('_', '-')} does nothing beside --sky")
         if asked["weather"] != "captured":
@@ -115,11 +113,11 @@ def _check(asked: dict[str, Any]) -> None:
 
 def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     """Return the lights to show: notes, and for each a name, a caption, the light outdoors and its facts."""
-    from datetime import timedelta
     from math import radians
 
+    from processing.calibration.outdoor.sun_place import zone_at
     from processing.light.picture.relight_photo import with_captured_land
-    from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts, zone_hours
+    from processing.relighting.relit_session import day_times, daylight_facts, parse_time, sky_facts
     from processing.relighting.session_room import heading_of, other_sky, place_of
     from processing.relighting.weather import daylight_at
 
@@ -134,21 +132,21 @@ def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
     place = place_of(room, _site(asked["site"]))
     given = None if asked["heading"] is None else radians(asked["heading"])
     heading, source = heading_of(room, given, place)
-    hours = zone_hours(place) if asked["utc_offset"] is None else asked["utc_offset"]
+    zone = zone_at(place.latitude_deg, place.longitude_deg, asked["zone"])
     weather = _weather(room, asked["weather"], place)
     if asked["at"]:
-        times = [parse_time(asked["at"], hours)]
+        times = [parse_time(asked["at"], zone)]
     else:
-        day = parse_time(asked["date"], hours) if asked["date"] else room.time_utc
-        times = day_times(day, place, hours, _step(asked["step"] or "1h"))
+        day = parse_time(asked["date"], zone) if asked["date"] else room.time_utc
+        times = day_times(day, place, zone, _step(asked["step"] or "1h"))
     notes = [
-        f"heading {heading * 57.29578 % 360:.1f} degrees ({source}); local time is UTC{hours:+g} h",
+        f"heading {heading * 57.29578 % 360:.1f} degrees ({source}); local time is that of {zone}",
         *weather.notes,
     ]
     lights = []
     for time_utc in times:
         found = daylight_at(time_utc, place, heading, weather, room.scene.outdoors)
-        local = time_utc + timedelta(hours=hours)
+        local = time_utc.astimezone(zone)
         facts = {"local_time": f"{local:%Y-%m-%d %H:%M}", "weather": weather.kind, **daylight_facts(found, time_utc)}
         lights.append((f"{local:%Y-%m-%dT%H%M}", _caption(local, facts), found.outdoors, facts))
     return {"modelled": True, "notes": notes, "lights": lights}

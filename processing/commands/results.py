@@ -195,6 +195,9 @@ def _page(session: Path) -> Path:
     for page in (session / REPORT, session / REPORT.name, session):
         if page.is_file() and page.name == REPORT.name:
             return page
+    from station.session.store import load_manifest
+
+    load_manifest(session)
     raise ProcessingError("there is no report yet", where=str(session), advice=f"daylit process {session}")
 
 

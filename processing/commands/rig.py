@@ -25,7 +25,7 @@ def rig() -> None:
 
 @rig.command()
 @click.argument("sessions", type=_SESSION, nargs=-1, required=True)
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), default=Path("calibration.json"))
+@click.option("--into", "out", type=click.Path(path_type=Path, dir_okay=False), default=Path("calibration.json"))
 @click.option("--chart", type=_SESSION, help="The session with the colour chart (default: the first of SESSIONS).")
 @click.option("--flat", "flats", type=_SESSION, multiple=True, help="Outdoor camera before an evenly lit field.")
 @click.option("--nd", type=_SESSION, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
@@ -46,7 +46,7 @@ def calibrate(out: Path, *, as_json: bool, **options: Any) -> int:
     \b
     Examples:
       daylit rig calibrate rig/chart rig/room --lens-data theta_z1
-      daylit rig calibrate rig/chart rig/room --flat rig/sphere --nd rig/chart rig/chart-no-nd --out lab.json
+      daylit rig calibrate rig/chart rig/room --flat rig/sphere --nd rig/chart rig/chart-no-nd --into lab.json
       daylit rig calibrate rig/chart --corners outdoor:812,604,1003,610,999,742,809,733
     """
     from drivers.clock import SystemClock

@@ -33,7 +33,7 @@ MOST_PX = 4096
 @click.option("--empty", is_flag=True, help="The emptied room.  [default]")
 @click.option("--quality", type=click.Choice(["draft", "standard"]), default="draft", show_default=True)
 @click.option("--name", help="Of the files; default: from the place.")
-@click.option("--output", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/views.")
+@click.option("--into", "output", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/views.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
 def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
     """Show SESSION's room, empty or staged, from another place than the camera's.

@@ -45,6 +45,11 @@ def parse_pin(text: str) -> tuple[str, Pose]:
     return name.strip().replace(" ", "-"), (x, y, math.radians(degrees))
 
 
+def parse_pins(text: str | None) -> dict[str, Pose]:
+    """Return the pose of each item of ``"bed=1.2,0.5,90; desk=0,1,0"``."""
+    return dict(parse_pin(one) for one in (text or "").split(";") if one.strip())
+
+
 def pinned_stands(
     items: Sequence[Item], pins: Mapping[str, Pose], plan: FloorPlan, rules: RuleSet
 ) -> tuple[list[Stand], list[Item]]:

@@ -9,7 +9,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 from typing import Any
 
@@ -129,29 +129,22 @@ def sky_facts(outdoors: Outdoors) -> dict[str, Any]:
     return found
 
 
-def zone_hours(place: Place) -> float:
-    """Return the whole hours that local clocks are about ahead of UTC, by longitude alone."""
-    return float(round(place.longitude_deg / 15))
-
-
-def parse_time(text: str, hours: float) -> datetime:
-    """Return a time of ISO 8601 in UTC; one without a zone is ``hours`` ahead of UTC."""
+def parse_time(text: str, zone: tzinfo) -> datetime:
+    """Return a time of ISO 8601 in UTC; one without a zone is as clocks in ``zone`` show it."""
     try:
         found = datetime.fromisoformat(text.strip())
     except ValueError as error:
         raise DaylightError(
             f"no time: {text!r}", advice='say "2023-06-21 16:00", or with a zone: …T16:00+02:00'
         ) from error
-    return (found - timedelta(hours=hours)).replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+    return (found.replace(tzinfo=zone) if found.tzinfo is None else found).astimezone(UTC)
 
 
-def day_times(day: datetime, place: Place, hours: float, step: timedelta) -> list[datetime]:
+def day_times(day: datetime, place: Place, zone: tzinfo, step: timedelta) -> list[datetime]:
     """Return the times of a local day, whole steps from midnight, at which the sun is at least 1 degree high."""
     if not timedelta(minutes=5) <= step <= timedelta(hours=6):
         raise DaylightError(f"a step of {step}", advice="give 5 minutes to 6 hours, such as 30m or 1h")
-    midnight = (day + timedelta(hours=hours)).replace(hour=0, minute=0, second=0, microsecond=0) - timedelta(
-        hours=hours
-    )
+    midnight = day.astimezone(zone).replace(hour=0, minute=0, second=0, microsecond=0).astimezone(UTC)
     times = [midnight + k * step for k in range(math.ceil(timedelta(days=1) / step))]
     found = [t for t in times if sun_place(t, place).elevation_rad > math.radians(1.0)]
     if not found:

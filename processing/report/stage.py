@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from processing.calibration.outdoor.sun_place import with_zone, zone_at
 from processing.ground.room_model import RoomModel
 from processing.report.calibration_sections import (
     camera_section,
@@ -89,8 +90,9 @@ def session_facts(session: SessionManifest) -> tuple[tuple[str, str], ...]:
     """Return what a reader wants to know of the session first: label and text."""
     site = session.site
     # Of a picture that was given, nobody says when it was taken.
+    local = zone_at(site.latitude_deg, site.longitude_deg)
     when = "Session made" if session.bracket.mode == "panorama" else "Taken"
-    found = [("Session", session.session_id), (when, f"{session.created_utc:%Y-%m-%d %H:%M} UTC")]
+    found = [("Session", session.session_id), (when, with_zone(session.created_utc, local))]
     if site.name:
         found.append(("Place", site.name))
     if site.latitude_deg is not None and site.longitude_deg is not None:

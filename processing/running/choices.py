@@ -27,7 +27,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 import processing.pipeline
 from drivers.clock import Clock, SystemClock
-from processing.errors import ChoicesError, ParameterError
+from processing.errors import ChoicesError, ParameterError, PictureFileError
 from processing.pipeline import options, selected
 from processing.running.requests import RunRequest, planned
 from processing.running.result_store import STAGES
@@ -55,8 +55,8 @@ LOCK_S = 10.0
 TRADES: dict[str, type] = {"quality": str, "max-error": float, "time-budget": float}
 """What a run takes beside the options of stages."""
 TRADED = {"quality": "quality", "max-error": "max_error", "time-budget": "time_budget_s"}
-PLACES: dict[str, type] = {"site": str, "heading": float}
-"""What `daylit relight` takes, where the session does not say."""
+PLACES: dict[str, type] = {"site": str, "heading": float, "zone": str}
+"""What `daylit relight` takes where the session does not say, and the zone of a batch's table."""
 Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,60}$")]
 
 
@@ -326,7 +326,7 @@ def going_on(
     after = before if run.dry_run or not given else remember(session, given, by=by, clock=clock)
     try:
         yield found
-    except UsageError:
+    except (UsageError, PictureFileError):
         new = [name for name in given if after.chosen.get(name) != before.chosen.get(name)]
         if new:  # as before, unless another writer has chosen since
             _edit(

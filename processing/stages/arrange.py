@@ -11,6 +11,7 @@ from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
 from processing.layout.assumed import Choice, broken_rules, fitting_choice, named_choice, with_door
 from processing.layout.drawn.drawing import write_drawings
+from processing.layout.given_places import parse_pins
 from processing.layout.hung import hung_things
 from processing.layout.items import KINDS, Item, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
@@ -59,7 +60,7 @@ def run(context: StageContext) -> StageOutput:
     context.progress(0.3, choice.name)
     items = _items(asked, choice)
     try:
-        found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed)
+        found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed, pins=parse_pins(asked.pin))
     except (NoDoorError, RoomTooSmallError) as error:
         return _nothing(error, choice)
     context.progress(0.8, "drawing")

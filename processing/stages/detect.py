@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+from processing.ground.arrays import Flags
+from processing.ground.seam import share_of_sphere
 from processing.pictures.images import LuminanceImage
+from processing.pictures.masks import read_mask
 from processing.removal.masks import Masks, find_masks
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneEvidence, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import DetectParameters
-from processing.stages.upright import known_room, sky_with_sun, sky_without_sun, sun_direction, upright_panorama
+from processing.stages.upright import (
+    check_mask_size,
+    known_room,
+    sky_with_sun,
+    sky_without_sun,
+    sun_direction,
+    upright_panorama,
+)
 
 MASKS = ("furniture", "tripod", "sunlight", "shadow")
 MUCH = 0.5
@@ -45,7 +57,24 @@ def run(context: StageContext) -> StageOutput:
         meter_target=_meter_target(context),
         margin_rad=math.radians(asked.margin_deg),
     )
-    return _output(found, evidence, why, asked.margin_deg)
+    return _output(_corrected(found, asked, context), evidence, why, asked.margin_deg)
+
+
+def _corrected(found: Masks, asked: DetectParameters, context: StageContext) -> Masks:
+    """Return the masks with what a user has drawn over them: added to the target, or kept out of all."""
+    masks = {name: getattr(found, name) for name in (*MASKS, "target")}
+    if asked.mask_add is not None:
+        masks["target"] = masks["target"] | _drawn(asked.mask_add, context)
+    if asked.mask_keep is not None:
+        kept = _drawn(asked.mask_keep, context)
+        masks = {name: mask & ~kept for name, mask in masks.items()}
+    return replace(found, **masks, shares={name: share_of_sphere(mask) for name, mask in masks.items()})
+
+
+def _drawn(path: Path, context: StageContext) -> Flags:
+    mask = read_mask(path)
+    check_mask_size(mask, context)
+    return mask
 
 
 def _meter_target(context: StageContext) -> tuple[float, float] | None:

@@ -266,9 +266,13 @@ class DetectParameters(StageParameters):
             "answer",
             "Picture: white is to be removed; instead of detection.",
             artifact="target",
-            excludes=["--margin", "--sunlight", "--keep-sunlight"],
+            excludes=["--margin", "--sunlight", "--keep-sunlight", "--mask-add", "--mask-keep"],
         ),
     ] = None
+    mask_add: Annotated[
+        Path | None, path_field("file", "Picture: white is to be removed, beside what is detected.")
+    ] = None
+    mask_keep: Annotated[Path | None, path_field("file", "Picture: white stays, whatever is detected.")] = None
     margin_deg: Annotated[
         float, Field(ge=0, le=10, description="Degrees by which the target extends beyond what was detected")
     ] = 0.6
@@ -341,6 +345,9 @@ class ArrangeParameters(_Furnished):
 
     arrangement: Annotated[
         Path | None, path_field("answer", "arrangement.json of `daylit arrange`, instead.", artifact="arrangement")
+    ] = None
+    pin: Annotated[
+        str | None, Field(description='Pieces whose place is given, ITEM=X,Y,DEGREES: "sofa=0.2,1.5,90; desk=1,0,0".')
     ] = None
     furniture: FurnitureFolder = None
     rules: Annotated[str, Field(description="Rule set: comfort, standard, tight, accessible")] = "standard"

@@ -8,6 +8,7 @@ import select
 import signal
 import sys
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -149,12 +150,34 @@ def summarise(manifest: SessionManifest, path: Path, options: dict[str, Any], *,
         "warnings": [w.message for w in manifest.warnings],
         "drift_frac": manifest.drift_frac,
     }
-    lines = [f"{len(manifest.frames)} frames in {path}"]
-    if not complete:
+    lines = [f"{len(manifest.frames)} frames in {path}", *verdict(manifest)]
+    if complete:
+        lines.append(f"next: daylit process {click.format_filename(path)}")
+    else:
         lines += [f"missing: {missing}" for missing in manifest.missing]
         lines.append(f"complete it: daylit capture --resume {click.format_filename(path)}")
     _print(lines, summary, options)
     return 0 if complete else 130 if interrupted else 4
+
+
+def verdict(manifest: SessionManifest) -> list[str]:
+    """Return what to look at before leaving: both ends of the brackets, shutters apart, drift of the light."""
+    found, released = [], defaultdict[int, list[float]](list)
+    for side in manifest.bracket.sides:
+        frames = sorted((f for f in manifest.frames if f.side is side and not f.is_raw), key=lambda f: f.camera_s)
+        for frame in frames:
+            if frame.release_monotonic_s is not None:
+                released[frame.stop].append(frame.release_monotonic_s)
+        if frames and (first := frames[0].statistics) and (last := frames[-1].statistics):
+            ends = (
+                f"{first.clipped_frac:.2%} is clipped in the shortest frame, {last.dark_frac:.2%} dark in the longest"
+            )
+            found.append(f"{side}: {ends}")
+    apart = [max(times) - min(times) for times in released.values() if len(times) > 1]
+    found += [f"shutters opened at most {1000 * max(apart):.0f} ms apart"] if apart else []
+    if manifest.drift_frac is not None:
+        found.append(f"the light changed by {manifest.drift_frac:+.1%} from the first reading to the last")
+    return found
 
 
 def summarise_day(day: Day, options: dict[str, Any], *, interrupted: bool) -> int:

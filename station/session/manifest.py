@@ -103,6 +103,8 @@ def load_manifest(path: Path) -> SessionManifest:
     and memory whatever the file holds.
     """
     path = Path(path)
+    if not path.exists():
+        raise SessionNotFoundError("there is no such folder", where=str(path), advice="name a session folder")
     folder_path, name = (path, MANIFEST_NAME) if path.is_dir() else (path.parent, path.name)
     with open_session(folder_path) as folder:
         manifest = read_manifest(folder, name)

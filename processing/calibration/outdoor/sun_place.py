@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from typing import Literal
+from zoneinfo import ZoneInfo
 
 from processing.calibration.outdoor.sun_disc import Sun, find_sun
 from processing.errors import ParameterError, SunError
@@ -257,3 +258,32 @@ def _warnings(off_rad: float, sun: Sun) -> tuple[str, ...]:
     if sun.cut:
         found.append("part of the sun lies outside the field; its centre is that of a disc fitted to the rest")
     return tuple(found)
+
+
+def zone_named(text: str) -> tzinfo:
+    """Return a time zone by its name, or by ``+HH:MM`` ahead of UTC; `ParameterError` where there is none."""
+    try:
+        if text[:1] in ("+", "-"):
+            ahead = datetime.fromisoformat(f"2000-01-01T00:00{text}").utcoffset()
+            return timezone(ahead or timedelta())
+        return ZoneInfo(text)
+    except (KeyError, ValueError, OSError):
+        advice = "such as America/New_York, or -04:00"
+        raise ParameterError(f"--zone {text[:60]}: no such time zone", advice=advice) from None
+
+
+def zone_at(latitude_deg: float | None, longitude_deg: float | None, named: str | None = None) -> tzinfo:
+    """Return the zone of the clocks at a place: the one that is named, else the place's own, else UTC."""
+    if named is not None:
+        return zone_named(named)
+    if latitude_deg is None or longitude_deg is None:
+        return UTC
+    from tzfpy import get_tz
+
+    return ZoneInfo(get_tz(longitude_deg, latitude_deg) or "UTC")
+
+
+def with_zone(moment: datetime, zone: tzinfo) -> str:
+    """Return a moment as clocks of the zone show it: ``2023-06-21 16:00 EDT``."""
+    local = moment.astimezone(zone)
+    return f"{local:%Y-%m-%d %H:%M} {local:%Z}"

@@ -42,7 +42,7 @@ def test_a_clear_sky_is_stillest_at_noon() -> None:
 
 
 def test_the_command_says_it_in_local_time(capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--site", "40.44,-79.99", "--heading", "180", "--date", "2023-06-21", "--utc-offset", "-4"]
+    options = ["--site", "40.44,-79.99", "--heading", "180", "--date", "2023-06-21", "--zone", "-04:00"]
     assert daylit.main(["plan", *options, "--window", "90", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert [row["wall"] for row in facts["sun"]] == ["ahead", "right", "behind", "left", "window 90"]

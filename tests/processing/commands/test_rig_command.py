@@ -31,7 +31,7 @@ def test_profile_with_k2_and_pictures(sessions: Path, tmp_path: Path, capsys: py
     out = tmp_path / "lab.json"
     chart, room, plain = (str(sessions / name) for name in ("chart", "room", "plain"))
     code = daylit.main(
-        ["rig", "calibrate", chart, room, "--nd", chart, plain, "--lens-data", "theta_z1", "--out", str(out), "--json"]
+        ["rig", "calibrate", chart, room, "--nd", chart, plain, "--lens-data", "theta_z1", "--into", str(out), "--json"]
     )
     answer = json.loads(capsys.readouterr().out)
     assert code == 0, answer
@@ -62,12 +62,14 @@ def test_what_cannot_be_is_refused(
     sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], named: str
 ) -> None:
     out = tmp_path / "lab.json"
-    code = daylit.main(["rig", "calibrate", str(sessions / "chart"), str(sessions / "room"), "--out", str(out), *words])
+    code = daylit.main(
+        ["rig", "calibrate", str(sessions / "chart"), str(sessions / "room"), "--into", str(out), *words]
+    )
     assert code in (2, 5)
     assert named in capsys.readouterr().err
     assert not out.exists()
 
 
 def test_no_session_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert daylit.main(["rig", "calibrate", str(tmp_path), "--out", str(tmp_path / "x.json")]) == 4
+    assert daylit.main(["rig", "calibrate", str(tmp_path), "--into", str(tmp_path / "x.json")]) == 4
     assert "session.json" in capsys.readouterr().err

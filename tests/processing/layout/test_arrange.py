@@ -19,7 +19,7 @@ from processing.ground.room_model import RoomModel, starter_room, write_room
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
 from processing.layout.drawn.drawing import write_drawings
-from processing.layout.given_places import Place, placed_by_ratios
+from processing.layout.given_places import Place, parse_pins, placed_by_ratios
 from processing.layout.hung import hung_things
 from processing.layout.items import KINDS as ITEMS
 from processing.layout.items import SETS, parse_items, set_items
@@ -219,6 +219,13 @@ def test_refusals_are_typed() -> None:
         arrange(ROOM, parse_items("bed"), pins={"sofa": (1, 1, 0)})
     with pytest.raises(PinError, match="inside the floor"):
         arrange(ROOM, parse_items("bed"), "tight", pins={"bed": (0, 0, 0)})
+
+
+def test_pins_of_a_line() -> None:
+    assert parse_pins("tv stand=1.9,0.2,0; bed = 0,1,90;") == {"tv-stand": (1.9, 0.2, 0.0), "bed": (0, 1, math.pi / 2)}
+    assert parse_pins(None) == {}
+    with pytest.raises(PinError):
+        parse_pins("bed=1,2")
 
 
 def test_pins_stay_and_a_tv_follows_its_stand() -> None:

@@ -206,7 +206,7 @@ def own_furniture(session, tmp_path_factory) -> Path:
 
 def test_a_room_staged_with_furniture_of_ones_own(session, own_furniture, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("processing.light.solver.irradiance.denoiser_available", lambda: False)
-    small = ("--staged", 1, "--output", tmp_path)
+    small = ("--staged", 1, "--into", tmp_path)
     at = ("--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
     with pytest.raises(RelightError, match="give --furniture FOLDER"):
         run(relight, session, *at, *small)

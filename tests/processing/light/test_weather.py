@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from processing.calibration.outdoor.sun_place import Place, clear_beam, sun_place
-from processing.errors import DaylightError
+from processing.calibration.outdoor.sun_place import Place, clear_beam, sun_place, with_zone, zone_at, zone_named
+from processing.errors import DaylightError, ParameterError
 from processing.light.scene.scene import Outdoors
 from processing.pictures.images import LUMINANCE_WEIGHTS
-from processing.relighting.relit_session import day_times, parse_time, zone_hours
+from processing.relighting.relit_session import day_times, parse_time
 from processing.relighting.weather import (
     captured_weather,
     daylight_at,
@@ -134,24 +134,30 @@ def test_strange_captures_are_held_and_told() -> None:
 def test_night_is_refused_and_days_end_where_the_sun_does() -> None:
     with pytest.raises(DaylightError, match="below the horizon"):
         daylight_at(datetime(2023, 6, 21, 4, tzinfo=UTC), PITTSBURGH, 0.0, usual_weather("clear"), DARK)
-    hours = zone_hours(PITTSBURGH)
-    assert hours == -5
-    times = day_times(NOON, PITTSBURGH, hours, timedelta(hours=1))
+    zone = zone_at(PITTSBURGH.latitude_deg, PITTSBURGH.longitude_deg)
+    assert str(zone) == "America/New_York"
+    times = day_times(NOON, PITTSBURGH, zone, timedelta(hours=1))
     assert 13 <= len(times) <= 15
     assert all(sun_place(t, PITTSBURGH).elevation_rad > 0 for t in times)
-    assert {(t + timedelta(hours=hours)).date() for t in times} == {datetime(2023, 6, 21).date()}
+    assert {t.astimezone(zone).date() for t in times} == {datetime(2023, 6, 21).date()}
     with pytest.raises(DaylightError, match="does not rise"):
-        day_times(datetime(2023, 12, 21, 12, tzinfo=UTC), Place(78.2, 15.6), 1.0, timedelta(hours=1))
+        day_times(datetime(2023, 12, 21, 12, tzinfo=UTC), Place(78.2, 15.6), UTC, timedelta(hours=1))
     with pytest.raises(DaylightError, match="a step"):
-        day_times(NOON, PITTSBURGH, hours, timedelta(seconds=1))
+        day_times(NOON, PITTSBURGH, zone, timedelta(seconds=1))
 
 
 def test_times() -> None:
-    assert parse_time("2023-06-21 16:00", -4.0) == datetime(2023, 6, 21, 20, tzinfo=UTC)
-    assert parse_time("2023-06-21T16:00+02:00", -4.0) == datetime(2023, 6, 21, 14, tzinfo=UTC)
-    assert parse_time("2023-06-21T16:00Z", -4.0) == datetime(2023, 6, 21, 16, tzinfo=UTC)
+    assert parse_time("2023-06-21 16:00", zone_named("America/New_York")) == datetime(2023, 6, 21, 20, tzinfo=UTC)
+    assert parse_time("2023-06-21T16:00+02:00", UTC) == datetime(2023, 6, 21, 14, tzinfo=UTC)
+    assert parse_time("2023-06-21T16:00Z", zone_named("-04:00")) == datetime(2023, 6, 21, 16, tzinfo=UTC)
     with pytest.raises(DaylightError, match="no time"):
-        parse_time("at noon", 0.0)
+        parse_time("at noon", UTC)
+    assert parse_time("2023-12-21 16:00", zone_at(40.44, -79.99)) == datetime(2023, 12, 21, 21, tzinfo=UTC)
+    assert zone_at(None, None) is UTC
+    assert with_zone(datetime(2023, 6, 21, 20, tzinfo=UTC), zone_at(40.44, -79.99)) == "2023-06-21 16:00 EDT"
+    for wrong in ("Mars/Olympus", "+99:00", "-4", ""):
+        with pytest.raises(ParameterError, match="no such time zone"):
+            zone_named(wrong)
 
 
 def test_light_of_clouds_goes_with_sun_and_sky_together() -> None:

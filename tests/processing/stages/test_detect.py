@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from processing.errors import ParameterError
+from processing.ground.seam import share_of_sphere
 from processing.pictures.images import LuminanceImage
+from processing.pictures.masks import write_mask
 from processing.pipeline import resolve, stage_named
 from processing.report.sections import detect_section, tinted
 from processing.segmentation.evidence import write_evidence
@@ -70,6 +72,22 @@ def test_masks_are_made_and_told(painted: Painted, tmp_path: Path) -> None:
     assert section.pictures[0].data.startswith(b"\xff\xd8")
     assert len(section.quantities) == 5
     assert section.tables[0].rows
+
+
+def test_what_is_drawn_over_the_masks_is_added_or_stays(painted: Painted, tmp_path: Path) -> None:
+    plain = run(context(painted, tmp_path)).artifacts["target"]
+    more, kept = np.zeros((160, 320), bool), np.zeros((160, 320), bool)
+    more[:20], kept[80:, :160] = True, True
+    write_mask(tmp_path / "more.png", more)
+    write_mask(tmp_path / "kept.png", kept)
+    asked = DetectParameters(mask_add=tmp_path / "more.png", mask_keep=tmp_path / "kept.png")
+    made = run(context(painted, tmp_path, parameters=asked))
+    assert np.array_equal(made.artifacts["target"], (plain | more) & ~kept)
+    assert not any((made.artifacts[name] & kept).any() for name in MASKS if name in made.artifacts)  # type: ignore[operator,attr-defined]
+    assert made.metrics["shares"]["target"] == pytest.approx(share_of_sphere((plain | more) & ~kept), abs=1e-5)  # type: ignore[index,call-overload,operator]
+    write_mask(tmp_path / "more.png", more[:80, :160])
+    with pytest.raises(ParameterError, match="160 x 80"):
+        run(context(painted, tmp_path, parameters=asked))
 
 
 def test_no_sun_in_the_outdoor_picture_means_no_sunlight(painted: Painted, tmp_path: Path) -> None:
