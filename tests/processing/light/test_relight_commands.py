@@ -91,7 +91,7 @@ def size_of(path: Path) -> tuple[int, int]:
 
 def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
     found = run(relight, session, "--at", "2023-05-19T19:00Z", "--rows", 64, "--quality", "draft")
-    relit = read_exr(session / "relight" / "empty-2023-05-19T1400.exr")
+    relit = read_exr(session / "relight" / "empty-2023-05-19T1500.exr")
     taken = read_exr(session / "stages" / "remove" / "empty.exr")
     assert isinstance(relit, LuminanceImage)
     ratio = relit.rgb.sum(axis=2) / np.maximum(taken.rgb.sum(axis=2), 1e-6)
@@ -99,7 +99,7 @@ def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
     assert relit.attributes["relit"]["time_utc"] == "2023-05-19T19:00+00:00"  # type: ignore[index]
     assert found["moments"][0]["detail_kept_share"] > 0.9
     assert found["basis"] == "made"
-    assert size_of(session / "relight" / "empty-2023-05-19T1400.jpg") == (128, 64)
+    assert size_of(session / "relight" / "empty-2023-05-19T1500.jpg") == (128, 64)
     # The second time the stored rays are taken, and the day goes by.
     day = run(relight, session, "--sweep", "day", "--step", "4h", "--rows", 64, "--quality", "draft")
     assert day["basis"] == "kept"
