@@ -103,7 +103,7 @@ def test_at_the_captured_time_the_room_is_as_it_was(session) -> None:
     # The second time the stored rays are taken, and the day goes by.
     day = run(relight, session, "--sweep", "day", "--step", "4h", "--rows", 64, "--quality", "draft")
     assert day["basis"] == "kept"
-    assert [m["local_time"][-5:] for m in day["moments"]] == ["08:00", "12:00", "16:00"]
+    assert [m["local_time"][-5:] for m in day["moments"]] == ["08:00", "12:00", "16:00", "20:00"]
     noon = day["moments"][1]
     assert noon["global_horizontal_lx"] > day["moments"][0]["global_horizontal_lx"]
     # The window faces south: sun at noon.
