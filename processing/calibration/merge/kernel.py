@@ -85,7 +85,7 @@ class Lookup(NamedTuple):
     lanes: Floats
     """(F, 3, 256, 4): w, w v, w v2, 0 of each code."""
     samples: Floats
-    """(F, 3, 256, 2): v and w of each code."""
+    """(F, 3, 256, 2): v and w of each code, by which disagreement is judged; w = 0: the code shows none."""
     saturation: Floats
     """(F, 3): radiance at the last code that is not clipped."""
     clip: Indices
@@ -219,6 +219,8 @@ def suspicion(addresses, pixel, table):
                 bound = max(bound, float(table.saturation[f, c]))
                 continue
             v, w = float(table.samples[f, c, code, 0]), float(table.samples[f, c, code, 1])
+            if w <= 0.0:
+                continue
             total, sum_v, sum_vv = total + w, sum_v + w * v, sum_vv + w * v * v
             used += 1
         if used:

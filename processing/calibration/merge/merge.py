@@ -57,11 +57,13 @@ REFUSE_OWN_STOPS = 0.75
 WARN_NOISE = 2.0  # of the variance; chosen
 MAX_GHOST_SHARE = 0.5  # of the picture; chosen
 BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen
-CODED_CORRELATION = 0.15  # chosen between raw frames and JPEG
+PROCESSED_CORRELATION = 0.1  # of neighbours' noise; chosen: wells' own has none, demosaicing's and JPEG's .2 to .8
 TEXTURE_SHARE = 1.0
 """Of the local contrast: a merged pixel whose samples disagree by less is texture, no ghost. Chosen on still scenes."""
 SHARED_SIGMAS = 2.0
 """Of curve and times: samples that disagree by less contradict these, and show no ghost; chosen on still scenes."""
+JUDGED_CODES = (16, 240)
+"""Codes of coded frames that can show movement: nearer the ends coding, its chroma above all, moves them as much."""
 JPEG_TOP_CODE = 249
 """Above it, a code may be a clipped one after coding, chroma at half resolution above all."""
 
@@ -134,6 +136,7 @@ class _Job:
     noise: NoiseModel
     options: MergeOptions
     correlation: float = 0.0
+    processed: bool = False
     given_s: tuple[float, ...] = ()
 
     @property
@@ -145,8 +148,8 @@ class _Job:
 
     @property
     def coded(self) -> bool:
-        """Return whether the frames were JPEG, by their source or by what it does to noise."""
-        return self.correlation > CODED_CORRELATION or any(isinstance(f, JpegFrame) for f in self.order.frames)
+        """Return whether the frames went through a camera's processing: by their source, or by its trace in noise."""
+        return self.processed or any(isinstance(f, JpegFrame) for f in self.order.frames)
 
     def noise_shape(self) -> tuple[float, float]:
         """Return the correlation of the channels' noise, and the squared error that all frames share."""
@@ -187,7 +190,7 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
             f"{s.right_px:+.1f} px across and {s.down_px:+.1f} px down: was the camera touched?"
             for s in frame_shifts(codes, samples)
         ]
-    planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers)
+    planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers, coded=job.coded)
     modes = _widen(planes, samples, job)
     ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
     found = shares(planes.validity, ghost)
@@ -212,7 +215,8 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     if curve is not None and agreement.curve_error > 2 * WARN_STOPS:
         # Codes of one pair disagree by so much at most; a curve is wrong by half of it, with either sign.
         curve = replace(curve, sigma_log2=np.hypot(curve.sigma_log2, agreement.curve_error / 4))
-    return replace(job, order=order, curve=curve, noise=scaled, correlation=agreement.correlation)
+    processed = agreement.neighbours > PROCESSED_CORRELATION
+    return replace(job, order=order, curve=curve, noise=scaled, correlation=agreement.correlation, processed=processed)
 
 
 def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
@@ -250,7 +254,12 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
 
 
 def _fuse(
-    codes: Sequence[Codes], samples: MergeTables | LinearSamples, shape: tuple[float, float], workers: int
+    codes: Sequence[Codes],
+    samples: MergeTables | LinearSamples,
+    shape: tuple[float, float],
+    workers: int,
+    *,
+    coded: bool = False,
 ) -> tuple[Planes, npt.NDArray[np.float64]]:
     """Return the merged planes, and what part of the picture used each frame."""
     height, width = codes[0].shape[:2]
@@ -264,7 +273,7 @@ def _fuse(
     if isinstance(samples, MergeTables):
         # A picture smaller than one run is lengthened by its own pixels.
         flat = [np.resize(frame, (padded, 3)) if pixels < padded else frame for frame in flat]
-        uses = _fuse_runs(flat, samples, shape, planes, workers)
+        uses = _fuse_runs(flat, samples, shape, planes, workers, coded=coded)
     else:
         addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
         model = (samples.times_s, samples.time_sigma, samples.noise, shape[0])
@@ -279,12 +288,16 @@ def _fuse(
 
 
 def _fuse_runs(
-    flat: Sequence[Codes], tables: MergeTables, shape: tuple[float, float], planes: Planes, workers: int
+    flat: Sequence[Codes], tables: MergeTables, shape: tuple[float, float], planes: Planes, workers: int, *, coded: bool
 ) -> npt.NDArray[np.float64]:
     addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
     clip = np.array([int(np.flatnonzero(tables.samples[0, c, :, 1] > 0)[-1]) for c in range(3)])
     limits = np.array([tables.any_clipped, tables.all_clipped, tables.rise])
-    table = Lookup(tables.lanes, tables.samples, tables.saturation, clip, limits, tables.last)
+    judged = tables.samples
+    if coded:
+        judged = judged.copy()
+        judged[:, :, : JUDGED_CODES[0], 1] = judged[:, :, JUDGED_CODES[1] + 1 :, 1] = 0
+    table = Lookup(tables.lanes, judged, tables.saturation, clip, limits, tables.last)
     out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
     runs = -(-len(flat[0]) // RUN_PX)
     counts: list[npt.NDArray[np.int64]] = []
@@ -339,7 +352,7 @@ def _ghosts(
             likely="frames of different scenes, a camera that moved, or a noise model of another camera",
             advice="check which frames belong together",
         )
-    ghost = settle_ghosts(codes, samples, planes)
+    ghost = settle_ghosts(codes, samples, planes, processed=job.coded)
     numbers = np.array([0, *(number + 1 for number in job.order.numbers)], dtype=np.uint8)
     return np.asarray(numbers[ghost]) if ghost.any() else ghost
 

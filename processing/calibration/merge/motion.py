@@ -140,6 +140,8 @@ def _shift(before: Codes, after: Codes, both: _Range) -> tuple[float, float] | N
 NEIGHBOURS_PX = 5  # chosen: larger than noise, smaller than a hand
 MIN_NEIGHBOURS = 8
 """Of 25 odd pixels: noise and coding make single ones."""
+CORE_PX = 5
+"""Side of what moved in processed frames; chosen: a hot well spreads over three in demosaicing, over four in coding."""
 USABLE = 0.02  # of the best frame's signal to noise squared; chosen
 MEASURES_WELL = 0.5
 """Of the best frame's worth."""
@@ -157,24 +159,34 @@ class Planes:
     """1 odd, 2 surely moved."""
 
 
-def ghost_regions(suspect: Bytes) -> Bytes:
+def ghost_regions(suspect: Bytes, core_px: int = 1) -> Bytes:
     """Return 1 where something moved: what is surely odd, and what is odd among many odd neighbours; holes closed.
 
-    ``suspect`` and the result: (H, W) uint8.
+    Regions that hold no square of ``core_px`` are hot pixels and edges. ``suspect`` and the result: (H, W) uint8.
     """
     odd = (suspect > 0).astype(np.uint8)
     around = cv2.boxFilter(odd, -1, (NEIGHBOURS_PX, NEIGHBOURS_PX), normalize=False, borderType=cv2.BORDER_REFLECT)
     kept = ((suspect == 2) | ((odd == 1) & (around >= MIN_NEIGHBOURS))).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (NEIGHBOURS_PX, NEIGHBOURS_PX))
-    return np.asarray(cv2.morphologyEx(kept, cv2.MORPH_CLOSE, disc), dtype=np.uint8)
+    kept = np.asarray(cv2.morphologyEx(kept, cv2.MORPH_CLOSE, disc), dtype=np.uint8)
+    core = cv2.erode(kept, np.ones((core_px, core_px), np.uint8))
+    count, labels = cv2.connectedComponents(kept, connectivity=8, ltype=cv2.CV_32S)
+    moved = np.zeros(count, dtype=np.uint8)
+    moved[np.unique(labels[core > 0])] = 1
+    return np.asarray(moved[labels] & kept)
 
 
-def settle_ghosts(frames: Sequence[Codes], tables: Samples, planes: Planes) -> Bytes:
-    """Show regions that moved by one frame each, in place; return 0 or 1 + place of the frame shown, (H, W)."""
+def settle_ghosts(frames: Sequence[Codes], tables: Samples, planes: Planes, *, processed: bool = False) -> Bytes:
+    """Show regions that moved by one frame each, in place; return 0 or 1 + place of the frame shown, (H, W).
+
+    ``processed``: the frames are no wells' own noise, so that single pixels that disagree have not moved.
+    """
     ghost = np.zeros(planes.suspect.shape, dtype=np.uint8)
     if not planes.suspect.any():
         return ghost
-    count, labels = cv2.connectedComponents(ghost_regions(planes.suspect), connectivity=8, ltype=cv2.CV_32S)
+    count, labels = cv2.connectedComponents(
+        ghost_regions(planes.suspect, CORE_PX if processed else 1), connectivity=8, ltype=cv2.CV_32S
+    )
     places = np.flatnonzero(labels)
     names = labels.reshape(-1)[places]
     del labels

@@ -222,6 +222,8 @@ class Consistency:
     """Variance of the scatter over what the noise model expects."""
     correlation: float = 0.0
     """Of the noise of two channels, 0..1; a mean that counts pairs of channels as luminance does."""
+    neighbours: float = 0.0
+    """Correlation of the noise of two pixels side by side: demosaicing, denoising and coding leave some."""
 
 
 def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
@@ -238,8 +240,34 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
             break
         assumed = found
     return Consistency(
-        _offsets([pair.offset for pair in pairs]), max((p.curve_error for p in pairs), default=0.0), found, correlation
+        _offsets([pair.offset for pair in pairs]),
+        max((p.curve_error for p in pairs), default=0.0),
+        found,
+        correlation,
+        _neighbours(frames, tables, (sparse[0], slice(step // 2, -1, step)), assumed),
     )
+
+
+def _neighbours(frames: Sequence[Codes], tables: Samples, sparse: tuple[slice, slice], factor: float) -> float:
+    """Return the correlation of what pixels and their right neighbours differ by from frame to frame; robust."""
+    beside = (sparse[0], slice(sparse[1].start + 1, None, sparse[1].step))
+    found = []
+    for place in range(len(frames) - 1):
+        low, high = _range(tables, place, factor)
+        both = []
+        for where in (sparse, beside):
+            (a, _), (b, weight) = (tables.sample(p, frames[p][where].reshape(-1, 3)) for p in (place, place + 1))
+            mean = (a.astype(np.float64) + b) / 2
+            good = (mean > low) & (mean < high) & (weight > 0)
+            both.append(np.where(good, (a - b) / np.maximum(mean, TINY), np.nan))
+        whole = np.isfinite(both[0] + both[1]).all(axis=1)
+        if whole.sum() >= MIN_SAMPLES:
+            one, other = (part[whole] - np.median(part[whole], axis=0) for part in both)
+            found.append(np.stack([_robust_variance(one + other), _robust_variance(one - other)]))
+    if not found:
+        return 0.0
+    plus, minus = np.mean(found, axis=0)
+    return float(np.mean((plus - minus) / np.maximum(plus + minus, TINY)))
 
 
 @dataclass(frozen=True)

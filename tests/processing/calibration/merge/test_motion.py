@@ -27,6 +27,15 @@ def test_scattered_odd_pixels_are_noise_and_sure_ones_are_not() -> None:
     assert ghost_regions(suspect).sum() == 1
 
 
+def test_a_spot_as_small_as_a_hot_pixel_is_no_region_where_a_larger_one_is_asked_for() -> None:
+    suspect = np.zeros((40, 60), np.uint8)
+    suspect[3:6, 3:6] = 2
+    suspect[20:27, 20:27] = 2
+    region = ghost_regions(suspect, 5)
+    assert region[20:27, 20:27].all()
+    assert region.sum() == 49
+
+
 def test_crowded_odd_pixels_are_a_region_without_holes() -> None:
     suspect = np.zeros((40, 60), np.uint8)
     suspect[10:20, 10:30] = np.random.default_rng(0).random((10, 20)) < 0.7
