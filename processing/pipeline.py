@@ -92,7 +92,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="merge",
-        version=2,
+        version=3,
         title="merge brackets",
         function="processing.stages.merge:run",
         needs=("verify",),

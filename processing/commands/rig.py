@@ -135,6 +135,7 @@ def _summary(result: RigResult) -> dict[str, Any]:
             "vignetting": camera.vignetting.source if camera.vignetting else None,
             "lens": camera.lens.source if camera.lens else None,
             "nd_density": camera.nd.density if camera.nd else None,
+            "colour": camera.nd.source if camera.nd else None,
             "chart_mismatch": result.views[side].chart.mismatch,
             "chart_found_by": result.views[side].chart.how,
         }
@@ -152,7 +153,8 @@ def _lines(result: RigResult) -> list[str]:
         )
         lines += [f"  fall-off: {facts['vignetting']}"] if facts["vignetting"] else []
         lines += [f"  lens: {facts['lens']}"] if facts["lens"] else []
-        lines += [f"  ND filter: density {facts['nd_density']:.3f}"] if facts["nd_density"] is not None else []
+        lines += [f"  colour: {facts['colour']}"] if facts["colour"] else []
+        lines += [f"  ND filter: density {facts['nd_density']:.3f}"] if facts["nd_density"] else []
     k2 = result.profile.k2
     if k2 is not None:
         lines.append(

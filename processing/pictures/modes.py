@@ -20,7 +20,7 @@ from processing.pictures.images import LuminanceImage, RelativeImage, luminance_
 from processing.sphere import Equirectangular, directions
 
 KEY = "shared_modes"
-Kind = Literal["level", "seam", "axis"]
+Kind = Literal["level", "seam", "axis", "whole"]
 _BITS = 20
 """Of a float32, dropped: what is left steps by an eighth of an octave."""
 SEAM_SIGMA = 0.02
@@ -98,6 +98,8 @@ def relative_error(mode: SharedMode, image: RelativeImage | LuminanceImage, lumi
     """Return a mode's relative error at each pixel, (H, W), for one standard deviation; ``luminance``: (H, W)."""
     if mode.kind == "level":
         return mode.of_levels(luminance)
+    if mode.kind == "whole":
+        return np.full(luminance.shape, mode.values[0], np.float32)
     if mode.kind == "seam" and isinstance(image.geometry, Equirectangular):
         height, width = luminance.shape
         latitude = (0.5 - (np.arange(height) + 0.5) / height) * math.pi

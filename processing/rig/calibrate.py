@@ -11,13 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
+from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.profile import Correction, K2Record, PatchRecord, RigProfile
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
 from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
+from processing.calibration.scale.chart_patches import FoundChart
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
-from processing.errors import ChartError, ParameterError
+from processing.errors import ChartError, LensError, ParameterError
 from processing.rig.camera_fit import CameraFit, fit_camera, with_filter, with_flat_field
 from processing.rig.session_side import SessionSide, read_side
 from station.session.session import Side
@@ -75,6 +77,14 @@ def calibrate_rig(request: RigRequest, now: datetime, report: Callable[[str], No
         cameras[side] = _camera(request, side, taken)
         report(f"{side}: merging the chart, looking for it")
         views[side] = _chart_view(cameras[side], taken, request.corners.get(side))
+    if len(charts) == 2 and cameras[Side.OUTDOOR].filter is None:
+        camera = cameras[Side.OUTDOOR]
+        try:
+            found, views[Side.OUTDOOR] = one_colour(views[Side.INDOOR].chart, views[Side.OUTDOOR])
+            cameras[Side.OUTDOOR] = replace(camera, filter=found)
+        except LensError as error:
+            text = f"outdoor colours are not brought to the indoor camera's: {error.message}"
+            cameras[Side.OUTDOOR] = replace(camera, warnings=(*camera.warnings, text))
     k2 = _k2(cameras, views, charts) if len(charts) == 2 else None
     warnings = [w for camera in cameras.values() for w in camera.warnings]
     profile = RigProfile(
@@ -141,6 +151,23 @@ def _chart_view(camera: CameraFit, taken: SessionSide, corners: Sequence[float] 
     except ChartError as error:
         error.where = f"{taken.path} ({camera.side}){': ' + error.where if error.where else ''}"
         raise
+
+
+def one_colour(inside: FoundChart, seen: ChartView) -> tuple[NdFilter, ChartView]:
+    """Return what brings the outdoor camera's chart to the indoor's colours (filter, sensor, white), and its view then.
+
+    Luminance of white is left to k2, from which the filter's density cannot be told apart here.
+
+    Raises
+    ------
+    LensError
+        Fewer than six patches are usable in both, or they hold too few colours.
+    """
+    good = inside.usable & seen.chart.usable
+    found = fit_nd_filter(seen.chart.rgb[good], inside.rgb[good], source="the chart in both cameras")
+    chart = replace(seen.chart, rgb=np.asarray(seen.chart.rgb @ found.correction))
+    view = replace(seen.view, rgb=found.correct(seen.view.rgb))
+    return replace(found, density=0.0), ChartView(view, chart)
 
 
 def _k2(

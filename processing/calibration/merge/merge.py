@@ -57,6 +57,7 @@ REFUSE_OWN_STOPS = 0.75
 WARN_NOISE = 2.0  # of the variance; chosen
 MAX_GHOST_SHARE = 0.5  # of the picture; chosen
 BAND_PX = 128 * 2048  # pixels a thread takes at a time; chosen
+LEAST_WANDER = 0.004  # relative; chosen: below it nothing is left of it in a sum
 PROCESSED_CORRELATION = 0.1  # of neighbours' noise; chosen: wells' own has none, demosaicing's and JPEG's .2 to .8
 TEXTURE_SHARE = 1.0
 """Of the local contrast: a merged pixel whose samples disagree by less is texture, no ghost. Chosen on still scenes."""
@@ -137,6 +138,7 @@ class _Job:
     options: MergeOptions
     correlation: float = 0.0
     processed: bool = False
+    wander: float = 0.0
     given_s: tuple[float, ...] = ()
 
     @property
@@ -216,7 +218,15 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
         # Codes of one pair disagree by so much at most; a curve is wrong by half of it, with either sign.
         curve = replace(curve, sigma_log2=np.hypot(curve.sigma_log2, agreement.curve_error / 4))
     processed = agreement.neighbours > PROCESSED_CORRELATION
-    return replace(job, order=order, curve=curve, noise=scaled, correlation=agreement.correlation, processed=processed)
+    return replace(
+        job,
+        order=order,
+        curve=curve,
+        noise=scaled,
+        correlation=agreement.correlation,
+        processed=processed,
+        wander=agreement.wander,
+    )
 
 
 def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
@@ -329,6 +339,10 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> l
     modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
     luminance = luminance_cd_m2(planes.rgb)
     shared = together(modes, luminance)
+    if job.wander > LEAST_WANDER:
+        # Two frames differ by the root of two of what each is off by; the spot that sets the scale is off as well.
+        modes.append(SharedMode("light that changed", "whole", (0.0,), (job.wander,)))
+        shared = np.hypot(shared, np.float32(job.wander))
     u2 = np.square(planes.uncertainty) + np.square(shared)
     if job.coded:
         contrast = local_contrast(luminance)

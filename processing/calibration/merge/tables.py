@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Floats, Int64s
 from processing.pictures.frames import Codes
 from processing.pictures.images import LUMINANCE_WEIGHTS
 
@@ -199,6 +199,7 @@ MIN_SAMPLES = 120  # chosen: a median to a tenth of the scatter
 MARGIN_SIGMAS = 3.0  # clear of clipping and of dark; chosen
 MAX_SIGMA = 0.25  # relative, of a sample that is compared; chosen
 BINS = 5  # of the level; chosen
+PARTS, PART_SAMPLES = (6, 12), 16  # rows and columns of parts whose light may change alone, and their least; chosen
 CODES_8BIT = 256  # tables of as many are of 8-bit frames
 CLEAR_OF_BLACK = 8
 """Codes below it are shifted by cut-off noise and by JPEG coding, whatever the curve."""
@@ -224,6 +225,8 @@ class Consistency:
     """Of the noise of two channels, 0..1; a mean that counts pairs of channels as luminance does."""
     neighbours: float = 0.0
     """Correlation of the noise of two pixels side by side: demosaicing, denoising and coding leave some."""
+    wander: float = 0.0
+    """Relative standard deviation by which parts of the picture change from frame to frame: clouds, flicker."""
 
 
 def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
@@ -232,9 +235,11 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
     sparse = (slice(step // 2, None, step), slice(step // 2, None, step))
     seen = [tables.sample(f, frame[sparse].reshape(-1, 3)) for f, frame in enumerate(frames)]
     assumed = 1.0
+    height, width = frames[0][sparse].shape[:2]
+    part = (np.arange(height)[:, None] * PARTS[0] // height) * PARTS[1] + np.arange(width) * PARTS[1] // width
     # The range that both frames show, with a margin for noise, hangs on the noise that is found in it.
     for _ in range(MAX_LOOKS):
-        pairs = [_pair(seen[f], seen[f + 1], tables, f, assumed) for f in range(len(frames) - 1)]
+        pairs = [_pair(seen[f], seen[f + 1], tables, (f, assumed), part.reshape(-1)) for f in range(len(frames) - 1)]
         found, correlation = _noise([pair.scatter for pair in pairs])
         if found <= 1.3 * assumed:
             break
@@ -245,6 +250,7 @@ def frame_consistency(frames: Sequence[Codes], tables: Samples) -> Consistency:
         found,
         correlation,
         _neighbours(frames, tables, (sparse[0], slice(step // 2, -1, step)), assumed),
+        math.log(2) * math.sqrt(sum(p.wander2 for p in pairs) / max(sum(p.in_parts for p in pairs), 1)),
     )
 
 
@@ -277,15 +283,20 @@ class _Pair:
     curve_error: float
     scatter: Doubles
     """(n, 3): differences over their expected standard deviation."""
+    wander2: float = 0.0
+    """Squared stops by which parts of the picture changed apart from the whole, summed over `in_parts`."""
+    in_parts: int = 0
+    """Samples."""
 
 
-def _pair(longer: Seen, shorter: Seen, tables: Samples, place: int, factor: float) -> _Pair:
-    """Compare two frames where both expose well.
+def _pair(longer: Seen, shorter: Seen, tables: Samples, assumed: tuple[int, float], part: Int64s) -> _Pair:
+    """Compare two frames where both expose well; ``assumed``: place of the longer, factor of its noise's variance.
 
     Pixels are chosen by the mean of both, whose noise is independent of their difference: choosing by one frame's code
     would choose its noise too, and show an offset where there is none.
     """
     (a, weight_a), (b, weight_b) = longer, shorter
+    place, factor = assumed
     ratio = float(np.median(tables.saturation[place + 1] / tables.saturation[place]))
     mean = (ratio * a.astype(np.float64) + b) / (ratio + 1)
     low, high = _range(tables, place, factor)
@@ -297,7 +308,27 @@ def _pair(longer: Seen, shorter: Seen, tables: Samples, place: int, factor: floa
     apart = (a[whole] - b[whole]) / mean[whole]
     expected = 1 / (weight_a[whole] * mean[whole] ** 2) + 1 / (weight_b[whole] * mean[whole] ** 2)
     scatter = (apart - np.median(apart, axis=0)) / np.sqrt(expected) if whole.any() else np.empty((0, 3))
-    return _Pair(float(np.median(stops[good])), _by_level(stops[good], mean[good]), scatter)
+    green = good[:, 1]
+    parts = _wander2(stops[green, 1], mean[green, 1], part[green])
+    return _Pair(float(np.median(stops[good])), _by_level(stops[good], mean[good]), scatter, *parts)
+
+
+def _wander2(stops: Doubles, level: Doubles, part: Int64s) -> tuple[float, int]:
+    """Return the summed squares of the parts' median change (n,) beyond chance, and of how many samples.
+
+    What hangs on the level is taken off: that is the curve's.
+    """
+    if len(stops) < MIN_SAMPLES:
+        return 0.0, 0
+    bins = np.searchsorted(np.quantile(level, np.linspace(0, 1, BINS + 1)[1:-1]), level)
+    stops = stops - np.array([np.median(stops[bins == k]) if (bins == k).any() else 0.0 for k in range(BINS)])[bins]
+    chance2 = (1.253 * 1.4826 * float(np.median(np.abs(stops)))) ** 2
+    counts = np.bincount(part)
+    full = np.flatnonzero(counts >= PART_SAMPLES)
+    if len(full) < BINS:
+        return 0.0, 0
+    found = [counts[k] * float(np.median(stops[part == k])) ** 2 - chance2 for k in full]
+    return max(0.0, sum(found)), int(counts[full].sum())
 
 
 def _range(tables: Samples, place: int, factor: float) -> tuple[Doubles, Doubles]:

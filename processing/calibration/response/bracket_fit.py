@@ -21,7 +21,7 @@ from processing.calibration.response.fit import (
     weigh,
 )
 from processing.calibration.response.prior import CurvePrior, published_prior
-from processing.calibration.response.samples import CHANNELS, ChannelSamples, Samples
+from processing.calibration.response.samples import CHANNELS, PATCH_PX, ChannelSamples, Samples
 from processing.calibration.response.shutter import (
     TimeEstimate,
     TimeEvidence,
@@ -219,7 +219,9 @@ def fit_round(
     if final:
         weight = weight / dispersion(data, found, weight)
     low, high = support(found.predicted[weight > 0], CHANNELS[channel])
-    solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients, prior)
+    # Of a patch's nine pixels: noise that processing has spread over them is not averaged out by them.
+    alone = min(1.0, noise.pixel.code / (PATCH_PX**2 * noise.mean.code))
+    solution = solve(equations(data, fine, log2_times, found, weight, times=times_too), coefficients, prior, alone)
     held = 1.0
     if final and times_too:
         held = _held_out(data, fine, log2_times, (found, weight), coefficients, prior)

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import daylit
 from benchmarks.photometry.rig import CHART_STOPS_S, DENSE_STOPS_S
 from benchmarks.sessions import Taken, write_session
+from mocks.optics.camera import ND3_TINT, Filter
 from mocks.optics.chart import ChartRoom
 from mocks.worlds.simple_room import SimpleRoom
 from processing.calibration.profile import load_profile
+from processing.calibration.scale.chart import ChartView
+from processing.calibration.scale.chart_patches import FoundChart, reflectances
+from processing.pictures.images import RelativeImage
+from processing.rig.calibrate import one_colour
+from processing.sphere import Equirectangular
 from station.session.session import Side
 
 SMALL = 16
@@ -47,6 +55,21 @@ def test_profile_with_k2_and_pictures(sessions: Path, tmp_path: Path, capsys: py
     assert outdoor.lens.radius == pytest.approx(2 * 8 / 36 * 0.5**0.5, rel=0.01)
     assert all(camera.shutter.rule == "thirds" for camera in profile.cameras.values())
     assert [Path(p).read_bytes()[:4] for p in answer["pictures"]] == [b"\x89PNG"] * 2
+
+
+def test_one_chart_in_both_cameras_undoes_the_filters_colour() -> None:
+    seen = reflectances() * (0.9, 1.0, 1.1)
+    indoor = FoundChart(np.zeros((4, 2)), seen, np.full(24, 0.01), np.full(24, 99), 0.0, "corners")
+    outdoor = replace(indoor, rgb=Filter(3.0, ND3_TINT).apply(seen.astype(np.float32)).astype(np.float64))
+    picture = RelativeImage(
+        np.ones((2, 4, 3), np.float32), np.ones((2, 4), np.float32), np.zeros((2, 4), np.uint8), Equirectangular(4, 2)
+    )
+    found, view = one_colour(indoor, ChartView(picture, outdoor))
+    zenith = np.array([[0.6, 0.9, 1.7]], np.float32)
+    shown = found.correct(Filter(3.0, ND3_TINT).apply(zenith))
+    np.testing.assert_allclose(shown[0, ::2] / shown[0, 1], zenith[0, ::2] / zenith[0, 1], rtol=1e-3)
+    np.testing.assert_allclose(view.chart.rgb / view.chart.rgb[18, 1], seen / seen[18, 1], atol=1e-4)
+    assert found.density == 0
 
 
 @pytest.mark.parametrize(
