@@ -85,6 +85,9 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "figures": Entry(
             "processing.commands.figures", "figures", "Light figures of anybody's HDR or fisheye bracket."
         ),
+        "certificate": Entry(
+            "processing.commands.figures", "certificate", "Uncertainty budget and indices of a session."
+        ),
         "dataset": Entry("processing.commands.dataset", "dataset", "Sessions as a data set: index, splits, Croissant."),
         "export": Entry("processing.commands.results", "export", "Write results for other programs: JPEG, HDR, glTF."),
         "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),

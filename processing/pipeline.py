@@ -109,7 +109,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="calibrate",
-        version=3,
+        version=4,
         title="calibrate to cd/m2",
         function="processing.stages.calibrate:run",
         needs=("merge",),

@@ -103,3 +103,50 @@ def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, dict[str
         x0, y0, x1, y1 = (int(v) for v in numbers("--region", text, 4, "pixels: left, top, right, bottom"))
         found |= parts.region_figures(image, (x0, y0, x1, y1), f"region-{number + 1}")
     return found
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/certificate.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
+    """Write the certificate of a calibrated SESSION: uncertainty budgets (GUM, k = 2) and ISO/CIE 19476's indices.
+
+    A page (index.html) and the same as JSON (certificate.json). Indices that a session cannot show are named as not
+    determined.
+
+    \b
+    Examples:
+      daylit certificate sessions/2023-05-19T1554Z_coda-320
+      daylit certificate sessions/2023-05-19T1554Z_coda-320 --into lab --json
+    """
+    from processing.errors import ParameterError
+    from processing.figures.certificate import certificate as found_of
+    from processing.pictures.exr import read_exr
+    from processing.pictures.images import LuminanceImage
+    from processing.pictures.writing import write_bytes
+    from processing.report.page import build_certificate
+    from processing.report.stage import session_facts
+    from station.session.store import load_manifest
+
+    manifest, stages = load_manifest(session), session / "stages"
+    paths = {side: stages / "calibrate" / f"{side}.exr" for side in ("indoor", "outdoor")}
+    read = {side: read_exr(path) for side, path in paths.items() if path.is_file()}
+    pictures = {side: one for side, one in read.items() if isinstance(one, LuminanceImage) and one.absolute}
+    if not pictures:
+        raise ParameterError("has no picture in cd/m2", where=str(session), advice="daylit process it first")
+    calibration = json.loads((stages / "calibrate" / "calibration.json").read_text("utf-8"))
+    merged = json.loads((stages / "merge" / "result.json").read_text("utf-8"))["metrics"]
+    found = found_of(pictures, calibration, merged)
+    folder = into or session / "certificate"
+    folder.mkdir(parents=True, exist_ok=True)
+    page = build_certificate(manifest.name, session_facts(manifest), found)
+    write_bytes(folder / "index.html", page.encode("utf-8"))
+    write_bytes(folder / "certificate.json", json.dumps(found, indent=1).encode("utf-8"))
+    if as_json:
+        click.echo(json.dumps({"ok": True, "page": str(folder / "index.html"), **found}))
+        return 0
+    for one in found["budgets"]:
+        click.echo(f"{one['figure']}: {one['value']:.5g} ± {one['expanded']:.2g} {one['unit']} (k = 2)")
+    click.echo(str(folder / "index.html"))
+    return 0

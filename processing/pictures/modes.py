@@ -116,9 +116,18 @@ def shared_error(image: LuminanceImage, weights: Doubles) -> float:
 
     ``weights``: (H, W). What the picture's scale adds (`LuminanceImage.scale_uncertainty`) is not in it.
     """
+    return math.hypot(*shared_errors(image, weights).values())
+
+
+def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:
+    """Return the parts of `shared_error` by cause; modes of one name, numbered, are one cause. ``weights``: (H, W)."""
     luminance = luminance_cd_m2(image.rgb)
-    parts = weights * luminance
-    return math.hypot(*(float(np.sum(parts * relative_error(mode, image, luminance))) for mode in modes_of(image)))
+    parts, found = weights * luminance, dict[str, float]()
+    for mode in modes_of(image):
+        cause = mode.name.rstrip(" 0123456789")
+        off = float(np.sum(parts * relative_error(mode, image, luminance)))
+        found[cause] = math.hypot(found.get(cause, 0.0), off)
+    return found
 
 
 def camera_modes(mean_luminance: float, *, two_lenses: bool, falloff_sigma: float = 0.0) -> list[SharedMode]:

@@ -9,10 +9,15 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from processing.pictures.writing import write_bytes
 from processing.report.data import ReportData, size_text
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 TEMPLATES = Path(__file__).parent / "templates"
 VIEWER = Path(__file__).parent / "static" / "viewer.js"
@@ -21,21 +26,31 @@ VIEWER = Path(__file__).parent / "static" / "viewer.js"
 
 def build_page(data: ReportData) -> str:
     """Return the whole page. Text is escaped, so that names from instruments and files stay text."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = _environment()
     environment.filters |= {"size": size_text, "place": _place, "short": _short}
     environment.globals["viewer_built"] = VIEWER.exists()
     scripts = [_source(name) for name in _script_names(data) if name != VIEWER.name or VIEWER.exists()]
     style = "\n".join(_source(name) for name in ("report.css", "widgets.css"))
     return environment.get_template("report.html.j2").render(
         data=data, style=style, scripts=scripts, policy=_policy(scripts)
+    )
+
+
+def build_certificate(title: str, facts: Sequence[tuple[str, str]], data: Mapping[str, Any]) -> str:
+    """Return the page of a certificate (`processing.figures.certificate`); ``facts``: label and text."""
+    page = _environment().get_template("certificate.html.j2")
+    return page.render(title=title, facts=facts, data=data, style=_source("report.css"), policy=_policy([]))
+
+
+def _environment() -> Environment:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
 
 

@@ -156,7 +156,7 @@ def _chart_view(camera: CameraFit, taken: SessionSide, corners: Sequence[float] 
 def one_colour(inside: FoundChart, seen: ChartView) -> tuple[NdFilter, ChartView]:
     """Return what brings the outdoor camera's chart to the indoor's colours (filter, sensor, white), and its view then.
 
-    Luminance of white is left to k2, from which the filter's density cannot be told apart here.
+    Luminance of white is left to k2, of which the filter's density is a part here.
 
     Raises
     ------

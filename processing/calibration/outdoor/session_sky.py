@@ -36,7 +36,8 @@ from processing.calibration.scale.luminance import Calibrated, ScaleFactor, comb
 from processing.calibration.scale.photometry import UP, compare_illuminance, illuminance_lx, illuminances
 from processing.calibration.scale.vignetting import correct_panorama
 from processing.errors import ScaleError, SunError
-from processing.pictures.images import LuminanceImage, RelativeImage
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
+from processing.pictures.modes import SharedMode, camera_modes, modes_of, widened, with_modes
 from processing.sphere import Equirectangular, Fisheye
 from station.session.session import FrameRecord, SessionManifest, Side
 
@@ -122,6 +123,7 @@ def calibrate_outdoor(
         warnings += _other_curves(k2, responses or {})
     scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
     picture = scaled(image, scale, side="outdoor", session_id=session.session_id, **_attributes(scale_facts, k1))
+    picture = _with_shared(picture, optics)
     repaired, repair = _repaired(picture, asked, session, sky)
     lux, low = illuminances(repaired, {"up": UP})
     facts |= scale_facts | {
@@ -139,6 +141,21 @@ def calibrate_outdoor(
     ]
     warnings += [text for text in scale.warnings if text.startswith("k2")]
     return Calibrated(repaired, scale, facts, tuple(warnings))
+
+
+def _with_shared(picture: LuminanceImage, optics: OutdoorOptics) -> LuminanceImage:
+    """Return the picture with what stray light, fall-off and the filter's colour leave uncertain in all pixels alike.
+
+    The last two are in the pixels' own uncertainty already, which sums take as independent.
+    """
+    seen = picture.validity != Validity.OUTSIDE
+    mean = float(luminance_cd_m2(picture.rgb[seen]).mean()) if seen.any() else 0.0
+    falloff = optics.vignetting.relative_uncertainty if optics.vignetting else 0.0
+    veil, *others = camera_modes(mean, two_lenses=False, falloff_sigma=falloff)
+    if optics.filter and optics.filter.relative_uncertainty:
+        others.append(SharedMode("filter colour", "whole", (0.0,), (optics.filter.relative_uncertainty,)))
+    picture = widened(picture, [veil])
+    return replace(picture, attributes=with_modes(picture.attributes, [*modes_of(picture), *others]))
 
 
 def _through_glass(

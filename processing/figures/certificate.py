@@ -1,0 +1,152 @@
+"""A session's certificate: what is stated of each light figure by what (GUM, JCGM 100), and its photometric indices.
+
+Each row is one cause, as a relative standard uncertainty of the figure; causes are independent, so that squares add
+(GUM 5.1.2). Expanded with k = 2. Indices are those of ISO/CIE 19476 that frames, readings and charts can show; the
+others need a laboratory, and are named as not determined.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from processing.calibration.scale.photometry import UP, illuminance_lx, luminance_map
+from processing.pictures.images import LuminanceImage, Validity
+from processing.pictures.modes import shared_errors
+from processing.sphere import projected_solid_angles
+
+COVERAGE_FACTOR = 2.0
+RECTIFICATION = 3e-4
+"""Relative, of an illuminance by resampling: the largest of closed forms, the sun's (docs/measurements/sphere.md)."""
+DETECTED = 1 / 3
+"""Relative standard uncertainty at the limit of detection: three standard deviations (IUPAC 1978)."""
+BINS_A_STOP = 2  # of luminance, in which the limit is looked for; chosen
+SOURCES = {
+    "meter": ("B", "the meter's accuracy as its maker states it, and its readings"),
+    "spot": ("A", "spread of luminance within the meter's spot"),
+    "picture": ("A", "the picture's own uncertainty over the meter's spot"),
+    "drift": ("A", "readings before and after the bracket"),
+    "k1": ("B", "k1 as given: its uncertainty is not known"),
+    "k2": ("A", "neutral patches of the chart in both cameras, and both curves"),
+    "lux meter": ("B", "the lux meter's accuracy"),
+    "noise": ("A", "noise of the valid pixels, independent"),
+    "clipped and dark": ("B", "pixels that are not valid, all wrong in one direction"),
+    "curve and times": ("A", "response curve and exposure times, as the frames leave them open"),
+    "light that changed": ("A", "parts of the picture that changed from frame to frame"),
+    "stray light": ("B", "the lens's veil"),
+    "stitching": ("B", "two lenses' exposures"),
+    "fall-off": ("B", "vignetting of the lens"),
+    "filter colour": ("A", "colour patches through the filter"),
+    "rectification": ("B", "resampling between projections"),
+}
+NOT_DETERMINED = {
+    "f1' (match to V(lambda))": "needs the camera's spectral response",
+    "u, r (ultraviolet, infrared)": "needs sources of these",
+    "f2 (directional response)": "needs a turntable; the fall-off's uncertainty is in the budget",
+    "f5 (fatigue)": "needs 30 minutes at full scale",
+    "f6 (temperature, humidity)": "needs a climate chamber",
+    "f7 (modulated light)": "needs a modulated source",
+    "f8 (polarisation)": "needs a polarised source",
+    "surrounding field": "needs a gloss trap; stray light is in the budget",
+}
+
+
+def certificate(
+    pictures: Mapping[str, LuminanceImage], calibration: Mapping[str, Any], merged: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return budgets and indices of both sides as plain values.
+
+    ``pictures``: calibrated ones by side; ``calibration``: calibration.json; ``merged``: the merge's metrics by side.
+    """
+    budgets, indices = [], []
+    for side, image in pictures.items():
+        facts = calibration[side]
+        budgets.append(_budget(f"{side}, illuminance on a level plane", image, _scale_parts(calibration, side)))
+        indices += _indices(side, image, merged.get(side, {}), facts)
+    indices += [{"index": name, "value": None, "why": why} for name, why in NOT_DETERMINED.items()]
+    return {"version": 1, "coverage_factor": COVERAGE_FACTOR, "budgets": budgets, "indices": indices}
+
+
+def _scale_parts(calibration: Mapping[str, Any], side: str) -> dict[str, float]:
+    """Return the parts of the scale: of k1, and outdoors of k2."""
+    parts = dict(calibration.get("indoor", {}).get("k1_parts") or {})
+    parts = {"k1" if name == "given" else name: float(value) for name, value in parts.items()}
+    if side == "outdoor":
+        sky = calibration["outdoor"]
+        parts["lux meter" if sky["k2_source"] == "from --outdoor-lux" else "k2"] = sky.get(
+            "k2_relative_uncertainty", 0.0
+        )
+    return parts
+
+
+def _budget(name: str, image: LuminanceImage, scale: Mapping[str, float]) -> dict[str, Any]:
+    found = illuminance_lx(image)
+    value = max(found.value_lx, 1e-30)
+    weights = projected_solid_angles(image.geometry, UP) * (image.validity == Validity.VALID)
+    rows = dict(scale)
+    # What the picture's scale holds beyond the parts that were stated.
+    rest = image.scale_uncertainty**2 - sum(part**2 for part in scale.values())
+    if rest > (0.1 * image.scale_uncertainty) ** 2:
+        rows["scale, other"] = math.sqrt(rest)
+    rows |= {"noise": found.pixels_lx / value, "clipped and dark": found.doubtful_lx / value}
+    rows |= {cause: off / value for cause, off in shared_errors(image, weights).items()}
+    rows["rectification"] = RECTIFICATION
+    combined = math.hypot(*rows.values())
+    lines = [
+        {"cause": cause, "type": SOURCES.get(cause, ("B", ""))[0], "relative_uncertainty": off}
+        | {"source": SOURCES.get(cause, ("B", "as stated with the picture"))[1]}
+        for cause, off in sorted(rows.items(), key=lambda one: -one[1])
+    ]
+    return {
+        "figure": name,
+        "unit": "lx" if image.absolute else image.unit,
+        "value": found.value_lx,
+        "rows": lines,
+        "combined_relative": combined,
+        "expanded": COVERAGE_FACTOR * combined * found.value_lx,
+        "lower_bound": found.lower_bound,
+    }
+
+
+def _indices(
+    side: str, image: LuminanceImage, merged: Mapping[str, Any], facts: Mapping[str, Any]
+) -> list[dict[str, Any]]:
+    offsets = [2.0 ** float(stops) - 1 for stops in merged.get("offset_stops", [])]
+    steps = [abs((1 + b) / (1 + a) - 1) for a, b in pairwise(offsets)]
+    found = [
+        ("f3 (linearity)", max(map(abs, offsets), default=None), "", "largest deviation of a frame from all together"),
+        ("f11 (change of range)", max(steps, default=None), "", "largest difference of neighbouring frames"),
+        ("repeatability", _repeatability(image), "", "median uncertainty of the brighter half of the valid pixels"),
+        ("limit of detection", _detection_limit(image), image.unit, "luminance of three standard deviations"),
+        ("stability", facts.get("meter_drift_frac"), "", "readings before and after the bracket"),
+    ]
+    return [
+        {"index": f"{side}: {name}", "value": value, "unit": unit, "why": why if value is not None else "no data"}
+        for name, value, unit, why in found
+    ]
+
+
+def _repeatability(image: LuminanceImage) -> float | None:
+    level, valid = luminance_map(image), image.validity == Validity.VALID
+    bright = valid & (level >= np.median(level[valid])) if valid.any() else valid
+    return float(np.median(image.uncertainty[bright])) if bright.any() else None
+
+
+def _detection_limit(image: LuminanceImage) -> float | None:
+    """Return the lowest luminance whose pixels are surer than `DETECTED`; None where even the brightest are not."""
+    level = luminance_map(image)
+    seen = (image.validity != Validity.OUTSIDE) & (image.validity != Validity.CLIPPED) & (level > 0)
+    if not seen.any():
+        return None
+    place = np.floor(BINS_A_STOP * np.log2(level[seen])).astype(np.int64)
+    unsure = image.uncertainty[seen] > DETECTED
+    first = int(place.min())
+    share = np.bincount(place - first, unsure) / np.maximum(np.bincount(place - first), 1)
+    bad = np.flatnonzero(share > 0.5)
+    if len(bad) and bad[-1] + 1 >= len(share):
+        return None
+    return float(2.0 ** ((first + (bad[-1] + 1 if len(bad) else 0)) / BINS_A_STOP))
