@@ -91,7 +91,7 @@ def compared(stages: Path, room: Room, truth: TruthPictures) -> dict[str, Any]:
     found: dict[str, Any] = {}
     picture = _picture(stages / "calibrate" / "indoor.exr")
     valid = picture.validity == Validity.VALID
-    found |= _errors("luminance", picture.rgb, truth.luminance_rgb, valid)
+    found |= errors_of("luminance", picture.rgb, truth.luminance_rgb, valid)
     shape = stages / "room" / "room.json"
     if not shape.is_file():
         return found
@@ -102,8 +102,8 @@ def compared(stages: Path, room: Room, truth: TruthPictures) -> dict[str, Any]:
     empty = stages / "remove" / "empty.exr"
     if empty.is_file():
         filled = read_mask(stages / "remove" / "filled.png")
-        found |= _errors("empty", _picture(empty).rgb, truth.empty_rgb, filled)
-        found |= _errors("empty_all", _picture(empty).rgb, truth.empty_rgb, valid | filled)
+        found |= errors_of("empty", _picture(empty).rgb, truth.empty_rgb, filled)
+        found |= errors_of("empty_all", _picture(empty).rgb, truth.empty_rgb, valid | filled)
         found |= _emptied(stages, _picture(empty), truth, filled, valid)
     if (stages / "materials" / "scene.npz").is_file():
         found |= _albedo(stages, model, truth) | _panes(stages, model, picture)
@@ -118,7 +118,7 @@ def _picture(path: Path) -> LuminanceImage:
     return image
 
 
-def _errors(name: str, rgb: Any, true_rgb: Any, where: Flags) -> dict[str, float]:
+def errors_of(name: str, rgb: Any, true_rgb: Any, where: Flags) -> dict[str, float]:
     """Return median and 95th percentile (%) of the relative error of luminance, by solid angle; none of no pixels."""
     ours, true = luminance_cd_m2(rgb).astype(np.float64), luminance_cd_m2(true_rgb).astype(np.float64)
     return _quantiles(name, ours, true, where)
@@ -161,7 +161,7 @@ def _emptied(
 ) -> dict[str, float]:
     """Return the bias of filled pixels, the error of seen ones beside them, and that of the stand-ins' distance."""
     ours, true = (luminance_cd_m2(rgb).astype(np.float64) for rgb in (empty.rgb, truth.empty_rgb))
-    found = {"empty_bias_pct": _bias_pct(ours, true, filled)} if filled.any() else {}
+    found = {"empty_bias_pct": bias_pct(ours, true, filled)} if filled.any() else {}
     near = grown(filled, NEAR_RAD) & ~filled & valid & ~(truth.furniture | truth.tripod)
     found |= {k: v for k, v in _quantiles("empty_near", ours, true, near).items() if "p95" in k}
     shade = stages / "light" / "shade.npz"
@@ -176,7 +176,7 @@ def _emptied(
     return found
 
 
-def _bias_pct(ours: Doubles, true: Doubles, where: Flags) -> float:
+def bias_pct(ours: Doubles, true: Doubles, where: Flags) -> float:
     """Return by how much the median ratio of luminance is off, %."""
     use = where & (true > 0)
     middle = float(np.median(np.log(np.maximum(ours[use] / true[use], 1e-6))))
@@ -230,5 +230,5 @@ def _staged(stages: Path, room: Room, truth: TruthPictures) -> dict[str, float]:
     changed = np.abs(true / np.maximum(bare, 1e-9) - 1) > CHANGED
     found = _quantiles("staged", ours, true, changed)
     found["staged_changed_share"] = round(float(changed.mean()), 4)
-    found["staged_bias_pct"] = _bias_pct(ours, true, changed)
+    found["staged_bias_pct"] = bias_pct(ours, true, changed)
     return found
