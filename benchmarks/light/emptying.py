@@ -52,7 +52,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     kept = rows_of(profile, seed, quick=quick, rooms=1 if quick else None, options={"--shade": "keep"})
     lifted, others = _metrics(rows), _metrics(kept)
     independent, notes = _independent()
-    lifted |= independent.get("auto", {})
+    lifted |= independent.get("lift", {})
     others |= independent.get("keep", {})
     return {"metrics": lifted, "rivals": {"keep": others}, "notes": [*(_line(row) for row in rows), *notes]}
 
@@ -62,7 +62,7 @@ def _independent() -> tuple[dict[str, dict[str, float]], list[str]]:
     pairs = sorted(path.parent for path in (DATA / "infinigen").glob("*/furnished.exr"))
     if not pairs:
         return {}, [f"infinigen: left out, no pairs of pictures in {DATA / 'infinigen'}"]
-    rows = {shade: [infinigen_row(pair, shade) for pair in pairs] for shade in ("auto", "keep")}
+    rows = {shade: [infinigen_row(pair, shade) for pair in pairs] for shade in ("lift", "keep")}
     names = ("filled_median_err_pct", "filled_bias_pct", "all_median_err_pct", "all_bias_pct")
     found = {
         shade: {f"infinigen_{name}": _median(mine, name) for name in names if any(name in row for row in mine)}

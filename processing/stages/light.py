@@ -8,20 +8,17 @@ from typing import NamedTuple
 import numpy as np
 
 from processing.ground.arrays import Flags
-from processing.ground.room_model import OpeningKind, RoomModel
+from processing.ground.room_model import OpeningKind
 from processing.ground.seam import share_of_sphere
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light
 from processing.light.scene.scene_file import write_scene
 from processing.light.scene.standins import standins_of
 from processing.light.solver.irradiance import Effort
-from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.lift import Shade
-from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
 from processing.stages.outdoors import light_outdoors
 from processing.stages.parameters import LightParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_doubtful
-from processing.surfaces.maps import surface_maps
 
 LEAST_SHARE = 0.005
 """Of the sphere: furniture below it takes less than the light's own error from the room; chosen."""
@@ -62,26 +59,7 @@ def nothing_to_lift(context: StageContext) -> str | None:
         return f"furniture covers less than {100 * LEAST_SHARE:.1f} % of the picture: its shade is small"
     if not any(opening.kind is OpeningKind.WINDOW for opening in room.openings):
         return "no window is known: the light of the room cannot be estimated"
-    if asked.shade == "auto" and context.optional_artifact("calibrate", "outdoor") is None:
-        clipped = _clipped_windows(upright_panorama(context), room)
-        if clipped > MOST_CLIPPED:
-            return (
-                f"{100 * clipped:.0f} % of the windows is clipped and there is no outdoor picture: how strong their "
-                "light is, is not known (--shade lift estimates it all the same)"
-            )
     return why_doubtful(context, asked=asked.doubtful_room)
-
-
-MOST_CLIPPED = 0.1
-"""Of the windows' pixels, from which their light is a lower bound that is far off; chosen."""
-
-
-def _clipped_windows(image: LuminanceImage, room: RoomModel) -> float:
-    """Return what share of the windows' pixels is not valid."""
-    assert isinstance(image.geometry, Equirectangular)
-    windows = [i for i, opening in enumerate(room.openings) if opening.kind is OpeningKind.WINDOW]
-    glass = np.isin(surface_maps(room, image.geometry).opening, windows)
-    return float((image.validity[glass] != Validity.VALID).mean()) if glass.any() else 0.0
 
 
 def run(context: StageContext) -> StageOutput:

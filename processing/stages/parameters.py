@@ -294,11 +294,9 @@ class LightParameters(_InTheRoom):
     """What a user may say about the light that old furniture takes."""
 
     shade: Annotated[
-        Literal["auto", "lift", "keep"],
-        Field(
-            description="The old furniture's shade on what stays; auto: lifted where the light of the windows is known"
-        ),
-    ] = "auto"
+        Literal["lift", "keep"],
+        Field(description="The old furniture's shade on what stays: lifted off it, or kept as captured"),
+    ] = "lift"
 
 
 class RemoveParameters(_InTheRoom):

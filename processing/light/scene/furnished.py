@@ -28,10 +28,10 @@ from processing.light.scene.albedo import (
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
 from processing.light.scene.scene import Outdoors, Part, Scene, Vector
 from processing.light.scene.shell import REVEAL_M
-from processing.light.scene.sources import LAMP_TIMES, near_sun, open_sun, places_near_sun
+from processing.light.scene.sources import LAMP_TIMES, brightened, near_sun, open_sun, places_near_sun
 from processing.light.solver.irradiance import Effort, cleaned, gathered
 from processing.light.solver.kernels import FURNITURE
-from processing.light.solver.sight import FIRST_PART, Sight, sight_of
+from processing.light.solver.sight import FIRST_PART, GLASS, Sight, sight_of
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of, sunlight
@@ -49,6 +49,8 @@ DARK_SHARE = 0.002
 """Of the median irradiance, below which a patch shows none; chosen."""
 MOST_RATIO = 3.0
 """By which a place may be brighter or darker without the furniture; chosen: under a table it is 2 to 4."""
+MOST_CLIPPED = 0.1
+"""Of the windows' pixels, from which their light is a lower bound that is far off; chosen."""
 MISFIT = -7
 """Label of pixels in which mask and stand-ins disagree: they show neither the room nor its furniture for sure."""
 
@@ -123,6 +125,10 @@ def furnished_light(
     standin_m = np.where(everything.label >= FIRST_PART, everything.distance_m, 0).astype(np.float32)
     sight = _consistent(everything, mask, gone)
     shown = _shown(full, rgb, everything, sight, eye, seed)
+    glass = everything.label == GLASS
+    if outdoors is None and glass.any() and 1 - valid.ravel()[glass].mean() > MOST_CLIPPED:
+        full, strength = brightened(full, shown.given, shown.known, effort.patch_samples, seed)
+        bare, notes = bare.under(full.scene.outdoors, full.scene.panes), (*notes, strength)
     full, bare, lamps = _measured(full, bare, shown, effort, seed)
     both = _both_lights(full, bare, shown, room, rows, effort, seed)
     large = sight_of(bare, geometry, eye)
@@ -135,15 +141,14 @@ def furnished_light(
     whole: Floats = (both.without_lx + sun).reshape(shape)
     maps = surface_maps(room, geometry)
     seen = (own & valid.ravel()).reshape(shape[:2]) & _on_walls(maps, room)
-    shown_lx, true_lx = _luminance(among), _luminance(whole)
-    level = np.log(_ratio(shown_lx, true_lx))
-    gain = guarded(level, _luminance(rgb), true_lx, seen, maps) - level
-    change = np.log(_ratio(among, whole)) + gain[..., None]
+    level = np.log(_ratio(among @ WEIGHTS, whole @ WEIGHTS))
+    gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
+    # A photograph without an outdoor picture has a tone of its own: its light changes, its colours stay.
+    change = (np.log(_ratio(among, whole)) if outdoors is not None else level[..., None]) + gain[..., None]
     log_change = np.where(seen[..., None], change, 0).astype(np.float32)
     notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
     without_lx = both.without_lx.reshape(shape).astype(np.float32)
-    standin = standin_m.reshape(shape[:2])
-    back = returned.reshape(shape[:2]) & seen
+    standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
     return FurnishedLight(without_lx, log_change, seen, standin, back, bare.scene, old.parts, notes)
 
 
@@ -330,10 +335,6 @@ def _sunlit(bare: Stage, large: Sight, rgb: Floats, light_lx: Floats, own: Flags
     lit = math.pi * luminance / (level + full @ WEIGHTS)
     away = [np.abs(np.log(np.maximum(one, 1e-6) / np.maximum(usual, 1e-6))) for one in (lit, shaded)]
     return np.where((near & (away[0] < away[1]))[:, None], full, 0).astype(np.float32)
-
-
-def _luminance(rgb: Floats) -> Floats:
-    return np.asarray(rgb @ WEIGHTS, np.float32)
 
 
 def _ratio(with_lx: Floats, without_lx: Floats) -> Doubles:

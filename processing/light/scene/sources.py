@@ -25,7 +25,9 @@ from processing.ground.arrays import Doubles, Floats
 from processing.light.scene.scene import Outdoors, Pane, Vector
 from processing.light.solver.kernels import towards_panes
 from processing.light.solver.sight import GLASS, Sight, looked_up
+from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
+from processing.light.solver.transport import bounced, links_of, patch_points
 from processing.pictures.images import LUMINANCE_WEIGHTS
 from processing.sphere import Equirectangular, solid_angles
 
@@ -258,3 +260,57 @@ def places_near_sun(stage: Stage, points: Floats, normals: Floats) -> np.ndarray
 def _grown(corner: Doubles, across: Doubles, up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     a, b = (SUN_MARGIN_M * side / np.linalg.norm(side) for side in (across, up))
     return corner - a - b, across + 2 * a, up + 2 * b
+
+
+STRENGTHS = np.exp2(np.arange(0, 6.01, 0.125))
+"""Times what a clipped picture shows of its windows, that are tried: to six stops, a sunlit lawn behind a dim room."""
+LEAST_PATCHES = 12
+"""Of a surface, fewer of which say nothing of how even it is; chosen."""
+AS_GOOD = 0.1
+"""By which an unevenness may exceed the least and be as good; chosen by coverage: docs/measurements/emptying.md."""
+
+
+def window_strength(
+    radiosity: Doubles, windows_lx: Doubles, rest_lx: Doubles, area_m2: Doubles, groups: list[np.ndarray]
+) -> tuple[float, float, float]:
+    """Return how many times brighter windows are than a clipped picture shows them: the best value, lowest and highest.
+
+    Light from the windows falls off through the room, albedo does not: the strength is that by which the albedo of each
+    surface is most even (least absolute deviations of its logarithm).
+
+    Parameters
+    ----------
+    radiosity, windows_lx, rest_lx
+        (P,): what patches give off, lm/m2; irradiance by windows as bright as they are shown, and by all else, lx.
+    groups
+        Indices of the patches of one surface each.
+    """
+    cost = np.zeros(len(STRENGTHS))
+    for mine in groups:
+        light = STRENGTHS[:, None] * windows_lx[mine] + rest_lx[mine]
+        albedo = np.log(np.maximum(radiosity[mine], 1e-9)) - np.log(np.maximum(light, 1e-9))
+        usual = np.median(albedo, axis=1, keepdims=True)
+        cost += np.abs(albedo - usual) @ area_m2[mine]
+    good = STRENGTHS[cost <= cost.min() * (1 + AS_GOOD)]
+    return float(STRENGTHS[cost.argmin()]), float(good[0]), float(good[-1])
+
+
+def brightened(stage: Stage, radiosity: Doubles, known: np.ndarray, samples: int, seed: int) -> tuple[Stage, str]:
+    """Return a stage whose windows are as bright as the light says that they cast, and a note with the interval.
+
+    ``radiosity`` (P, 3), lm/m2: what the patches give off, of which those ``known`` (P,) show their own surface.
+    """
+    weights, patches = np.asarray(LUMINANCE_WEIGHTS), stage.patches
+    points, few = patch_points(stage, samples, (seed, 81)), max(1, samples // 4)
+    windows = skylight(stage, patch_points(stage, few, (seed, 82)), patches.normal, few, (seed, 83))
+    links = links_of(stage, points, patches.normal, samples, (seed, 84))
+    rest, _ = bounced(stage, links, radiosity, None, (points, patches.normal), 1, (seed, 85))
+    groups = []
+    for (columns, rows, first), surface in zip(patches.grids, stage.scene.surfaces, strict=True):
+        mine = first + np.flatnonzero((known & (patches.area_m2 > 0))[first : first + columns * rows])
+        if surface.plane >= 0 and len(mine) >= LEAST_PATCHES:
+            groups.append(mine)
+    best, low, high = window_strength(radiosity @ weights, windows @ weights, rest @ weights, patches.area_m2, groups)
+    panes = tuple(replace(pane, veil_cd_m2=pane.veil_cd_m2 * np.float32(best)) for pane in stage.scene.panes)
+    note = f"clipped windows: {best:.1f} times as bright as shown by the light that they cast ({low:.1f} to {high:.1f})"
+    return stage.under(stage.scene.outdoors, panes), note

@@ -14,6 +14,7 @@ from processing.light.picture.render import render
 from processing.light.scene.albedo import KnownLight, albedo_of_room
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light, guarded
 from processing.light.scene.scene import Part
+from processing.light.scene.sources import window_strength
 from processing.light.scene.standins import LOW_M, VOXEL_M, standins_of
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import FIRST_PART, GLASS, seen_outdoors, sight_of
@@ -194,6 +195,18 @@ def test_what_hangs_is_thin_and_at_its_wall() -> None:
         np.abs(part.vertices_m[:, :2] - floor.min(axis=0)), np.abs(floor.max(axis=0) - part.vertices_m[:, :2])
     )
     assert away.min(axis=1).max() < 0.3
+
+
+@pytest.mark.parametrize("true", [1.0, 4.0, 20.0])
+def test_windows_strength_follows_from_how_their_light_falls_off(true: float) -> None:
+    rng = np.random.default_rng(3)
+    groups = [np.arange(100 * k, 100 * (k + 1)) for k in range(4)]
+    windows, rest = 10 ** rng.uniform(0, 2, 400), rng.uniform(20, 40, 400)
+    albedo = np.repeat([0.2, 0.6, 0.7, 0.85], 100) * np.exp(rng.normal(0, 0.15, 400))
+    best, low, high = window_strength(albedo * (true * windows + rest), windows, rest, np.ones(400), groups)
+    assert best == pytest.approx(true, rel=0.2)
+    assert low <= true * 1.01
+    assert high >= true * 0.99
 
 
 def test_a_ghost_is_kept_down() -> None:
