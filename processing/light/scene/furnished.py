@@ -145,7 +145,7 @@ def furnished_light(
     gain = guarded(level, rgb @ WEIGHTS, whole @ WEIGHTS, seen, maps) - level
     # A photograph without an outdoor picture has a tone of its own: its light changes, its colours stay.
     change = (np.log(_ratio(among, whole)) if outdoors is not None else level[..., None]) + gain[..., None]
-    log_change = np.where(seen[..., None], change, 0).astype(np.float32)
+    log_change = np.broadcast_to(np.where(seen[..., None], change, 0), shape).astype(np.float32)
     notes = (*notes, f"{len(old.parts)} stand-ins, {lamps} patches of lamps")
     without_lx = both.without_lx.reshape(shape).astype(np.float32)
     standin, back = standin_m.reshape(shape[:2]), returned.reshape(shape[:2]) & seen
