@@ -64,12 +64,8 @@ function card(one: Card): HTMLElement {
 
 async function session(name: string, kind: string, mine: number): Promise<void> {
   const found = await api.overview(name);
-  const there = [...(found.stages ?? []), found.frames || found.status !== "complete" ? "frames" : ""];
-  const open = Object.entries(SCREENS).filter(([, one]) => there.includes(one.needs));
-  const chosen = open.some(([id]) => id === kind) ? kind : open[0]?.[0];
+  const chosen = tabs(found, kind);
   if (!chosen) throw new Error("There is nothing to show of this session yet: process it");
-  const tabs = open.map(([id, one]) => h("a", { href: `#/${encodeURIComponent(name)}/${id}`, "aria-current": id === chosen ? "page" : null }, one.title));
-  top.replaceChildren(h("a", { class: "home", href: "#/" }, "Sessions"), h("h1", {}, found.title), h("nav", { "aria-label": "Screens" }, ...tabs));
   const opened = await SCREENS[chosen]!.open(found);
   if (mine !== opening) return opened.close?.();
   screen = opened;
@@ -84,8 +80,24 @@ async function session(name: string, kind: string, mine: number): Promise<void> 
     showJob(job, found, now.job, opened);
     if (now.stamp === stamp) return;
     stamp = now.stamp;
-    opened.refresh?.().catch((error: unknown) => note((error as Error).message, true));
+    const again = async (): Promise<void> => {
+      await opened.refresh?.();
+      const fresh = await api.overview(name);
+      if (mine === opening) tabs(fresh, chosen);
+    };
+    again().catch((error: unknown) => note((error as Error).message, true));
   });
+}
+
+/** Show the screens that there are results for; return the wanted one, else the first. */
+function tabs(found: Overview, kind: string): string | undefined {
+  const there = [...(found.stages ?? []), found.frames || found.status !== "complete" ? "frames" : ""];
+  const open = Object.entries(SCREENS).filter(([, one]) => there.includes(one.needs));
+  const chosen = open.some(([id]) => id === kind) ? kind : open[0]?.[0];
+  const links = open.map(([id, one]) =>
+    h("a", { href: `#/${encodeURIComponent(found.name)}/${id}`, "aria-current": id === chosen ? "page" : null }, one.title));
+  top.replaceChildren(h("a", { class: "home", href: "#/" }, "Sessions"), h("h1", {}, found.title), h("nav", { "aria-label": "Screens" }, ...links));
+  return chosen;
 }
 
 function showJob(box: HTMLElement, { name, chosen: { quality: chosen = "standard" } }: Overview, job: Job | null, opened: Screen): void {

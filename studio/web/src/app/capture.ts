@@ -68,6 +68,7 @@ export async function captureScreen(session: Overview): Promise<Screen> {
   return {
     element: h("section", { class: "wide" }, verdict, facts, frames),
     refresh,
+    run: { until: "report", text: "Process this session" },
     command: session.status === "complete" ? `daylit verify ${session.path}` : `daylit capture --resume ${session.path}`,
   };
 }
