@@ -35,7 +35,7 @@ LINES = {
     "drivers": 7_300,
     "station": 11_300,
     "mocks": 16_750,
-    "processing": 57_000,
+    "processing": 57_300,
     "studio": 860,
 }
 """The budget of lines of each room."""
