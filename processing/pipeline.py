@@ -80,6 +80,7 @@ class Stage:
 
 
 NETWORK = ("segmentation/room_network.onnx", "segmentation/room_network.json")
+STILLS = range(1, 13)
 STAGED = tuple(f"staged-{k}" for k in range(1, 8))
 
 STAGES: tuple[Stage, ...] = (
@@ -244,6 +245,23 @@ STAGES: tuple[Stage, ...] = (
         trades=("quality", "max_error", "time_budget"),
     ),
     Stage(
+        name="stills",
+        version=1,
+        title="frame stills",
+        function="processing.report.stills:run",
+        needs=("calibrate", "room", "remove", "arrange", "render"),
+        reads=("name",),
+        makes=(
+            Artifact("display", "json"),
+            Artifact("stills", "json"),
+            *(Artifact(f"still-{k}", "file", optional=True, file_name=f"still-{k}.jpg") for k in STILLS),
+            *(Artifact(f"still-{k}-original", "file", True, f"still-{k}-original.jpg") for k in STILLS),
+            *(Artifact(f"still-{k}-light", "file", True, f"still-{k}-light.exr") for k in STILLS),
+        ),
+        parameters="processing.stages.parameters:StillsParameters",
+        skip_rule="processing.report.stills:no_panorama",
+    ),
+    Stage(
         name="report",
         version=7,
         title="write report",
@@ -251,7 +269,7 @@ STAGES: tuple[Stage, ...] = (
         data=("report/static/viewer.js",),
         needs=(
             *("verify", "merge", "calibrate", "room", "figures"),
-            *("detect", "light", "remove", "materials", "arrange", "render"),
+            *("detect", "light", "remove", "materials", "arrange", "render", "stills"),
         ),
         reads=("name", "site", "frames", "devices", "relight"),
         makes=(Artifact("page", "file", file_name="index.html"),),

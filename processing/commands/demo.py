@@ -275,9 +275,15 @@ def _summary(
         return 0 if intact else 4
     if cost is not None:
         click.echo(f"all of it: {cost.seconds / 60:.1f} min, peak memory {peak / 1e9:.2f} GB")
-    for name in sorted((path / "stages" / "render").glob("staged-?.exr")):
-        click.echo(f"staged:  {name}")
+    from processing.commands.stills import still_paths
+
+    for still in still_paths(path):
+        click.echo(f"still:   {still}")
     click.echo(f"look at: {page.resolve()}")
+    click.echo("next:")
+    click.echo(f"  daylit stills {path} --into pictures")
+    click.echo(f"  daylit relight {path} --staged 1 --sweep day")
+    click.echo(f"  daylit export {path}")
     click.echo("real furnished rooms: `daylit models get ade20k-deeplab` (2.3 MB) makes their masks much better")
     return 0
 

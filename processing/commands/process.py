@@ -185,6 +185,11 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
         return 0
     for line in summary_lines(report, request, explain=explain):
         click.echo(line)
+    if not request.dry_run:
+        from processing.commands.stills import still_paths
+
+        for still in still_paths(session):
+            click.echo(f"still:  {still}")
     page = session / "stages" / "report" / "index.html"
     if page.is_file() and not request.dry_run:
         click.echo(f"report: {page}")

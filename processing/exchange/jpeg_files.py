@@ -21,27 +21,29 @@ if TYPE_CHECKING:
 
 # A label in the picture itself: whoever sees a staged picture can read that it is one.
 #
-# Its letters are 3 % of the picture's height, so that it does not vanish in large pictures. On a panorama it stands
-# three times, 120 degrees apart and a little below the horizon: a viewer with the usual field always shows one.
+# In a flat picture it is a small plate in the lower left corner, with a QR code where there is a link. On a panorama it
+# lies flat on the floor at the nadir and on the ceiling at the zenith, where it hides no furniture and is not bent.
 
 TEXT = "Virtually staged"
-LETTERS = 0.03
-"""Height of a line, of the picture's."""
+LETTERS = 0.022
+"""Height of a line, of the picture's. Chosen: read on a phone, and no more."""
 LEAST_LETTERS_PX = 11
-"""Below which letters cannot be read; pictures lower than 370 px get relatively larger ones."""
-LATITUDE_DEG = -26.0
-"""Of the labels of a panorama."""
-TIMES = 3
-_PLATE = (16, 16, 20, 200)
-_INK = (255, 255, 255, 255)
+"""Below which letters cannot be read; pictures lower than 500 px get relatively larger ones."""
+POLE_HALF_FIELD = 0.42
+"""Tangent of half the plate's width at a pole: 0.67 m of floor to either side of a camera at 1.6 m. Chosen."""
+LEAST_PANORAMA_PX = 64
+"""High, under which a pole has no room for letters: the label is a flat picture's."""
+_PLATE = (16, 16, 20, 150)
+_INK = (255, 255, 255, 235)
 
 
-def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None) -> Bytes:
+def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, link: str | None = None) -> Bytes:
     """Return a copy of an 8-bit picture (H, W, 3) with the label on it.
 
-    ``panorama``: whether it shows the whole sphere; None: if it is twice as wide as high. The label is made smaller
-    where it does not fit; below about 200 pixels of width it cannot be read. Raises `ParameterError` for another array
-    and for a text that is empty or longer than 60 characters.
+    ``panorama``: whether it shows the whole sphere; None: if it is twice as wide as high. ``link``: of a flat picture,
+    where a QR code beside the text leads. The label is made smaller where it does not fit; below about 200 pixels of
+    width it cannot be read. Raises `ParameterError` for another array and for a text that is empty or longer than 60
+    characters.
     """
     from PIL import Image
 
@@ -50,41 +52,68 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None) -> 
     if not text.strip() or len(text) > 60 or not text.isprintable():
         raise ParameterError("a label is 1 to 60 printable characters")
     height, width = rgb8.shape[:2]
-    round_ = width == 2 * height if panorama is None else panorama
-    room_px = width // TIMES if round_ else width
-    plate = _plate(text, height, room_px, height // 3 or 1)
+    if height >= LEAST_PANORAMA_PX and (width == 2 * height if panorama is None else panorama):
+        return _at_the_poles(rgb8, text)
+    plate = _plate(text, height, width, height // 3 or 1, link)
     picture = Image.fromarray(np.ascontiguousarray(rgb8)).convert("RGBA")
-    for x, y in _places(plate, width, height, whole_sphere=round_):
-        picture.alpha_composite(plate, (x, y))
+    margin = min(max(LEAST_LETTERS_PX, height // 60), width - plate.width, height - plate.height)
+    picture.alpha_composite(plate, (max(margin, 0), height - plate.height - max(margin, 0)))
     return np.asarray(picture.convert("RGB"), dtype=np.uint8)
 
 
-def _places(plate: Image.Image, width: int, height: int, *, whole_sphere: bool) -> list[tuple[int, int]]:
-    """Return the upper left corners of the label."""
-    if not whole_sphere:
-        margin = min(plate.height // 2, width - plate.width, height - plate.height)
-        return [(margin, height - plate.height - margin)]
-    y = round((0.5 - LATITUDE_DEG / 180) * height - plate.height / 2)
-    centres = [(2 * i + 1) / (2 * TIMES) * width for i in range(TIMES)]
-    return [(max(0, round(x - plate.width / 2)), min(y, height - plate.height)) for x in centres]
+def _at_the_poles(rgb8: Bytes, text: str) -> Bytes:
+    """Return a panorama with the plate flat at nadir and zenith, to be read by who looks down or up from the middle."""
+    import cv2
+
+    rows, columns = rgb8.shape[:2]
+    out = rgb8.copy()
+    longitude = ((np.arange(columns) + 0.5) / columns - 0.5) * 2 * math.pi
+    reach = max(1, math.ceil(math.atan(POLE_HALF_FIELD * 1.1) / math.pi * rows))
+    plate = np.asarray(_plate(text, max(24 * LEAST_LETTERS_PX, rows), columns, rows), np.float32)
+    high, wide = plate.shape[:2]
+    for top in (False, True):
+        away = np.tan((np.arange(reach) + 0.5) / rows * math.pi)  # from the pole, on a plane one unit away
+        part = slice(0, reach) if top else slice(rows - reach, rows)
+        away = away if top else away[::-1]
+        across, ahead = away[:, None] * np.sin(longitude), away[:, None] * np.cos(longitude)
+        x = (across / POLE_HALF_FIELD + 1) * wide / 2 - 0.5
+        y = high / 2 - 0.5 + (1 if top else -1) * ahead / POLE_HALF_FIELD * wide / 2
+        seen = cv2.remap(plate, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR, borderValue=0)
+        share = seen[..., 3:] / 255
+        out[part] = np.round(out[part] * (1 - share) + seen[..., :3] * share)
+    return out
 
 
-def _plate(text: str, height: int, room_px: int, tallest_px: int) -> Image.Image:
-    """Return the label on its dark plate, at most ``room_px`` wide."""
+def _plate(text: str, height: int, room_px: int, tallest_px: int, link: str | None = None) -> Image.Image:
+    """Return the label on its dark plate, at most ``room_px`` wide, with a QR code of a link above it."""
     from PIL import Image, ImageDraw, ImageFont
 
     size = max(LEAST_LETTERS_PX, round(LETTERS * height))
     font: Any = ImageFont.load_default(size)
     left, top, right, bottom = font.getbbox(text)
     pad = max(2, size // 2)
-    plate = Image.new("RGBA", (int(right - left) + 2 * pad, int(bottom - top) + 2 * pad), (0, 0, 0, 0))
+    code = None if link is None else _qr(link, height)
+    above = 0 if code is None else code.height + pad
+    plate = Image.new("RGBA", (int(right - left) + 2 * pad, int(bottom - top) + 2 * pad + above), (0, 0, 0, 0))
     draw = ImageDraw.Draw(plate)
     draw.rounded_rectangle((0, 0, plate.width - 1, plate.height - 1), pad // 2, _PLATE)
-    draw.text((pad - left, pad - top), text, fill=_INK, font=font)
+    draw.text((pad - left, above + pad - top), text, fill=_INK, font=font)
+    if code is not None:
+        plate.paste(code, (pad, pad))
     shrink = min(1.0, room_px / plate.width, tallest_px / plate.height)
     if shrink < 1:
         plate = plate.resize((max(1, int(plate.width * shrink)), max(1, int(plate.height * shrink))))
     return plate
+
+
+def _qr(link: str, height: int) -> Image.Image:
+    """Return the QR code of a link, about an eleventh of the picture's height, with its quiet zone."""
+    import segno
+    from PIL import Image
+
+    modules = np.array([list(row) for row in segno.make(link, error="m", micro=False).matrix_iter(border=4)], np.uint8)
+    scale = max(2, round(height / 11 / len(modules)))
+    return Image.fromarray(np.kron(255 * (1 - modules), np.ones((scale, scale), np.uint8))).convert("RGBA")
 
 
 # XMP packets by hand: how a panorama covers the sphere (GPano), what kind of picture it is (IPTC), and its title.
@@ -139,6 +168,7 @@ def packet(
     staged: bool = False,
     relative: bool = False,
     title: str = "",
+    statement: str = "",
 ) -> bytes:
     """Return an XMP packet for a picture of this size, UTF-8; empty where there is nothing to say.
 
@@ -150,15 +180,16 @@ def packet(
         attributes |= {"Iptc4xmpExt:DigitalSourceType": STAGED_SOURCE, "daylit:Staged": "True"}
     if relative:
         attributes["daylit:Units"] = "relative"
-    if not attributes and not title:
+    if not attributes and not title and not statement:
         return b""
     names = {"GPano": GPANO, "Iptc4xmpExt": IPTC_EXTENSION, "daylit": DAYLIT, "dc": "http://purl.org/dc/elements/1.1/"}
     spaces = " ".join(f'xmlns:{name}="{uri}"' for name, uri in names.items())
     properties = " ".join(f"{name}={quoteattr(value)}" for name, value in attributes.items())
+    texts = _text_of("title", title) + _text_of("description", statement)
     return (
         '<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?><x:xmpmeta xmlns:x="adobe:ns:meta/">'
         '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
-        f'<rdf:Description rdf:about="" {spaces} {properties}>{_title(title)}</rdf:Description>'
+        f'<rdf:Description rdf:about="" {spaces} {properties}>{texts}</rdf:Description>'
         '</rdf:RDF></x:xmpmeta><?xpacket end="r"?>'
     ).encode()
 
@@ -193,14 +224,15 @@ def _text(value: float | str) -> str:
     return f"{round(value, 4) + 0.0:.10g}" if isinstance(value, float) else str(value)
 
 
-def _title(title: str) -> str:
-    if not title:
+def _text_of(name: str, text: str) -> str:
+    """Return a text as Dublin Core has it: title, description."""
+    if not text:
         return ""
-    if len(title) > _LONGEST_TITLE:
-        raise ParameterError(f"a title of {len(title)} characters", advice=f"at most {_LONGEST_TITLE}")
+    if len(text) > _LONGEST_TITLE:
+        raise ParameterError(f"a {name} of {len(text)} characters", advice=f"at most {_LONGEST_TITLE}")
     # XML has no control characters, not even escaped.
-    plain = "".join(c if c.isprintable() else " " for c in title)
-    return f'<dc:title><rdf:Alt><rdf:li xml:lang="x-default">{escape(plain)}</rdf:li></rdf:Alt></dc:title>'
+    plain = "".join(c if c.isprintable() else " " for c in text)
+    return f'<dc:{name}><rdf:Alt><rdf:li xml:lang="x-default">{escape(plain)}</rdf:li></rdf:Alt></dc:{name}>'
 
 
 LONGEST_SIDE_PX = 65_500
@@ -214,6 +246,7 @@ def jpeg_bytes(
     staged: bool = False,
     relative: bool = False,
     title: str = "",
+    statement: str = "",
     quality: int = 92,
 ) -> bytes:
     """Return a JPEG (4:4:4) of an 8-bit sRGB picture (H, W, 3) with an XMP packet; see `xmp.packet`.
@@ -230,7 +263,7 @@ def jpeg_bytes(
     if not 1 <= quality <= 95:
         raise ParameterError(f"a JPEG quality of {quality}", advice="1 to 95")
     height, width = rgb8.shape[:2]
-    xmp = packet(width, height, panorama=panorama, staged=staged, relative=relative, title=title)
+    xmp = packet(width, height, panorama=panorama, staged=staged, relative=relative, title=title, statement=statement)
     out = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(rgb8)).save(out, "JPEG", quality=quality, subsampling=0, xmp=xmp)
     return out.getvalue()
@@ -244,11 +277,12 @@ def write_jpeg(
     staged: bool = False,
     relative: bool = False,
     title: str = "",
+    statement: str = "",
     quality: int = 92,
 ) -> None:
     """Write a picture (H, W, 3) sRGB as `jpeg_bytes` durably.
 
     ``staged``: furniture was added; ``relative``: the light's scale is unknown.
     """
-    data = jpeg_bytes(rgb8, panorama=panorama, staged=staged, relative=relative, title=title, quality=quality)
-    write_bytes(path, data)
+    how: dict[str, Any] = {"staged": staged, "relative": relative, "title": title, "statement": statement}
+    write_bytes(path, jpeg_bytes(rgb8, panorama=panorama, quality=quality, **how))

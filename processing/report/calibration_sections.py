@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ParameterError
+from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.false_colour import validity_overlay
 from processing.pictures.frames import jpeg_frame
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
-from processing.pictures.preview import jpeg_bytes, png_bytes, preview_rgb8
+from processing.pictures.preview import jpeg_bytes, png_bytes
 from processing.report.data import Picture, Quantity, Section, Table, number_text
 from processing.report.plots import (
     cct_picture,
@@ -43,11 +44,11 @@ _PLANES = {
 }
 
 
-def indoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
+def indoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Display = AS_GIVEN) -> Section:
     """Return the room: how it looks, its luminance, how sure that is, and where the scale is from."""
     parts = ", ".join(f"{name} {100 * value:.2f} %" for name, value in facts["k1_parts"].items())
     target = facts["target"]
-    pictures = _pictures(image, "Room")
+    pictures = _pictures(image, "Room", display)
     if "longitude_deg" in target and isinstance(image.geometry, Equirectangular):
         pictures.append(_spot(image, image.geometry, target))
     quantities = []
@@ -62,7 +63,7 @@ def indoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
     return Section("Room", text, tuple(quantities), tuple(pictures))
 
 
-def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
+def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any], display: Display = AS_GIVEN) -> Section:
     """Return the sky: the same, and lens, filter, north and sun."""
     lens, north, veil = facts["lens"], facts["north"], facts["veil"]
     rows = (
@@ -74,7 +75,7 @@ def outdoor_section(image: LuminanceImage, facts: Mapping[str, Any]) -> Section:
         ("Sun", f"{facts['sun']['found']}; repair: {facts['sun']['repair']}"),
     )
     tables = (Table("From the camera's picture to the sky", ("step", "what was done"), rows),)
-    return Section("Sky", "", (), tuple(_pictures(image, "Sky")), tables)
+    return Section("Sky", "", (), tuple(_pictures(image, "Sky", display.exposed(image.rgb))), tables)
 
 
 def _north(north: Mapping[str, Any]) -> str:
@@ -132,10 +133,10 @@ def camera_section(
     return Section(f"Camera {side}", text, pictures=tuple(pictures))
 
 
-def _pictures(image: LuminanceImage, name: str) -> list[Picture]:
+def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Picture]:
     luminance = luminance_cd_m2(image.rgb)
     step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
-    small = preview_rgb8(image.rgb[step // 2 :: step, step // 2 :: step])
+    small = display.shown(image.rgb[step // 2 :: step, step // 2 :: step])
     wide = isinstance(image.geometry, Equirectangular)
     found = [
         Picture(name, jpeg_bytes(small), f"{name}, toned for the screen", wide=wide),

@@ -242,8 +242,6 @@ class Viewer:
     states: tuple[ViewerState, ...]
     middle: float
     """On the tone curve, of the middle code of `encoding.picture_codes`."""
-    white: float
-    """What the tone curve shows as white, at no change of exposure."""
     range: tuple[float, float]
     """Ends of the false colours."""
     ticks: tuple[float, ...]
@@ -264,9 +262,7 @@ class Viewer:
     def json(self) -> str:
         """All of it for the script, safe within HTML."""
         states = [_state_facts(state) for state in self.states]
-        facts = {
-            name: getattr(self, name) for name in ("middle", "white", "range", "ticks", "unit", "yaw_deg", "label")
-        }
+        facts = {name: getattr(self, name) for name in ("middle", "range", "ticks", "unit", "yaw_deg", "label")}
         return safe_json({**facts, "colours": base64.b64encode(self.colours).decode("ascii"), "states": states})
 
 

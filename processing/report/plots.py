@@ -15,8 +15,9 @@ import numpy as np
 from processing.errors import ParameterError
 from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.ground.colour import colour_temperature_k
+from processing.pictures.display import AS_GIVEN
 from processing.pictures.false_colour import display_range, false_colour, legend, uncertainty_picture, with_legend
-from processing.pictures.preview import png_bytes, preview_rgb8
+from processing.pictures.preview import png_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,7 +126,7 @@ def spot_picture(rgb: Floats, centre_px: tuple[float, float], radius_px: float, 
     top = min(max(0, int(centre_px[1]) - half), height - 2 * half)
     crop = rgb[top : top + 2 * half, np.arange(left, left + 2 * half) % width]
     scale = size_px / (2 * half)
-    shown = cv2.resize(preview_rgb8(crop), (size_px, size_px), interpolation=cv2.INTER_NEAREST)
+    shown = cv2.resize(AS_GIVEN.exposed(crop).shown(crop), (size_px, size_px), interpolation=cv2.INTER_NEAREST)
     # Drawn with four binary places: cv2 has the first pixel's centre at 0, we have it at 0.5.
     place = [round(((c - corner) * scale - 0.5) * 16) for c, corner in zip(centre_px, (left, top), strict=True)]
     for colour, thick in (((0, 0, 0), 4), ((255, 220, 0), 2)):

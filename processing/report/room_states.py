@@ -11,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from processing.exchange.jpeg_files import TEXT
+from processing.exchange.showing import panes_of
+from processing.ground.arrays import Floats
 from processing.layout.arrangement import Arrangements
+from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.report.data import Model, Models, Section
 from processing.report.states import FIELD_DEG, Look, State, comparison, viewer
@@ -53,7 +56,14 @@ def look_of(context: StageContext, states: tuple[State, ...]) -> Look:
     places = furniture_places(arranged) if staged and arranged else []
     yaw = towards(states[0].image, states[-1].image)
     first, second = towards_furniture(places) if places else (yaw, yaw + math.pi)
-    return Look.of(states[0].image, yaw_rad=first, other_yaw_rad=second, label="" if plain else TEXT)
+    panes = panes_of(context.optional_artifact("room", "room"), states[0].image.geometry)
+    return Look(display_in(context, states[0].image.rgb), panes, first, "" if plain else TEXT, second)
+
+
+def display_in(context: StageContext, rgb: Floats) -> Display:
+    """Return the session's display, as its stills have it; without stills, one that exposes a picture (H, W, 3)."""
+    facts = context.optional_artifact("stills", "display")
+    return AS_GIVEN.exposed(rgb) if facts is None else Display.read(facts)
 
 
 def furniture_places(arranged: Arrangements) -> list[tuple[float, float, float]]:

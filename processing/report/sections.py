@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.room_model import RoomModel
+from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.images import LuminanceImage
-from processing.pictures.preview import jpeg_bytes, preview_rgb8
+from processing.pictures.preview import jpeg_bytes
 from processing.report.data import Picture, Quantity, Section, Table
 from processing.report.plots import plan_plot
 from processing.sphere import Equirectangular
@@ -30,7 +31,9 @@ _NAMES = {
 }
 
 
-def detect_section(image: LuminanceImage, masks: Mapping[str, Flags], facts: Mapping[str, Any]) -> Section:
+def detect_section(
+    image: LuminanceImage, masks: Mapping[str, Flags], facts: Mapping[str, Any], display: Display = AS_GIVEN
+) -> Section:
     """Return the panorama with tinted masks, how much of the sphere each covers, and what was skipped.
 
     ``masks``: by name, (H, W) each, those that were found; ``facts``: the stage's metrics.
@@ -38,7 +41,7 @@ def detect_section(image: LuminanceImage, masks: Mapping[str, Flags], facts: Map
     fitting = {name: mask for name, mask in masks.items() if mask.shape == image.rgb.shape[:2]}
     step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
     rows = slice(step // 2, None, step)
-    shown = tinted(preview_rgb8(image.rgb[rows, rows]), {name: mask[rows, rows] for name, mask in fitting.items()})
+    shown = tinted(display.shown(image.rgb[rows, rows]), {name: mask[rows, rows] for name, mask in fitting.items()})
     shares = facts.get("shares", {})
     quantities = [
         Quantity(text[0].upper() + text[1:], 100 * shares[name], "% of all directions")
@@ -73,22 +76,20 @@ def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
 
 
 def remove_section(
-    before: LuminanceImage,
     after: LuminanceImage,
     filled: Flags,
     facts: Mapping[str, Any],
     log_lift: Floats | None = None,
+    display: Display = AS_GIVEN,
 ) -> Section:
-    """Return the emptied panorama with what was filled and how, in the exposure of the one before.
+    """Return the emptied panorama with what was filled and how.
 
     ``filled``: (H, W); ``facts``: the stage's metrics; ``log_lift`` (H, W): natural logarithm of what changed the
     luminance of each pixel that stayed, None: nothing did.
     """
     step = max(1, -(-after.rgb.shape[1] // WIDTH_PX))
     rows = slice(step // 2, None, step)
-    # One picture, so that both get the same exposure.
-    both = preview_rgb8(np.concatenate([before.rgb[rows, rows], after.rgb[rows, rows]]))
-    outlined = np.split(both, 2)[1].copy()
+    outlined = display.shown(after.rgb[rows, rows])
     mask = filled[rows, rows]
     inner = mask & np.roll(mask, 1, 1) & np.roll(mask, -1, 1)
     inner[1:] &= mask[:-1]
@@ -131,7 +132,11 @@ EDGE_RGB, OPENING_RGB = (0, 230, 90), (255, 170, 0)
 
 
 def room_section(
-    image: LuminanceImage, room: RoomModel, facts: Mapping[str, Any], left_out: Mapping[str, str]
+    image: LuminanceImage,
+    room: RoomModel,
+    facts: Mapping[str, Any],
+    left_out: Mapping[str, str],
+    display: Display = AS_GIVEN,
 ) -> Section:
     """Return the room as it was estimated or given; ``facts`` are the stage's metrics."""
     area = floor_area_m2(room)
@@ -145,7 +150,9 @@ def room_section(
     if "tilt_deg" in facts:
         quantities.append(Quantity("Tilt of the panorama", facts["tilt_deg"], "degrees", facts.get("tilt_sigma_deg")))
     pictures = (
-        Picture("Layout", jpeg_bytes(drawn(image, room)), "panorama with the room's edges and openings", wide=True),
+        Picture(
+            "Layout", jpeg_bytes(drawn(image, room, display)), "panorama with the room's edges and openings", wide=True
+        ),
         Picture("Plan", plan_plot(room.floor, [_ends(room, k) for k in range(len(room.openings))]), "floor plan"),
     )
     source = "given by the user" if room.source == "given" else f"estimated from the panorama ({room.note})"
@@ -153,10 +160,10 @@ def room_section(
     return Section("Room's shape", text, tuple(quantities), pictures, _tables(room, facts, left_out))
 
 
-def drawn(image: LuminanceImage, room: RoomModel) -> Bytes:
+def drawn(image: LuminanceImage, room: RoomModel, display: Display) -> Bytes:
     """Return a small panorama (H, W, 3) sRGB, edges of walls, floor and ceiling in green, of openings in orange."""
     step = max(1, -(-image.rgb.shape[1] // WIDTH_PX))
-    rgb8 = preview_rgb8(image.rgb[step // 2 :: step, step // 2 :: step])
+    rgb8 = display.shown(image.rgb[step // 2 :: step, step // 2 :: step])
     geometry = Equirectangular(rgb8.shape[1], rgb8.shape[0])
     plane, opening = plane_map(room, geometry), surface_maps(room, geometry).opening
     out = rgb8.copy()

@@ -10,6 +10,7 @@ import numpy as np
 
 from processing.calibration.outdoor.sun_place import with_zone, zone_at
 from processing.ground.room_model import RoomModel
+from processing.pictures.display import Display
 from processing.report.calibration_sections import (
     camera_section,
     indoor_section,
@@ -19,16 +20,17 @@ from processing.report.calibration_sections import (
 )
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
 from processing.report.page import write_page
+from processing.report.room_states import display_in
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import staging_sections
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import MOST_STAGED, NO_SUCH
-from processing.stages.upright import in_size, upright_panorama
+from processing.stages.upright import upright_panorama
 from station.session.session import SessionManifest, Side
 
 BEFORE = (
     *("verify", "merge", "calibrate", "room", "figures"),
-    *("detect", "light", "remove", "materials", "arrange", "render"),
+    *("detect", "light", "remove", "materials", "arrange", "render", "stills"),
 )
 """Stages that the report covers; each of them is also in its row's ``needs``."""
 FILES = {
@@ -56,6 +58,10 @@ FILES = {
     ("materials", "scene.npz"): "the empty room as a scene, to be lit anew",
     ("arrange", "arrangement.json"): "where each piece stands, by alternative",
     ("arrange", "contact-sheet.png"): "plans of all alternatives",
+    **{
+        ("stills", f"still-{k}.jpg"): "still, 1920 x 1280; beside it its light (EXR) and the original"
+        for k in range(1, 13)
+    },
     **{("render", f"staged-{k}.exr"): f"staged, alternative {k}, in cd/m2" for k in range(1, MOST_STAGED + 1)},
     **{("render", f"staged-{k}.glb"): f"model of alternative {k}" for k in range(1, MOST_STAGED + 1)},
 }
@@ -147,18 +153,20 @@ def _warnings(name: str, summary: Mapping[str, Any]) -> list[WarningLine]:
 def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section, ...]:
     response = context.optional_artifact("merge", "response") or {}
     metrics = context.summary("merge").get("metrics", {})
-    found = [indoor_section(context.artifact("calibrate", "indoor"), facts["indoor"])]
+    indoor = context.artifact("calibrate", "indoor")
+    display = display_in(context, indoor.rgb)
+    found = [indoor_section(indoor, facts["indoor"], display)]
     sky = context.optional_artifact("calibrate", "outdoor")
     if sky is not None:
-        found.append(outdoor_section(sky, facts["outdoor"]))
+        found.append(outdoor_section(sky, facts["outdoor"], display))
     figures = context.optional_artifact("figures", "light_figures")
     if figures is not None:
         found.append(light_figures_section(figures))
     elif facts["indoor"].get("absolute", True):
         found.append(light_section(facts))
-    found += _room(context)
-    found += _detect(context)
-    found += _remove(context)
+    found += _room(context, display)
+    found += _detect(context, display)
+    found += _remove(context, display)
     for side in Side:
         if side.value in response:
             frames = [frame for frame in context.session.frames if frame.side is side and not frame.is_raw]
@@ -174,24 +182,24 @@ def room_of(context: StageContext) -> RoomModel | None:
     return room
 
 
-def _room(context: StageContext) -> list[Section]:
+def _room(context: StageContext, display: Display) -> list[Section]:
     room = room_of(context)
     if room is None:
         return []
     summary = context.summary("room")
-    return [room_section(upright_panorama(context), room, summary["metrics"], summary["left_out"])]
+    return [room_section(upright_panorama(context), room, summary["metrics"], summary["left_out"], display)]
 
 
-def _detect(context: StageContext) -> list[Section]:
+def _detect(context: StageContext, display: Display) -> list[Section]:
     target = context.optional_artifact("detect", "target")
     if target is None:
         return []
     masks = {name: context.optional_artifact("detect", name) for name in TINTS} | {"target": target}
     there = {name: mask for name, mask in masks.items() if mask is not None}
-    return [detect_section(upright_panorama(context), there, context.summary("detect")["metrics"])]
+    return [detect_section(upright_panorama(context), there, context.summary("detect")["metrics"], display)]
 
 
-def _remove(context: StageContext) -> list[Section]:
+def _remove(context: StageContext, display: Display) -> list[Section]:
     after = context.optional_artifact("remove", "empty")
     if after is None:
         return []
@@ -200,8 +208,7 @@ def _remove(context: StageContext) -> list[Section]:
     if lift is not None:
         with np.load(lift) as kept:
             log_lift = kept["log_luminance"].astype(np.float32)
-    before = in_size(upright_panorama(context), after.rgb.shape[1])
-    return [remove_section(before, after, filled, context.summary("remove")["metrics"], log_lift)]
+    return [remove_section(after, filled, context.summary("remove")["metrics"], log_lift, display)]
 
 
 def _files(context: StageContext) -> tuple[FileLine, ...]:

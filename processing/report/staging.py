@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from processing.exchange.jpeg_files import TIMES, jpeg_bytes, labelled
+from processing.exchange.jpeg_files import jpeg_bytes, labelled
 from processing.layout.arrangement import Arrangement, Arrangements, PlacedItem
 from processing.report.data import Card, Cards, Quantity, Section, Table
 from processing.report.room_states import lead_section, look_of, model_section, room_states, viewer_section
@@ -179,7 +178,6 @@ FOLDER = "relight"
 MOST = 24
 """Moments that the page shows."""
 WIDTH_PX = 640
-_LABEL_SEEN_RAD = math.radians(38)
 _WEATHER = {"captured": "the captured weather", "clear": "clear", "overcast": "overcast"}
 
 
@@ -260,11 +258,5 @@ def _view(moment: Moment, look: Look) -> bytes:
         panorama = np.asarray(picture.convert("RGB"), np.uint8)
     seen = cut_view(Panorama(panorama), small_direction(look, WIDTH_PX))[-small_height_px(WIDTH_PX) :]
     staged = moment.staged is not None
-    bare = staged and bool(look.label) and not _label_in_view(look.yaw_rad)
-    shown = labelled(seen, look.label, panorama=False) if bare else np.ascontiguousarray(seen)
+    shown = labelled(seen, look.label, panorama=False) if staged and look.label else np.ascontiguousarray(seen)
     return jpeg_bytes(shown, staged=staged, title=moment.title, quality=84)
-
-
-def _label_in_view(yaw_rad: float) -> bool:
-    """Tell whether a view shows one of the labels that stand in the panorama itself, evenly around from the middle."""
-    return abs(math.remainder(yaw_rad, 2 * math.pi / TIMES)) < _LABEL_SEEN_RAD

@@ -1,6 +1,6 @@
 """States of one room (as photographed, emptied, staged) as the page's viewer and slider show them.
 
-All states share one exposure, that of the first: what is brighter in the room is brighter on the page.
+All states share one display (`processing.pictures.display`): what is brighter in the room is brighter on the page.
 """
 
 from __future__ import annotations
@@ -12,34 +12,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import TEXT, PanoramaTags, jpeg_bytes, labelled
-from processing.ground.arrays import Bytes, Floats, UInt16s
-from processing.ground.colour import srgb_of_linear
+from processing.ground.arrays import Bytes, Flags, Floats, UInt16s
+from processing.pictures.display import AS_GIVEN, Display, screen
 from processing.pictures.false_colour import display_range, false_colour, legend_ticks
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
-from processing.pictures.preview import auto_exposure
 from processing.report.data import Comparison, Scene, Shot, Viewer, ViewerState
 from processing.sphere import Equirectangular, Perspective
 from processing.sphere.views import Panorama, cut_view
-
-BRIGHTER = 1.8
-"""Than a preview: rooms for people to like are shown airy."""
-_WHITE_SHARE = 0.995
-_ROWS = 256
 
 
 @dataclass(frozen=True)
 class Look:
     """How all states of a room are shown."""
 
-    exposure: float
-    """Factor from the picture's units to the tone curve's."""
-    white: float
-    """What the curve shows as white, in its units; 1 or more."""
+    display: Display = AS_GIVEN
+    panes: Flags | None = None
+    """(H, W): where one looks out of a window; None: no windows are known."""
     yaw_rad: float = 0.0
     """Where views look first."""
     label: str = TEXT
@@ -47,26 +41,21 @@ class Look:
     other_yaw_rad: float = math.pi
     """Where the second view looks."""
 
-    @classmethod
-    def of(
-        cls, image: LuminanceImage, *, yaw_rad: float = 0.0, other_yaw_rad: float = math.pi, label: str = TEXT
-    ) -> Look:
-        """Return the look of a picture and of all that is made from it."""
-        exposure = BRIGHTER * auto_exposure(image.rgb)
-        step = max(1, image.rgb.shape[1] // 1024)
-        sample = luminance_cd_m2(image.rgb[::step, ::step]) * np.float32(exposure)
-        return cls(exposure, max(1.0, float(np.quantile(sample, _WHITE_SHARE))), yaw_rad, label, other_yaw_rad)
+    def light(self, rgb: Floats, view: Perspective | None = None) -> Floats:
+        """Return linear light (H, W, 3) as the film gets it: of a panorama, or of a ``view``'s pixels."""
+        if self.panes is None:
+            return self.display.light(rgb, around=view is None)
+        codes = self.panes.astype(np.uint8)
+        if view is None:
+            seen = cv2.resize(codes, (rgb.shape[1], rgb.shape[0]), interpolation=cv2.INTER_NEAREST)
+        else:
+            seen = cut_view(Panorama(255 * codes), view)[-len(rgb) :] // 128
+        return self.display.light(rgb, seen, around=view is None)
 
 
-def shown(rgb: Floats, look: Look) -> Bytes:
-    """Return linear light (H, W, 3) as 8-bit sRGB (Reinhard et al. 2002, eq. 4, on luminance)."""
-    out = np.empty(rgb.shape, dtype=np.uint8)
-    for top in range(0, rgb.shape[0], _ROWS):
-        rows = np.maximum(rgb[top : top + _ROWS], 0) * np.float32(look.exposure)
-        luminance = luminance_cd_m2(rows)[..., None]
-        compressed = rows * ((1 + luminance / np.float32(look.white**2)) / (1 + luminance))
-        out[top : top + _ROWS] = srgb_of_linear(compressed)
-    return out
+def shown(rgb: Floats, look: Look, view: Perspective | None = None) -> Bytes:
+    """Return linear light (H, W, 3) as 8-bit sRGB: a panorama, or the lower rows of a ``view``."""
+    return screen(look.light(rgb, view))
 
 
 # How numbers travel in the page: luminance as 16-bit logarithms, and pictures whose 8 bits hold a whole room's range.
@@ -174,8 +163,9 @@ def comparison(states: Sequence[State], look: Look) -> Comparison:
 
 def small_view(state: State, look: Look, width_px: int = 720) -> bytes:
     """Return a JPEG of the first view, small."""
-    rgb = cut_view(Panorama(np.ascontiguousarray(state.image.rgb)), small_direction(look, width_px))
-    return _jpeg(shown(rgb[-small_height_px(width_px) :], look), state, look, panorama=False)
+    view = small_direction(look, width_px)
+    rgb = cut_view(Panorama(np.ascontiguousarray(state.image.rgb)), view)
+    return _jpeg(shown(rgb[-small_height_px(width_px) :], look, view), state, look, panorama=False)
 
 
 def small_direction(look: Look, width_px: int) -> Perspective:
@@ -198,7 +188,6 @@ def viewer(states: Sequence[State], look: Look) -> Viewer:
     return Viewer(
         tuple(viewer_state(state, look, wide) for state in states),
         MIDDLE,
-        look.white,
         (low, high),
         tuple(legend_ticks(low, high, 14)),
         false_colour(ramp, low, high).tobytes(),
@@ -213,7 +202,7 @@ def viewer_state(state: State, look: Look, width_px: int = VIEWER_WIDTHS_PX[0][1
     image = state.image
     if not isinstance(image.geometry, Equirectangular) or image.rgb.shape[1] != 2 * image.rgb.shape[0]:
         raise ParameterError("the viewer shows whole panoramas", where=state.name)
-    codes = picture_codes(_panorama(image.rgb, width_px), MIDDLE / look.exposure)
+    codes = picture_codes(look.light(_panorama(image.rgb, width_px)), MIDDLE)
     luminance = luminance_cd_m2(_map(image.rgb))
     share = np.hypot(_map(image.uncertainty).astype(np.float64), image.scale_uncertainty)
     height, width = luminance.shape
@@ -260,7 +249,7 @@ def _direction(yaw_rad: float) -> Perspective:
 
 def _view(whole: Panorama, view: Perspective, look: Look) -> Bytes:
     rgb = cut_view(whole, view)[-VIEW_PX[1] :]
-    return shown(rgb, look)
+    return shown(rgb, look, view)
 
 
 def _scene(

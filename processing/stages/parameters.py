@@ -385,10 +385,26 @@ class RenderParameters(StageParameters):
     seed: Seed = 0
 
 
+NoStagedLabel = Annotated[
+    bool,
+    Field(description="Staged pictures without the visible label (their metadata still say that they are staged)."),
+]
+
+
+class StillsParameters(StageParameters):
+    """What a user may say about stills."""
+
+    no_staged_label: NoStagedLabel = False
+    original_url: Annotated[
+        str | None,
+        Field(
+            pattern=r"^https?://[!-~]{3,300}$",
+            description="Where the unaltered originals will be on the web: a QR code in staged stills leads there.",
+        ),
+    ] = None
+
+
 class ReportParameters(StageParameters):
     """What a user may say about the page."""
 
-    no_staged_label: Annotated[
-        bool,
-        Field(description="Staged pictures without the visible label (their metadata still say that they are staged)."),
-    ] = False
+    no_staged_label: NoStagedLabel = False

@@ -2,35 +2,62 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
 from processing.errors import ParameterError
 from processing.exchange.jpeg_files import labelled
+from processing.sphere import Perspective
+from processing.sphere.views import cut_view
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
-def test_every_third_of_a_panorama_has_one(level: int) -> None:
+def test_a_panorama_has_one_at_nadir_and_zenith_and_none_across_furniture(level: int) -> None:
     plain = np.full((512, 1024, 3), level, np.uint8)
     changed = (labelled(plain) != plain).any(axis=2)
-    thirds = np.split(changed[:, : 3 * (1024 // 3)], 3, axis=1)
-    assert all(third.any() for third in thirds)
     rows = np.flatnonzero(changed.any(axis=1))
-    assert rows.min() > 256, "below the horizon"
-    assert rows.max() < 400, "but not far"
-    assert changed.mean() < 0.03, "the rest is as it was"
+    away = np.minimum(rows, 511 - rows) / 512 * 180
+    assert away.max() < 28, "within 28 degrees of the poles"
+    assert changed[:256].any()
+    assert changed[256:].any()
+    area = (
+        changed * np.cos(np.radians(90 - np.minimum(np.arange(512), 511 - np.arange(512)) / 512 * 180))[:, None]
+    ).mean()
+    assert area < 0.02
+
+
+def test_who_looks_down_or_up_reads_it_upright() -> None:
+    """A view of the nadir shows the plate as it is, darker ink on no side: not mirrored, not upside down."""
+    plain = np.full((1024, 2048, 3), 110, np.uint8)
+    flat = labelled(np.full((1600, 1600, 3), 110, np.uint8), panorama=False)
+    rows, columns = np.nonzero((flat != 110).any(axis=2))
+    plate = flat[rows.min() : rows.max(), columns.min() : columns.max()].astype(float).mean(axis=2)
+    for pitch in (-89.9, 89.9):
+        view = cut_view(labelled(plain), Perspective(600, 600, np.radians(50), pitch_rad=np.radians(pitch)))
+        r, c = np.nonzero((np.abs(view.astype(int) - 110) > 6).any(axis=2))
+        seen = view[r.min() : r.max(), c.min() : c.max()].astype(float).mean(axis=2)
+        seen = cv2.resize(seen, plate.shape[::-1], interpolation=cv2.INTER_AREA)
+        alike = [np.corrcoef(seen.ravel(), turned.ravel())[0, 1] for turned in (plate, plate[:, ::-1], plate[::-1])]
+        assert alike[0] > 0.5, alike
+        assert alike[0] > max(alike[1:]) + 0.15, alike
 
 
 def test_letters_stand_out_and_grow_with_the_picture() -> None:
     heights = []
-    for height in (512, 2048):
-        out = labelled(np.full((height, 2 * height, 3), 200, np.uint8))
-        assert out.min() < 80
-        assert out.max() == 255
-        white = (out.min(axis=2) > 250).any(axis=1)
-        heights.append(white.sum())
+    for height in (600, 2400):
+        out = labelled(np.full((height, height, 3), 200, np.uint8), panorama=False)
+        assert out.min() < 110
+        assert out.max() > 230
+        heights.append((out.max(axis=2) > 230).any(axis=1).sum())
     assert heights[1] > 3 * heights[0]
-    assert heights[0] >= 0.02 * 512
+
+
+def test_a_link_is_a_code_that_a_reader_reads() -> None:
+    link = "https://example.org/rooms/7/original"
+    out = labelled(np.full((1280, 1920, 3), 120, np.uint8), link=link)
+    corner = out[-400:, :500]
+    assert cv2.QRCodeDetector().detectAndDecode(np.ascontiguousarray(corner))[0] == link
 
 
 def test_a_flat_picture_has_one_in_the_lower_left_corner() -> None:

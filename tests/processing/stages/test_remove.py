@@ -86,7 +86,7 @@ def test_what_it_makes(tmp_path: Path) -> None:
     assert np.array_equal(empty.rgb[~target()], picture().rgb[~target()])
     with np.load(tmp_path / "surfaces.npz") as kept:
         assert {"provenance", "confidence", "floor_rgb", "floor_hole", "floor_px_per_m"} <= set(kept.files)
-    section = remove_section(picture(), empty, np.asarray(filled), made.metrics)
+    section = remove_section(empty, np.asarray(filled), made.metrics)
     assert [one.title for one in section.pictures] == ["What was filled"]
 
 
@@ -199,5 +199,5 @@ def test_soft_shadow_is_lifted_beyond_the_target_and_the_page_says_so(tmp_path: 
     assert 36 < lit < 41
     far = np.abs(columns - 128) > 60
     assert np.abs(np.broadcast_to(far, shape) * (gain - 1)).max() < 0.05
-    section = remove_section(picture(), picture(), np.zeros((ROWS, 2 * ROWS), bool), {"relit_share": 0.05})
+    section = remove_section(picture(), np.zeros((ROWS, 2 * ROWS), bool), {"relit_share": 0.05})
     assert "5.0% of all directions" in section.text

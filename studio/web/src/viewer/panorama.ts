@@ -10,12 +10,13 @@ in vec3 position;
 out vec2 place;
 void main() { place = position.xy; gl_Position = vec4(position.xy, 0.0, 1.0); }`;
 
-// The tone curve is Reinhard et al. 2002, eq. 4, on luminance, as processing/report/states.py shows pictures.
+// The tone curve is `film` of processing/pictures/display.py: in proportion up to KNEE, then rolled off.
 const FRAGMENT = `
 precision highp float;
+const float KNEE = 0.55;
 uniform sampler2D map;
 uniform vec2 turn, spread;
-uniform float gain, white;
+uniform float gain;
 uniform bool codes;
 in vec2 place;
 out vec4 shown;
@@ -38,8 +39,8 @@ void main() {
   vec3 found = textureLod(map, at, 0.0).rgb;
   if (codes) {
     vec3 lit = light(found);
-    float l = dot(lit, vec3(0.2127, 0.7151, 0.0722));
-    found = screen(lit * (1.0 + l / (white * white)) / (1.0 + l));
+    vec3 over = max(lit - KNEE, 0.0) / (1.0 - KNEE);
+    found = screen(min(lit, KNEE) + (1.0 - KNEE) * over / (1.0 + over));
   }
   shown = vec4(found, 1.0);
 }`;
@@ -82,7 +83,7 @@ export class PanoramaView {
       glslVersion: GLSL3, vertexShader: VERTEX, fragmentShader: FRAGMENT, depthTest: false,
       uniforms: {
         map: { value: new Texture() }, turn: { value: new Vector2() }, spread: { value: new Vector2() },
-        gain: { value: 1 }, white: { value: 1 }, codes: { value: false },
+        gain: { value: 1 }, codes: { value: false },
       },
     });
     const triangle = new BufferGeometry().setAttribute("position", new Float32BufferAttribute([-1, -1, 0, 3, -1, 0, -1, 3, 0], 3));
@@ -111,10 +112,9 @@ export class PanoramaView {
     this.use(texture, false);
   }
 
-  /** Light of the middle code on the tone curve's scale, and what the curve shows as white. */
-  expose(middle: number, white: number): void {
+  /** Light of the middle code on the tone curve's scale. */
+  expose(middle: number): void {
     this.material.uniforms.gain!.value = middle;
-    this.material.uniforms.white!.value = white;
     this.draw();
   }
 

@@ -1,0 +1,119 @@
+"""Stills: framed by the rules, in the room's display, with original, light and a statement."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from processing.exchange.framing import FEWEST, LENSES_MM, MOST, NEAR_M, frames_of
+from processing.ground.room_model import Opening, OpeningKind, RoomModel
+from processing.layout.arrangement import PlacedItem
+from processing.pictures.display import Display
+from processing.pictures.exr import read_exr
+from processing.pictures.images import LuminanceImage
+from processing.report.stills import run
+from processing.sphere import directions
+from processing.stages.parameters import StillsParameters
+from tests.processing.report.made_up import context, results
+
+ROOM = RoomModel(
+    source="given",
+    floor=((-4.0, -1.5), (1.5, -1.5), (1.5, 2.5), (-4.0, 2.5)),
+    camera_height_m=1.5,
+    ceiling_height_m=2.6,
+    openings=(Opening(kind=OpeningKind.WINDOW, wall=3, start_m=1.0, end_m=2.6, sill_m=0.9, head_m=2.1),),
+)
+
+
+def piece(name: str, x: float, y: float, size: tuple[float, float, float]) -> PlacedItem:
+    return PlacedItem(id=name, category=name, size_m=size, t_m=(x, y, 0.0), theta_rad=0.3)
+
+
+ITEMS = (
+    piece("bed", -2.8, 1.2, (1.6, 2.0, 0.9)),
+    piece("chair", -2.5, -0.8, (0.6, 0.6, 0.9)),
+    piece("wardrobe", 0.4, 0.5, (1.0, 0.6, 2.1)),
+)
+
+
+def test_frames_are_level_of_the_trades_lenses_apart_and_show_main_pieces_whole() -> None:
+    frames = frames_of(ROOM, ITEMS)
+    assert FEWEST <= len(frames) <= MOST
+    assert {frame.lens_mm for frame in frames} <= set(LENSES_MM)
+    assert all(frame.view().pitch_rad == 0 for frame in frames)
+    yaws = [frame.yaw_rad for frame in frames]
+    apart = [abs(math.remainder(a - b, math.tau)) for k, a in enumerate(yaws) for b in yaws[:k]]
+    assert min(apart) > math.radians(29)
+    assert "bed" in frames[0].shows
+    assert "chair" in {name for frame in frames for name in frame.shows}
+    assert frames_of(ROOM, ITEMS) == frames
+
+
+def test_a_piece_said_to_be_whole_is_within_the_frame_by_the_spheres_geometry() -> None:
+    for frame in frames_of(ROOM, ITEMS):
+        view = frame.view(300)
+        rays, _ = directions(view)
+        rays = rays[-frame.height_px(300) :].reshape(-1, 3)
+        for item in ITEMS:
+            if item.id not in frame.shows:
+                continue
+            x, y, z = item.size_m
+            c, s = math.cos(item.theta_rad), math.sin(item.theta_rad)
+            for sx, sy, sz in ((a, b, h) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for h in (0, 1)):
+                px, py = sx * x * c - sy * y * s + item.t_m[0], sx * x * s + sy * y * c + item.t_m[1]
+                ray = np.array([px, py, sz * z - ROOM.camera_height_m])
+                nearest = float((rays @ (ray / np.linalg.norm(ray))).max())
+                assert nearest > math.cos(math.radians(0.6)), (item.id, frame)
+
+
+def test_what_stands_at_the_camera_is_no_main_piece_and_a_bare_room_has_frames() -> None:
+    near = (piece("wardrobe", 0.4, 0.5, (1.0, 0.6, 2.1)), ITEMS[1])
+    assert math.hypot(0.4, 0.5) < NEAR_M
+    assert "chair" in frames_of(ROOM, near)[0].shows
+    assert len(frames_of(ROOM, ())) >= FEWEST
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+    given = context(tmp_path_factory.mktemp("session"), results())
+    given = replace(given, parameters=StillsParameters(original_url="https://example.org/7"))
+    return given.folder, dict(run(given).artifacts)
+
+
+def test_each_still_has_its_original_its_light_and_says_what_was_changed(made: tuple[Path, dict[str, object]]) -> None:
+    folder, artifacts = made
+    facts = artifacts["stills"]
+    assert isinstance(facts, dict)
+    stills = facts["stills"]
+    assert [one["state"] for one in stills].count("staged-1") >= FEWEST
+    assert [one["state"] for one in stills].count("staged-2") == 1
+    for one in stills:
+        data = (folder / one["file"]).read_bytes()
+        with Image.open(io.BytesIO(data)) as opened:
+            assert opened.size == (1920, 1280)
+        assert b"compositeSynthetic" in data
+        for element in ("virtual", "removed by computer", "Unaltered original: https://example.org/7"):
+            assert element in one["statement"]
+            assert element.encode() in data
+        original = (folder / one["original"]).read_bytes()
+        assert b"compositeSynthetic" not in original
+        light = read_exr(folder / one["light"])
+        assert isinstance(light, LuminanceImage)
+        assert light.rgb.shape[1] <= 960
+    assert Display.read(artifacts["display"]).source  # type: ignore[arg-type]
+
+
+def test_without_furniture_or_room_the_photograph_is_framed_and_says_nothing(tmp_path: Path) -> None:
+    bare = {name: part for name, part in results().items() if name in ("merge", "calibrate")}
+    given = context(tmp_path, bare)
+    found = run(replace(given, parameters=StillsParameters()))
+    stills = found.artifacts["stills"]["stills"]  # type: ignore[index]
+    assert [one["state"] for one in stills] == ["photograph"] * 3
+    assert not any(one["statement"] for one in stills)
+    assert b"compositeSynthetic" not in (given.folder / "still-1.jpg").read_bytes()
