@@ -272,7 +272,7 @@ STAGES: tuple[Stage, ...] = (
             *("detect", "light", "remove", "materials", "arrange", "render", "stills"),
         ),
         reads=("name", "site", "frames", "devices", "relight"),
-        makes=(Artifact("page", "file", file_name="index.html"),),
+        makes=(Artifact("page", "file", file_name="index.html"), Artifact("lab", "file", file_name="lab.html")),
         parameters="processing.stages.parameters:ReportParameters",
     ),
 )

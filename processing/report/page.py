@@ -9,12 +9,17 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+<<<<<<< HEAD
 from collections.abc import Mapping, Sequence
+=======
+from collections.abc import Sequence
+>>>>>>> 465e6ba (Two pages: index.html for a client, lab.html for the laboratory)
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from processing.pictures.writing import write_bytes
-from processing.report.data import ReportData, size_text
+from processing.report.client import ClientData
+from processing.report.data import ReportData, Widget, size_text
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -25,17 +30,42 @@ VIEWER = Path(__file__).parent / "static" / "viewer.js"
 
 
 def build_page(data: ReportData) -> str:
+<<<<<<< HEAD
     """Return the whole page. Text is escaped, so that names from instruments and files stay text."""
     environment = _environment()
+=======
+    """Return the laboratory's page. Text is escaped, so that names from instruments and files stay text."""
+    sections = [section for section in (data.lead, *data.sections) if section]
+    widgets = [widget for section in sections for widget in section.widgets]
+    return _rendered("report.html.j2", data, widgets, ("report.css", "widgets.css"))
+
+
+def build_client_page(data: ClientData) -> str:
+    """Return the client's page, likewise."""
+    widgets = [widget for widget in (data.compared, data.tour, data.day) if widget is not None]
+    return _rendered("client.html.j2", data, widgets, ("report.css", "widgets.css", "client.css"))
+
+
+def _rendered(template: str, data: ReportData | ClientData, widgets: Sequence[Widget], styles: Sequence[str]) -> str:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+>>>>>>> 465e6ba (Two pages: index.html for a client, lab.html for the laboratory)
     environment.filters |= {"size": size_text, "place": _place, "short": _short}
     environment.globals["viewer_built"] = VIEWER.exists()
-    scripts = [_source(name) for name in _script_names(data) if name != VIEWER.name or VIEWER.exists()]
-    style = "\n".join(_source(name) for name in ("report.css", "widgets.css"))
-    return environment.get_template("report.html.j2").render(
-        data=data, style=style, scripts=scripts, policy=_policy(scripts)
-    )
+    names = dict.fromkeys(name for widget in widgets for name in widget.scripts)
+    scripts = [_source(name) for name in names if name != VIEWER.name or VIEWER.exists()]
+    style = "\n".join(_source(name) for name in styles)
+    return environment.get_template(template).render(data=data, style=style, scripts=scripts, policy=_policy(scripts))
 
 
+<<<<<<< HEAD
 def build_certificate(title: str, facts: Sequence[tuple[str, str]], data: Mapping[str, Any]) -> str:
     """Return the page of a certificate (`processing.figures.certificate`); ``facts``: label and text."""
     page = _environment().get_template("certificate.html.j2")
@@ -64,6 +94,11 @@ def _script_names(data: ReportData) -> list[str]:
     sections = [section for section in (data.lead, *data.sections) if section]
     wanted = [name for section in sections for widget in section.widgets for name in widget.scripts]
     return list(dict.fromkeys(wanted))
+=======
+def write_page(path: Path, page: str) -> None:
+    """Write a page durably."""
+    write_bytes(path, page.encode("utf-8"))
+>>>>>>> 465e6ba (Two pages: index.html for a client, lab.html for the laboratory)
 
 
 def _source(name: str) -> str:

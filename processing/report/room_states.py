@@ -114,7 +114,7 @@ def lead_section(states: tuple[State, ...], look: Look) -> Section | None:
         return None
     text = "Drag to compare two states of the room."
     if any(state.staged for state in states):
-        text += " Furniture in staged pictures is virtual; walls, floor, windows and daylight are the room's own."
+        text += " Furniture in staged pictures is virtual; what the room's own furniture hid is computed."
     return Section("Before and after", text, widgets=(comparison(states, look),))
 
 

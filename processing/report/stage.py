@@ -18,8 +18,9 @@ from processing.report.calibration_sections import (
     light_section,
     outdoor_section,
 )
+from processing.report.client import client_data
 from processing.report.data import FileLine, Quantity, ReportData, Section, StageLine, WarningLine
-from processing.report.page import write_page
+from processing.report.page import build_client_page, build_page, write_page
 from processing.report.room_states import display_in
 from processing.report.sections import TINTS, detect_section, floor_area_m2, remove_section, room_section
 from processing.report.staging import staging_sections
@@ -68,10 +69,13 @@ FILES = {
 
 
 def run(context: StageContext) -> StageOutput:
-    """Write index.html."""
+    """Write index.html for a client and lab.html for the laboratory."""
     data = report_data(context)
-    write_page(context.folder / "index.html", data)
-    return StageOutput(artifacts={"page": True}, metrics={"sections": len(data.sections)})
+    write_page(context.folder / "lab.html", build_page(data))
+    client = client_data(context, data)
+    write_page(context.folder / "index.html", build_client_page(client))
+    metrics = {"sections": len(data.sections), "stills": len(client.stills)}
+    return StageOutput(artifacts={"page": True, "lab": True}, metrics=metrics)
 
 
 def report_data(context: StageContext) -> ReportData:

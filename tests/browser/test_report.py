@@ -54,7 +54,7 @@ def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Opened]:
         found = Opened(tab.new_page(), folder)
         found.page.set_default_timeout(PATIENCE_MS)
         listen(found)
-        found.page.goto((given.folder / "index.html").as_uri(), timeout=PATIENCE_MS)
+        found.page.goto((given.folder / "lab.html").as_uri(), timeout=PATIENCE_MS)
         found.page.locator(".viewer").scroll_into_view_if_needed()
         found.page.wait_for_selector(".viewer.ready")
         yield found

@@ -185,7 +185,7 @@ def test_an_empty_report_is_a_page() -> None:
 
 
 def test_page_on_disk(tmp_path: Path) -> None:
-    write_page(tmp_path / "index.html", DATA)
+    write_page(tmp_path / "index.html", build_page(DATA))
     assert (tmp_path / "index.html").read_text("utf-8") == build_page(DATA)
 
 

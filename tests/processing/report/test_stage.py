@@ -51,7 +51,7 @@ def test_a_whole_session_has_all_its_parts(tmp_path: Path) -> None:
     assert {"Materials", "Light and glare", "Emptied room", "Room's shape"} <= set(titles)
     assert [line.name for line in data.stages][-2:] == ["render", "stills"]
     run(given)
-    assert (given.folder / "index.html").stat().st_size < 3_000_000
+    assert (given.folder / "lab.html").stat().st_size < 3_000_000
 
 
 def test_what_was_skipped_is_named_and_the_rest_stands(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_the_same_results_give_the_same_page(tmp_path: Path) -> None:
         folder.mkdir()
         given = context(folder, results(alternatives=1))
         run(given)
-        pages.append((given.folder / "index.html").read_bytes())
+        pages.append((given.folder / "lab.html").read_bytes())
     assert pages[0] == pages[1]
 
 
@@ -151,7 +151,7 @@ def test_without_an_arrangement_views_look_at_what_changed() -> None:
 def test_page_names_no_address_of_the_net(tmp_path: Path) -> None:
     given = context(tmp_path, results(alternatives=1))
     run(given)
-    page = (given.folder / "index.html").read_text("utf-8")
+    page = (given.folder / "lab.html").read_text("utf-8")
     markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     markup = re.sub(r"<style>.*?</style>|data:[a-z+/]*;base64,[A-Za-z0-9+/=]*", "", markup, flags=re.DOTALL)
     assert "http" not in markup.replace("http-equiv", "")

@@ -1,0 +1,86 @@
+"""The client's page: pictures with their originals, no sentence that the run does not warrant, nothing fetched."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from processing.report.client import DOUBTFUL, client_data
+from processing.report.page import build_client_page
+from processing.report.stage import report_data
+from processing.report.stills import run as frame
+from processing.stages.contract import StageContext
+from processing.stages.parameters import StillsParameters
+from tests.processing.report.made_up import Results, context, results, without
+
+MOST_BYTES = 8_000_000
+
+
+def with_stills(folder: Path, found: Results) -> StageContext:
+    """A session whose stills were framed, as the report meets it."""
+    first = context(folder, found)
+    stills = folder / "stages" / "stills"
+    stills.mkdir(parents=True)
+    made = frame(replace(first, folder=stills, parameters=StillsParameters())).artifacts
+    (stills / "stills.json").write_text(json.dumps(made["stills"]))
+    return context(folder, {**found, "stills": {"display": made["display"], "stills": made["stills"]}})
+
+
+@pytest.fixture(scope="module")
+def staged(tmp_path_factory: pytest.TempPathFactory) -> StageContext:
+    return with_stills(tmp_path_factory.mktemp("session"), results())
+
+
+def test_pictures_come_with_statement_original_and_full_size(staged: StageContext) -> None:
+    data = client_data(staged, report_data(staged))
+    assert len(data.stills) >= 4
+    for still in data.stills:
+        assert "virtual" in still.statement
+        for link in (still.original, still.file):
+            assert (staged.session_path / "stages" / "report" / link).resolve().is_file(), link
+    assert data.compared is not None
+    assert [shot.name for shot in data.compared.scenes[0].shots] == ["Original", "Staged 1"]
+    assert data.tour is not None
+    page = build_client_page(data)
+    assert len(page) < MOST_BYTES
+    outside = re.findall(r'(?:src|href)="(?!data:)([^"]+)"', page)
+    assert outside
+    assert all(link == "lab.html" or link.startswith("../") for link in outside)
+    assert "default-src 'none'" in html.unescape(page)
+    assert page.index("<img") < page.index("<script")
+    assert build_client_page(data) == page
+
+
+def test_a_doubtful_room_is_called_so_and_a_bare_one_claims_nothing(tmp_path: Path) -> None:
+    found = results(alternatives=1)
+    room = found["room"]["room"]
+    sure = client_data(*_both(with_stills(tmp_path / "sure", _with_room(found, room, DOUBTFUL + 0.3))))
+    doubtful = client_data(*_both(with_stills(tmp_path / "doubtful", _with_room(found, room, 0.07))))
+    assert not any("doubtful" in text for text in sure.notices)
+    assert any("doubtful (confidence 7 %)" in text.replace("%", " %").replace("  ", " ") for text in doubtful.notices)
+    bare = with_stills(tmp_path / "bare", without(found, "remove", "render", "arrange", "materials", "detect", "light"))
+    plain = client_data(*_both(bare))
+    assert plain.notices == ()
+    assert plain.compared is None
+    assert {still.original for still in plain.stills} == {""}
+    assert not any(still.statement for still in plain.stills)
+
+
+def test_without_any_still_the_page_stands(tmp_path: Path) -> None:
+    given = context(tmp_path, without(results(), "render", "arrange", "materials"))
+    page = build_client_page(client_data(*_both(given)))
+    assert "lab.html" in page
+
+
+def _both(given: StageContext) -> tuple[StageContext, object]:
+    return given, report_data(given)
+
+
+def _with_room(found: Results, room: object, confidence: float) -> Results:
+    changed = room.model_copy(update={"source": "estimated", "confidence": confidence})  # type: ignore[attr-defined]
+    return {**found, "room": {**found["room"], "room": changed}}
