@@ -385,23 +385,16 @@ class RenderParameters(StageParameters):
     seed: Seed = 0
 
 
-NoStagedLabel = Annotated[
-    bool,
-    Field(description="Staged pictures without the visible label (their metadata still say that they are staged)."),
-]
+_LABEL = "Staged pictures without the visible label (their metadata still say that they are staged)."
+NoStagedLabel = Annotated[bool, Field(description=_LABEL)]
+_ORIGINALS = "Where the unaltered originals will be on the web: a QR code in staged stills leads there."
 
 
 class StillsParameters(StageParameters):
     """What a user may say about stills."""
 
     no_staged_label: NoStagedLabel = False
-    original_url: Annotated[
-        str | None,
-        Field(
-            pattern=r"^https?://[!-~]{3,300}$",
-            description="Where the unaltered originals will be on the web: a QR code in staged stills leads there.",
-        ),
-    ] = None
+    original_url: Annotated[str | None, Field(pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)] = None
 
 
 class ReportParameters(StageParameters):
