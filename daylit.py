@@ -91,6 +91,7 @@ COMMANDS: dict[str, dict[str, Entry]] = {
         "dataset": Entry("processing.commands.dataset", "dataset", "Sessions as a data set: index, splits, Croissant."),
         "export": Entry("processing.commands.results", "export", "Write results for other programs: JPEG, HDR, glTF."),
         "stills": Entry("processing.commands.stills", "stills", "Framed pictures of a room, with their originals."),
+        "proof": Entry("processing.commands.stills", "proof", "Prove what was changed in pictures, with digests."),
         "batch": Entry("processing.commands.batch", "batch", "Process many sessions, here or on a cluster."),
         "clean": Entry("processing.commands.results", "clean", "Keep a session's results, drop the steps to them."),
         "view": Entry("processing.commands.results", "view", "Open a session's report."),

@@ -1,4 +1,4 @@
-"""``daylit stills``: framed pictures of a processed room, and where they are."""
+"""``daylit stills``: framed pictures of a processed room; ``daylit proof``: what was changed in them, with digests."""
 
 from __future__ import annotations
 
@@ -61,3 +61,37 @@ def stills(session: Path, into: Path | None, *, as_json: bool) -> int:
         if one["statement"]:
             click.echo(f"  {one['statement']}")
     return 0
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION's name + -proof.")
+@click.option("--check", "checked", is_flag=True, help="Check the pack, and SESSION's frames, instead of writing it.")
+@click.option("--digest", metavar="HEX", help="With --check: the digest that was printed when the pack was written.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def proof(session: Path, into: Path | None, *, checked: bool, digest: str | None, as_json: bool) -> int:
+    """Write the proof of SESSION's stills: originals and results, what was changed, digests chained to the frames.
+
+    Keep the digest that is printed: with it, --check finds any changed byte of pictures, frames and proof.
+
+    \b
+    Examples:
+      daylit proof sessions/2023-05-19T1554Z_coda-320
+      daylit proof sessions/2023-05-19T1554Z_coda-320 --check
+    """
+    from processing.exchange.proof import check_proof, write_proof
+
+    if digest is not None and not checked:
+        raise click.UsageError("--digest goes with --check")
+    folder = into or Path(f"{session.resolve().name}-proof")
+    if not checked:
+        path, own = write_proof(session.resolve(), folder)
+        click.echo(json.dumps({"ok": True, "file": str(path), "sha256": own}) if as_json else f"{path}\nsha256 {own}")
+        return 0
+    wrong = check_proof(folder, session=session.resolve(), digest=digest)
+    if as_json:
+        click.echo(json.dumps({"ok": not wrong, "problems": wrong}))
+    else:
+        for line in wrong or ["every byte is as it was"]:
+            click.echo(line)
+    return 1 if wrong else 0

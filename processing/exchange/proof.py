@@ -1,0 +1,132 @@
+"""Proof of what was done to pictures: originals and results, what was changed, and digests chained to the frames.
+
+``proof.json`` is canonical JSON that holds its own digest: a changed byte in it, in a picture or in a frame is found.
+Who could have written the whole anew is not excluded: its digest is to be kept elsewhere, or signed by other means.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from processing.errors import ParameterError
+from processing.pictures.writing import write_bytes
+from station.session import strict_json
+from station.session.store import load_manifest
+
+NAME = "proof.json"
+STATEMENT = (
+    "Pictures of kind 'result' were altered by computer as listed under 'changes'; those of kind 'original' are the "
+    "photograph in the same frame, altered in nothing but white balance, exposure and tone."
+)
+
+
+def write_proof(session: Path, into: Path) -> tuple[Path, str]:
+    """Write the pack of a processed session into a folder; return proof.json and its digest (hex SHA-256).
+
+    Raises `ParameterError` where the session has no stills.
+    """
+    folder = session / "stages" / "stills"
+    if not (folder / "stills.json").is_file():
+        raise ParameterError("there are no stills to prove", where=str(session), advice=f"daylit process {session}")
+    stills = strict_json.loads((folder / "stills.json").read_bytes())["stills"]
+    manifest = load_manifest(session)
+    frames = [{"file": frame.file, "sha256": frame.sha256} for frame in manifest.frames]
+    into.mkdir(parents=True, exist_ok=True)
+    pictures = []
+    for one in stills:
+        for kind, name in (("result", one["file"]), ("original", one["original"])):
+            shutil.copyfile(folder / name, into / name)
+            facts = {"file": name, "kind": kind, "state": one["state"], "sha256": _digest(folder / name)}
+            pictures.append(facts | ({"statement": one["statement"]} if kind == "result" else {}))
+    body: dict[str, Any] = {
+        "schema_version": 1,
+        "made_with": f"daylit {version('daylit')}",
+        "session_id": manifest.session_id,
+        "name": manifest.name,
+        "statement": STATEMENT,
+        "frames": frames,
+        "chain": _chain([one["sha256"] for one in frames], [one["sha256"] for one in pictures]),
+        "pictures": pictures,
+        "changes": _changes(session / "stages"),
+    }
+    body["sha256"] = hashlib.sha256(_canonical(body)).hexdigest()
+    write_bytes(into / NAME, _canonical(body))
+    return into / NAME, _digest(into / NAME)
+
+
+def check_proof(folder: Path, *, session: Path | None = None, digest: str | None = None) -> list[str]:
+    """Return what is wrong with a pack: changed or missing bytes by file; nothing where all is as it was written.
+
+    ``session``: its frames are read and compared, too. ``digest``: of proof.json, as it was kept elsewhere.
+    """
+    path = folder / NAME
+    if not path.is_file():
+        return [f"{NAME}: missing"]
+    raw = path.read_bytes()
+    try:
+        body = strict_json.loads(raw)
+        own = body.pop("sha256")
+        intact = _canonical(body | {"sha256": own}) == raw and hashlib.sha256(_canonical(body)).hexdigest() == own
+        pictures = [(one["file"], one["sha256"]) for one in body["pictures"]]
+        frames = [(one["file"], one["sha256"]) for one in body["frames"]]
+    except (strict_json.StrictJsonError, KeyError, TypeError, AttributeError, ValueError):
+        return [f"{NAME}: changed"]
+    found = [] if intact and digest in (None, hashlib.sha256(raw).hexdigest()) else [f"{NAME}: changed"]
+    if body["chain"] != _chain([sha for _, sha in frames], [sha for _, sha in pictures]):
+        found.append("chain: does not lead from these frames to these pictures")
+    beside = [(folder, *one) for one in pictures] + ([] if session is None else [(session, *one) for one in frames])
+    for place, name, sha in beside:
+        if not (place / name).is_file():
+            found.append(f"{name}: missing")
+        elif _digest(place / name) != sha:
+            found.append(f"{name}: changed")
+    return found
+
+
+def _chain(frames: list[str], pictures: list[str]) -> str:
+    """Return the digest over the frames' digests in order, then the pictures'."""
+    link = ""
+    for sha in (*frames, *pictures):
+        link = hashlib.sha256(f"{link}{sha}".encode()).hexdigest()
+    return link
+
+
+def _changes(stages: Path) -> dict[str, Any]:
+    """Return what was added, what was removed, and by how much the room's light was changed."""
+    arranged = _json(stages / "arrange" / "arrangement.json").get("arrangements", [])
+    rendered = _json(stages / "render" / "staged.json").get("alternatives", [])
+    detected = _json(stages / "detect" / "result.json").get("summary", {}).get("metrics", {})
+    removed = _json(stages / "remove" / "result.json").get("summary", {}).get("metrics", {})
+    added = {
+        f"staged-{number}": [
+            {name: item[name] for name in ("id", "category", "size_m", "t_m")} for item in one["items"]
+        ]
+        for number, one in enumerate(arranged[: len(rendered)], 1)
+    }
+    relit = {
+        f"staged-{number}": {name: one[name] for name in ("changed_share", "error", "method") if name in one}
+        for number, one in enumerate(rendered, 1)
+    }
+    if "lifted_median_pct" in removed:
+        relit["emptied"] = {"median_brighter_pct": removed["lifted_median_pct"]}
+    kept = {name: removed[name] for name in ("filled_share", "synthesised_share") if name in removed}
+    return {"added": added, "removed": {"shares_of_directions": detected.get("shares", {}), **kept}, "relit": relit}
+
+
+def _json(path: Path) -> Mapping[str, Any]:
+    found = strict_json.loads(path.read_bytes()) if path.is_file() else {}
+    return found if isinstance(found, dict) else {}
+
+
+def _canonical(body: Mapping[str, Any]) -> bytes:
+    return json.dumps(body, ensure_ascii=True, allow_nan=False, sort_keys=True, indent=1).encode() + b"\n"
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
