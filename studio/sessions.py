@@ -253,10 +253,10 @@ def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int, width_px: int) -
     import cv2
 
     from processing.pictures.exr import read_exr
-    from processing.report.states import Look, shown
+    from processing.report.states import shown
 
     image = read_exr(path)
-    look = Look.of(image if path == look_path else read_exr(look_path))  # type: ignore[arg-type]
+    look = _look(look_path.parents[2], image if path == look_path else read_exr(look_path))
     height, width = image.rgb.shape[:2]
     wide = min(width_px, width)
     rgb: Any = cv2.resize(image.rgb, (wide, wide * height // width), interpolation=cv2.INTER_AREA)
@@ -268,7 +268,7 @@ def _jpeg(path: Path, _at: int, look_path: Path, _look_at: int, width_px: int) -
 def viewer_json(session: Path, state: str) -> str:
     """Return what the viewer with exposure and probe shows of a state, as the report's page holds it."""
     from processing.pictures.exr import read_exr
-    from processing.report.states import Look, State, viewer
+    from processing.report.states import State, viewer
 
     path = _picture(session, state)
     photograph = _picture(session, "Photograph")
@@ -278,7 +278,16 @@ def viewer_json(session: Path, state: str) -> str:
     image = first if path == photograph else read_exr(path)
     name = path.relative_to(session).as_posix()
     staged = state.startswith("Staged")
-    return viewer([State(state, image, staged, name)], Look.of(first)).json  # type: ignore[arg-type]
+    return viewer([State(state, image, staged, name)], _look(session, first)).json  # type: ignore[arg-type]
+
+
+def _look(session: Path, image: Any) -> Any:
+    """Return how a session's pictures are shown: in its own display."""
+    from processing.exchange.showing import panes_of, session_shown
+    from processing.report.states import Look
+
+    found = session_shown(session)
+    return Look(found.display, panes_of(found.room, image.geometry))
 
 
 def frame_jpeg(session: Path, file: str, width_px: int) -> bytes:

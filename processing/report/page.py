@@ -9,11 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
-<<<<<<< HEAD
 from collections.abc import Mapping, Sequence
-=======
-from collections.abc import Sequence
->>>>>>> 465e6ba (Two pages: index.html for a client, lab.html for the laboratory)
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,10 +26,6 @@ VIEWER = Path(__file__).parent / "static" / "viewer.js"
 
 
 def build_page(data: ReportData) -> str:
-<<<<<<< HEAD
-    """Return the whole page. Text is escaped, so that names from instruments and files stay text."""
-    environment = _environment()
-=======
     """Return the laboratory's page. Text is escaped, so that names from instruments and files stay text."""
     sections = [section for section in (data.lead, *data.sections) if section]
     widgets = [widget for section in sections for widget in section.widgets]
@@ -47,16 +39,7 @@ def build_client_page(data: ClientData) -> str:
 
 
 def _rendered(template: str, data: ReportData | ClientData, widgets: Sequence[Widget], styles: Sequence[str]) -> str:
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
->>>>>>> 465e6ba (Two pages: index.html for a client, lab.html for the laboratory)
+    environment = _environment()
     environment.filters |= {"size": size_text, "place": _place, "short": _short}
     environment.globals["viewer_built"] = VIEWER.exists()
     names = dict.fromkeys(name for widget in widgets for name in widget.scripts)
@@ -65,7 +48,6 @@ def _rendered(template: str, data: ReportData | ClientData, widgets: Sequence[Wi
     return environment.get_template(template).render(data=data, style=style, scripts=scripts, policy=_policy(scripts))
 
 
-<<<<<<< HEAD
 def build_certificate(title: str, facts: Sequence[tuple[str, str]], data: Mapping[str, Any]) -> str:
     """Return the page of a certificate (`processing.figures.certificate`); ``facts``: label and text."""
     page = _environment().get_template("certificate.html.j2")
@@ -84,21 +66,9 @@ def _environment() -> Environment:
     )
 
 
-def write_page(path: Path, data: ReportData) -> None:
-    """Write the page durably."""
-    write_bytes(path, build_page(data).encode("utf-8"))
-
-
-def _script_names(data: ReportData) -> list[str]:
-    """Return the scripts that the page's widgets need, each once, in order."""
-    sections = [section for section in (data.lead, *data.sections) if section]
-    wanted = [name for section in sections for widget in section.widgets for name in widget.scripts]
-    return list(dict.fromkeys(wanted))
-=======
 def write_page(path: Path, page: str) -> None:
     """Write a page durably."""
     write_bytes(path, page.encode("utf-8"))
->>>>>>> 465e6ba (Two pages: index.html for a client, lab.html for the laboratory)
 
 
 def _source(name: str) -> str:

@@ -367,11 +367,7 @@ class RenderParameters(StageParameters):
     ] = "differential"
     furniture: FurnitureFolder = None
     style: Annotated[
-        str | None,
-        Field(
-            description="Style of the built-in furniture: scandinavian, mid-century, classic, industrial; without it "
-            "another for each alternative."
-        ),
+        str | None, Field(description="Built-in: scandinavian, mid-century, classic, industrial; else each in turn.")
     ] = None
     styling: Annotated[
         Literal["none", "light", "full"],
@@ -386,18 +382,16 @@ class RenderParameters(StageParameters):
 
 
 _LABEL = "Staged pictures without the visible label (their metadata still say that they are staged)."
-NoStagedLabel = Annotated[bool, Field(description=_LABEL)]
 _ORIGINALS = "Where the unaltered originals will be on the web: a QR code in staged stills leads there."
-
-
-class StillsParameters(StageParameters):
-    """What a user may say about stills."""
-
-    no_staged_label: NoStagedLabel = False
-    original_url: Annotated[str | None, Field(pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)] = None
 
 
 class ReportParameters(StageParameters):
     """What a user may say about the page."""
 
-    no_staged_label: NoStagedLabel = False
+    no_staged_label: Annotated[bool, Field(description=_LABEL)] = False
+
+
+class StillsParameters(ReportParameters):
+    """What a user may say about stills."""
+
+    original_url: Annotated[str | None, Field(pattern=r"^https?://[!-~]{3,300}$", description=_ORIGINALS)] = None

@@ -12,7 +12,6 @@ interface State extends Maps {
 
 interface ViewerData {
   middle: number;
-  white: number;
   range: Size;
   unit: string;
   yaw_deg: number;
@@ -76,7 +75,7 @@ export async function setUpPanorama(box: HTMLElement, wheel = false): Promise<Pa
     await read();
   };
   const expose = (): void => {
-    view.expose(data.middle * 2 ** stops, data.white);
+    view.expose(data.middle * 2 ** stops);
     box.dataset.shown = `${current} ${coloured ? "colours" : stops}`;
   };
   const read = async (): Promise<void> => {
