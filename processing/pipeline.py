@@ -150,7 +150,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=7,
+        version=8,
         title="detect furniture and sunlight",
         function="processing.stages.detect:run",
         data=NETWORK,
@@ -182,7 +182,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="remove",
-        version=6,
+        version=7,
         title="remove furniture",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect", "light"),

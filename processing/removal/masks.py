@@ -17,7 +17,7 @@ from processing.ground.seam import components, grown, resized, row_solid_angles,
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
-from processing.removal.furniture import FurnitureFound, find_furniture, islands_in, with_things
+from processing.removal.furniture import TOUCH_RAD, FurnitureFound, find_furniture, islands_in, with_things
 from processing.removal.shadows import ShadowFound, find_shadows
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
@@ -138,8 +138,7 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks)
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
-    if known.two_networks:
-        furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), fixtures)
+    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), fixtures)
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
@@ -169,13 +168,14 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
 def _with_things(
     found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, fixtures: Flags
 ) -> FurnitureFound:
-    """Return furniture with what stands on it; curtains belong to their windows."""
+    """Return furniture with what stands on it; curtains belong to their windows, pictures to their walls."""
     count, labels = components(fixtures)
-    hangs = np.zeros(count + 1, bool)
-    beside = grown(openings, CURTAIN_RAD)
-    hangs[np.unique(labels[beside])] = True
-    hangs[0] = False
-    barred = beside | hangs[labels] | (maps.plane == CEILING)
+    stays, beside = np.ones(count + 1, bool), grown(openings, CURTAIN_RAD)
+    # What hangs on a wall stays, unless it touches furniture itself (a framed photograph on a chest).
+    stays[np.unique(labels[grown(found.mask, TOUCH_RAD)])] = False
+    stays[np.unique(labels[beside])] = True
+    stays[0] = False
+    barred = beside | stays[labels] | (maps.plane == CEILING)
     mask = with_things(found.mask, shown, maps.plane == FLOOR, barred)
     added = mask & ~found.mask
     return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))

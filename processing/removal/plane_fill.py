@@ -96,8 +96,11 @@ def fill_plane(
             continue
         rest &= ~region
         if inside.any():
-            filled = fill_plain(values, known & region, inside, level_rows=True, most_rough=PATTERN)
-            values, confidence[inside] = filled.values, 0.7 * filled.confidence[inside]
+            # Leaves, panes and curtains run upright: each column goes on.
+            flipped = np.ascontiguousarray(values.swapaxes(0, 1))
+            filled = fill_plain(flipped, (known & region).T, inside.T, level_rows=True, most_rough=PATTERN)
+            values = np.ascontiguousarray(filled.values.swapaxes(0, 1))
+            confidence[inside] = 0.7 * filled.confidence.T[inside]
     inside = hole & rest
     continued, how = np.ones_like(hole), "openings only"
     if inside.any() and (sources & rest).sum() < LEAST_TEXELS:

@@ -73,10 +73,14 @@ RING_RAD = (math.radians(26), math.radians(49))
 """Where the floor's colours are learned."""
 OUTLIER = 12.0
 """Squared distance from the floor's colours (in standard deviations) that is as likely tripod as floor."""
+RIM_PX = 12
+"""Of a nadir picture, 3.7 degrees: around what is at the nadir, where feet of a tripod may show (chosen)."""
 LEG_PX = 15
 """Of a nadir picture, 4.7 degrees: what is narrower may be a leg."""
 DARKER = (2.5, 5.0)
 """How many times darker than beside it a leg may be, and surely is: gaps of a floor's boards are less, or fainter."""
+PALER = 1.8
+"""How many times brighter than beside it a foot's cap is: a floor's boards differ less (chosen)."""
 LEAST_DISC_RAD = math.radians(4)
 FLAT = 0.25
 """Of the detail in the ring: a disc with less has been painted over."""
@@ -127,7 +131,10 @@ def _at_nadir(probabilities: Floats, rgb8: Bytes, floor: Flags, disc_rad: float)
     kept = np.isin(labels, touching) & (labels > 0)
     if not kept.any() or float(prior[kept].mean()) < 0.5:
         return np.zeros(floor.shape, bool), False
-    whole = cv2.morphologyEx(kept.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    # Feet that show beyond a painted disc or a plate are seen alone: strange colours and pale spots at its rim.
+    rim = cv2.dilate(kept.astype(np.uint8), np.ones((2 * RIM_PX + 1,) * 2, np.uint8)).astype(bool)
+    feet = rim & ((strange > 0.5) | pale_spots(picture)) & (furniture < 0.5)
+    whole = cv2.morphologyEx((kept | feet).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     return onto_panorama(whole.astype(np.float32), (floor.shape[0], floor.shape[1])) > 0.5, True
 
 
@@ -145,6 +152,14 @@ def thin_and_dark(rgb8: Bytes) -> Floats:
     darker = cv2.morphologyEx(light, cv2.MORPH_BLACKHAT, brush)
     low, high = np.log(DARKER)
     return np.asarray(np.clip((darker - low) / (high - low), 0, 1), np.float32)
+
+
+def pale_spots(rgb8: Bytes) -> Flags:
+    """Return what is narrower than `LEG_PX` and `PALER` times as bright as what is beside it, (H, W), and its edge."""
+    light = np.log((cv2.cvtColor(rgb8, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255) ** 2.2 + 1e-3)
+    brush = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (LEG_PX, LEG_PX))
+    paler = (cv2.morphologyEx(light, cv2.MORPH_TOPHAT, brush) > math.log(PALER)).astype(np.uint8)
+    return np.asarray(cv2.dilate(paler, np.ones((3, 3), np.uint8)), bool)
 
 
 def painted_disc(rgb8: Bytes) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from processing.layout.assumed import Choice, broken_rules, fitting_choice, name
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import parse_pins
 from processing.layout.hung import hung_things
-from processing.layout.items import KINDS, Item, parse_items, set_list
+from processing.layout.items import KINDS, Item, number_items, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import FloorPlan, Hung, from_room_model
 from processing.layout.rules import built_in_rules
@@ -61,6 +62,7 @@ def run(context: StageContext) -> StageOutput:
     items = _items(asked, choice)
     try:
         found = arrange(plan, items, asked.rules, n=asked.alternatives, seed=asked.seed, pins=parse_pins(asked.pin))
+        found = found if asked.items is not None or asked.pin else _with_bed(found, plan, items, asked)
     except (NoDoorError, RoomTooSmallError) as error:
         return _nothing(error, choice)
     context.progress(0.8, "drawing")
@@ -73,7 +75,11 @@ def run(context: StageContext) -> StageOutput:
 def _hung(context: StageContext) -> tuple[Hung, ...]:
     """Return what hangs on the walls, where the room stage's networks saw it."""
     kept = context.optional_artifact("room", "evidence")
-    return () if kept is None else hung_things(known_room(context), read_evidence(kept).share(SceneClass.FIXTURE))
+    if kept is None:
+        return ()
+    # Doors that only the pixels show are no openings of the room: nothing is put before them all the same.
+    seen = read_evidence(kept).share(SceneClass.FIXTURE, SceneClass.DOOR)
+    return hung_things(known_room(context), seen)
 
 
 def _choice(asked: ArrangeParameters, session_name: str, plan: FloorPlan) -> Choice:
@@ -88,6 +94,27 @@ def _items(asked: ArrangeParameters, choice: Choice) -> list[Item]:
     """Return the items; with a folder of furniture, in the sizes of its models (kinds that it lacks are built in)."""
     kinds = KINDS if asked.furniture is None else {**KINDS, **Catalogue.at(asked.furniture).kinds(asked.seed)}
     return parse_items(asked.items if asked.items is not None else set_list(choice.name), kinds)
+
+
+SMALLER_BEDS = (("single bed", ""), ("bed", "tight"), ("single bed", "tight"))
+"""What is tried, in this order, before a bedroom is left without a bed: a smaller one, then tighter rules (chosen)."""
+
+
+def _with_bed(found: Arrangements, plan: FloorPlan, items: Sequence[Item], asked: ArrangeParameters) -> Arrangements:
+    """Return the arrangements, or others with a smaller bed or by tighter rules, where a set's bed has no place."""
+    if _beds(found) or not any(item.spec.category == "bed" for item in items):
+        return found
+    for bed, rules in SMALLER_BEDS:
+        specs = [KINDS[bed] if item.spec.category == "bed" else item.spec for item in items]
+        other = arrange(plan, number_items(specs), rules or asked.rules, n=asked.alternatives, seed=asked.seed)
+        if _beds(other):
+            said = f"the bed has no place: {bed} instead" + (f", by the rules '{rules}'" if rules else "")
+            return other.model_copy(update={"notes": (said, *other.notes)})
+    return found
+
+
+def _beds(found: Arrangements) -> bool:
+    return any("bed" in item.category for one in found.arrangements[:1] for item in one.items)
 
 
 def _nothing(error: LayoutError, choice: Choice) -> StageOutput:

@@ -56,3 +56,23 @@ def test_gaps_of_boards_are_no_legs() -> None:
 def test_black_and_white_floors_have_no_legs() -> None:
     for code in (0, 255):
         assert not thin_and_dark(np.full((SIZE_PX, SIZE_PX, 3), code, np.uint8)).any()
+
+
+def test_feet_beyond_a_painted_disc_go_with_it() -> None:
+    """The nadir is painted over; three pale feet show at its rim, and the same spot farther out is the floor's own."""
+    picture = nadir(False)
+    rng = np.random.default_rng(3)
+    picture = np.clip(picture + rng.normal(0, 6, picture.shape), 0, 255).astype(np.uint8)
+    middle = SIZE_PX // 2
+    cv2.circle(picture, (middle, middle), 40, (120, 110, 100), -1)
+    feet, far = np.zeros((SIZE_PX, SIZE_PX), np.float32), np.zeros((SIZE_PX, SIZE_PX), np.float32)
+    for x, y in ((0, -44), (-38, 22), (38, 22)):
+        cv2.circle(picture, (middle + x, middle + y), 4, (230, 230, 235), -1)
+        cv2.circle(feet, (middle + x, middle + y), 3, 1.0, -1)
+    cv2.circle(picture, (middle + 70, middle), 4, (230, 230, 235), -1)
+    cv2.circle(far, (middle + 70, middle), 3, 1.0, -1)
+    mask, at_nadir = found(picture)
+    assert at_nadir
+    shape = (HEIGHT, 2 * HEIGHT)
+    assert mask[onto_panorama(feet, shape) > 0.5].mean() > 0.9
+    assert not mask[onto_panorama(far, shape) > 0.5].any()

@@ -203,6 +203,26 @@ def test_a_room_too_small_is_no_failure_of_the_session(tmp_path: Path) -> None:
         arrange.run(context(tmp_path, ArrangeParameters(items="throne"), found))
 
 
+@pytest.mark.parametrize(
+    ("sides_m", "bed", "rules"), [((2.5, 3.2), "single bed", ""), ((2.6, 2.8), "single bed", "tight")]
+)
+def test_a_bedroom_gets_a_bed_before_it_is_left_without(tmp_path: Path, sides_m, bed: str, rules: str) -> None:
+    """The double has no place by the usual rules: a smaller one, or tighter rules, and the page says so."""
+    x, y = sides_m[0] / 2, sides_m[1] / 2
+    door = Opening(kind=OpeningKind.DOOR, wall=0, start_m=0.2, end_m=1.0, sill_m=0.0, head_m=2.0)
+    window = Opening(kind=OpeningKind.WINDOW, wall=2, start_m=0.4, end_m=1.6, sill_m=0.5, head_m=2.0)
+    corners = ((-x, -y), (x, -y), (x, y), (-x, y))
+    room = ROOM.model_copy(update={"floor": corners, "openings": (door, window)})
+    made = arrange.run(context(tmp_path, ArrangeParameters(set="bedroom", alternatives=1), {("room", "room"): room}))
+    placed = [item.category for item in made.artifacts["arrangement"].arrangements[0].items]
+    assert bed in placed
+    said = f"the bed has no place: {bed} instead" + (f", by the rules '{rules}'" if rules else "")
+    assert said in [one.message for one in made.warnings]
+    asked = ArrangeParameters(items="bed, wardrobe", alternatives=1)
+    told = arrange.run(context(tmp_path, asked, {("room", "room"): room}))
+    assert not any("instead" in one.message for one in told.warnings), "a list of yours is taken as it is"
+
+
 def test_what_is_no_arrangement_is_refused(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     artifact = next(a for a in stage_named("arrange").makes if a.name == "arrangement")
     assert save(artifact, known["arrange", "arrangement"], tmp_path) == known["arrange", "arrangement"]
