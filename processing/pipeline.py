@@ -210,7 +210,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="arrange",
-        version=5,
+        version=6,
         title="arrange furniture",
         function="processing.stages.arrange:run",
         needs=("room",),
