@@ -41,6 +41,12 @@ class DaylitError(Exception):
     exit_code: ClassVar[int] = 70
     retryable: ClassVar[bool] = False
 
+    def __init_subclass__(cls, **facts: str | int | bool) -> None:
+        """Take ``code``, ``exit_code`` and ``retryable`` from the line that names the class."""
+        super().__init_subclass__()
+        for name, value in facts.items():
+            setattr(cls, name, value)
+
     def __init__(self, message: str, *, where: str = "", likely: str = "", advice: str = "", **details: Any) -> None:
         super().__init__(message)
         self.message = message
@@ -71,100 +77,65 @@ class DaylitError(Exception):
         }
 
 
-class DeviceError(DaylitError):
+class DeviceError(DaylitError, code="DEV-000", exit_code=3):
     """Something is wrong with an instrument or with the link to it."""
 
-    code = "DEV-000"
-    exit_code = 3
 
-
-class DeviceNotFoundError(DeviceError):
+class DeviceNotFoundError(DeviceError, code="DEV-001"):
     """The instrument is not there: not plugged in, switched off, or another model."""
 
-    code = "DEV-001"
 
-
-class DeviceClaimedError(DeviceError):
+class DeviceClaimedError(DeviceError, code="DEV-002"):
     """Another program holds the instrument; ``details['holder']`` names it where the system says."""
 
-    code = "DEV-002"
 
-
-class DevicePermissionError(DeviceError):
+class DevicePermissionError(DeviceError, code="DEV-003"):
     """The operating system refuses access (udev rule or group membership missing)."""
 
-    code = "DEV-003"
 
-
-class DeviceLostError(DeviceError):
+class DeviceLostError(DeviceError, code="DEV-004"):
     """The instrument was there and is gone; the link must be opened anew."""
 
-    code = "DEV-004"
 
-
-class DeviceTimeoutError(DeviceError):
+class DeviceTimeoutError(DeviceError, code="DEV-005", retryable=True):
     """No answer within the limit of the call."""
 
-    code = "DEV-005"
-    retryable = True
 
-
-class DeviceBusyError(DeviceError):
+class DeviceBusyError(DeviceError, code="DEV-006", retryable=True):
     """The instrument answered "busy" until the limit of the call."""
 
-    code = "DEV-006"
-    retryable = True
 
-
-class LinkStallError(DeviceError):
+class LinkStallError(DeviceError, code="DEV-007", retryable=True):
     """An endpoint is halted; the session layer clears it and retries once."""
 
-    code = "DEV-007"
-    retryable = True
 
-
-class ProtocolViolationError(DeviceError):
+class ProtocolViolationError(DeviceError, code="DEV-008"):
     """An answer that the protocol does not allow (``details``: expected, got)."""
 
-    code = "DEV-008"
 
-
-class OperationRefusedError(DeviceError):
+class OperationRefusedError(DeviceError, code="DEV-009"):
     """A well-formed refusal; ``response_code`` is the instrument's own code."""
-
-    code = "DEV-009"
 
     def __init__(self, message: str, *, response_code: int, **kwargs: Any) -> None:
         super().__init__(message, response_code=response_code, **kwargs)
         self.response_code = response_code
 
 
-class SettingRefusedError(DeviceError):
+class SettingRefusedError(DeviceError, code="DEV-010"):
     """A setting cannot be made, or reads back as something else (``details``: asked, got)."""
 
-    code = "DEV-010"
 
-
-class StoreFullError(DeviceError):
+class StoreFullError(DeviceError, code="DEV-011"):
     """The instrument's own store is full, write-protected or missing."""
 
-    code = "DEV-011"
 
-
-class BatteryLowError(DeviceError):
+class BatteryLowError(DeviceError, code="DEV-012"):
     """Too little charge to finish a bracket."""
 
-    code = "DEV-012"
 
-
-class ExposureFailedError(DeviceError):
+class ExposureFailedError(DeviceError, code="DEV-013", retryable=True):
     """The shutter was asked to open and no picture came."""
 
-    code = "DEV-013"
-    retryable = True
 
-
-class UnsupportedError(DeviceError):
+class UnsupportedError(DeviceError, code="DEV-014"):
     """The instrument cannot do what was asked."""
-
-    code = "DEV-014"

@@ -10,110 +10,72 @@ from pathlib import Path
 from drivers.errors import DaylitError
 
 
-class UsageError(DaylitError):
+class UsageError(DaylitError, code="USE-001", exit_code=2):
     """A command or a rig file that cannot be right."""
 
-    code = "USE-001"
-    exit_code = 2
 
-
-class RigError(UsageError):
+class RigError(UsageError, code="USE-002"):
     """A rig file that does not say what is needed; names the file and the key."""
 
-    code = "USE-002"
 
-
-class ConditionsError(UsageError):
+class ConditionsError(UsageError, code="USE-003"):
     """A list of conditions that does not say what is needed; names file, line and column."""
 
-    code = "USE-003"
 
-
-class SessionError(DaylitError):
+class SessionError(DaylitError, code="SES-000", exit_code=4):
     """A session folder that is not what it should be."""
 
-    code = "SES-000"
-    exit_code = 4
 
-
-class SessionNotFoundError(SessionError):
+class SessionNotFoundError(SessionError, code="SES-001"):
     """No session at that path."""
 
-    code = "SES-001"
 
-
-class SessionLockedError(SessionError):
+class SessionLockedError(SessionError, code="SES-002", retryable=True):
     """Another process works on the session (``details``: who)."""
 
-    code = "SES-002"
-    retryable = True
 
-
-class SessionExistsError(SessionError):
+class SessionExistsError(SessionError, code="SES-003"):
     """The folder is already there and would be overwritten."""
 
-    code = "SES-003"
 
-
-class ManifestError(SessionError):
+class ManifestError(SessionError, code="SES-004"):
     """session.json cannot be read: not JSON, too large, or not of the schema."""
 
-    code = "SES-004"
 
-
-class SchemaTooNewError(SessionError):
+class SchemaTooNewError(SessionError, code="SES-005"):
     """session.json was written by a newer daylit."""
 
-    code = "SES-005"
 
-
-class JournalError(SessionError):
+class JournalError(SessionError, code="SES-006"):
     """journal.jsonl is damaged before its last line."""
 
-    code = "SES-006"
 
-
-class IntegrityError(SessionError):
+class IntegrityError(SessionError, code="SES-007"):
     """Files that are missing, changed, or more than the manifest says (``details``: files)."""
 
-    code = "SES-007"
 
-
-class FrameRejectedError(SessionError):
+class FrameRejectedError(SessionError, code="SES-008"):
     """A frame that cannot be what was asked; the message names the reason and the file."""
 
-    code = "SES-008"
 
-
-class IncompleteBracketError(SessionError):
+class IncompleteBracketError(SessionError, code="SES-009"):
     """A session that lacks frames or readings (``details``: missing)."""
 
-    code = "SES-009"
 
-
-class AmbiguousImportError(SessionError):
+class AmbiguousImportError(SessionError, code="SES-010"):
     """Files that could belong to more than one session, or to none (``details``: paths)."""
 
-    code = "SES-010"
 
-
-class ResourceError(DaylitError):
+class ResourceError(DaylitError, code="RES-000", exit_code=6):
     """The computer cannot go on."""
 
-    code = "RES-000"
-    exit_code = 6
 
-
-class DiskFullError(ResourceError):
+class DiskFullError(ResourceError, code="RES-001"):
     """No space left for the session."""
 
-    code = "RES-001"
 
-
-class DiskError(ResourceError):
+class DiskError(ResourceError, code="RES-002"):
     """The disk refused to write or to sync; what was being written does not count."""
-
-    code = "RES-002"
 
 
 def software_versions() -> dict[str, str]:

@@ -117,13 +117,9 @@ def camera_time_utc(seconds: int, now_utc: datetime) -> datetime:
 
 def release_problem(result: int) -> str | None:
     """Return what the first parameter of a RemoteRelease answer complains of, or None where it does not."""
-    if result == RELEASE_OK:
-        return None
-    if result in RELEASE_RESULTS:
-        return RELEASE_RESULTS[result]
     if result & _RELEASE_ERROR_MASK == _RELEASE_ERROR:
         return f"release error {result:#x}"
-    return None
+    return RELEASE_RESULTS.get(result)
 
 
 WHERE = "EOS 5D Mark II"
@@ -160,8 +156,6 @@ def _format_words(raw: bytes) -> str:
         return f"bytes {raw[:40].hex()}"
 
 
-iso_words = number_words(iso_text)
-aperture_words = number_words(aperture_text)
 ae_mode_words = _table_words(AE_MODES)
 
 
@@ -179,21 +173,16 @@ def fixed_settings(
         raise refused("aperture", f"f/{settings.f_number:g}", "not among the camera's apertures")
     kelvin = encode_number(settings.color_temperature_k)
     image_format = encode_image_format(_image_format(settings, remote, sizes_px))
+    white_balance, destination = encode_number(WB_COLOR_TEMPERATURE), _destination(remote, to_card=to_card)
+    kelvin_words = number_words(lambda k: f"{k} K")
     return (
         CanonSetting("drive mode", CanonProp.DRIVE_MODE, encode_number(DRIVE_SINGLE), _table_words(DRIVE_MODES)),
         CanonSetting("image format", CanonProp.IMAGE_FORMAT, image_format, _format_words),
-        CanonSetting(
-            "white balance", CanonProp.WHITE_BALANCE, encode_number(WB_COLOR_TEMPERATURE), _table_words(WHITE_BALANCES)
-        ),
-        CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, number_words(lambda k: f"{k} K")),
-        CanonSetting("ISO", CanonProp.ISO_SPEED, encode_number(iso), iso_words),
-        CanonSetting("aperture", CanonProp.APERTURE, encode_number(aperture), aperture_words),
-        CanonSetting(
-            "destination",
-            CanonProp.CAPTURE_DESTINATION,
-            _destination(remote, to_card=to_card),
-            _table_words(DESTINATIONS),
-        ),
+        CanonSetting("white balance", CanonProp.WHITE_BALANCE, white_balance, _table_words(WHITE_BALANCES)),
+        CanonSetting("colour temperature", CanonProp.COLOR_TEMPERATURE, kelvin, kelvin_words),
+        CanonSetting("ISO", CanonProp.ISO_SPEED, encode_number(iso), number_words(iso_text)),
+        CanonSetting("aperture", CanonProp.APERTURE, encode_number(aperture), number_words(aperture_text)),
+        CanonSetting("destination", CanonProp.CAPTURE_DESTINATION, destination, _table_words(DESTINATIONS)),
     )
 
 

@@ -104,31 +104,20 @@ SETTING_ATTEMPTS = 2
 """Settings sometimes do not take (seen by others on the real camera): write, compare, write once more."""
 TOP_BOTTOM_DISAPPLY = 4  # Ricoh's USB API
 
-PROPERTY_TYPES: Mapping[int, DataType] = {
-    Prop.BATTERY_LEVEL: DataType.UINT8,
-    Prop.FUNCTIONAL_MODE: DataType.UINT16,
-    Prop.IMAGE_SIZE: DataType.STRING,
-    Prop.WHITE_BALANCE: DataType.UINT16,
-    Prop.F_NUMBER: DataType.UINT16,
-    Prop.EXPOSURE_PROGRAM_MODE: DataType.UINT16,
-    Prop.EXPOSURE_INDEX: DataType.UINT16,
-    Prop.DATE_TIME: DataType.STRING,
-    Prop.CAPTURE_DELAY: DataType.UINT32,
-    Prop.STILL_CAPTURE_MODE: DataType.UINT16,
-    RicohProp.ERROR_INFO: DataType.UINT32,
-    RicohProp.SHUTTER_SPEED: DataType.UINT64,
-    RicohProp.SLEEP_DELAY: DataType.UINT16,
-    RicohProp.CAPTURE_STATUS: DataType.UINT8,
-    RicohProp.FILTER: DataType.UINT8,
-    RicohProp.SLEEP_MODE: DataType.UINT8,
-    RicohProp.COLOR_TEMPERATURE: DataType.UINT16,
-    RicohProp.AUTO_POWER_OFF_DELAY: DataType.UINT32,
-    RicohProp.FUNCTION: DataType.UINT8,
-    RicohProp.TOP_BOTTOM_CORRECTION: DataType.UINT8,
-    RicohProp.IMAGE_FORMAT: DataType.UINT8,
-    RicohProp.IMAGE_STITCHING: DataType.UINT16,
-    RicohProp.EXPOSURE_STATUS: DataType.UINT8,
+_PROPERTIES: Mapping[DataType, tuple[Prop | RicohProp, ...]] = {
+    DataType.STRING: (Prop.IMAGE_SIZE, Prop.DATE_TIME),
+    DataType.UINT8: (
+        *(Prop.BATTERY_LEVEL, RicohProp.CAPTURE_STATUS, RicohProp.FILTER, RicohProp.SLEEP_MODE, RicohProp.FUNCTION),
+        *(RicohProp.TOP_BOTTOM_CORRECTION, RicohProp.IMAGE_FORMAT, RicohProp.EXPOSURE_STATUS),
+    ),
+    DataType.UINT16: (
+        *(Prop.FUNCTIONAL_MODE, Prop.WHITE_BALANCE, Prop.F_NUMBER, Prop.EXPOSURE_PROGRAM_MODE, Prop.EXPOSURE_INDEX),
+        *(Prop.STILL_CAPTURE_MODE, RicohProp.SLEEP_DELAY, RicohProp.COLOR_TEMPERATURE, RicohProp.IMAGE_STITCHING),
+    ),
+    DataType.UINT32: (Prop.CAPTURE_DELAY, RicohProp.ERROR_INFO, RicohProp.AUTO_POWER_OFF_DELAY),
+    DataType.UINT64: (RicohProp.SHUTTER_SPEED,),
 }
+PROPERTY_TYPES: Mapping[int, DataType] = {prop: kind for kind, props in _PROPERTIES.items() for prop in props}
 
 
 @dataclass(frozen=True)
@@ -273,26 +262,15 @@ def read_body(properties: ThetaProperties, firmware: str) -> tuple[BodySetting, 
     """Return what a bracket depends on and only another firmware can change."""
     version = tuple(int(part) if part.isdigit() else 0 for part in firmware.split("."))
     stops = any(version[: len(bad)] == bad for bad in STOPS_SHOOTING)
-    why = (
-        "it stops taking pictures within minutes (2.30.1 and 3.0): install 2.11.1 or a later one than 3.0"
-        if stops
-        else ""
-    )
     static = properties.has(RicohProp.IMAGE_STITCHING)
-    unfit = (
-        ""
-        if static
-        else "it stitches each frame anew, so that frames do not lie on each other: install 2.10.1 or later"
-    )
-    return (
-        BodySetting("firmware", firmware, firmware, Verdict.REFUSED if stops else Verdict.OK, why),
-        BodySetting(
-            "static stitching",
-            "yes" if static else "no",
-            str(int(static)),
-            Verdict.OK if static else Verdict.REFUSED,
-            unfit,
-        ),
+    why = "it stops taking pictures within minutes (2.30.1 and 3.0): install 2.11.1 or a later one than 3.0"
+    anew = "it stitches each frame anew, so that frames do not lie on each other: install 2.10.1 or later"
+    return tuple(
+        BodySetting(name, text, raw, Verdict.OK if fit else Verdict.REFUSED, "" if fit else unfit)
+        for name, text, raw, fit, unfit in (
+            ("firmware", firmware, firmware, not stops, why),
+            ("static stitching", "yes" if static else "no", str(int(static)), static, anew),
+        )
     )
 
 

@@ -255,8 +255,8 @@ class SimulatedMeter:
         if kind in (MeterFaultKind.LATE, MeterFaultKind.LAGGING):
             return [Piece(after_s + fault.seconds, answer)]
         spoiled = {
-            MeterFaultKind.GARBLE_BYTE: self._garbled(answer),
-            MeterFaultKind.DROP_BYTE: self._dropped(answer),
+            MeterFaultKind.GARBLE_BYTE: self._damaged(answer, b"\0"),
+            MeterFaultKind.DROP_BYTE: self._damaged(answer, b""),
             MeterFaultKind.PARTIAL: answer[: len(answer) // 2],
             MeterFaultKind.JOINED: answer.removesuffix(self.line_end) + answer,
             MeterFaultKind.NULS: b"\0\0\0" + answer,
@@ -272,11 +272,7 @@ class SimulatedMeter:
         }[kind]
         return [Piece(after_s, spoiled)]
 
-    def _garbled(self, answer: bytes) -> bytes:
-        """Flip one bit of one character, as noise does; the parity of a real line would show it: it becomes NUL."""
+    def _damaged(self, answer: bytes, instead: bytes) -> bytes:
+        """Replace one character by chance: a flipped bit fails the parity of a real line and becomes NUL."""
         place = self._random.randrange(len(answer) - 2)
-        return answer[:place] + b"\0" + answer[place + 1 :]
-
-    def _dropped(self, answer: bytes) -> bytes:
-        place = self._random.randrange(len(answer) - 2)
-        return answer[:place] + answer[place + 1 :]
+        return answer[:place] + instead + answer[place + 1 :]

@@ -178,7 +178,7 @@ def _drawn(request: DatasetRequest, seed: int) -> Planned:
 
 
 def _conditioned(request: DatasetRequest, condition: Condition, folder: str) -> Planned:
-    from mocks.rooms.scenes import scene_room
+    from mocks.rooms.room import scene_room
 
     room = scene_room(
         condition.scene,
@@ -240,7 +240,7 @@ def rig_file(plan: Planned) -> RigFile:
 
 def room_world(plan: Planned, request: DatasetRequest) -> RoomWorld:
     """Return the room as the instruments see it."""
-    from mocks.rooms.scenes import clouds_of
+    from mocks.rooms.room import clouds_of
     from mocks.rooms.world import RoomWorld
 
     if request.clouds:

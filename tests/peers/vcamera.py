@@ -22,10 +22,10 @@ import usb.core
 from usb.backend import IBackend
 
 from mocks.instruments.usb.bus import (
-    ConfigurationDescriptor,
-    DeviceDescriptor,
-    EndpointDescriptor,
-    InterfaceDescriptor,
+    CONFIGURATION,
+    INTERFACE,
+    Descriptor,
+    device_descriptor,
     endpoint_descriptors,
 )
 
@@ -110,20 +110,20 @@ class VirtualCameraBackend(IBackend):  # type: ignore[misc]
     def get_parent(self, _dev: Any) -> None:
         return None
 
-    def get_device_descriptor(self, _dev: Any) -> DeviceDescriptor:
-        return DeviceDescriptor(*USB_IDS, 0, 1, 1)
+    def get_device_descriptor(self, _dev: Any) -> Descriptor:
+        return device_descriptor(USB_IDS, 0, 1, 1)
 
-    def get_configuration_descriptor(self, _dev: Any, config: int) -> ConfigurationDescriptor:
+    def get_configuration_descriptor(self, _dev: Any, config: int) -> Descriptor:
         if config:
             raise IndexError("no such configuration")
-        return ConfigurationDescriptor()
+        return CONFIGURATION
 
-    def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> InterfaceDescriptor:
+    def get_interface_descriptor(self, _dev: Any, intf: int, alt: int, config: int) -> Descriptor:
         if intf or alt or config:
             raise IndexError("no such interface")
-        return InterfaceDescriptor()
+        return INTERFACE
 
-    def get_endpoint_descriptor(self, _dev: Any, ep: int, _intf: int, _alt: int, _config: int) -> EndpointDescriptor:
+    def get_endpoint_descriptor(self, _dev: Any, ep: int, _intf: int, _alt: int, _config: int) -> Descriptor:
         bulk_in, bulk_out, event = self.addresses
         found = endpoint_descriptors((bulk_in, bulk_out, event), EVENT_PACKET_BYTES)[ep]
         assert ep == 2 or found.wMaxPacketSize == self.packet_bytes

@@ -6,6 +6,7 @@ import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import usb.core
@@ -22,89 +23,41 @@ BULK, INTERRUPT = 2, 3
 ENGLISH = b"\x04\x03\x09\x04"
 
 
-@dataclass(frozen=True)
-class DeviceDescriptor:
-    """Device descriptor (USB 2.0, table 9-8) and the device's place on the bus."""
-
-    idVendor: int  # noqa: N815 - names of the USB specification
-    idProduct: int  # noqa: N815
-    iSerialNumber: int  # noqa: N815
-    address: int
-    port_number: int
-    bus: int = 1
-    speed: int = HIGH_SPEED
-    bLength: int = 18  # noqa: N815
-    bDescriptorType: int = 1  # noqa: N815
-    bcdUSB: int = 0x0200  # noqa: N815
-    bDeviceClass: int = 0  # noqa: N815
-    bDeviceSubClass: int = 0  # noqa: N815
-    bDeviceProtocol: int = 0  # noqa: N815
-    bMaxPacketSize0: int = 64  # noqa: N815
-    bcdDevice: int = 0x0100  # noqa: N815
-    iManufacturer: int = 1  # noqa: N815
-    iProduct: int = 2  # noqa: N815
-    bNumConfigurations: int = 1  # noqa: N815
-
-    @property
-    def port_numbers(self) -> tuple[int, ...]:
-        """Ports from the root to the device."""
-        return (self.port_number,)
+Descriptor = SimpleNamespace
+"""A descriptor, its fields named as in the USB 2.0 specification, chapter 9.6."""
+CONFIGURATION = Descriptor(
+    bLength=9, bDescriptorType=2, wTotalLength=9 + 9 + 3 * 7, bNumInterfaces=1, bConfigurationValue=1,
+    iConfiguration=0, bmAttributes=0xC0, bMaxPower=1, extra_descriptors=(),
+)  # fmt: skip
+"""The only configuration: one interface with three endpoints, self-powered."""
+INTERFACE = Descriptor(
+    bLength=9, bDescriptorType=4, bInterfaceNumber=0, bAlternateSetting=0, bNumEndpoints=3,
+    bInterfaceClass=STILL_IMAGE_CLASS[0], bInterfaceSubClass=STILL_IMAGE_CLASS[1],
+    bInterfaceProtocol=STILL_IMAGE_CLASS[2], iInterface=0, extra_descriptors=(),
+)  # fmt: skip
+"""The still-image interface."""
 
 
-@dataclass(frozen=True)
-class ConfigurationDescriptor:
-    """The only configuration: one interface with three endpoints, self-powered."""
-
-    bLength: int = 9  # noqa: N815
-    bDescriptorType: int = 2  # noqa: N815
-    wTotalLength: int = 9 + 9 + 3 * 7  # noqa: N815
-    bNumInterfaces: int = 1  # noqa: N815
-    bConfigurationValue: int = 1  # noqa: N815
-    iConfiguration: int = 0  # noqa: N815
-    bmAttributes: int = 0xC0  # noqa: N815
-    bMaxPower: int = 1  # noqa: N815
-    extra_descriptors: tuple[int, ...] = ()
+def device_descriptor(usb_id: tuple[int, int], serial_index: int, address: int, port_number: int) -> Descriptor:
+    """Return the device descriptor (table 9-8) with the device's place on the bus."""
+    return Descriptor(
+        bLength=18, bDescriptorType=1, bcdUSB=0x0200, bDeviceClass=0, bDeviceSubClass=0, bDeviceProtocol=0,
+        bMaxPacketSize0=64, idVendor=usb_id[0], idProduct=usb_id[1], bcdDevice=0x0100, iManufacturer=1, iProduct=2,
+        iSerialNumber=serial_index, bNumConfigurations=1,
+        address=address, bus=1, speed=HIGH_SPEED, port_number=port_number, port_numbers=(port_number,),
+    )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class InterfaceDescriptor:
-    """The still-image interface."""
-
-    bLength: int = 9  # noqa: N815
-    bDescriptorType: int = 4  # noqa: N815
-    bInterfaceNumber: int = 0  # noqa: N815
-    bAlternateSetting: int = 0  # noqa: N815
-    bNumEndpoints: int = 3  # noqa: N815
-    bInterfaceClass: int = STILL_IMAGE_CLASS[0]  # noqa: N815
-    bInterfaceSubClass: int = STILL_IMAGE_CLASS[1]  # noqa: N815
-    bInterfaceProtocol: int = STILL_IMAGE_CLASS[2]  # noqa: N815
-    iInterface: int = 0  # noqa: N815
-    extra_descriptors: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
-class EndpointDescriptor:
-    """An endpoint."""
-
-    bEndpointAddress: int  # noqa: N815
-    bmAttributes: int  # noqa: N815
-    wMaxPacketSize: int  # noqa: N815
-    bInterval: int = 0  # noqa: N815
-    bLength: int = 7  # noqa: N815
-    bDescriptorType: int = 5  # noqa: N815
-    bRefresh: int = 0  # noqa: N815
-    bSynchAddress: int = 0  # noqa: N815
-    extra_descriptors: tuple[int, ...] = ()
-
-
-def endpoint_descriptors(addresses: tuple[int, int, int], event_packet_bytes: int) -> tuple[EndpointDescriptor, ...]:
+def endpoint_descriptors(addresses: tuple[int, int, int], event_packet_bytes: int) -> tuple[Descriptor, ...]:
     """Return bulk IN, bulk OUT and interrupt IN."""
-    bulk_in, bulk_out, interrupt = addresses
-    return (
-        EndpointDescriptor(bulk_in, BULK, BULK_PACKET_BYTES),
-        EndpointDescriptor(bulk_out, BULK, BULK_PACKET_BYTES),
-        EndpointDescriptor(interrupt, INTERRUPT, event_packet_bytes, bInterval=9),
-    )
+    bulk, interrupt = (BULK, BULK_PACKET_BYTES, 0), (INTERRUPT, event_packet_bytes, 9)
+    return tuple(
+        Descriptor(
+            bLength=7, bDescriptorType=5, bEndpointAddress=address, bmAttributes=kind, wMaxPacketSize=packet_bytes,
+            bInterval=interval, bRefresh=0, bSynchAddress=0, extra_descriptors=(),
+        )
+        for address, (kind, packet_bytes, interval) in zip(addresses, (bulk, bulk, interrupt), strict=True)
+    )  # fmt: skip
 
 
 def string_descriptor(texts: tuple[str, ...], index: int) -> bytes:
@@ -114,14 +67,12 @@ def string_descriptor(texts: tuple[str, ...], index: int) -> bytes:
     if index > len(texts):
         raise LinkError(errno.EPIPE, "Pipe error")
     text = texts[index - 1].encode("utf-16-le")
-    return bytes([2 + len(text), STRING_DESCRIPTOR_TYPE]) + text
+    return bytes([2 + len(text), STRING_DESCRIPTOR]) + text
 
-
-STRING_DESCRIPTOR_TYPE = 3  # USB 2.0, table 9-5
 
 DEVICE_TO_HOST = 0x80  # USB 2.0, table 9-2
 GET_DESCRIPTOR = 0x06  # USB 2.0, table 9-4
-STRING_DESCRIPTOR = 0x03
+STRING_DESCRIPTOR = 0x03  # USB 2.0, table 9-5
 
 
 @dataclass(eq=False)
@@ -188,25 +139,24 @@ class SimulatedUsbBackend(IBackend):  # type: ignore[misc]
     def get_parent(self, _dev: UsbPort) -> None:
         """Return nothing: the simulated bus has no hubs."""
 
-    def get_device_descriptor(self, dev: UsbPort) -> DeviceDescriptor:
+    def get_device_descriptor(self, dev: UsbPort) -> Descriptor:
         """Return the device descriptor."""
-        vendor, product = dev.camera.identity.usb_id
-        serial_index = 3 if dev.camera.identity.serial_on_usb else 0
-        return DeviceDescriptor(vendor, product, serial_index, dev.address, dev.number)
+        identity = dev.camera.identity
+        return device_descriptor(identity.usb_id, 3 if identity.serial_on_usb else 0, dev.address, dev.number)
 
-    def get_configuration_descriptor(self, _dev: UsbPort, config: int) -> ConfigurationDescriptor:
+    def get_configuration_descriptor(self, _dev: UsbPort, config: int) -> Descriptor:
         """Return the only configuration."""
         if config:
             raise IndexError("no such configuration")
-        return ConfigurationDescriptor()
+        return CONFIGURATION
 
-    def get_interface_descriptor(self, _dev: UsbPort, intf: int, alt: int, config: int) -> InterfaceDescriptor:
+    def get_interface_descriptor(self, _dev: UsbPort, intf: int, alt: int, config: int) -> Descriptor:
         """Return the still-image interface."""
         if intf or alt or config:
             raise IndexError("no such interface")
-        return InterfaceDescriptor()
+        return INTERFACE
 
-    def get_endpoint_descriptor(self, dev: UsbPort, ep: int, intf: int, alt: int, config: int) -> EndpointDescriptor:
+    def get_endpoint_descriptor(self, dev: UsbPort, ep: int, intf: int, alt: int, config: int) -> Descriptor:
         """Return one of the three endpoints."""
         if intf or alt or config:
             raise IndexError("no such interface")
@@ -280,9 +230,7 @@ class SimulatedUsbBackend(IBackend):  # type: ignore[misc]
         memoryview(buff).cast("B")[: len(got)] = got
         return len(got)
 
-    def intr_read(self, dev_handle: Handle, ep: int, _intf: int, buff: Any, timeout: int) -> int:
-        """Fill ``buff`` from the interrupt endpoint and return the count."""
-        return self.bulk_read(dev_handle, ep, _intf, buff, timeout)
+    intr_read = bulk_read
 
     def ctrl_transfer(
         self,

@@ -104,15 +104,12 @@ def _swap(transfers: list[InTransfer], _fault: Fault, _dice: random.Random) -> b
     return True
 
 
-def _drop_zlp(packet_bytes: int) -> Edit:
-    def edit(transfers: list[InTransfer], _fault: Fault, _dice: random.Random) -> bool:
-        index = _of_phase(transfers, Phase.DATA)
-        if index is None or len(transfers[index].data) % packet_bytes:
-            return False
-        transfers[index].zlp = False
-        return True
-
-    return edit
+def _drop_zlp(transfers: list[InTransfer], _fault: Fault, _dice: random.Random) -> bool:
+    index = _of_phase(transfers, Phase.DATA)
+    if index is None or len(transfers[index].data) % BULK_PACKET_BYTES:
+        return False
+    transfers[index].zlp = False
+    return True
 
 
 def _split(transfers: list[InTransfer], fault: Fault, _dice: random.Random) -> bool:
@@ -157,7 +154,7 @@ _EDITS: dict[FaultKind, Edit] = {
     FaultKind.WRONG_TRANSACTION_ID: _patch("<I", 8, lambda old, fault: old + int(fault.number("offset"))),
     FaultKind.DUPLICATE_RESPONSE: _duplicate,
     FaultKind.RESPONSE_BEFORE_DATA: _swap,
-    FaultKind.MISSING_ZLP: _drop_zlp(BULK_PACKET_BYTES),
+    FaultKind.MISSING_ZLP: _drop_zlp,
     FaultKind.SPLIT_HEADER: _split,
     FaultKind.GARBAGE: _litter,
 }

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import pytest
 
 from mocks.rooms.model import Plan, Use
-from mocks.rooms.scenes import clouds_of, scene_room, seed_of, use_of
+from mocks.rooms.room import clouds_of, scene_room, seed_of, use_of
 from mocks.rooms.sky.daylight import Moment, sun_of
 from mocks.rooms.world import RoomWorld
 

@@ -20,9 +20,8 @@ from drivers.clock import SystemClock
 from drivers.errors import DeviceLostError, DeviceNotFoundError
 from station.capture.capture import CaptureRequest
 from station.capture.events import CaptureEvent, EventKind
-from station.day.day import Day, DayPlan, parse_every, parse_until, read_rooms
+from station.day.day import Day, DayPlan, Watch, parse_every, parse_until, read_rooms
 from station.day.notify import Notifier
-from station.day.watch import Watch
 from station.errors import UsageError
 from station.session.session import SessionStatus
 from tests.station.capture.fake_camera import FakeCamera
@@ -34,7 +33,7 @@ NOON = datetime(2023, 5, 19, 12, 0, tzinfo=UTC)
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look and tick often: these days last a second or two."""
-    monkeypatch.setattr("station.day.watch.LOOK_S", 0.05)
+    monkeypatch.setattr("station.day.day.LOOK_S", 0.05)
     monkeypatch.setattr("station.day.day.TICK_S", 0.02)
 
 
