@@ -52,6 +52,7 @@ from drivers.canon_5d2.settings import (
     require_controls,
     require_kept,
     shutter_codes_known,
+    shutter_words,
 )
 from drivers.clock import Clock
 from drivers.errors import DeviceBusyError, DeviceError, ExposureFailedError, OperationRefusedError, StoreFullError
@@ -218,7 +219,9 @@ class Canon5D2:
         require_controls(self._remote)
         kept = fixed_settings(settings, self._remote, sizes_px=self._sizes_px, to_card=self._to_card)
         with self._noticing_a_held_picture():
-            readbacks = [self._control_readback(), *(make(self._remote, setting) for setting in kept)]
+            raw = self._remote.values.get(CanonProp.AUTO_EXPOSURE_MODE, b"")
+            dial = SettingReadback("exposure mode (dial)", "M", ae_mode_words(raw), raw.hex())
+            readbacks = (dial, *(make(self._remote, setting) for setting in kept))
         if not self._to_card:
             self._remote.offer_space()
         else:
@@ -226,16 +229,12 @@ class Canon5D2:
         self._kept = kept
         self._formats = (FrameFormat.JPEG, FrameFormat.CR2) if settings.keep_raw else (FrameFormat.JPEG,)
         self._learn_shutter_times()
-        return tuple(readbacks)
+        return readbacks
 
     def body_settings(self) -> tuple[BodySetting, ...]:
         """Read the settings of the body that no rig file sets; set those with one right value."""
         self._remote.drain()
         return read_body(self._remote)
-
-    def _control_readback(self) -> SettingReadback:
-        raw = self._remote.values.get(CanonProp.AUTO_EXPOSURE_MODE, b"")
-        return SettingReadback("exposure mode (dial)", "M", ae_mode_words(raw), raw.hex())
 
     def _remember_card(self) -> None:
         """Know what is on the card, so that a picture whose announcement is lost can be known from the others."""
@@ -257,7 +256,7 @@ class Canon5D2:
         except ValueError as error:
             raise refused("shutter", shutter_s, error) from error
         with self._noticing_a_held_picture():
-            make(self._remote, CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), _shutter_words))
+            make(self._remote, CanonSetting("shutter", CanonProp.SHUTTER_SPEED, encode_number(code), shutter_words))
         self._remote.wait_idle()
         self._shutter_s = SHUTTER_S[code]
         return ShutterReadback(asked_s=shutter_s, nominal_s=self._shutter_s, raw=f"{code:#04x}")
@@ -382,8 +381,3 @@ class Canon5D2:
         except DeviceError:
             pass  # it is gone or out of step; closing the link is all that is left
         self._link.close()
-
-
-def _shutter_words(raw: bytes) -> str:
-    code = int.from_bytes(raw, "little")
-    return f"{SHUTTER_S[code]:g} s" if code in SHUTTER_S else f"code {code:#x}"

@@ -157,6 +157,7 @@ def _format_words(raw: bytes) -> str:
 
 
 ae_mode_words = _table_words(AE_MODES)
+shutter_words = _table_words({code: f"{seconds:g} s" for code, seconds in SHUTTER_S.items()})
 
 
 def fixed_settings(

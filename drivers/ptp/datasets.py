@@ -25,17 +25,11 @@ MAX_STRING_UNITS = 255
 """A string's length, its closing NUL included, is one byte."""
 
 _INTEGERS: dict[int, tuple[int, bool]] = {
-    DataType.INT8: (1, True),
-    DataType.UINT8: (1, False),
-    DataType.INT16: (2, True),
-    DataType.UINT16: (2, False),
-    DataType.INT32: (4, True),
-    DataType.UINT32: (4, False),
-    DataType.INT64: (8, True),
-    DataType.UINT64: (8, False),
-    DataType.INT128: (16, True),
-    DataType.UINT128: (16, False),
+    DataType[f"{'' if signed else 'U'}INT{8 * size_bytes}"]: (size_bytes, signed)
+    for size_bytes in (1, 2, 4, 8, 16)
+    for signed in (True, False)
 }
+"""Datatype -> size and sign."""
 
 _DATE = re.compile(r"(\d{8}T\d{6})(?:\.(\d{1,6}))?(Z|[+-]\d{4})?", re.ASCII)
 

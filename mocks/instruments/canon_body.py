@@ -293,13 +293,11 @@ class CanonBody(SimulatedCamera):
 
     def remember(self, name: str, object_format: int, data: bytes, size_px: tuple[int, int]) -> StoredObject:
         """Keep a picture in memory until the computer has fetched it."""
-        item = StoredObject(self._next_memory_handle, 0, object_format, name, 0, data, self._naive_now(), *size_px)
+        taken = self.local_now().replace(tzinfo=None)
+        item = StoredObject(self._next_memory_handle, 0, object_format, name, 0, data, taken, *size_px)
         self._next_memory_handle += 1
         self.memory[item.handle] = item
         return item
-
-    def _naive_now(self) -> datetime:
-        return self.local_now().replace(tzinfo=None)
 
     def _transfer_complete(self, request: Request) -> Answer:
         handle = request.params[0]

@@ -210,7 +210,7 @@ def check_room(room: Room) -> list[str]:
     return problems
 
 
-_DOMAIN = 5100  # parts these random numbers from all others of a seed
+_SCENE_DOMAIN = 5100  # parts these random numbers from all others of a seed
 _SEEDS = 10**9
 _WORDS = (
     (Use.BEDROOM, ("bed", "guest", "nursery")),
@@ -253,7 +253,7 @@ def scene_room(
     number = seed_of(scene, seed)
     room = _scene(number, Use(use) if use is not None else use_of(scene), lamps_on)
     minute = int(moment.utc.timestamp()) // 60
-    skies = {kind: draw_sky(np.random.default_rng([number, _DOMAIN, minute]), moment, kind) for kind in SHARES}
+    skies = {kind: draw_sky(np.random.default_rng([number, _SCENE_DOMAIN, minute]), moment, kind) for kind in SHARES}
     kind = _drawn_kind(number, minute) if illuminance_lux is None else nearest_kind(skies, illuminance_lux)
     sky = replace(skies[kind], seed=room.sky.seed, eye_height_m=room.sky.eye_height_m)
     return replace(room, moment=moment, sky=sky)
@@ -278,7 +278,7 @@ def _scene(seed: int, use: Use, lamps_on: bool) -> Room:
 
 
 def _drawn_kind(seed: int, minute: int) -> Kind:
-    rng = np.random.default_rng([seed, _DOMAIN, minute, 1])
+    rng = np.random.default_rng([seed, _SCENE_DOMAIN, minute, 1])
     return tuple(SHARES)[int(rng.choice(len(SHARES), p=tuple(SHARES.values())))]
 
 

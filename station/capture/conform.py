@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drivers.camera import Camera, CameraSettings, ExposureProgress, FrameFormat, FrameRef, Verdict
 from drivers.clock import Clock, Deadline
@@ -160,15 +160,8 @@ def reports_its_body(bench: CameraBench) -> str:
 
 def refuses_impossible_settings(bench: CameraBench) -> str:
     """A setting that the camera does not have is refused by name, and the camera still works."""
-    impossible = CameraSettings(
-        iso=31,
-        f_number=bench.settings.f_number,
-        color_temperature_k=bench.settings.color_temperature_k,
-        width_px=bench.settings.width_px,
-        height_px=bench.settings.height_px,
-    )
     try:
-        bench.camera.prepare(impossible)
+        bench.camera.prepare(replace(bench.settings, iso=31, keep_raw=False))
     except (SettingRefusedError, UnsupportedError) as error:
         bench.camera.prepare(bench.settings)
         return error.message

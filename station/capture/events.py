@@ -114,76 +114,68 @@ class Shot:
 
 
 @dataclass(frozen=True)
-class Ready:
-    """Armed, as the set-up of this ``number`` has it."""
+class OfStop:
+    """What all that happens at one stop of one side says first."""
 
     side: Side
     stop: int
+
+
+@dataclass(frozen=True)
+class Ready(OfStop):
+    """Armed, as the set-up of this ``number`` has it."""
+
     number: int
 
 
 @dataclass(frozen=True)
-class Released:
+class Released(OfStop):
     """The shutter was asked to open at ``at_s``."""
 
-    side: Side
-    stop: int
     at_s: float
 
 
 @dataclass(frozen=True)
-class Exposed:
+class Exposed(OfStop):
     """The exposure is over; ``n_frames`` are announced and will be fetched, behind later exposures if ``overlaps``."""
 
-    side: Side
-    stop: int
     n_frames: int
     overlaps: bool
 
 
 @dataclass(frozen=True)
-class Progress:
+class Progress(OfStop):
     """Bytes of a frame fetched so far."""
 
-    side: Side
-    stop: int
     done_bytes: int
     total_bytes: int
 
 
 @dataclass(frozen=True)
-class Saved:
+class Saved(OfStop):
     """A frame is acknowledged: on disk, digested, checked, journalled."""
 
-    side: Side
-    stop: int
     record: FrameRecord
 
 
 @dataclass(frozen=True)
-class Rejected:
+class Rejected(OfStop):
     """A frame arrived and does not count."""
 
-    side: Side
-    stop: int
     record: RejectedFrame
 
 
 @dataclass(frozen=True)
-class Repeated:
+class Repeated(OfStop):
     """A repeated frame is compared with that of the bracket (None: it could not be)."""
 
-    side: Side
-    stop: int
     record: ReferenceRecord | None
 
 
 @dataclass(frozen=True)
-class Lost:
+class Lost(OfStop):
     """A frame was exposed but could not be fetched."""
 
-    side: Side
-    stop: int
     error: DeviceError
 
 

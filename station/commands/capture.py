@@ -14,36 +14,25 @@ if TYPE_CHECKING:
     from station.capture.rig_file import RigFile
     from station.session.session import MeterTarget, SessionManifest
 
+_SIZE = click.Choice(["full", "half", "quarter", "small"])
+_RATE = click.FloatRange(0.1, 50)
+_FILE = click.Path(path_type=Path)
+_FOLDER = click.Path(path_type=Path, file_okay=False)
+
 
 @click.command()
 @click.argument("rooms", nargs=-1)
-@click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file (default: ./rig.toml).")
-@click.option(
-    "--into",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("sessions"),
-    show_default=True,
-    help="Folder of sessions.",
-)
+@click.option("--rig", "rig_path", type=_FILE, help="Rig file (default: ./rig.toml).")
+@click.option("--into", type=_FOLDER, default=Path("sessions"), show_default=True, help="Folder of sessions.")
 @click.option(
     "--simulate",
     metavar="WORLD",
     help="Simulated instruments looking at: room, bedroom-7 (living, dining, office, empty; any seed), chart, "
     "uniform:100, INDOOR.hdr,OUTDOOR.hdr; or recorded:FILE, replayed from --record.",
 )
+@click.option("--size", type=_SIZE, default="full", show_default=True, help="Picture size of simulated cameras.")
 @click.option(
-    "--size",
-    type=click.Choice(["full", "half", "quarter", "small"]),
-    default="full",
-    show_default=True,
-    help="Picture size of simulated cameras.",
-)
-@click.option(
-    "--rate",
-    type=click.FloatRange(0.1, 50),
-    default=1.0,
-    show_default=True,
-    help="How much faster than life simulated time runs.",
+    "--rate", type=_RATE, default=1.0, show_default=True, help="How much faster than life simulated time runs."
 )
 @click.option("--bracket", type=click.Choice(["full", "adaptive"]), help="Nine stops, or only those the scene needs.")
 @click.option("--stops", metavar="S,S,...", help="Exposure times, e.g. 4,1,1/4 (default: the rig's).")
@@ -60,21 +49,16 @@ if TYPE_CHECKING:
 @click.option("--target", metavar="LON,LAT", help="Where the meter looks in the panorama, degrees.")
 @click.option("--every", metavar="60m", help="A bracket of ROOM again and again, so far apart; until --until.")
 @click.option("--until", metavar="HH:MM", help="With --every: the last bracket begins by then, local time.")
-@click.option("--rooms", "rooms_path", type=click.Path(path_type=Path), help="File of rooms, one a line, in order.")
+@click.option("--rooms", "rooms_path", type=_FILE, help="File of rooms, one a line, in order.")
 @click.option("--notify", metavar="CMD|URL", help="Send events there as JSON: to its standard input, or by HTTP POST.")
 @click.option(
     "--resume",
     "resume_path",
-    type=click.Path(path_type=Path),
+    type=_FILE,
     metavar="SESSION",
     help="Complete a partial session with its own rig, cameras and meter (--rig: with another).",
 )
-@click.option(
-    "--record",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write every byte of the links there (to send in).",
-)
+@click.option("--record", type=_FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--dry-run", is_flag=True, help="Print the bracket table and end.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, one a line (always so when not on a terminal).")
 def capture(**options: Any) -> int:

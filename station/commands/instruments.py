@@ -17,25 +17,19 @@ if TYPE_CHECKING:
     from station.capture.preflight import Check
     from station.capture.rig import Rig
 
+_FILE = click.Path(path_type=Path)
+_FOLDER = click.Path(path_type=Path, file_okay=False)
 
 # ``daylit doctor``: is everything ready for a day on site?
-
 
 _MARKS = {"ok": ("ok  ", "green"), "warn": ("warn", "yellow"), "fail": ("FAIL", "red")}
 
 
 @click.command()
-@click.option(
-    "--rig",
-    "rig_path",
-    type=click.Path(path_type=Path),
-    help="Connect to, set and check every instrument of this rig file.",
-)
+@click.option("--rig", "rig_path", type=_FILE, help="Connect to, set and check every instrument of this rig file.")
 @click.option("--simulate", metavar="WORLD", help="Check simulated instruments instead, e.g. room.")
-@click.option(
-    "--into", type=click.Path(path_type=Path, file_okay=False), default=Path("sessions"), help="Folder of sessions."
-)
-@click.option("--write-rig", type=click.Path(path_type=Path), metavar="FILE", help="Write an example rig file and end.")
+@click.option("--into", type=_FOLDER, default=Path("sessions"), help="Folder of sessions.")
+@click.option("--write-rig", type=_FILE, metavar="FILE", help="Write an example rig file and end.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def doctor(rig_path: Path | None, simulate: str | None, into: Path, write_rig: Path | None, *, as_json: bool) -> int:
     """Check the computer, the links and, with --rig, the instruments themselves.
@@ -107,16 +101,11 @@ def _print(check: Check) -> None:
 
 
 @click.command()
-@click.option("--rig", "rig_path", type=click.Path(path_type=Path), help="Rig file (default: ./rig.toml).")
+@click.option("--rig", "rig_path", type=_FILE, help="Rig file (default: ./rig.toml).")
 @click.option("--simulate", metavar="WORLD", help="Simulated instruments instead, or recorded:FILE.")
 @click.option("--only", type=click.Choice(["indoor", "outdoor", "meter"]), help="One instrument.")
 @click.option("--delete", "may_delete", is_flag=True, help="May delete from the camera the pictures it took.")
-@click.option(
-    "--record",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write every byte of the links there (to send in).",
-)
+@click.option("--record", type=_FILE, metavar="FILE", help="Write every byte of the links there (to send in).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object (to send in).")
 def conform(
     rig_path: Path | None,
@@ -225,7 +214,7 @@ def read(port: str, dialect: str, samples: int, timeout_s: float, *, as_json: bo
 
 
 @meter.command()
-@click.argument("transcript", type=click.Path(path_type=Path))
+@click.argument("transcript", type=_FILE)
 @click.option("--port", default="auto", show_default=True, help="Serial port, e.g. /dev/ttyACM0 or COM3.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object instead of lines on the screen.")
 def probe(transcript: Path, port: str, *, as_json: bool) -> int:

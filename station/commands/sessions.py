@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from station.session.verify import VerifyReport
 
 _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
+_MADE = click.Path(path_type=Path, file_okay=False)
 
 
 @click.command()
@@ -43,13 +44,7 @@ _FOLDER = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option("--heading", type=click.FloatRange(-360, 360), help="Compass azimuth of the centre column, degrees.")
 @click.option("--site", metavar="LAT,LON", help="Where the room is, degrees.")
 @click.option("--zone", metavar="+HH:MM", help="Zone of the cameras' clocks (default: EXIF's); --dataset: or its name.")
-@click.option(
-    "--into",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("sessions"),
-    show_default=True,
-    help="Folder of sessions.",
-)
+@click.option("--into", type=_MADE, default=Path("sessions"), show_default=True, help="Folder of sessions.")
 @click.option("--strict", is_flag=True, help="Make no session if any file is refused.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def import_session(**options: Any) -> int:

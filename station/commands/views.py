@@ -107,6 +107,7 @@ _STYLE = {
     EventKind.FAILED: "red",
     EventKind.FINISHED: "bold green",
 }
+_LEVEL_STYLE: dict[object, str] = {"warn": "yellow", "fail": "red"}
 _SILENT = (EventKind.RELEASED, EventKind.EXPOSED)
 
 
@@ -140,13 +141,9 @@ class TerminalView(SilentView):
         elif event.kind not in _SILENT:
             from rich.markup import escape
 
-            style = _check_style(event) or _STYLE.get(event.kind, "")
+            style = _LEVEL_STYLE.get(event.data.get("level")) or _STYLE.get(event.kind, "")
             line = escape(printable(_line(event)))
             self._progress.console.print(f"[{style}]{line}[/]" if style else line, highlight=False)
-
-
-def _check_style(event: CaptureEvent) -> str:
-    return {"warn": "yellow", "fail": "red"}.get(str(event.data.get("level", "")), "")
 
 
 def _line(event: CaptureEvent) -> str:

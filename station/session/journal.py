@@ -50,14 +50,7 @@ class JournalContent:
 
 def encode_line(entry: JournalEntry) -> bytes:
     """Return the line of ``entry``; raises `ValueError` for NaN, infinity, or a line beyond the cap."""
-    fields = {
-        "seq": entry.seq,
-        "utc": entry.utc,
-        "monotonic_s": entry.monotonic_s,
-        "kind": entry.kind,
-        "data": entry.data,
-    }
-    body = json.dumps(fields, allow_nan=False, separators=(",", ":"), default=str).encode()
+    body = json.dumps(vars(entry), allow_nan=False, separators=(",", ":"), default=str).encode()
     if len(body) > MAX_LINE_BYTES:
         raise ValueError(f"a journal line of {len(body)} bytes")
     return b"%08d %08x %s\n" % (len(body), zlib.crc32(body), body)
@@ -138,13 +131,8 @@ class Journal:
         After `DiskFullError` or `DiskError` the line does not count; the next call first writes the good
         lines to a new file, since neither a half-written line nor a file that failed to sync can be trusted.
         """
-        entry = JournalEntry(
-            seq=self._seq + 1,
-            utc=self._clock.utc_now().isoformat(),
-            monotonic_s=self._clock.monotonic_s(),
-            kind=kind,
-            data=data,
-        )
+        utc, monotonic_s = self._clock.utc_now().isoformat(), self._clock.monotonic_s()
+        entry = JournalEntry(self._seq + 1, utc, monotonic_s, kind, data)
         line = encode_line(entry)
         if self._seq == 0:
             write_file(self._folder, JOURNAL_NAME, line)

@@ -101,15 +101,8 @@ class SimulatedCamera(PtpResponder):
         start_s = self.clock.monotonic_s() + delay_s + max(0.0, self.timing.release_lag_s + jitter_s)
         length_s = open_s or true_time_s(nominal_s, power_of_two=self.timing.power_of_two_times)
         self.shot_count += 1
-        record = ExposureRecord(
-            self.shot_count,
-            start_s,
-            start_s + length_s,
-            nominal_s,
-            settings.iso,
-            settings.f_number,
-            settings.color_temperature_k,
-        )
+        taken_with = (settings.iso, settings.f_number, settings.color_temperature_k)
+        record = ExposureRecord(self.shot_count, start_s, start_s + length_s, nominal_s, *taken_with)
         self.exposure_log.append(record)
         self.busy_until_s = max(record.end_s + self.timing.processing_s, start_s + self.least_cycle_s())
         self.busy_until_s += sum(f.number("delay_s") for f in shot_faults if f.kind is FaultKind.LATE_PICTURE)
@@ -130,19 +123,8 @@ class SimulatedCamera(PtpResponder):
 
     def keep(self, name: str, object_format: int, data: bytes, settings: ShotRequest) -> StoredObject:
         """Put a file into the picture folder."""
-        return self.store.add(
-            StoredObject(
-                0,
-                0,
-                object_format,
-                name,
-                self.store.picture_folder,
-                data,
-                settings.taken_local,
-                settings.width_px,
-                settings.height_px,
-            )
-        )
+        folder, taken, size = self.store.picture_folder, settings.taken_local, (settings.width_px, settings.height_px)
+        return self.store.add(StoredObject(0, 0, object_format, name, folder, data, taken, *size))
 
     # ---- storage
 
@@ -169,7 +151,7 @@ class SimulatedCamera(PtpResponder):
         return {
             Operation.GET_STORAGE_IDS: Rule(self.get_storage_ids),
             Operation.GET_STORAGE_INFO: Rule(self.get_storage_info, 1, 1),
-            Operation.GET_NUM_OBJECTS: Rule(self._get_num_objects, 1, 3),
+            Operation.GET_NUM_OBJECTS: Rule(lambda request: Answer(params=(len(self.selected(request)),)), 1, 3),
             Operation.GET_OBJECT_HANDLES: Rule(self._get_object_handles, 1, 3),
             Operation.GET_OBJECT_INFO: Rule(self.get_object_info, 1, 1),
             Operation.GET_OBJECT: Rule(self.get_object, 1, 1),
@@ -208,9 +190,6 @@ class SimulatedCamera(PtpResponder):
         if parent not in (0, ANY) and self.store.get(parent) is None:
             raise Refusal(Response.INVALID_PARENT)
         return [] if self.no_storage() else self.store.select(request.param(1), parent)
-
-    def _get_num_objects(self, request: Request) -> Answer:
-        return Answer(params=(len(self.selected(request)),))
 
     def _get_object_handles(self, request: Request) -> Answer:
         handles = [o.handle for o in self.selected(request)][:9999]

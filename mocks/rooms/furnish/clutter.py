@@ -55,28 +55,24 @@ def floor_lamp_by(a: Arrangement, seat: Item) -> Item | None:
 def things_on(a: Arrangement, support: Item, most: int) -> None:
     """Put small things on top of a table or a cabinet, more of them where people are messy."""
     for _ in range(int(a.rng.binomial(most, 0.25 + 0.6 * a.messy))):
-        kind = str(a.rng.choice(["books", "mug", "vase", "bottle", "bowl", "plant", "box"], p=SHARES))
+        kind = str(a.rng.choice(list(SMALL_M), p=SHARES))
         a.put_on(support, kind, _small_size(a, kind), turn_rad=a.draw(-0.6, 0.6))
 
 
 SHARES = (0.3, 0.18, 0.14, 0.1, 0.12, 0.1, 0.06)
+SMALL_M: dict[str, tuple[float | tuple[float, float], ...]] = {
+    "books": ((0.19, 0.24), (0.24, 0.3), (0.03, 0.14)), "mug": (0.115, 0.085, 0.095),
+    "vase": ((0.12, 0.2), 0.0, (0.18, 0.3)), "bottle": (0.076, 0.076, (0.27, 0.32)),
+    "bowl": ((0.2, 0.28), 0.0, 0.09), "plant": ((0.12, 0.2), 0.0, (0.2, 0.32)),
+    "box": ((0.18, 0.28), (0.14, 0.2), (0.09, 0.16)),
+}  # fmt: skip
+"""Width, depth (0: as wide) and height of small things, fixed or between two; `SHARES` says how often each comes."""
 
 
 def _small_size(a: Arrangement, kind: str) -> tuple[float, float, float]:
     """Return a usual size of a small thing."""
-    if kind == "books":
-        return (a.draw(0.19, 0.24), a.draw(0.24, 0.3), a.draw(0.03, 0.14))
-    if kind == "mug":
-        return (0.115, 0.085, 0.095)
-    if kind == "bottle":
-        return (0.076, 0.076, a.draw(0.27, 0.32))
-    if kind == "bowl":
-        w = a.draw(0.2, 0.28)
-        return (w, w, 0.09)
-    if kind == "box":
-        return (a.draw(0.18, 0.28), a.draw(0.14, 0.2), a.draw(0.09, 0.16))
-    w = a.draw(0.12, 0.2)
-    return (w, w, a.draw(0.18, 0.3)) if kind == "vase" else (w, w, a.draw(0.2, 0.32))
+    wide, deep, high = (side if isinstance(side, float) else a.draw(*side) for side in SMALL_M[kind])
+    return (wide, deep or wide, high)
 
 
 def cushions_on(a: Arrangement, seat: Item, count: int) -> None:

@@ -159,9 +159,8 @@ def nightstand(b: Build) -> None:
         _carcass(b, 0.14, body)
         tall = (h - BOARD_M - 0.15) / 2
         for k in range(2):
-            _front(
-                b, -w / 2 + 0.003, w / 2 - 0.003, 0.145 + k * tall, 0.145 + (k + 1) * tall, _fronts_material(b, body)
-            )
+            z = 0.145 + k * tall
+            _front(b, -w / 2 + 0.003, w / 2 - 0.003, z, 0.145 + (k + 1) * tall, _fronts_material(b, body))
             _handle(b, 0.0, 0.145 + (k + 0.55) * tall, False, 0.10)
         return
     b.legs(0.04, h - 0.02, 0.034, body)

@@ -94,9 +94,8 @@ def table_lamp(b: Build) -> None:
     body = b.plain("ceramic", CERAMIC, 0.25) if b.item.seed % 3 else b.finish.wood
     r = 0.24 * w
     if b.item.seed % 2:
-        bulge = [
-            (r * (0.55 + 0.6 * math.sin(math.pi * (0.12 + 0.82 * t))), t * (stem - 0.05)) for t in np.linspace(0, 1, 10)
-        ]
+        heights = np.linspace(0, 1, 10)
+        bulge = [(r * (0.55 + 0.6 * math.sin(math.pi * (0.12 + 0.82 * t))), t * (stem - 0.05)) for t in heights]
         b.add(lathe([(0.0, 0.0), *bulge, (0.0, stem - 0.05)], 28), body)
         b.add(tube([(0, 0, stem - 0.06), (0, 0, stem)], 0.008, 10), b.finish.metal)
     else:
@@ -120,16 +119,11 @@ def television(b: Build) -> None:
 def monitor(b: Build) -> None:
     """Build a screen on a foot."""
     w, d, h = b.size
-    low, tilt = 0.12, -0.06
-    case = turned(rounded_box((-w / 2, -0.012, low), (w / 2, 0.02, h - 0.002), 0.004), (1, 0, 0), tilt, (0, 0, low))
-    pane = turned(
-        rounded_box((-w / 2 + 0.008, -0.014, low + 0.012), (w / 2 - 0.008, -0.01, h - 0.012), 0.0005),
-        (1, 0, 0),
-        tilt,
-        (0, 0, low),
-    )
-    b.add(case, BLACK_PLASTIC)
-    b.add(pane, SCREEN)
+    low = 0.12
+    case = rounded_box((-w / 2, -0.012, low), (w / 2, 0.02, h - 0.002), 0.004)
+    pane = rounded_box((-w / 2 + 0.008, -0.014, low + 0.012), (w / 2 - 0.008, -0.01, h - 0.012), 0.0005)
+    for mesh, material in ((case, BLACK_PLASTIC), (pane, SCREEN)):
+        b.add(turned(mesh, (1, 0, 0), -0.06, (0, 0, low)), material)
     metal = b.pick(b.finish.metal, BLACK_PLASTIC)
     b.block((-0.12, -d / 2, 0.0), (0.12, d / 2, 0.012), metal, 0.004)
     b.bar((0, 0.05, 0.008), (0, 0.032, h * 0.62), 0.05, 0.018, metal)

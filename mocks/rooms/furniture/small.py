@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -42,14 +43,8 @@ def vase(b: Build) -> None:
             x, y = float(reach * math.cos(a)), float(reach * math.sin(a))
             neck = 0.25 * radius / max(reach, 1e-3)
             b.add(tube([(0, 0, 0.02), (x * neck, y * neck, tall), (x, y, top)], 0.0015, 5), straw)
-            b.add(
-                tube(
-                    [(x * 0.93, y * 0.93, top * 0.88), (x * 0.97, y * 0.97, top * 0.94), (x, y, top)],
-                    (0.003, 0.009, 0.001),
-                    7,
-                ),
-                straw,
-            )
+            ear = [(x * 0.93, y * 0.93, top * 0.88), (x * 0.97, y * 0.97, top * 0.94), (x, y, top)]
+            b.add(tube(ear, (0.003, 0.009, 0.001), 7), straw)
 
 
 def bottle(b: Build) -> None:
@@ -59,10 +54,8 @@ def bottle(b: Build) -> None:
     outline = [(0.0, 0.0), (0.95 * r, 0.0), (r, 0.05 * h), (r, 0.58 * h), (0.85 * r, 0.66 * h), (0.42 * r, 0.76 * h)]
     glass = b.plain("bottle glass", ((0.03, 0.06, 0.03), (0.05, 0.03, 0.02), (0.35, 0.42, 0.42)), 0.08)
     b.add(lathe([*outline, (0.36 * r, 0.80 * h), (0.36 * r, h), (0.0, h)], 24), glass)
-    b.add(
-        lathe([(r + 0.0005, 0.18 * h), (r + 0.001, 0.19 * h), (r + 0.001, 0.45 * h), (r + 0.0005, 0.46 * h)], 24),
-        b.plain("label", PAPER),
-    )
+    label = [(r + 0.0005, 0.18 * h), (r + 0.001, 0.19 * h), (r + 0.001, 0.45 * h), (r + 0.0005, 0.46 * h)]
+    b.add(lathe(label, 24), b.plain("label", PAPER))
 
 
 def bowl(b: Build) -> None:
@@ -97,12 +90,8 @@ def carton(b: Build) -> None:
     if b.item.seed % 2:
         card = Material("cardboard", (0.42, 0.30, 0.19))
         b.block((-w / 2, -d / 2, 0.0), (w / 2, d / 2, h - 0.001), card, 0.003)
-        b.block(
-            (-0.025, -d / 2 - 0.0005, h * 0.7),
-            (0.025, d / 2 + 0.0005, h),
-            Material("tape", (0.55, 0.42, 0.26), roughness=0.2),
-            0.0004,
-        )
+        tape = Material("tape", (0.55, 0.42, 0.26), roughness=0.2)
+        b.block((-0.025, -d / 2 - 0.0005, h * 0.7), (0.025, d / 2 + 0.0005, h), tape, 0.0004)
         return
     skin = b.plain("box", PAPER)
     b.block((-w / 2 + 0.004, -d / 2 + 0.004, 0.0), (w / 2 - 0.004, d / 2 - 0.004, h - 0.01), skin, 0.003)
@@ -128,11 +117,8 @@ def toy_blocks(b: Build) -> None:
     """Build a scatter of toy blocks with a small tower."""
     w, d, _ = b.size
     side = 0.04
-    cells = [
-        (x, y)
-        for x in np.arange(-w / 2 + side, w / 2 - side, 0.065)
-        for y in np.arange(-d / 2 + side, d / 2 - side, 0.065)
-    ]
+    across, along = (np.arange(-long / 2 + side, long / 2 - side, 0.065) for long in (w, d))
+    cells = list(itertools.product(across, along))
     chosen = b.rng.permutation(len(cells))[: max(4, len(cells) // 3)]
     for n, k in enumerate(chosen):
         levels = 2 if n == 0 else 1
@@ -333,8 +319,7 @@ def leaf(length_m: float, width_m: float, bend_rad: float, fold: float = 0.25) -
     x = half[:, None] * across
     y = np.broadcast_to(line[:, :1], x.shape)
     z = line[:, 1:] + fold * half[:, None] * np.abs(across)
-    surface = np.stack([x, y, z], axis=-1).transpose(1, 0, 2)
-    return sheet(surface, 0.0012)
+    return sheet(np.stack([x, y, z], axis=-1).transpose(1, 0, 2), 0.0012)
 
 
 def blade(length_m: float, width_m: float, lean_rad: float, bend_rad: float) -> Mesh:

@@ -110,10 +110,8 @@ def _with_window_cloth(rng: np.random.Generator, plan: Plan) -> Plan:
             share = drawn if choice == "roller blind" else float(rng.choice([0.14, 0.5, 0.99], p=[0.4, 0.2, 0.4]))
             height = share * (window.height_m - 0.02)
             bottom = window.sill_m + window.height_m - 0.005 - height
-            blind = Fixture(
-                choice, window.wall, window.start_m + 0.01, window.width_m - 0.02, bottom, height, 0.02, seed=seed
-            )
-            plan = _add(plan, blind)
+            start, width = window.start_m + 0.01, window.width_m - 0.02
+            plan = _add(plan, Fixture(choice, window.wall, start, width, bottom, height, 0.02, seed=seed))
     return plan
 
 
@@ -129,19 +127,9 @@ def _with_curtains(rng: np.random.Generator, plan: Plan, window: Window, seed: i
     rod = Fixture("curtain rod", window.wall, start, end - start, top - 0.03, 0.045, CLOTH_DEPTH_M, seed=seed)
     for bottom in (0.02, window.sill_m - 0.08) if long else (window.sill_m - 0.08,):
         low = max(bottom, 0.02)
-        cloths = [
-            Fixture(
-                "curtain",
-                window.wall,
-                start + 0.03 if side == 0 else end - 0.03 - widths[side],
-                widths[side],
-                low,
-                top - 0.02 - low,
-                CLOTH_DEPTH_M,
-                seed=seed + side,
-            )
-            for side in sides
-        ]
+        places = (start + 0.03, end - 0.03 - widths[1])
+        shape = (low, top - 0.02 - low, CLOTH_DEPTH_M)
+        cloths = [Fixture("curtain", window.wall, places[k], widths[k], *shape, seed=seed + k) for k in sides]
         changed = _add(plan, rod, *cloths)
         if changed is not plan:
             return changed

@@ -85,12 +85,11 @@ def _ring(outer: float, inner: float, height: float) -> Mesh:
 
 def _cord(drop: float) -> Mesh:
     """Return rose and cord down to the lamp holder."""
-    meshes = [
+    rose, holder = (
         cylinder((0.0, 0.0, -0.028), 0.045, 0.029, 0.006),
-        tube([(0.0, 0.0, -0.02), (0.0, 0.0, -drop + 0.2)], 0.0035, 8),
-    ]
-    meshes.append(cylinder((0.0, 0.0, -drop + 0.14), 0.019, 0.06, 0.004))
-    return merge(meshes)
+        cylinder((0.0, 0.0, -drop + 0.14), 0.019, 0.06, 0.004),
+    )
+    return merge([rose, tube([(0.0, 0.0, -0.02), (0.0, 0.0, -drop + 0.2)], 0.0035, 8), holder])
 
 
 def _pendant(
@@ -103,11 +102,9 @@ def _pendant(
         return [(ball((0.0, 0.0, low + globe), globe, 32), OPAL, 0.0)], []
     bulb = (ball((0.0, 0.0, low + 0.11), 0.045), OPAL, BULB_CD_M2)
     high, narrow = (0.22, radius) if choice < 0.7 else (0.2, radius * 0.35)
-    wall = 0.003
-    shade = lathe(
-        [(radius - wall, low), (radius, low), (narrow, low + high), (narrow - wall, low + high), (radius - wall, low)],
-        40,
-    )
+    wall, top = 0.003, low + high
+    outline = [(radius - wall, low), (radius, low), (narrow, top), (narrow - wall, top), (radius - wall, low)]
+    shade = lathe(outline, 40)
     return ([(shade, SHADE, 0.0), bulb], []) if choice < 0.7 else ([bulb], [(shade, SHADE)])
 
 
@@ -141,7 +138,9 @@ def curtain(fixture: Fixture, finish: Finish) -> list[Part]:
     sway = 0.012 * down * np.sin(math.pi * across)[None, :] * float(rng.uniform(-1, 1))
     z = fixture.bottom_m + fixture.height_m * (1.0 - down) + 0.0 * across
     grid = np.stack([x + sway, y, z], axis=-1)
-    cloth = sheet(_facing_room(grid), 0.0025)
+    # Its first normal is to look along +y, into the room.
+    into_room = np.cross(grid[1, 0] - grid[0, 0], grid[0, -1] - grid[0, 0])[1] > 0
+    cloth = sheet(grid if into_room else grid[:, ::-1], 0.0025)
     return [part_of(cloth, finish.curtain, "curtain", "curtain", Role.FIXTURE)]
 
 
@@ -149,11 +148,6 @@ def _uneven(rng: np.random.Generator, folds: int) -> Doubles:
     """Return where each fold ends, 0..1, of somewhat different widths."""
     widths = rng.uniform(0.75, 1.25, folds)
     return np.concatenate([[0.0], np.cumsum(widths) / widths.sum()])
-
-
-def _facing_room(grid: Doubles) -> Doubles:
-    """Return the grid of points ordered so that its first normal looks along +y."""
-    return grid if np.cross(grid[1, 0] - grid[0, 0], grid[0, -1] - grid[0, 0])[1] > 0 else grid[:, ::-1]
 
 
 def curtain_rod(fixture: Fixture, finish: Finish) -> list[Part]:
@@ -196,14 +190,11 @@ def venetian_blind(fixture: Fixture, finish: Finish) -> list[Part]:
     ]
     places = np.arange(bottom + 0.012 + pitch, top - 0.03 - SLAT_M / 3, pitch)
     moves = np.stack([np.zeros_like(places), np.zeros_like(places), places], axis=1)
-    slats = [repeated(_slat(x0 + 0.004, x1 - 0.004, y, 0.0 if stacked else tilt), moves)] if len(places) else []
+    flat = box((x0 + 0.004, y - SLAT_M / 2, -0.0004), (x1 - 0.004, y + SLAT_M / 2, 0.0004))
+    slat = turned(flat, (1.0, 0.0, 0.0), 0.0 if stacked else tilt, (x0 + 0.004, y, 0.0))
+    slats = [repeated(slat, moves)] if len(places) else []
     cords = [tube([(x, y, bottom), (x, y, top - 0.02)], 0.001, 6) for x in (x0 + 0.12, x1 - 0.12)]
     return [part_of([*rails, *slats, *cords], finish.window_frame, "blind", "blind", Role.FIXTURE)]
-
-
-def _slat(x0: float, x1: float, y: float, tilt_rad: float) -> Mesh:
-    slat = box((x0, y - SLAT_M / 2, -0.0004), (x1, y + SLAT_M / 2, 0.0004))
-    return turned(slat, (1.0, 0.0, 0.0), tilt_rad, (x0, y, 0.0))
 
 
 PLASTIC = Material("white plastic", (0.78, 0.78, 0.75), roughness=0.25)
@@ -244,14 +235,16 @@ def _panel_radiator(fixture: Fixture, finish: Finish) -> list[Part]:
     """Return a steel panel with upright grooves, side covers, a grille on top, a valve and its pipes."""
     x0, x1, z0, z1 = _bounds(fixture)
     back, front = STANDOFF_M, fixture.depth_m
-    side = 0.004
+    side, inset = 0.004, 0.18 * (x1 - x0)
+    places = (x0 + inset, x1 - inset)
+    brackets = [box((x - 0.015, 0.0, z0 + 0.05), (x + 0.015, STANDOFF_M, z1 - 0.05)) for x in places]
     meshes = [
         _grooved(x0 + side, x1 - side, z0, z1 - 0.012, front),
         box((x0 + side, back, z0), (x1 - side, back + 0.012, z1 - 0.012)),
         rounded_box((x0, back, z0 + 0.01), (x0 + side, front, z1), 0.002),
         rounded_box((x1 - side, back, z0 + 0.01), (x1, front, z1), 0.002),
         *_grille(x0 + side, x1 - side, back, front, z1),
-        *_brackets(x0, x1, z0, z1),
+        *brackets,
     ]
     return [_radiator(meshes, finish.radiator), *_valve(fixture, finish, x1)]
 
@@ -290,11 +283,6 @@ def _grille(x0: float, x1: float, back: float, front: float, top: float) -> list
 def _along(places: Doubles) -> Doubles:
     """Return moves along the wall."""
     return np.stack([places, np.zeros_like(places), np.zeros_like(places)], axis=1)
-
-
-def _brackets(x0: float, x1: float, z0: float, z1: float) -> list[Mesh]:
-    inset = 0.18 * (x1 - x0)
-    return [box((x - 0.015, 0.0, z0 + 0.05), (x + 0.015, STANDOFF_M, z1 - 0.05)) for x in (x0 + inset, x1 - inset)]
 
 
 def _valve(fixture: Fixture, finish: Finish, end: float) -> list[Part]:

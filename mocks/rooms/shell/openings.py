@@ -104,26 +104,27 @@ def _glass(window: Window) -> list[_Rect]:
 
 
 def _window(window: Window, finish: Finish) -> list[Part]:
-    wall = finish.wall_material(window.wall)
-    parts = [part_of(_reveal(window), wall, "reveal"), part_of(_plate(window), finish.window_frame, *_FRAME)]
-    parts.append(part_of(_frame(window), finish.window_frame, *_FRAME))
-    parts.append(part_of(_window_handles(window), finish.metal, *_FRAME))
-    parts.append(part_of(_board(window), finish.trim, "window sill"))
-    return parts
+    reveal = _lined(_opening(window), 0.0, window.depth_m)
+    return [
+        part_of(reveal, finish.wall_material(window.wall), "reveal"),
+        part_of(_plate(window), finish.window_frame, *_FRAME),
+        part_of(_frame(window), finish.window_frame, *_FRAME),
+        part_of(_window_handles(window), finish.metal, *_FRAME),
+        part_of(_board(window), finish.trim, "window sill"),
+    ]
 
 
 _FRAME = ("window frame", "windowpane")
 
 
-def _reveal(window: Window) -> list[Mesh]:
-    """Return the sides, head and bottom of the hole through the wall."""
-    o, depth = _opening(window), window.depth_m
-    width, height = o.x1 - o.x0, o.z1 - o.z0
+def _lined(hole: _Rect, front_m: float, depth_m: float) -> list[Mesh]:
+    """Return the sides, head and bottom of a hole, from ``front_m`` outwards."""
+    width, height = hole.x1 - hole.x0, hole.z1 - hole.z0
     return [
-        quad((o.x0, 0, o.z0), (0, 0, height), (0, -depth, 0)),
-        quad((o.x1, 0, o.z0), (0, -depth, 0), (0, 0, height)),
-        quad((o.x0, 0, o.z1), (width, 0, 0), (0, -depth, 0)),
-        quad((o.x0, 0, o.z0), (0, -depth, 0), (width, 0, 0)),
+        quad((hole.x0, front_m, hole.z0), (0, 0, height), (0, -depth_m, 0)),
+        quad((hole.x1, front_m, hole.z0), (0, -depth_m, 0), (0, 0, height)),
+        quad((hole.x0, front_m, hole.z1), (width, 0, 0), (0, -depth_m, 0)),
+        quad((hole.x0, front_m, hole.z0), (0, -depth_m, 0), (width, 0, 0)),
     ]
 
 
@@ -136,15 +137,7 @@ def _plate(window: Window) -> list[Mesh]:
         flat(area, (0.0, outer, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
         flat(area, (0.0, inner, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), back=True),
     ]
-    for g in glass:
-        width, height = g.x1 - g.x0, g.z1 - g.z0
-        faces += [
-            quad((g.x0, inner, g.z0), (0, 0, height), (0, -PLATE_M, 0)),
-            quad((g.x1, inner, g.z0), (0, -PLATE_M, 0), (0, 0, height)),
-            quad((g.x0, inner, g.z1), (width, 0, 0), (0, -PLATE_M, 0)),
-            quad((g.x0, inner, g.z0), (0, -PLATE_M, 0), (width, 0, 0)),
-        ]
-    return faces
+    return faces + [mesh for g in glass for mesh in _lined(g, inner, PLATE_M)]
 
 
 def _frame(window: Window) -> list[Mesh]:
@@ -165,7 +158,7 @@ def _frame(window: Window) -> list[Mesh]:
 
 def _ring(rect: _Rect, width_m: float, outer_m: float, front_m: float, radius_m: float) -> list[Mesh]:
     """Return four members around a rectangle, the uprights over the full height."""
-    a, b, w = (rect.x0, rect.x1, width_m)
+    a, b, w = rect.x0, rect.x1, width_m
     bars = [
         ((a, rect.z0), (a + w, rect.z1)),
         ((b - w, rect.z0), (b, rect.z1)),
@@ -188,10 +181,8 @@ def _window_handles(window: Window) -> list[Mesh]:
         z = casement.z0 + 0.45 * (casement.z1 - casement.z0)
         plate = rounded_box((x - 0.013, front - 0.002, z - 0.035), (x + 0.013, front + 0.009, z + 0.035), 0.006, 2)
         neck = turned(cylinder((x, front, z), 0.008, 0.036, 0.002, 12), (1.0, 0.0, 0.0), -np.pi / 2, (x, front, z))
-        lever = tube(
-            [(x, front + 0.036, z + 0.009), (x, front + 0.04, z - 0.06), (x, front + 0.036, z - 0.115)], 0.0085
-        )
-        found += [plate, neck, lever]
+        bow = [(x, front + 0.036, z + 0.009), (x, front + 0.04, z - 0.06), (x, front + 0.036, z - 0.115)]
+        found += [plate, neck, tube(bow, 0.0085)]
     return found
 
 
@@ -228,11 +219,7 @@ def door_parts(plan: Plan, finish: Finish) -> list[Part]:
 def _lining(door: Door) -> list[Mesh]:
     """Return the lined hole through the wall, the stop that the leaf shuts against, and both architraves."""
     x0, x1, h, depth = door.start_m, door.start_m + door.width_m, door.height_m, door.depth_m
-    lining = [
-        quad((x0, 0, 0), (0, 0, h), (0, -depth, 0)),
-        quad((x1, 0, 0), (0, -depth, 0), (0, 0, h)),
-        quad((x0, 0, h), (x1 - x0, 0, 0), (0, -depth, 0)),
-    ]
+    lining = _lined(_Rect(x0, 0.0, x1, h), 0.0, depth)[:3]  # its bottom is the threshold
     shut = GAP_M + LEAF_M
     back, front = (-shut - 0.03, -shut) if door.opens == "in" else (-depth + shut, -depth + shut + 0.03)
     e, t = 0.001, 0.012
@@ -255,7 +242,8 @@ def _leaf(door: Door, finish: Finish, style: str) -> list[Part]:
     """Return the leaf where it hangs. It is made shut with its hinge at the origin, opening towards +y."""
     width, height = door.width_m, door.height_m
     slab = _slab(width - 2 * GAP_M, height - UNDERCUT_M - GAP_M, style)
-    handles, hinges = _lever_handles(width), _hinges(height)
+    # The knuckles of two hinges lie at the axis that the leaf turns about.
+    hinges = [cylinder((0.0, KNUCKLE_M - 0.006, z), 0.007, 0.09, 0.003, 12) for z in (0.2, height - 0.3)]
 
     def hung(mesh: Mesh) -> Mesh:
         mesh = turned(mesh, (0.0, 0.0, 1.0), door.open_rad, (0.0, KNUCKLE_M, 0.0))
@@ -268,7 +256,7 @@ def _leaf(door: Door, finish: Finish, style: str) -> list[Part]:
 
     return [
         part_of([hung(m) for m in slab], finish.door, "door", "door"),
-        part_of([hung(m) for m in handles + hinges], finish.metal, "door", "door"),
+        part_of([hung(m) for m in _lever_handles(width) + hinges], finish.metal, "door", "door"),
     ]
 
 
@@ -364,11 +352,6 @@ def _lever_handles(width: float) -> list[Mesh]:
         plate = turned(cylinder(low, 0.024, 0.006, 0.002), (1.0, 0.0, 0.0), turn, low)
         found += [rose, neck, lever, plate]
     return found
-
-
-def _hinges(height: float) -> list[Mesh]:
-    """Return the knuckles of two hinges, at the axis that the leaf turns about."""
-    return [cylinder((0.0, KNUCKLE_M - 0.006, z), 0.007, 0.09, 0.003, 12) for z in (0.2, height - 0.3)]
 
 
 def _hallway(door: Door, plan: Plan, finish: Finish) -> list[Part]:

@@ -145,13 +145,8 @@ def walls(plan: Plan, finish: Finish) -> list[Part]:
 def _wall(plan: Plan, finish: Finish, wall: int) -> Part:
     length = plan.wall_length_m(wall)
     holes = union_all([_hole(o) for o in openings_of(plan, wall)])
-    face = flat(
-        rectangle(0.0, 0.0, length, plan.height_m).difference(holes),
-        (0.0, 0.0, 0.0),
-        (1.0, 0.0, 0.0),
-        (0.0, 0.0, 1.0),
-        back=True,
-    )
+    area = rectangle(0.0, 0.0, length, plan.height_m).difference(holes)
+    face = flat(area, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), back=True)
     part = on_wall(plan, wall, [part_of(face, finish.wall_material(wall), "wall")])[0]
     # Walls share the polygon's very corners: rounding along an edge must leave no gap.
     vertices = part.mesh.vertices.copy()
@@ -199,13 +194,11 @@ def _mitres(plan: Plan, wall: int) -> tuple[float, float]:
 
 def _runs(plan: Plan, wall: int) -> list[tuple[float, float, tuple[float, float]]]:
     """Return the stretches of a wall that have skirting, with the cuts of their ends."""
-    gaps = [
-        (o.start_m - ARCHITRAVE_M, o.start_m + o.width_m + ARCHITRAVE_M)
-        if isinstance(o, Door)
-        else (o.start_m, o.start_m + o.width_m)
-        for o in openings_of(plan, wall)
-        if isinstance(o, Door) or o.sill_m < TO_FLOOR_M
-    ]
+    gaps = []
+    for o in openings_of(plan, wall):
+        if isinstance(o, Door) or o.sill_m < TO_FLOOR_M:
+            beside = ARCHITRAVE_M if isinstance(o, Door) else 0.0
+            gaps.append((o.start_m - beside, o.start_m + o.width_m + beside))
     first, last = _mitres(plan, wall)
     length = plan.wall_length_m(wall)
     at, cut, runs = 0.0, first, []

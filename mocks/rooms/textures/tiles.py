@@ -28,7 +28,7 @@ from mocks.rooms.textures.base import (
 from processing.ground.arrays import Floats, Int32s
 
 _PIXELS = 1024  # chosen, as for all textures
-_PIXEL_GRID = (_PIXELS, _PIXELS)
+_GRID = (_PIXELS, _PIXELS)
 _ROUGHLY_M = 2.4  # chosen: a texture's width, rounded to whole tiles
 
 
@@ -63,7 +63,7 @@ def hexagons(texture: Texture) -> Tile:
     width, height = math.sqrt(3) * side, 3 * side
     count_u, count_v = max(2, round(_ROUGHLY_M / width)), max(2, round(_ROUGHLY_M / height))
     u, v = centres(_PIXELS, count_u * width)[None, :], centres(_PIXELS, count_v * height)[:, None]
-    best, number = np.full(_PIXEL_GRID, np.inf, dtype=np.float32), np.zeros(_PIXEL_GRID, dtype=np.int32)
+    best, number = np.full(_GRID, np.inf, dtype=np.float32), np.zeros(_GRID, dtype=np.int32)
     for lattice, (shift_u, shift_v) in enumerate(((0.0, 0.0), (width / 2, height / 2))):
         i, j = np.round((u - np.float32(shift_u)) / width), np.round((v - np.float32(shift_v)) / height)
         du, dv = np.abs(u - shift_u - i * width), np.abs(v - shift_v - j * height)
@@ -80,7 +80,7 @@ def hexagons(texture: Texture) -> Tile:
 def _ceramic(rng: np.random.Generator, texture: Texture, number: Int32s, second: Floats | None, gaps: Floats) -> Floats:
     """Return tiles by number with their clouding, ``second`` of them in the third colour, and the grout."""
     count = int(number.max()) + 1
-    cloud = np.float32(texture.option("clouding", 0.025)) * clouds(rng, _PIXEL_GRID, 4, 5)
+    cloud = np.float32(texture.option("clouding", 0.025)) * clouds(rng, _GRID, 4, 5)
     if veins := texture.option("veins", 0.0):
         cloud -= np.float32(veins) * _veins(rng)
     shifts = rng.integers(_PIXELS, size=(2, count), dtype=np.int32)
@@ -92,16 +92,16 @@ def _ceramic(rng: np.random.Generator, texture: Texture, number: Int32s, second:
     face = toned(tone, texture.colours[0])
     if second is not None:
         face = mixed(face, toned(tone, texture.colours[2]), second)
-    grout = toned(1 + np.float32(0.06) * noise(rng, _PIXEL_GRID, (64, 64)), texture.colours[1])
+    grout = toned(1 + np.float32(0.06) * noise(rng, _GRID, (64, 64)), texture.colours[1])
     return mixed(face, grout, gaps)
 
 
 def _veins(rng: np.random.Generator) -> Floats:
     """Return dark lines where noise changes sign, some strong and most faint, as in marble."""
-    total = np.zeros(_PIXEL_GRID, dtype=np.float32)
-    strength = np.clip(clouds(rng, _PIXEL_GRID, 4, 2) + 0.8, 0, None)
+    total = np.zeros(_GRID, dtype=np.float32)
+    strength = np.clip(clouds(rng, _GRID, 4, 2) + 0.8, 0, None)
     for coarsest, weight, sharpness in ((4, 0.6, 30.0), (8, 0.35, 14.0)):
-        total += np.float32(weight) * np.exp(-np.float32(sharpness) * np.abs(clouds(rng, _PIXEL_GRID, coarsest, 5)))
+        total += np.float32(weight) * np.exp(-np.float32(sharpness) * np.abs(clouds(rng, _GRID, coarsest, 5)))
     return np.asarray(total * strength, dtype=np.float32)
 
 
@@ -109,7 +109,7 @@ def terrazzo(texture: Texture) -> Tile:
     """Return stone chips in cement. Colours: cement, then one for each sort of chip. Options: chip_m, density."""
     rng, size_m = generator(texture.seed), 1.6
     chip_px = texture.option("chip_m", 0.012) / size_m * _PIXELS
-    cement = 1 + np.float32(0.03) * clouds(rng, _PIXEL_GRID, 8, 5)
+    cement = 1 + np.float32(0.03) * clouds(rng, _GRID, 8, 5)
     albedo = toned(cement, texture.colours[0])
     sorts = texture.colours[1:]
     count = int(texture.option("density", 0.35) * _PIXELS**2 / (2.0 * chip_px**2) / len(sorts))
@@ -138,14 +138,13 @@ def _chips(rng: np.random.Generator, count: int, chip_px: float) -> Floats:
 def concrete(texture: Texture) -> Tile:
     """Return power-floated concrete: clouds, faint sweeps of the trowel, pores. Options: clouding."""
     rng = generator(texture.seed)
-    tone = np.float32(texture.option("clouding", 0.05)) * clouds(rng, _PIXEL_GRID, 4, 6, fade=0.8)
-    tone += np.float32(0.012) * blurred(rng.standard_normal(_PIXEL_GRID, dtype=np.float32), 0.8) * 3
-    pores = blurred((rng.random(_PIXEL_GRID, dtype=np.float32) < 0.0006).astype(np.float32), 0.7)
+    tone = np.float32(texture.option("clouding", 0.05)) * clouds(rng, _GRID, 4, 6, fade=0.8)
+    tone += np.float32(0.012) * blurred(rng.standard_normal(_GRID, dtype=np.float32), 0.8) * 3
+    pores = blurred((rng.random(_GRID, dtype=np.float32) < 0.0006).astype(np.float32), 0.7)
     tone -= np.minimum(pores * np.float32(1.2), 0.4)
     return Tile(toned(np.clip(1 + tone, 0.4, 1.5), texture.colours[0], 0.1), (3.2, 3.2))
 
 
-_GRID = (_PIXELS, _PIXELS)
 _CELL = 256  # chosen: pixels of one tile's motif
 
 
