@@ -73,12 +73,13 @@ def check_proof(folder: Path, *, session: Path | None = None, digest: str | None
         body = strict_json.loads(raw)
         own = body.pop("sha256")
         intact = _canonical(body | {"sha256": own}) == raw and hashlib.sha256(_canonical(body)).hexdigest() == own
-        pictures = [(one["file"], one["sha256"]) for one in body["pictures"]]
-        frames = [(one["file"], one["sha256"]) for one in body["frames"]]
+        pictures = [(str(one["file"]), str(one["sha256"])) for one in body["pictures"]]
+        frames = [(str(one["file"]), str(one["sha256"])) for one in body["frames"]]
+        chained = body["chain"] == _chain([sha for _, sha in frames], [sha for _, sha in pictures])
     except (strict_json.StrictJsonError, KeyError, TypeError, AttributeError, ValueError):
         return [f"{NAME}: changed"]
     found = [] if intact and digest in (None, hashlib.sha256(raw).hexdigest()) else [f"{NAME}: changed"]
-    if body["chain"] != _chain([sha for _, sha in frames], [sha for _, sha in pictures]):
+    if not chained:
         found.append("chain: does not lead from these frames to these pictures")
     beside = [(folder, *one) for one in pictures] + ([] if session is None else [(session, *one) for one in frames])
     for place, name, sha in beside:
