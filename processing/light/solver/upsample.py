@@ -116,77 +116,86 @@ def _apply(values, index, weight, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _likeness(label, other, normal, others_normal, point, others_point) -> float:  # type: ignore[no-untyped-def]
-    """Return how much one pixel says of another: 0 for another surface, less the more the two are turned apart."""
-    if label != other:
+def _likeness(small, r, c, large, i) -> float:  # type: ignore[no-untyped-def]
+    """Return how much small pixel (r, c) says of large pixel i: 0 for another surface, less the more they are turned.
+
+    Numbers one by one, no slices: a view of an array costs as much as all the rest.
+    """
+    if large.label[i] != small.label[r, c]:
         return 0.0
-    turned = normal[0] * others_normal[0] + normal[1] * others_normal[1] + normal[2] * others_normal[2]
-    if turned < 0.7:
-        return 0.0
-    lift = far2 = 0.0
-    for c in range(3):
-        step = others_point[c] - point[c]
-        lift += step * normal[c]
+    turned = lift = far2 = np.float32(0)
+    for k in range(3):
+        turned += large.normal[i, k] * small.normal[r, c, k]
+        step = small.point[r, c, k] - large.point[i, k]
+        lift += step * large.normal[i, k]
         far2 += step * step
-    if abs(lift) > 0.01 + 0.3 * math.sqrt(far2):
+    if turned < 0.7 or abs(lift) > 0.01 + 0.3 * math.sqrt(far2):
         return 0.0
-    return float(turned**8)
+    turned *= turned
+    turned *= turned
+    return float(turned * turned)
 
 
 @compiled
-def _keep(index, weight, at, share):  # type: ignore[no-untyped-def]
-    """Keep one more pixel, in place of the least."""
+def _keep(index, weight, i, at, share):  # type: ignore[no-untyped-def]
+    """Keep one more pixel of large pixel i, in place of the least."""
     least = 0
-    for k in range(1, weight.shape[0]):
-        if weight[k] < weight[least]:
+    for k in range(1, weight.shape[1]):
+        if weight[i, k] < weight[i, least]:
             least = k
-    if share > weight[least]:
-        index[least] = at
-        weight[least] = share
+    if share > weight[i, least]:
+        index[i, least] = at
+        weight[i, least] = share
 
 
 @compiled
-def _around(small, large, i, place, attempt, wraps, index, weight):  # type: ignore[no-untyped-def]
-    """Keep the best small pixels about ``place`` (y, x); ``attempt`` 0: the four around, 1: wider, 2: any solid one."""
-    y, x = place
+def _around(small, large, i, y, x, attempt, wraps, index, weight):  # type: ignore[no-untyped-def]
+    """Keep the best small pixels about (y, x); ``attempt`` 0: the four around, 1: wider, 2: any solid one."""
     rows, columns = small.label.shape
     top, left = math.floor(y), math.floor(x)
     low, high = (1 - REACH_PX, 1 + REACH_PX) if attempt > 0 else (0, 2)
-    label, normal, point = large.label[i], large.normal[i], large.point[i]
+    kept = 0
     for r in range(max(top + low, 0), min(top + high, rows)):
         for column in range(left + low, left + high):
-            if (column < 0 or column >= columns) and not wraps:
-                continue
-            c = column % columns
+            c = column
+            if column < 0 or column >= columns:
+                if not wraps:
+                    continue
+                c = column % columns
             if attempt < 2:
-                share = _likeness(label, small.label[r, c], normal, small.normal[r, c], point, small.point[r, c])
+                share = _likeness(small, r, c, large, i)
             else:
                 share = 1.0 if small.label[r, c] >= 0 else 0.0
             if share == 0.0:
                 continue
             if attempt > 0:
                 share /= (0.01 + (y - r) ** 2 + (x - column) ** 2) ** 2
-            else:
-                share *= (1 - abs(y - r)) * (1 - abs(x - column)) + 1e-4
-            _keep(index, weight, r * columns + c, share)
+                _keep(index, weight, i, r * columns + c, share)
+            else:  # at most four: there is room for all
+                weight[i, kept] = share * ((1 - abs(y - r)) * (1 - abs(x - column)) + 1e-4)
+                index[i, kept] = r * columns + c
+                kept += 1
 
 
 @compiled
 def _find(small, large, shape, wraps, wanted, index, weight):  # type: ignore[no-untyped-def]
     """Fill the steps of all wanted pixels; ``shape`` (4,): first row, rows in all, columns, attempts."""
+    first, rows, columns, attempts = shape[0], shape[1], shape[2], shape[3]
     for i in range(large.label.shape[0]):
         if not wanted[i]:
             continue
-        y = (shape[0] + i // shape[2] + 0.5) * small.label.shape[0] / shape[1] - 0.5
-        x = (i % shape[2] + 0.5) * small.label.shape[1] / shape[2] - 0.5
-        total = 0.0
-        for attempt in range(shape[3]):
-            _around(small, large, i, (y, x), attempt, wraps, index[i], weight[i])
-            total = weight[i].sum()
+        y = (first + i // columns + 0.5) * small.label.shape[0] / rows - 0.5
+        x = (i % columns + 0.5) * small.label.shape[1] / columns - 0.5
+        total = np.float32(0)
+        for attempt in range(attempts):
+            _around(small, large, i, y, x, attempt, wraps, index, weight)
+            for k in range(weight.shape[1]):
+                total += weight[i, k]
             if total > 0:
                 break
         if total > 0:
-            weight[i] /= total
+            for k in range(weight.shape[1]):
+                weight[i, k] /= total
 
 
 @dataclass(frozen=True)
