@@ -1,8 +1,9 @@
-"""Pictures as OpenEXR: float32, ZIP, cd/m2 as they are, every field of the picture's type, and nothing else.
+"""Pictures as OpenEXR: float32, cd/m2 as they are, every field of the picture's type, and nothing else.
 
-ZIP, because its checksums show flipped bits that PIZ and DWA hide. Channels: R, G, B, ``uncertainty`` (float),
-``validity`` and, where it was looked for, ``ghost`` (half: exact for 0 to 255). docs/reference/files.md lists the
-attributes. The same picture gives the same bytes.
+For people and other programs ZIP (`write_exr`); between stages ZSTD, which takes half the time and of which our own
+checksum shows flipped bits (`write_stage_exr`, `handed_on`). Channels: R, G, B (float), ``uncertainty`` (float, between
+stages half), ``validity`` and, where it was looked for, ``ghost`` (half: exact for 0 to 255). docs/reference/files.md
+lists the attributes. The same picture gives the same bytes.
 
 The header of a file is read by ourselves before the library may allocate anything: the library leaves out parts that it
 cannot read without an exception; only the file's own header says how many there should be, how large, and of which
@@ -18,7 +19,7 @@ import sys
 import zlib
 from collections.abc import Iterator
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ import numpy.typing as npt
 
 from processing.errors import LensError, ParameterError
 from processing.ground.arrays import Bytes, Floats
+from processing.ground.threads import threads
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.writing import check_image, check_light, check_size, refused, write_whole
 from processing.sphere.geometry import geometry_from_json, geometry_to_json
@@ -166,8 +168,12 @@ def _check_part(part: ExrPart, size_bytes: int, path: Path) -> None:
 
 CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 """Rec. 709: x and y of red, green, blue and white."""
-THREADS = 2  # chosen
-
+LIGHT_BITS = 13
+"""Of a mantissa's 23, kept between stages: 6e-5 relative at most, a fiftieth of the best pixel's uncertainty."""
+UNCERTAINTY_BITS = 7
+"""Of a half's 10: uncertainties are known to 0.4 % there, and nobody knows them so well."""
+_LEAST_HALF, _MOST_HALF = np.float32(2.0**-14), np.float32(2.0**15)
+"""Between these a half is exact to its bits; smaller uncertainties are no camera's, larger ones say nothing."""
 UNSCALED = "luminance in relative units"
 """``daylitKind`` of a `LuminanceImage` that is not absolute; such a file has no ``whiteLuminance``."""
 
@@ -180,27 +186,56 @@ Channels = dict[str, npt.NDArray[Any]]
 
 
 def write_exr(path: Path, image: RelativeImage | LuminanceImage) -> None:
-    """Write a picture with all its fields, durably; `read_exr` gives an equal one back.
+    """Write a picture with all its fields, durably, for whoever reads OpenEXR; `read_exr` gives an equal one back.
 
     ``attributes`` must be JSON values (tuples come back as lists). Raises `PictureFileError` for a picture that
     breaks its type's promises (NaN, infinite or negative light, wrong shapes), `DiskError` and `DiskFullError`.
     """
+    check_image(image, path)
+    _write(path, image, "ZIP_COMPRESSION", {"validity": np.float16, "ghost": np.float16})
+
+
+def write_stage_exr(path: Path, image: RelativeImage | LuminanceImage) -> RelativeImage | LuminanceImage:
+    """Write a picture for later stages and return it as they read it (`handed_on`); raises as `write_exr`."""
+    check_image(image, path)
+    image = handed_on(image)
+    _write(path, image, "ZSTD_COMPRESSION", {"uncertainty": np.float16, "validity": np.float16, "ghost": np.float16})
+    return image
+
+
+def handed_on(image: RelativeImage | LuminanceImage) -> RelativeImage | LuminanceImage:
+    """Return a picture as it goes from stage to stage: light to `LIGHT_BITS`, uncertainty to `UNCERTAINTY_BITS`."""
+    uncertainty = np.clip(image.uncertainty, _LEAST_HALF, _MOST_HALF)
+    uncertainty[np.isinf(image.uncertainty)] = np.inf
+    return replace(image, rgb=_to_bits(image.rgb, LIGHT_BITS), uncertainty=_to_bits(uncertainty, UNCERTAINTY_BITS))
+
+
+def _to_bits(values: Floats, bits: int) -> Floats:
+    """Return float32 values to so many bits of mantissa, rounded to even."""
+    drop = 23 - bits
+    raw = np.array(values, np.float32, order="C").view(np.uint32)
+    for k in range(len(raw)):  # row by row: little memory
+        raw[k] += ((raw[k] >> np.uint32(drop)) & np.uint32(1)) + np.uint32((1 << (drop - 1)) - 1)
+        raw[k] &= np.uint32(0xFFFFFFFF ^ ((1 << drop) - 1))
+    found: Floats = raw.view(np.float32)
+    return found
+
+
+def _write(path: Path, image: RelativeImage | LuminanceImage, coding: str, halves: dict[str, type]) -> None:
     import OpenEXR
 
-    check_image(image, path)
     planes = _planes(image)
     texts = _texts(image, path)
     header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
+        "compression": getattr(OpenEXR, coding),
         "type": OpenEXR.scanlineimage,
         "chromaticities": CHROMATICITIES,
         **({"whiteLuminance": 1.0} if _in_cd_m2(image) else {}),
         **texts,
         "daylitCrc32": f"{_digest(texts, planes):08x}",
     }
-    halves = dict.fromkeys(("validity", "ghost"), np.float16)
     channels = {name: np.ascontiguousarray(plane, dtype=halves.get(name)) for name, plane in planes.items()}
-    write_whole(path, lambda part: OpenEXR.File(header, channels, num_threads=THREADS).write(str(part)))
+    write_whole(path, lambda part: OpenEXR.File(header, channels, num_threads=threads()).write(str(part)))
 
 
 def read_exr(path: Path) -> RelativeImage | LuminanceImage:
@@ -216,7 +251,7 @@ def read_exr(path: Path) -> RelativeImage | LuminanceImage:
     missing = {"RGB", "uncertainty", "validity"} - set(arrays)
     if missing or set(arrays) - {"RGB", "uncertainty", "validity", "ghost"}:
         raise refused(path, f"has the channels {sorted(arrays)}", likely=_DAMAGED, advice=_AGAIN)
-    planes: Channels = {"RGB": arrays["RGB"], "uncertainty": arrays["uncertainty"]}
+    planes: Channels = {"RGB": arrays["RGB"], "uncertainty": np.asarray(arrays["uncertainty"], np.float32)}
     planes |= {name: _codes(arrays[name], path) for name in ("validity", "ghost") if name in arrays}
     if header["daylitCrc32"] != f"{_digest(texts, planes):08x}":
         raise refused(path, "is not what was written: its checksum differs", likely=_DAMAGED, advice=_AGAIN)
@@ -327,7 +362,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Channels]:
         raise refused(path, "has several parts, or is cropped or subsampled; one whole picture is taken")
     try:
         # The library reports damage on standard output, where commands write their JSON.
-        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), num_threads=THREADS) as file:
+        with redirect_stdout(sys.stderr), OpenEXR.File(str(path), num_threads=threads()) as file:
             if len(file.parts) != 1:
                 raise refused(path, "cannot be decoded", likely=_DAMAGED, advice=_AGAIN)
             header = dict(file.header())

@@ -1,7 +1,8 @@
 """What stages hand on: in memory within a run, in files between runs; and the results made of it.
 
-Either way a stage sees the same: pictures are float32 in an EXR without loss, masks are bits in a PNG, JSON is handed
-on as it reads back, as the model that the artifact's row names. What the user gives instead is checked as strictly.
+Either way a stage sees the same: pictures are rounded before they are handed on, then written without loss, masks are
+bits in a PNG, JSON is handed on as it reads back, as the model that the artifact's row names. What the user gives
+instead is checked as strictly.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ WRITTEN = True
 """Instead of an artifact's value: the stage has written the file."""
 _SUFFIX = {"picture": ".exr", "mask": ".png", "json": ".json"}
 _READ_PICTURE = "processing.pictures.exr:read_exr"
-_WRITE_PICTURE = "processing.pictures.exr:write_exr"
+_WRITE_PICTURE = "processing.pictures.exr:write_stage_exr"
 _READ_MASK = "processing.pictures.masks:read_mask"
 _WRITE_MASK = "processing.pictures.masks:write_mask"
 
@@ -51,8 +52,8 @@ def save(artifact: Artifact, value: object, folder: Path) -> object:
     """
     path = folder / file_name(artifact)
     if artifact.kind == "picture" and value is not WRITTEN:
-        resolve(_WRITE_PICTURE)(path, value)
-        return value
+        handed_on: object = resolve(_WRITE_PICTURE)(path, value)
+        return handed_on
     if artifact.kind == "mask":
         resolve(_WRITE_MASK)(path, value)
         return value

@@ -24,7 +24,7 @@ from processing.light.scene.emptied import EmptyRoom
 from processing.light.scene.scene import Part, Vector
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort
-from processing.pictures.exr import write_exr
+from processing.pictures.exr import write_stage_exr
 from processing.pictures.images import LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.stages.contract import StageContext, StageOutput, StageWarning
@@ -143,7 +143,7 @@ def _alternative(
     lit = work.asked.lamps == "on"
     parts = furniture_parts((*one.items, *added), Catalogue.builtin(style), work.own, lit=lit)
     staged = _staged(work, parts, work.effort)
-    write_exr(path.with_suffix(".exr"), _picture(work, staged, one))
+    write_stage_exr(path.with_suffix(".exr"), _picture(work, staged, one))
     write_scene_glb(path.with_suffix(".glb"), work.bare.stage.scene.furnished(parts))
     return {
         "units": "cd/m2" if work.empty.image.absolute else "relative units",

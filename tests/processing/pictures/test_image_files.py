@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from processing.errors import PictureFileError
-from processing.pictures.exr import read_exr, read_exr_rgb, write_exr
+from processing.pictures.exr import read_exr, read_exr_rgb, write_exr, write_stage_exr
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.sphere import Equirectangular
 from station.errors import DiskError, DiskFullError
@@ -57,6 +57,40 @@ def test_all_fields_come_back(tmp_path: Path, image: RelativeImage | LuminanceIm
     write_exr(path, image)
     assert path.read_bytes() == first
     assert [p.name for p in tmp_path.iterdir()] == ["picture.exr"]
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(image=images())
+def test_what_stages_hand_on_is_what_their_files_hold(tmp_path: Path, image: RelativeImage | LuminanceImage) -> None:
+    path = tmp_path / "picture.exr"
+    handed = write_stage_exr(path, image)
+    assert_same(read_exr(path), handed)
+    first = path.read_bytes()
+    assert_same(write_stage_exr(path, handed), handed)
+    assert path.read_bytes() == first
+    np.testing.assert_allclose(handed.rgb, image.rgb, rtol=2.0**-14, atol=1e-39)
+    usual = (image.uncertainty > 2**-14) & (image.uncertainty < 2**15)
+    np.testing.assert_allclose(handed.uncertainty[usual], image.uncertainty[usual], rtol=2.0**-8)
+    assert np.array_equal(np.isinf(handed.uncertainty), np.isinf(image.uncertainty))
+
+
+@pytest.mark.parametrize("uncertainty", [1e-7, 5e-5, 6.2e-5, 0.0103, 1.0, 65504.0, 1e30])
+def test_an_uncertainty_stays_above_nothing_and_finite_in_a_half(tmp_path: Path, uncertainty: float) -> None:
+    image = luminance_image(np.ones((8, 16, 3)), uncertainty=np.full((8, 16), uncertainty, np.float32))
+    write_stage_exr(tmp_path / "a.exr", image)
+    found = read_exr(tmp_path / "a.exr").uncertainty
+    assert np.all(found == np.float16(found))
+    assert found == pytest.approx(min(max(uncertainty, 2**-14), 2**15), rel=2**-8)
+
+
+def test_flipped_bits_of_a_stage_file_are_seen(tmp_path: Path) -> None:
+    path = tmp_path / "a.exr"
+    write_stage_exr(path, noise())
+    whole = path.read_bytes()
+    for place in range(len(whole) // 3, len(whole), len(whole) // 97):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
+        with pytest.raises(PictureFileError):
+            read_exr(path)
 
 
 def test_the_sun_beside_a_wall_is_exact(tmp_path: Path) -> None:

@@ -1,0 +1,45 @@
+"""How many threads work side by side, one number for everything: our own, and those of the libraries.
+
+``DAYLIT_THREADS``, else the cores that this process may use. Results do not depend on it. Bands, planes and pictures
+are shared among threads by `side_by_side`; libraries that have threads of their own are limited to one there, so that
+no core has two.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from processing.errors import ParameterError
+
+ASKED = "DAYLIT_THREADS"
+MOST = 64  # chosen: more have nothing left to do in a picture
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def threads() -> int:
+    """Return how many threads may work; `ParameterError` for a ``DAYLIT_THREADS`` that is no number from 1 up."""
+    asked = os.environ.get(ASKED, "")
+    if asked:
+        if not asked.isdecimal() or int(asked) < 1:
+            raise ParameterError(
+                f"{ASKED} is {asked!r}", advice=f"give a whole number from 1 to {MOST}, or leave it unset"
+            )
+        return min(int(asked), MOST)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(cores, MOST)
+
+
+def side_by_side(work: Callable[[T], R], items: Iterable[T], most: int = MOST) -> list[R]:
+    """Return ``work`` of each item, in order, done by as many threads as `threads` says but ``most``.
+
+    What a thread raises is raised here when those before it are done.
+    """
+    every, count = list(items), min(threads(), most)
+    if count == 1 or len(every) < 2:
+        return [work(item) for item in every]
+    with ThreadPoolExecutor(count) as pool:
+        return list(pool.map(work, every))
