@@ -1,8 +1,8 @@
 """How many threads work side by side, one number for everything: our own, and those of the libraries.
 
-``DAYLIT_THREADS``, else the cores that this process may use. Results do not depend on it. Bands, planes and pictures
-are shared among threads by `side_by_side`; libraries that have threads of their own are limited to one there, so that
-no core has two.
+``DAYLIT_THREADS``, else ``OMP_NUM_THREADS`` (what clusters set), else the cores that this process may use. Results do
+not depend on it. Bands and planes are shared among threads by `side_by_side`; `limit_libraries` gives the libraries
+that have threads of their own the same number.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ R = TypeVar("R")
 
 def threads() -> int:
     """Return how many threads may work; `ParameterError` for a ``DAYLIT_THREADS`` that is no number from 1 up."""
+    given = os.environ.get("OMP_NUM_THREADS", "")
     asked = os.environ.get(ASKED, "")
     if asked:
         if not asked.isdecimal() or int(asked) < 1:
@@ -29,8 +30,20 @@ def threads() -> int:
                 f"{ASKED} is {asked!r}", advice=f"give a whole number from 1 to {MOST}, or leave it unset"
             )
         return min(int(asked), MOST)
+    if given.isdecimal() and int(given) > 0:
+        return min(int(given), MOST)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(cores, MOST)
+
+
+def limit_libraries() -> None:
+    """Give OpenCV, and libraries that are loaded later (OpenBLAS, Open Image Denoise), as many threads as we take."""
+    import cv2
+
+    count = threads()
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OIDN_NUM_THREADS"):
+        os.environ.setdefault(name, str(count))
+    cv2.setNumThreads(count)
 
 
 def side_by_side(work: Callable[[T], R], items: Iterable[T], most: int = MOST) -> list[R]:

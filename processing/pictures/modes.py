@@ -9,20 +9,21 @@ Modes are independent: the variance of a sum over pixels is the sum of its squar
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
-from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
+from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, directions
 
 KEY = "shared_modes"
 Kind = Literal["level", "seam", "axis", "whole"]
-_BITS = 20
-"""Of a float32, dropped: what is left steps by an eighth of an octave."""
+LEVEL_SHIFT = 20
+"""Bits of a float32, dropped: what is left steps by an eighth of an octave."""
+LEVELS = 1 << (32 - LEVEL_SHIFT)
 SEAM_SIGMA = 0.02
 """Half the difference in exposure that two lenses of one body may have; chosen: 0.06 stop, thrice a shutter's."""
 VEIL_INDEX = 0.005
@@ -52,7 +53,7 @@ class SharedMode:
         """Return the relative error of pixels by their luminance (any shape, the same shape comes back)."""
         table = _by_bits(np.array(self.places), np.array(self.values))
         bits = np.ascontiguousarray(np.maximum(luminance, np.float32(1e-30)), dtype=np.float32).view(np.uint32)
-        return np.asarray(table[bits >> np.uint32(_BITS)])
+        return np.asarray(table[bits >> np.uint32(LEVEL_SHIFT)])
 
 
 def together(modes: Sequence[SharedMode], luminance: Floats) -> Floats:
@@ -65,9 +66,9 @@ def together(modes: Sequence[SharedMode], luminance: Floats) -> Floats:
 
 def _by_bits(places: Doubles, values: Doubles) -> Floats:
     """Return values by the upper bits of a float32: sign, exponent and three bits of the fraction."""
-    upper = np.arange(1 << (32 - _BITS), dtype=np.uint32)
-    usable = (upper > 0) & (upper < (0x7F800000 >> _BITS))
-    bits = np.where(usable, (upper << np.uint32(_BITS)) | np.uint32(1 << (_BITS - 1)), np.uint32(0x3F800000))
+    upper = np.arange(LEVELS, dtype=np.uint32)
+    usable = (upper > 0) & (upper < (0x7F800000 >> LEVEL_SHIFT))
+    bits = np.where(usable, (upper << np.uint32(LEVEL_SHIFT)) | np.uint32(1 << (LEVEL_SHIFT - 1)), np.uint32(0x3F800000))
     log2 = np.log2(bits.astype(np.uint32).view(np.float32).astype(np.float64))
     return np.asarray(np.where(usable, np.interp(log2, places, values), 0.0), dtype=np.float32)
 
@@ -94,33 +95,50 @@ def modes_of(image: RelativeImage | LuminanceImage) -> tuple[SharedMode, ...]:
     return tuple(SharedMode(row["name"], row["kind"], tuple(row["places"]), tuple(row["values"])) for row in rows)
 
 
-def relative_error(mode: SharedMode, image: RelativeImage | LuminanceImage, luminance: Floats) -> Floats:
-    """Return a mode's relative error at each pixel, (H, W), for one standard deviation; ``luminance``: (H, W)."""
+def relative_error(
+    mode: SharedMode, image: RelativeImage | LuminanceImage, luminance: Floats, rows: slice = slice(None)
+) -> Floats:
+    """Return a mode's relative error at each pixel of ``rows``, for one standard deviation; ``luminance``: theirs."""
     if mode.kind == "level":
         return mode.of_levels(luminance)
     if mode.kind == "whole":
         return np.full(luminance.shape, mode.values[0], np.float32)
     if mode.kind == "seam" and isinstance(image.geometry, Equirectangular):
-        height, width = luminance.shape
-        latitude = (0.5 - (np.arange(height) + 0.5) / height) * math.pi
+        height, width = image.rgb.shape[:2]
+        latitude = (0.5 - (np.arange(height)[rows] + 0.5) / height) * math.pi
         longitude = ((np.arange(width) + 0.5) / width - 0.5) * 2 * math.pi
         place = np.cos(latitude)[:, None] * np.cos(longitude)
     else:
-        rays, _ = directions(image.geometry)
+        rays, _ = directions(image.geometry, rows)
         place = rays[..., 1] if mode.kind == "seam" else np.hypot(rays[..., 0], rays[..., 1])
     return np.asarray(np.interp(place, mode.places, mode.values), dtype=np.float32)
 
 
-def shared_error(image: LuminanceImage, weights: Doubles) -> float:
-    """Return the standard uncertainty of ``sum(weights * luminance)`` by the picture's modes, in that sum's unit.
+def shared_error(
+    image: LuminanceImage, levels: Doubles, bands: Callable[[], Iterable[tuple[slice, Doubles]]]
+) -> float:
+    """Return the standard uncertainty of a weighted sum over the valid pixels' luminance by the picture's modes.
 
-    ``weights``: (H, W). What the picture's scale adds (`LuminanceImage.scale_uncertainty`) is not in it.
+    ``levels`` (LEVELS,): that sum by the upper bits of the pixels' luminance (float32, `LEVEL_SHIFT`). ``bands``: rows
+    and the sum's weights (h, W), asked for where a mode goes by place. What the picture's scale adds
+    (`LuminanceImage.scale_uncertainty`) is not in it.
     """
-    return math.hypot(*shared_errors(image, weights).values())
+    modes = modes_of(image)
+    by_place = [mode for mode in modes if mode.kind != "level"]
+    found = [levels @ _by_bits(np.array(m.places), np.array(m.values)) for m in modes if m.kind == "level"]
+    sums = np.zeros(len(by_place))
+    for rows, weights in bands() if by_place else ():
+        luminance = luminance_cd_m2(image.rgb[rows])
+        parts = weights * (image.validity[rows] == Validity.VALID) * luminance
+        sums += [np.vdot(parts, relative_error(mode, image, luminance, rows)) for mode in by_place]
+    return math.hypot(*found, *sums.tolist())
 
 
 def shared_errors(image: LuminanceImage, weights: Doubles) -> dict[str, float]:
-    """Return the parts of `shared_error` by cause; modes of one name, numbered, are one cause. ``weights``: (H, W)."""
+    """Return the parts of `shared_error` by cause, of ``sum(weights * luminance)``, in that sum's unit.
+
+    Modes of one name, numbered, are one cause. ``weights``: (H, W).
+    """
     luminance = luminance_cd_m2(image.rgb)
     parts, found = weights * luminance, dict[str, float]()
     for mode in modes_of(image):

@@ -110,6 +110,7 @@ def resample(
     *,
     method: Method = "area",
     weights: npt.ArrayLike | None = None,
+    near: Flags | None = None,
 ) -> tuple[Floats, Floats]:
     """Return a picture in another geometry and how much of each pixel is covered.
 
@@ -123,6 +124,9 @@ def resample(
     weights
         (H, W), 0..1: what each source pixel is worth (0: invalid, its value is not used). None: all that lies in the
         field counts, pixels cut by a fisheye's edge too.
+    near
+        (H, W), of ``area``: where overlaps must be exact; None: everywhere. Elsewhere weights must be 1, and cells are
+        taken for boxes of the same widths, which is exact where light changes evenly.
 
     Returns
     -------
@@ -137,7 +141,7 @@ def resample(
     picture, flat = _checked(rgb, source)
     known = _checked_weights(weights, source)
     if method == "area":
-        values, coverage = area_resample(picture, source, target, known)
+        values, coverage = area_resample(picture, source, target, known, near)
     elif method in ("bilinear", "cubic"):
         values, coverage = _sampled(picture, source, target, known, cubic=method == "cubic")
     else:

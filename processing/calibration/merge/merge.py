@@ -8,7 +8,6 @@ the weights; Granados et al. 2010 for the noise). Frames may come in any order.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -41,6 +40,7 @@ from processing.calibration.merge.tables import (
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
+from processing.ground.threads import threads
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
 from processing.pictures.images import RelativeImage, luminance_cd_m2
 from processing.pictures.modes import SharedMode, together, with_modes
@@ -85,7 +85,7 @@ class MergeOptions:
     allow_contradiction: bool = False
     """Whether frames that contradict times or curve by more than `REFUSE_STOPS` are merged all the same."""
     workers: int | None = None
-    """Threads; None: one a core, four at most. Results do not depend on it."""
+    """Threads; None: as many as `ground.threads` says. Results do not depend on it."""
 
     def error_bound(self) -> float:
         """Return the bound that holds."""
@@ -146,7 +146,7 @@ class _Job:
         asked = self.options.workers
         if asked is not None and asked < 1:
             raise ParameterError(f"workers is a number from 1 up, not {asked}")
-        return asked or min(4, os.cpu_count() or 1)
+        return asked or threads()
 
     @property
     def coded(self) -> bool:

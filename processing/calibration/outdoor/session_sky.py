@@ -10,12 +10,12 @@ from typing import Any, Literal, Protocol
 
 from processing.calibration.optics import OpticsChoice, find_optics, indoor_falloff, veil_taken_off
 from processing.calibration.outdoor.glass_view import SAME_CAMERA_UNCERTAINTY, not_one_camera, only_the_view
-from processing.calibration.outdoor.lens import LensModel
 from processing.calibration.outdoor.outdoor import (
     OutdoorOptics,
     OutdoorView,
     correct_colour,
     correct_vignetting,
+    cut_to_circle,
     outdoor_view,
     project,
     with_lens,
@@ -118,7 +118,7 @@ def calibrate_outdoor(
     optics, facts, warnings = find_optics(merged, session, asked, profile, k2)
     sky, veil = _corrected(merged, optics, asked)
     north, north_warnings = _north(sky, session, asked)
-    image = _turned(sky.image, north, session, asked, optics.lens)
+    image = _turned(sky.image, north, session, asked)
     if k2 is not None:
         warnings += _other_curves(k2, responses or {})
     scale, scale_facts = _scale(image, asked, k2, k1, sky.sun)
@@ -217,7 +217,7 @@ def _other_curves(k2: K2Record, responses: Mapping[Side, ResponseRecord]) -> lis
 def _corrected(merged: RelativeImage, optics: OutdoorOptics, asked: SkyChoice) -> tuple[_Sky, dict[str, Any]]:
     """Return the picture after the paper's steps (1) and (2), with the veil taken off before."""
     image, veil = veil_taken_off(merged, optics.lens, asked)
-    return _with_sun(correct_colour(correct_vignetting(with_lens(image, optics), optics), optics)), veil
+    return _with_sun(correct_colour(correct_vignetting(cut_to_circle(with_lens(image, optics)), optics), optics)), veil
 
 
 def _with_sun(image: RelativeImage) -> _Sky:
@@ -258,15 +258,12 @@ def _unturned(north: North, session: SessionManifest) -> list[str]:
     ]
 
 
-def _turned(
-    image: RelativeImage, north: North, session: SessionManifest, asked: SkyChoice, lens: LensModel
-) -> RelativeImage:
+def _turned(image: RelativeImage, north: North, session: SessionManifest, asked: SkyChoice) -> RelativeImage:
     """Return the picture in the geometry asked for, north on top, in the world whose +y is the panorama's middle."""
     heading = session.heading_rad if session.heading_rad is not None else 0.0
     assert isinstance(image.geometry, Fisheye)
     image = replace(image, geometry=oriented(image.geometry, north, heading))
-    size = lens.circle.scaled((image.rgb.shape[1], image.rgb.shape[0]))
-    rows = max(2, round(2 * size.radius_px))
+    rows = max(2, round(2 * image.geometry.radius_px))
     view = OutdoorView(asked.outdoor_view)
     rows = rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows
     return project(image, outdoor_view(view, rows, math.remainder(-heading, 2 * math.pi)))

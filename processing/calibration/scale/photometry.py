@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import numba as nb
 import numpy as np
 
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats
-from processing.pictures.images import LuminanceImage, Validity, luminance_cd_m2
-from processing.pictures.modes import shared_error
-from processing.sphere import Geometry, projected_solid_angles
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
+from processing.pictures.modes import LEVEL_SHIFT, LEVELS, shared_error
+from processing.sphere import Equirectangular, Geometry
+from processing.sphere.area import projected_bands
 
 UP = (0.0, 0.0, 1.0)  # a level plane's normal
 DEFAULT_LIMIT = 0.10
@@ -76,25 +79,21 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
     Raises `ParameterError` for a normal that is no direction.
     """
     direction = _unit(normal)
-    weights = _weights(image.geometry, direction)
-    with np.errstate(invalid="ignore"):
-        parts = weights * luminance_cd_m2(image.rgb)
-    value = float(parts.sum())
+    sums, levels = np.zeros(5 + len(Validity)), np.zeros(LEVELS)
+    for rows, weights in _weights(image.geometry, direction):
+        picture = image.rgb[rows], image.uncertainty[rows], image.validity[rows]
+        _add_light(*picture, weights, np.array(LUMINANCE_WEIGHTS), sums, levels)
+    value, squares, straight, doubtful, seen = sums[:5].tolist()
     if not (math.isfinite(value) and value >= 0):
         raise ParameterError("the picture holds values that light cannot have (negative, or not finite)")
-    # Where nothing is known the value may be wrong by all of itself; by more only where it is clipped.
-    errors = parts * np.minimum(image.uncertainty, 1.0)
-    valid = image.validity == Validity.VALID
     # A picture without a scale is a photograph through a supposed tone curve: its pixels are wrong together.
-    pixels = math.sqrt(float(np.square(errors[valid]).sum())) if image.absolute else float(errors[valid].sum())
-    shared = shared_error(image, weights * valid)
-    doubtful = float(errors[~valid].sum())
+    pixels = math.sqrt(squares) if image.absolute else straight
+    shared = shared_error(image, levels, lambda: _weights(image.geometry, direction))
     scale = value * image.scale_uncertainty
     shares = {
-        code.name.lower(): float(parts[image.validity == code].sum()) / value if value > 0 else 0.0
+        code.name.lower(): float(sums[5 + code]) / value if value > 0 else 0.0
         for code in (Validity.CLIPPED, Validity.DARK, Validity.REPAIRED)
     }
-    seen = float(weights[image.validity != Validity.OUTSIDE].sum())
     return Illuminance(
         value_lx=value,
         uncertainty_lx=math.hypot(pixels, shared, doubtful, scale),
@@ -105,6 +104,41 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
         invalid_shares=shares,
         unseen_share=min(1.0, max(0.0, 1 - seen / math.pi)),
     )
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_light(
+    rgb: Any, uncertainty: Any, validity: Any, weights: Any, luminance: Any, sums: Any, levels: Any
+) -> None:
+    """Add light to ``sums``: all, valid pixels' errors squared and straight, the others' errors, solid angle seen, and
+    light by `Validity`; to ``levels`` valid light by the upper bits of its luminance (`shared_error`). ``weights``
+    (H, W): projected solid angles; ``luminance`` (3,): of R, G and B.
+    """
+    part = np.empty_like(sums)
+    for y in range(rgb.shape[0]):
+        part[:] = 0.0
+        for x in range(rgb.shape[1]):
+            weight = weights[y, x]
+            if weight == 0.0:
+                continue
+            light = luminance[0] * rgb[y, x, 0] + luminance[1] * rgb[y, x, 1] + luminance[2] * rgb[y, x, 2]
+            level = np.float32(light).view(np.int32) >> LEVEL_SHIFT
+            light *= weight
+            # Where nothing is known the value may be wrong by all of itself; by more only where it is clipped.
+            error = light * min(uncertainty[y, x], 1.0)
+            code = validity[y, x]
+            part[0] += light
+            part[5 + code] += light
+            if code == 0:
+                part[1] += error * error
+                part[2] += error
+                levels[max(level, 0)] += light
+            else:
+                part[3] += error
+            if code != 3:
+                part[4] += weight
+        for k in range(sums.shape[0]):
+            sums[k] += part[k]
 
 
 def compare_illuminance(
@@ -153,12 +187,14 @@ def _unit(normal: Sequence[float]) -> tuple[float, float, float]:
     return x, y, z
 
 
-@functools.lru_cache(maxsize=2)
-def _weights(geometry: Geometry, normal: tuple[float, float, float]) -> Doubles:
-    """Return projected solid angles; the last two are kept (a full-size one is 180 MB)."""
-    weights = projected_solid_angles(geometry, normal)
-    weights.flags.writeable = False
-    return weights
+def _weights(geometry: Geometry, normal: tuple[float, float, float]) -> Iterable[tuple[slice, Doubles]]:
+    """Return rows and their projected solid angles; a fisheye's last are kept (100 MB), a panorama's cost little."""
+    return projected_bands(geometry, normal) if isinstance(geometry, Equirectangular) else _kept(geometry, normal)
+
+
+@functools.lru_cache(maxsize=1)
+def _kept(geometry: Geometry, normal: tuple[float, float, float]) -> list[tuple[slice, Doubles]]:
+    return list(projected_bands(geometry, normal))
 
 
 CLIPPED_SHARE = 0.01

@@ -62,6 +62,33 @@ def test_the_suns_energy_passes_the_projection(view: OutdoorView, elevation_deg:
     assert after.sum() == pytest.approx(before.sum(), rel=2e-3)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_boxes_stand_for_cells_where_light_is_even(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """Against exact overlaps everywhere: the same marks, and light within the stated error."""
+    rng = np.random.default_rng(seed)
+    geometry = optics_of(600).lens.fisheye()
+    ways, inside = directions(geometry)
+    hills = sum(a * np.sin(7 * (ways @ rng.normal(size=3)) + k) for k, a in enumerate(rng.uniform(100, 400, 4)))
+    light = np.where(ways @ rng.normal(size=3) > 1.2, 300.0, 2000.0 + hills) * rng.normal(1, 0.01, inside.shape)
+    light[ways @ SKY.sun_direction > math.cos(math.radians(0.6))] = 1e6
+    validity = np.where(inside, Validity.VALID, Validity.OUTSIDE).astype(np.uint8)
+    validity[inside & (light > 1e5)] = Validity.CLIPPED
+    rgb = np.where(inside[..., None], light[..., None] * [0.9, 1.0, 1.2], 0).astype(np.float32)
+    image = RelativeImage(rgb, np.full(inside.shape, 0.01, np.float32), validity, geometry)
+    target = outdoor_view(OutdoorView.HEMISPHERICAL, 400, 0.4)
+    assert not outdoor._uneven(luminance_cd_m2(rgb), validity)[inside].mean() > 0.5
+    found = outdoor.project(image, target)
+    monkeypatch.setattr(outdoor, "_uneven", lambda light, _validity: np.ones(light.shape, bool))
+    exact = outdoor.project(image, target)
+    assert np.array_equal(found.validity, exact.validity)
+    shown = exact.validity != Validity.OUTSIDE
+    off = np.abs(luminance_cd_m2(found.rgb)[shown] / luminance_cd_m2(exact.rgb)[shown] - 1)
+    assert 0 < np.median(off) < 1e-3
+    assert off.max() < 0.02
+    level = [illuminance_lx(in_cd_m2(one)).value_lx for one in (found, exact)]
+    assert level[0] == pytest.approx(level[1], rel=1e-5)
+
+
 @settings(max_examples=8, deadline=None)
 @given(seed=st.integers(0, 99), level=st.floats(-3, 8), spread=st.floats(0, 0.3))
 def test_vignetting_and_colour_are_undone(seed: int, level: float, spread: float) -> None:

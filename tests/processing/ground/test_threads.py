@@ -1,0 +1,66 @@
+"""How many threads work: as asked, or as the machine has cores; results in order, errors raised."""
+
+from __future__ import annotations
+
+import os
+import threading
+
+import cv2
+import pytest
+
+from processing.errors import ParameterError
+from processing.ground.threads import ASKED, MOST, limit_libraries, side_by_side, threads
+
+
+def test_as_many_as_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ASKED, "3")
+    assert threads() == 3
+    monkeypatch.setenv(ASKED, "1000")
+    assert threads() == MOST
+    monkeypatch.delenv(ASKED)
+    monkeypatch.setenv("OMP_NUM_THREADS", "5")
+    assert threads() == 5
+    monkeypatch.delenv("OMP_NUM_THREADS")
+    assert threads() >= 1
+
+
+def test_libraries_take_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = cv2.getNumThreads()
+    monkeypatch.setenv(ASKED, "1")
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OIDN_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    limit_libraries()
+    assert cv2.getNumThreads() == 1
+    assert os.environ["OIDN_NUM_THREADS"] == "1"
+    cv2.setNumThreads(before)
+
+
+@pytest.mark.parametrize("asked", ["0", "-1", "two", "1.5"])
+def test_no_number_is_a_named_error(monkeypatch: pytest.MonkeyPatch, asked: str) -> None:
+    monkeypatch.setenv(ASKED, asked)
+    with pytest.raises(ParameterError, match=ASKED):
+        threads()
+
+
+def test_work_is_side_by_side_and_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ASKED, "2")
+    both = threading.Barrier(2, timeout=30)
+
+    def work(number: int) -> int:
+        if number < 2:
+            both.wait()
+        return 2 * number
+
+    assert side_by_side(work, range(5)) == [0, 2, 4, 6, 8]
+
+
+def test_what_a_thread_raises_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ASKED, "2")
+
+    def work(number: int) -> int:
+        if number == 3:
+            raise ValueError("three")
+        return number
+
+    with pytest.raises(ValueError, match="three"):
+        side_by_side(work, range(5))
