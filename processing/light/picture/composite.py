@@ -23,7 +23,7 @@ from processing.light.solver.irradiance import EFFORTS, Effort, Lights, denoised
 from processing.light.solver.kernels import cosine_rays, random
 from processing.light.solver.sight import FIRST_PART, albedo_of, emission_of, looked_up, sight_of
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage
-from processing.light.solver.upsample import upsampled
+from processing.light.solver.upsample import Places, upsampled
 from processing.sphere import Equirectangular
 
 IBL_ROWS = 512
@@ -139,7 +139,8 @@ def ibl(
         shaped = denoised(shaped, sight.normal.reshape(shaped.shape) * there[..., None], near, wraps=True)
     rgb, mask = photograph.copy(), np.zeros(photograph.shape[:2], bool)
     for rows, large in bands(full, geometry, eye_m):
-        lit, _ = upsampled(shaped, sight, large, wraps=True, first_row=rows.start, rows=geometry.height_px)
+        places = Places.whole(large.shape, rows.start, geometry.height_px)
+        lit, _ = upsampled(shaped, sight, large, wraps=True, places=places)
         there = large.label >= FIRST_PART
         shown = albedo_of(full, large) * lit / np.float32(np.pi) + emission_of(full, large)
         band = rgb[rows].reshape(-1, 3)

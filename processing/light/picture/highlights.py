@@ -100,9 +100,8 @@ def matte_share(stage: Stage, sight: Sight) -> Floats:
     out = np.ones((len(sight.label), 1), np.float32)
     facing = np.clip(-np.einsum("ij,ij->i", sight.rays, sight.normal), 0, 1)
     for number, part in enumerate(stage.scene.parts):
-        material = part.material
-        if is_glossy(material):
-            mine = np.flatnonzero(sight.label == FIRST_PART + number)
+        material, mine = part.material, sight.pixels.get(FIRST_PART + number)
+        if mine is not None and is_glossy(material):
             rim = max(1 - material.roughness, HEAD_ON) - HEAD_ON
             mirrored = HEAD_ON + rim * (1 - facing[mine]) ** 5
             out[mine, 0] = (1 - material.metallic) * (1 - mirrored)
@@ -114,8 +113,8 @@ def furniture_highlights(around: Surroundings, sight: Sight, sun: Floats, sample
     out = np.zeros((len(sight.label), 3), np.float32)
     outdoors = around.stage.scene.outdoors.sun
     for number, part in enumerate(around.stage.scene.parts):
-        mine = np.flatnonzero(sight.label == FIRST_PART + number)
-        if not len(mine) or not is_glossy(part.material):
+        mine = sight.pixels.get(FIRST_PART + number)
+        if mine is None or not is_glossy(part.material):
             continue
         width = max(part.material.roughness**2, LEAST_WIDTH)
         tint = _head_on(part.material)

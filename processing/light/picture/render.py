@@ -17,7 +17,7 @@ from processing.light.solver.sight import Sight, albedo_of, emission_of, seen_ou
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
 from processing.light.solver.transport import light_map
-from processing.light.solver.upsample import upsampled
+from processing.light.solver.upsample import Places, upsampled
 from processing.sphere import Equirectangular, Fisheye, Geometry, Perspective, directions
 
 ROWS_AT_ONCE_PX = 1 << 19
@@ -87,8 +87,9 @@ def shaded(
         rays, _ = directions(geometry, rows)
         flat = np.ascontiguousarray(rays.reshape(-1, 3), dtype=np.float32)
         large = sight_along(stage, flat, eye_m, (rows.stop - start, wide))
+        places = Places.whole(large.shape, start, high)
         light, missed = upsampled(
-            found.picture, small, large, wraps=isinstance(geometry, Equirectangular), first_row=start, rows=high
+            found.picture, small, large, wraps=isinstance(geometry, Equirectangular), places=places
         )
         chosen = np.flatnonzero(missed & large.solid)
         if len(chosen):

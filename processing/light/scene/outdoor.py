@@ -13,8 +13,8 @@ import numpy as np
 from processing.errors import SceneError
 from processing.ground.arrays import Doubles, Floats
 from processing.light.scene.scene import SUN_RADIUS_RAD, Outdoors, Sun
-from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
-from processing.sphere import Equirectangular, directions, solid_angles
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity, luminance_cd_m2
+from processing.sphere import Equirectangular, directions, point_directions, solid_angles
 from processing.sphere.resampling import resample
 
 GROUND_ALBEDO = 0.2
@@ -53,16 +53,46 @@ def outdoors_of(
         Nothing of the sky is seen.
     """
     weights = (image.validity != Validity.OUTSIDE).astype(np.float32)
-    source, rgb, found = image.geometry, image.rgb.astype(np.float64), None
+    source, rgb, found = image.geometry, image.rgb, None
     if sun:
-        rgb, found = without_sun(rgb, directions(source)[0], solid_angles(source) * weights)
+        rgb, found = _sun_apart(image, weights)
     target = Equirectangular(2 * rows, rows)
-    panorama, coverage = resample(rgb.astype(np.float32), source, target, weights=weights)
+    panorama, coverage = resample(rgb, source, target, weights=weights)
     known = coverage > 0.5
     if not known[: rows // 2].any():
         raise SceneError("no part of the sky is seen", where="outdoor picture", advice="check its geometry")
     panorama = _filled_sky(panorama, known)
     return Outdoors(with_ground(panorama, known, found, ground_albedo), found)
+
+
+_COARSE_PX = 16
+"""Between the directions by which the sun's neighbourhood is found."""
+
+
+def _sun_apart(image: LuminanceImage, weights: Floats) -> tuple[Floats, Sun | None]:
+    """Return a picture (H, W, 3) without its sun, and the sun, from the part of it about its brightest pixel.
+
+    ``weights`` (H, W): 0 outside the field.
+    """
+    light = luminance_cd_m2(image.rgb) * (weights > 0)
+    row, column = np.unravel_index(int(light.argmax()), light.shape)
+    high, wide = light.shape
+    y, x = np.arange(0, high, _COARSE_PX), np.arange(0, wide, _COARSE_PX)
+    ways, _ = point_directions(image.geometry, x + 0.5, y[:, None] + 0.5)
+    brightest, _ = point_directions(image.geometry, np.array([column + 0.5]), np.array([row + 0.5]))
+    near = np.arccos(np.clip(ways @ brightest[0], -1, 1)) < 3 * SUN_SEARCH_RAD
+    y, x = y[near.any(axis=1)], x[near.any(axis=0)]
+    if not len(y):
+        return image.rgb, None
+    rows = slice(max(y[0] - _COARSE_PX, 0), y[-1] + 2 * _COARSE_PX)
+    part = rows, slice(max(x[0] - _COARSE_PX, 0), x[-1] + 2 * _COARSE_PX)
+    area = solid_angles(image.geometry)[part] * weights[part]
+    rest, found = without_sun(image.rgb[part].astype(np.float64), directions(image.geometry, rows)[0][:, part[1]], area)
+    if found is None:
+        return image.rgb, None
+    rgb = image.rgb.copy()
+    rgb[part] = rest
+    return rgb, found
 
 
 def sky_outdoors(

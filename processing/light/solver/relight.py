@@ -21,7 +21,7 @@ from processing.light.solver.sky import add_sky, sky_values
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of, sunlight
 from processing.light.solver.transport import LightMap, bounced, patch_points, settled
-from processing.light.solver.upsample import Neighbours, Steps
+from processing.light.solver.upsample import Neighbours, Places, Steps
 from processing.sphere import Equirectangular
 
 MOST = 0.7
@@ -110,7 +110,9 @@ class RelightView:
         self._places = patch_points(stage, SUN_PLACES, (0, 85))
         self._steps = None
         if self.full is not self.small:
-            self._steps = Steps.of(self.small, self.full, self.full.solid, 0, rows, wraps=True, any_solid=True)
+            self._steps = Steps.of(
+                self.small, self.full, self.full.solid, Places.whole(self.full.shape), wraps=True, any_solid=True
+            )
         self._colours = np.array([*(p.transmittance for p in stage.scene.panes), (1.0, 1.0, 1.0)], np.float32)
         pixel = basis.pixel
         self._neighbours = None

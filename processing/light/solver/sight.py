@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.ground.arrays import Doubles, Floats, Indices, Int32s
 from processing.light.scene.scene import Vector
-from processing.light.solver.kernels import FURNITURE, PANE
+from processing.light.solver.kernels import PANE, compiled
 from processing.light.solver.stage import RAYS_AT_ONCE, Stage, part_albedo, part_normals, surface_values
 from processing.sphere import Geometry, directions
 
@@ -35,6 +36,11 @@ class Sight:
     normal: Floats
     """(N, 3), towards the eye; 0 where nothing or glass is seen."""
     triangle: Int32s
+
+    @cached_property
+    def pixels(self) -> dict[int, Indices]:
+        """By label the pixels (K,), ascending, that have it."""
+        return by_label(self.label)
 
     @property
     def solid(self) -> np.ndarray:
@@ -71,26 +77,48 @@ def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int
         part = slice(start, start + RAYS_AT_ONCE)
         hits = stage.tracer.cast(np.broadcast_to(eye, rays[part].shape), rays[part])
         triangle[part], distance[part] = hits.triangle, hits.distance_m
-    p = stage.patches
-    met = triangle >= 0
-    safe = np.where(met, triangle, 0)
-    owner = np.where(met, p.owner[safe], -3)
-    pane = np.where(owner == PANE, p.item[safe], -1).astype(np.int32)
-    label = np.where(owner >= 0, owner, NOTHING)
-    label = np.where(owner == FURNITURE, FIRST_PART + p.part[safe], label)
-    label = np.where(owner == PANE, GLASS, label).astype(np.int32)
-    normal = np.where((label >= 0)[:, None], p.normals[safe], np.float32(0))
-    normal *= np.where(np.einsum("ij,ij->i", normal, rays) > 0, np.float32(-1), np.float32(1))[:, None]
-    point = eye + rays * np.where(met, distance, np.float32(0))[:, None]
+    p, count = stage.patches, len(rays)
+    label, pane = np.empty(count, np.int32), np.empty(count, np.int32)
+    point, normal = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
+    _see(rays, triangle, distance, eye, (p.owner, p.item, p.part, p.normals), label, pane, point, normal)
     _round(stage, label, triangle, point, normal)
     return Sight(shape, rays, label, pane, distance, point, normal, triangle)
 
 
+@compiled
+def _see(rays, triangle, distance, eye, whose, label, pane, point, normal):  # type: ignore[no-untyped-def]
+    """Fill what rays (N, 3) from ``eye`` see, by the triangles that they met; ``whose``: owner, item, part, normals."""
+    owner, item, part, normals = whose
+    for i in range(rays.shape[0]):
+        t = triangle[i]
+        label[i], pane[i] = NOTHING, -1
+        if t >= 0 and owner[t] == PANE:
+            label[i], pane[i] = GLASS, item[t]
+        elif t >= 0:
+            label[i] = owner[t] if owner[t] >= 0 else FIRST_PART + part[t]
+        turned = np.float32(0)
+        for c in range(3):
+            point[i, c] = eye[c] + (rays[i, c] * distance[i] if t >= 0 else np.float32(0))
+            normal[i, c] = normals[t, c] if label[i] >= 0 else np.float32(0)
+            turned += normal[i, c] * rays[i, c]
+        if turned > 0:
+            for c in range(3):
+                normal[i, c] = -normal[i, c]
+
+
+def by_label(label: Int32s, least: int | None = None) -> dict[int, Indices]:
+    """Return by label (N,) the places (K,), ascending, that have it; of labels from ``least`` on alone."""
+    chosen = np.arange(len(label)) if least is None else np.flatnonzero(label >= least)
+    order = chosen[np.argsort(label[chosen], kind="stable")]
+    first = np.flatnonzero(np.diff(label[order], prepend=np.iinfo(np.int32).min))
+    return {int(label[part[0]]): part for part in np.split(order, first[1:]) if len(part)}
+
+
 def _round(stage: Stage, label: Int32s, triangle: Int32s, point: Floats, normal: Floats) -> None:
     """Turn the normals of round furniture as its shape turns, never beyond the edge of what faces the eye."""
-    for number, part in enumerate(stage.scene.parts):
-        chosen = np.flatnonzero(label == FIRST_PART + number) if part.normals is not None else ()
-        if not len(chosen):
+    for number, chosen in by_label(label, FIRST_PART).items():
+        part = stage.scene.parts[number - FIRST_PART]
+        if part.normals is None:
             continue
         smooth = part_normals(part, stage.patches.face[triangle[chosen]], point[chosen].astype(np.float64))
         assert smooth is not None
@@ -112,13 +140,14 @@ def emission_of(stage: Stage, sight: Sight) -> Floats:
 
 def _colours(stage: Stage, sight: Sight, name: str) -> Floats:
     out = np.zeros((len(sight.label), 3), np.float32)
-    for number in np.unique(sight.label[sight.label >= 0]):
-        one = _one_colour(stage, int(number), name)
+    for number, chosen in sight.pixels.items():
+        if number < 0:
+            continue
+        one = _one_colour(stage, number, name)
         if one is not None:
             if one.any():
-                out[sight.label == number] = one
+                out[chosen] = one
             continue
-        chosen = np.flatnonzero(sight.label == number)
         if number >= FIRST_PART:
             part = stage.scene.parts[number - FIRST_PART]
             face = stage.patches.face[sight.triangle[chosen]]

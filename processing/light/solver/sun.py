@@ -196,10 +196,12 @@ def _disc_tints(glass, triangle, distance, origins, directions, out, apart):  # 
         apart[i] = high > 1.01 * low
 
 
-def sun_of(stage: Stage, sight: Sight, samples: int, seed: int, among: Flags | None = None) -> Floats:
+def sun_of(
+    stage: Stage, sight: Sight, samples: int, seed: int, among: Flags | None = None, block: int | None = None
+) -> Floats:
     """Return the sun's direct irradiance (N, 3), lx, of what a picture's pixels see; 0 for those not ``among`` (N,).
 
-    ``samples`` rays go to its disc from places in half shadow.
+    ``samples`` rays go to its disc from places in half shadow. ``block``: pixels a block; None: by the picture's size.
     """
     out = np.zeros((len(sight.label), 3), np.float32)
     sun = stage.scene.outdoors.sun
@@ -212,14 +214,16 @@ def sun_of(stage: Stage, sight: Sight, samples: int, seed: int, among: Flags | N
         return out
     chosen = np.zeros(len(chosen), bool)
     chosen[pixels] = True
-    tint = _picture_tint(stage, sun, sight, samples, seed, chosen)
+    step = _block_px(sight) if block is None else block
+    tint = _picture_tint(stage, sun, sight, (samples, step), seed, chosen)
     cosine = sight.normal[pixels] @ np.asarray(sun.direction, np.float32)
     out[pixels] = tint[pixels] * cosine[:, None] * np.asarray(sun.normal_illuminance_lx, np.float32)
     return out
 
 
-def _picture_tint(stage: Stage, sun: Sun, sight: Sight, samples: int, seed: int, chosen: Flags) -> Floats:
-    """Return what of the sun's disc reaches each chosen pixel (N, 3)."""
+def _picture_tint(stage: Stage, sun: Sun, sight: Sight, effort: tuple[int, int], seed: int, chosen: Flags) -> Floats:
+    """Return what of the sun's disc reaches each chosen pixel (N, 3); ``effort``: samples, pixels a block."""
+    samples, step = effort
     tint = np.zeros((len(chosen), 3), np.float32)
     shifts = random((seed, 30), len(chosen), 2)
 
@@ -228,7 +232,6 @@ def _picture_tint(stage: Stage, sun: Sun, sight: Sight, samples: int, seed: int,
         tint[pixels], unsure = sun_tint(stage, sun, *seen, samples, shifts[pixels])
         return unsure
 
-    step = _block_px(sight)
     if step == 1:
         look(np.flatnonzero(chosen))
         return tint
@@ -253,8 +256,12 @@ def _block_px(sight: Sight) -> int:
     high, wide = sight.shape
     if high < 2 or wide < 2:
         return 1
-    apart = float(np.linalg.norm(sight.rays[wide].astype(np.float64) - sight.rays[0]))
-    return min(max(math.floor(BLOCK_RAD / max(apart, 1e-9)), 1), MOST_STEP)
+    return block_px(float(np.linalg.norm(sight.rays[wide].astype(np.float64) - sight.rays[0])))
+
+
+def block_px(apart_rad: float) -> int:
+    """Return how many pixels wide blocks are, of pixels so far apart."""
+    return min(max(math.floor(BLOCK_RAD / max(apart_rad, 1e-9)), 1), MOST_STEP)
 
 
 @compiled

@@ -33,6 +33,21 @@ class _Seen(NamedTuple):
     point: Floats
 
 
+class Places(NamedTuple):
+    """Where pixels (N) lie in a large picture."""
+
+    row: Int32s
+    column: Int32s
+    high: int
+    wide: int
+
+    @classmethod
+    def whole(cls, shape: tuple[int, int], first_row: int = 0, high: int | None = None) -> Places:
+        """Return the places of a picture of ``shape``, or of a band of whole rows of one ``high`` in all."""
+        row, column = np.divmod(np.arange(shape[0] * shape[1], dtype=np.int32), np.int32(shape[1]))
+        return cls(row + np.int32(first_row), column, high or shape[0], shape[1])
+
+
 @dataclass(frozen=True)
 class Steps:
     """For each large pixel (N) up to `MOST` small ones of its own surface: found once, used for every light."""
@@ -48,17 +63,16 @@ class Steps:
         small: Sight,
         large: Sight,
         wanted: Flags,
-        first_row: int,
-        high: int,
+        places: Places,
         *,
         wraps: bool,
         any_solid: bool,
     ) -> Steps:
         """Return the steps between two pictures of the same geometry but for their size.
 
-        ``large`` may be a band of whole rows: from ``first_row`` on, of ``high`` in all. Pixels that are not ``wanted``
-        (N,) have no steps. ``wraps``: a panorama, whose left and right edges meet. ``any_solid``: rather any solid
-        pixel, however different, than none.
+        ``large`` may be any of the large picture's pixels, at ``places``. Pixels that are not ``wanted`` (N,) have no
+        steps. ``wraps``: a panorama, whose left and right edges meet. ``any_solid``: rather any solid pixel, however
+        different, than none.
         """
         count = len(large.label)
         index, weight = np.zeros((count, MOST), np.int32), np.zeros((count, MOST), np.float32)
@@ -67,8 +81,8 @@ class Steps:
             small.normal.reshape(*small.shape, 3),
             small.point.reshape(*small.shape, 3),
         )
-        shape = np.array([first_row, high, large.shape[1], 3 if any_solid else 2])
-        _find(seen, _Seen(large.label, large.normal, large.point), shape, wraps, wanted, index, weight)
+        attempts = 3 if any_solid else 2
+        _find(seen, _Seen(large.label, large.normal, large.point), places, attempts, wraps, wanted, index, weight)
         return cls(index, weight)
 
     def apply(self, values: Floats) -> Floats:
@@ -90,17 +104,16 @@ def upsampled(
     large: Sight,
     *,
     wraps: bool,
-    first_row: int = 0,
-    rows: int | None = None,
+    places: Places | None = None,
     among: Flags | None = None,
 ) -> tuple[Floats, Flags]:
     """Return values (N, K) for the large picture's pixels, and which (N,) have no small pixel of their own surface.
 
     ``values`` is (H, W, K) for the small picture; both must have the same geometry but for their size. ``large`` may be
-    a band of whole rows: from ``first_row`` on, of ``rows`` in all. Pixels that are not ``among`` (N,) stay 0.
+    some of the picture's pixels, at ``places``; None: all. Pixels that are not ``among`` (N,) stay 0.
     """
     wanted = large.solid if among is None else large.solid & among
-    steps = Steps.of(small, large, wanted, first_row, rows or large.shape[0], wraps=wraps, any_solid=False)
+    steps = Steps.of(small, large, wanted, places or Places.whole(large.shape), wraps=wraps, any_solid=False)
     return steps.apply(values), steps.missed & wanted
 
 
@@ -178,14 +191,13 @@ def _around(small, large, i, y, x, attempt, wraps, index, weight):  # type: igno
 
 
 @compiled
-def _find(small, large, shape, wraps, wanted, index, weight):  # type: ignore[no-untyped-def]
-    """Fill the steps of all wanted pixels; ``shape`` (4,): first row, rows in all, columns, attempts."""
-    first, rows, columns, attempts = shape[0], shape[1], shape[2], shape[3]
+def _find(small, large, places, attempts, wraps, wanted, index, weight):  # type: ignore[no-untyped-def]
+    """Fill the steps of all wanted pixels."""
+    down, across = small.label.shape[0] / places.high, small.label.shape[1] / places.wide
     for i in range(large.label.shape[0]):
         if not wanted[i]:
             continue
-        y = (first + i // columns + 0.5) * small.label.shape[0] / rows - 0.5
-        x = (i % columns + 0.5) * small.label.shape[1] / columns - 0.5
+        y, x = (places.row[i] + 0.5) * down - 0.5, (places.column[i] + 0.5) * across - 0.5
         total = np.float32(0)
         for attempt in range(attempts):
             _around(small, large, i, y, x, attempt, wraps, index, weight)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from processing.errors import SceneError
-from processing.light.picture.change import edge_pixels
+from processing.light.picture.edges import edge_pixels
 from processing.light.picture.highlights import _sun_glint, facet_rays, is_glossy
 from processing.light.scene.scene import Material, Part, Scene, plain
 from processing.light.scene.sources import find_lamps

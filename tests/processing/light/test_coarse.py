@@ -1,0 +1,67 @@
+"""Large pictures: filled from a coarse grid where light is smooth, looked at where it is not, whatever the threads."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from processing.ground.threads import ASKED
+from processing.light.picture import change
+from processing.light.picture.coarse import furniture_blocks
+from processing.light.picture.composite import differential
+from processing.light.scene.scene import Sun
+from processing.light.solver.irradiance import Effort
+from processing.light.solver.sight import FIRST_PART, sight_of
+from processing.light.solver.stage import Stage
+from processing.sphere import Equirectangular
+from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
+
+ROWS = 480
+LOOK = Effort(texel_m=0.25, patch_samples=32, rows=48, pixel_samples=16, sun_samples=16, clean=False)
+POLE = box((1.0, 1.2, 0.9), (0.02, 0.02, 1.8), name="pole")
+TABLE = box((1.2, -0.8, 0.4), (0.8, 0.8, 0.8))
+
+
+def staged(monkeypatch: pytest.MonkeyPatch, step: int, sun: Sun | None):
+    monkeypatch.setattr(change, "block_px", lambda _apart: step)
+    room = scene_of(box_room(), uniform_sky(4000.0, sun), 0.5, reveal_m=0.2)
+    photograph = np.random.default_rng(4).uniform(20, 90, (ROWS, 2 * ROWS, 3)).astype(np.float32)
+    return photograph, differential(photograph, room, (TABLE, POLE), EYE, effort=LOOK, seed=2)
+
+
+@pytest.mark.parametrize("sun", [None, Sun((0.0, -0.8, 0.6), (6e4, 6e4, 6e4))], ids=["clouds", "sun"])
+def test_a_coarse_grid_says_what_every_pixel_says(monkeypatch: pytest.MonkeyPatch, sun: Sun | None) -> None:
+    photograph, fine = staged(monkeypatch, 1, sun)
+    _, coarse = staged(monkeypatch, 4, sun)
+    assert np.array_equal(coarse.furniture, fine.furniture)
+    assert np.array_equal(coarse.rgb[coarse.kept], photograph[coarse.kept])
+    off = np.abs(coarse.rgb / fine.rgb - 1).max(axis=-1)[~fine.furniture]
+    assert np.median(off) < 1e-3
+    # At the edge of sunlight chance decides a few pixels: rays to the sun's disc are others in other bands.
+    assert np.quantile(off, 0.99) < 0.02
+    assert coarse.rgb.sum(dtype=float) == pytest.approx(fine.rgb.sum(dtype=float), rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_furniture_is_outside_its_blocks(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    parts = tuple(
+        box(rng.uniform((-2, -1.5, 0.1), (2, 1.5, 2.2)), rng.uniform(0.01, 1.2, 3), name=str(k)) for k in range(5)
+    )
+    stage = Stage.of(scene_of(box_room(), uniform_sky()).furnished(parts), 0.5)
+    geometry = Equirectangular(400, 200)
+    for step in (3, 4, 8):
+        blocks = furniture_blocks(stage, (200, 400), step, EYE)
+        seen = (sight_of(stage, geometry, EYE).label >= FIRST_PART).reshape(200, 400)
+        near = np.repeat(np.repeat(blocks, step, axis=0), step, axis=1)[:200, :400]
+        assert not (seen & ~near).any()
+
+
+def test_threads_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(change, "ROWS_AT_ONCE_PX", 1 << 15)
+    found = []
+    for count in ("1", "3"):
+        monkeypatch.setenv(ASKED, count)
+        found.append(staged(monkeypatch, 4, None)[1])
+    assert np.array_equal(found[0].rgb, found[1].rgb)
+    assert np.array_equal(found[0].kept, found[1].kept)
