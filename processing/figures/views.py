@@ -28,13 +28,11 @@ def reduced(image: LuminanceImage, width_px: int) -> LuminanceImage:
     rgb, _ = resample(image.rgb, source, target)
     uncertainty = resample_uncertainty(image.uncertainty, source, target)
     validity = np.zeros(rgb.shape[:2], np.uint8)
-    for code, share in ((Validity.DARK, 0.5), (Validity.REPAIRED, 0.0), (Validity.CLIPPED, 0.0)):
-        there = (image.validity == code).astype(np.float32)
+    shares = ((Validity.DARK, 0.5), (Validity.REPAIRED, 0.0), (Validity.CLIPPED, 0.0), (Validity.OUTSIDE, 0.5))
+    for code, share in shares:
+        there = image.validity == code
         if there.any():
-            validity[resample(there, source, target)[0] > share] = code
-    outside = (image.validity == Validity.OUTSIDE).astype(np.float32)
-    if outside.any():
-        validity[resample(outside, source, target)[0] > 0.5] = Validity.OUTSIDE
+            validity[resample(there.astype(np.float32), source, target)[0] > share] = code
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=validity, geometry=target, ghost=None)
 
 

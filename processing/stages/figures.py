@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from processing.figures.figures import camera_figures, level_ratio, meter_figures, outdoor_figures, surface_figures
+from processing.figures.figures import (
+    WIDTH_PX,
+    camera_figures,
+    level_ratio,
+    meter_figures,
+    outdoor_figures,
+    surface_figures,
+)
+from processing.figures.views import reduced
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage
 from processing.stages.contract import StageContext, StageOutput
@@ -18,8 +26,9 @@ def run(context: StageContext) -> StageOutput:
     room: RoomModel | None = context.optional_artifact("room", "room")
     left_out = {} if room else {"surfaces": "the room is not known: statistics are of the whole picture alone"}
     context.progress(0.0, "light at the camera")
+    small = reduced(image, WIDTH_PX)
     height_m = room.camera_height_m if room else context.session.camera_height_m
-    camera = camera_figures(image, height_m=height_m, heading_rad=context.session.heading_rad)
+    camera = camera_figures(small, height_m=height_m, heading_rad=context.session.heading_rad)
     context.progress(0.7, "surfaces")
     outdoor = outdoor_figures(context.optional_artifact("calibrate", "outdoor"), facts)
     readings = [r.luminance_cd_m2 for r in context.session.readings if r.luminance_cd_m2 is not None]
@@ -31,7 +40,7 @@ def run(context: StageContext) -> StageOutput:
         "outdoor": outdoor,
         "level_ratio": level_ratio(camera, outdoor),
         "meter": meter_figures(context.artifact("calibrate", "indoor"), facts["indoor"], readings),
-        "surfaces": surface_figures(image, room),
+        "surfaces": surface_figures(small, room),
     }
     if not image.absolute:
         left_out["glare"] = "the picture has no absolute scale, on which glare depends"
