@@ -207,10 +207,10 @@ def handed_on(image: RelativeImage | LuminanceImage) -> RelativeImage | Luminanc
     """Return a picture as it goes from stage to stage: light to `LIGHT_BITS`, uncertainty to `UNCERTAINTY_BITS`."""
     uncertainty = np.clip(image.uncertainty, _LEAST_HALF, _MOST_HALF)
     uncertainty[np.isinf(image.uncertainty)] = np.inf
-    return replace(image, rgb=_to_bits(image.rgb, LIGHT_BITS), uncertainty=_to_bits(uncertainty, UNCERTAINTY_BITS))
+    return replace(image, rgb=to_bits(image.rgb, LIGHT_BITS), uncertainty=to_bits(uncertainty, UNCERTAINTY_BITS))
 
 
-def _to_bits(values: Floats, bits: int) -> Floats:
+def to_bits(values: Floats, bits: int) -> Floats:
     """Return float32 values to so many bits of mantissa, rounded to even."""
     drop = 23 - bits
     raw = np.array(values, np.float32, order="C").view(np.uint32)

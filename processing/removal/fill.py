@@ -17,6 +17,7 @@ from processing.errors import ParameterError, RemovalError
 from processing.ground.arrays import Bytes, Flags, Floats, Int16s
 from processing.ground.room_model import RoomModel
 from processing.ground.seam import wrapped
+from processing.ground.threads import side_by_side
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.removal.illumination import ToneScale, grey, known_mean, spread
 from processing.removal.plane_fill import (
@@ -98,6 +99,8 @@ MIXED_PX = 1
 """Panorama pixels beside the target that hold some of what is removed: seen, but not to be copied."""
 UNSURE_SUN = 0.4
 """Of the confidence that sunlight continued into a hole costs."""
+PLANES_AT_ONCE = 4
+"""Chosen, for memory: each has some 200 MB of textures."""
 FILLED_UNCERTAINTY = 0.05
 """Relative standard uncertainty of the surest filled pixel."""
 
@@ -121,14 +124,12 @@ class Emptied:
 class _Seen:
     """What the panorama shows of the room."""
 
-    rgb: Floats
-    """(H, W, 3): finite."""
+    layers: Floats
+    """(H, W, 5): light, finite; what is seen but not to be copied; direct sunlight that stays."""
     geometry: Equirectangular
     room: RoomModel
     masked: Flags
     """(H, W): nothing of the room is seen here."""
-    kept: Flags
-    """(H, W): direct sunlight that stays."""
     planes: Int16s
     """(H, W): index of the plane behind each pixel."""
 
@@ -186,24 +187,42 @@ def empty_room(
     unfit = _unfit(target, sunlight)
     foreign = np.zeros_like(target) if foreign is None else foreign
     kept = np.zeros_like(target) if sunlight is None else sunlight & ~target
-    seen = _Seen(rgb, geometry, room, target | blind, kept, shown)
     walls = ((shown >= FIRST_WALL) & target).any()
-    skirting = find_skirting(rgb, geometry, room, seen.masked | unfit) if walls else None
-    out, filled, notes = image.rgb.copy(), [], []
-    for plane in planes_of(room):
+    skirting = find_skirting(rgb, geometry, room, target | blind | unfit) if walls else None
+    hidden = [plane for plane in planes_of(room) if (target & (shown == plane.index)).any()]
+
+    seen = _Seen(_layers(rgb, unfit, kept), geometry, room, target | blind, shown)
+    filled = _filled(seen, hidden, foreign, quality, skirting, filler)
+    del seen  # half a gigabyte
+    out, notes = image.rgb.copy(), []
+    for plane, done in zip(hidden, filled, strict=True):
         where = target & (shown == plane.index)
-        if not where.any():
-            continue
-        left_out = unfit | foreign if plane.index == FLOOR else unfit
-        done = _plane(seen, plane, left_out, quality, skirting)
-        done = done if filler is None else filler(done)
-        _draw(done, room, geometry, where, (out, provenance, confidence))
-        filled.append(done)
+        _draw(done, room, (geometry, shown), where, (out, provenance, confidence))
         notes.append(f"{plane.name}: {where.sum()} px, {done.how}")
         if (done.confidence[done.hole] < 0.06).all():
             notes.append(f"{plane.name}: hidden altogether, its colour is a guess")
     soften_edges(out, target, room, geometry)
     return Emptied(_image(image, out, provenance, confidence), provenance, confidence, tuple(filled), tuple(notes))
+
+
+def _filled(
+    seen: _Seen,
+    hidden: list[Plane],
+    foreign: Flags,
+    quality: str,
+    skirting: Skirting | None,
+    filler: PlaneFiller | None,
+) -> list[FilledPlane]:
+    """Return the filled textures of planes, in their order; of all, the floor alone takes nothing from ``foreign``."""
+
+    def fill(plane: Plane) -> FilledPlane:
+        done = _plane(seen, plane, quality, skirting)
+        return done if filler is None else filler(done)
+
+    filled = side_by_side(fill, [plane for plane in hidden if plane.index != FLOOR], PLANES_AT_ONCE)
+    np.maximum(seen.layers[..., 3], foreign, out=seen.layers[..., 3])
+    filled += [fill(plane) for plane in hidden if plane.index == FLOOR]
+    return sorted(filled, key=lambda done: done.texture.plane.index)
 
 
 def _checked(
@@ -237,10 +256,15 @@ def _unfit(target: Flags, sunlight: Flags | None) -> Flags:
     return beside if sunlight is None else beside | (sunlight & ~target)
 
 
-def _plane(seen: _Seen, plane: Plane, unfit: Flags, quality: str, skirting: Skirting | None) -> FilledPlane:
-    rgb, geometry, room, masked = seen.rgb, seen.geometry, seen.room, seen.masked
+def _layers(rgb: Floats, unfit: Flags, kept: Flags) -> Floats:
+    layers = np.empty((*unfit.shape, 5), np.float32)
+    layers[..., :3], layers[..., 3], layers[..., 4] = rgb, unfit, kept
+    return layers
+
+
+def _plane(seen: _Seen, plane: Plane, quality: str, skirting: Skirting | None) -> FilledPlane:
+    layers, geometry, room, masked = seen.layers, seen.geometry, seen.room, seen.masked
     px_per_m = texture_density(plane, room, geometry, quality)
-    layers = np.concatenate([rgb, np.stack([unfit, seen.kept], axis=-1).astype(np.float32)], axis=-1)
     whole = unwrap(layers, geometry, room, plane, px_per_m, mask=masked)
     texture = replace(whole, values=np.ascontiguousarray(whole.values[..., :3]))
     mixed = texture.known & (whole.values[..., 3] > MIXED_SHARE)
@@ -250,22 +274,26 @@ def _plane(seen: _Seen, plane: Plane, unfit: Flags, quality: str, skirting: Skir
     bare = like & ~masked if (like & ~masked).any() else ~masked
     # A few thousand pixels are enough for a median.
     among = np.flatnonzero(bare)[:: max(1, int(bare.sum()) // 10_000)]
-    elsewhere = np.median(rgb.reshape(-1, 3)[among], axis=0).astype(np.float32)
+    elsewhere = np.median(layers.reshape(-1, 5)[among, :3], axis=0).astype(np.float32)
     done = fill_plane(texture, hole, mixed, room, elsewhere, skirting)
     values, lit = sunlit(done.values, texture.known, hole, texture.known & (whole.values[..., 4] > 0.5))
     return replace(done, values=values, confidence=done.confidence * (1 - UNSURE_SUN * lit)) if lit.any() else done
 
 
 def _draw(
-    done: FilledPlane, room: RoomModel, geometry: Equirectangular, where: Flags, into: tuple[Floats, Bytes, Floats]
+    done: FilledPlane,
+    room: RoomModel,
+    seen: tuple[Equirectangular, Int16s],
+    where: Flags,
+    into: tuple[Floats, Bytes, Floats],
 ) -> None:
-    """Draw a plane's filling into the panorama, its provenance and its confidence."""
+    """Draw a plane's filling into the panorama, its provenance and its confidence; ``seen``: what pixels look at."""
     out, provenance, confidence = into
     layers = np.concatenate(
         [done.values, done.confidence[..., None], done.continued[..., None].astype(np.float32)], axis=-1
     )
     # Texels outside the outline are never right: `wrap` leaves them out.
-    values, mask = wrap(layers, done.texture.plane, done.texture.px_per_m, room, geometry, where)
+    values, mask = wrap(layers, done.texture.plane, done.texture.px_per_m, room, seen[0], where, seen[1])
     out[mask] = np.maximum(values[:, :3], 0)
     sure = np.clip(values[:, 3], 0, 1)
     confidence[mask] = sure
@@ -306,15 +334,14 @@ def soften_edges(out: Floats, target: Flags, room: RoomModel, geometry: Equirect
     Of the row in which a column's edge lies, the share beyond the edge is what the next row shows. Nothing outside the
     target changes. Edges between walls are upright in the picture, and have no steps.
     """
-    before = out.copy()
     for edge in boundary_rows(room, geometry):
         row = np.floor(edge).astype(np.intp)
         columns = np.flatnonzero((row >= 1) & (row < len(out) - 1))
         row = row[columns]
         lower = (row + 1 - edge[columns])[:, None]
         # The pixel's middle decides which side it was drawn for.
-        above, below = before[row - 1, columns], before[row + 1, columns]
-        mixed = np.where(lower > 0.5, lower * before[row, columns] + (1 - lower) * above, 0)
-        mixed = np.where(lower > 0.5, mixed, (1 - lower) * before[row, columns] + lower * below)
+        above, below, here = out[row - 1, columns], out[row + 1, columns], out[row, columns]
+        mixed = np.where(lower > 0.5, lower * here + (1 - lower) * above, 0)
+        mixed = np.where(lower > 0.5, mixed, (1 - lower) * here + lower * below)
         chosen = target[row, columns]
         out[row[chosen], columns[chosen]] = mixed[chosen]

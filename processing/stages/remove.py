@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypedDict
@@ -12,6 +13,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.seam import grown, resized, share_of_sphere
+from processing.pictures.exr import LIGHT_BITS, to_bits
 from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
@@ -138,11 +140,14 @@ def _write_details(path: Path, found: Emptied) -> None:
     }
     for filled in found.textures:
         name = filled.texture.plane.name
-        arrays[f"{name}_rgb"] = filled.values
+        arrays[f"{name}_rgb"] = to_bits(filled.values, LIGHT_BITS)
         arrays[f"{name}_hole"] = filled.hole
         arrays[f"{name}_px_per_m"] = np.array(filled.texture.px_per_m)
-    with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+    # As NumPy packs them, but by the fastest level: a sixth of the time for a few percent more bytes.
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as packed:
+        for name, values in arrays.items():
+            with packed.open(f"{name}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
 
 
 def _output(found: Emptied, change: Floats | None, relit: float, context: StageContext) -> StageOutput:

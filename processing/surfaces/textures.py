@@ -292,12 +292,18 @@ def unwrap(
 
 
 def wrap(
-    texture_values: Floats, plane: Plane, px_per_m: float, room: RoomModel, geometry: Equirectangular, where: Flags
+    texture_values: Floats,
+    plane: Plane,
+    px_per_m: float,
+    room: RoomModel,
+    geometry: Equirectangular,
+    where: Flags,
+    planes: Int16s | None = None,
 ) -> tuple[Floats, Flags]:
     """Return what those pixels of ``where`` (H, W) show that see a plane, (n,) or (n, C), and which they are (H, W).
 
     Values are in the order of ``picture[mask]``. Each pixel is the mean over the part of it that sees the plane, from
-    texels inside the plane's outline; texels must be right there, and nowhere else.
+    texels inside the plane's outline; texels must be right there, and nowhere else. ``planes``: `plane_map`, if known.
 
     Raises
     ------
@@ -309,7 +315,7 @@ def wrap(
     shape = texture_shape(plane, px_per_m)
     if texture_values.ndim not in (2, 3) or texture_values.shape[:2] != shape:
         raise ParameterError(f"a texture of shape {texture_values.shape} for {plane.name}", advice=f"give {shape}")
-    planes = plane_map(room, geometry)
+    planes = plane_map(room, geometry) if planes is None else planes
     mask = _checked_mask(where, geometry) & (planes == plane.index)
     rows, columns = np.nonzero(mask)
     texture = np.ascontiguousarray(texture_values.reshape(*shape, -1), dtype=np.float32)
