@@ -113,8 +113,18 @@ def _read_only(value: object) -> object:
     return value
 
 
+HELD_BYTES = 800 << 20
+"""Of pictures in memory between stages; those unused longest are let go, and read again where they are wanted."""
+
+
+def _bytes(value: object) -> int:
+    """Return what a picture's arrays take; 0 for anything else."""
+    parts = vars(value).values() if dataclasses.is_dataclass(value) else ()
+    return sum(getattr(part, "nbytes", 0) for part in parts)
+
+
 class Shelf:
-    """Artifacts in memory, by stage and name; what is not there is read from disk once and kept."""
+    """Artifacts in memory, by stage and name; what is not there is read from disk, and kept while there is room."""
 
     def __init__(self, read: Callable[[str, str], object | None]) -> None:
         """``read(stage, artifact)``: from disk; None where the stage left it out."""
@@ -124,6 +134,13 @@ class Shelf:
     def put(self, stage: str, name: str, value: object) -> None:
         """Hand on what was just made."""
         self._held[stage, name] = _read_only(value)
+        self._make_room()
+
+    def _make_room(self) -> None:
+        sizes = {key: _bytes(value) for key, value in self._held.items()}
+        pictures = [key for key, size in sizes.items() if size]
+        while len(pictures) > 1 and sum(sizes[key] for key in pictures) > HELD_BYTES:
+            del self._held[pictures.pop(0)]
 
     def get(self, stage: str, name: str) -> object | None:
         """Return an artifact; None where the stage left it out."""
@@ -133,7 +150,8 @@ class Shelf:
             if value is None:
                 return None
             self._held[key] = _read_only(value)
-        held = self._held[key]
+            self._make_room()
+        held = self._held[key] = self._held.pop(key)
         return copy.deepcopy(held) if isinstance(held, dict | list) else held
 
     def drop_unneeded(self, later: tuple[Stage, ...]) -> None:

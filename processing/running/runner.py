@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ProcessingError
+from processing.ground.threads import limit_libraries
 from processing.pipeline import STAGES, Stage, check_table, stage_named
 from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
 from processing.running.fingerprint import DigestMemory
@@ -37,6 +38,7 @@ def process(
     session, and what a stage raises; the results of the stages before it stand.
     """
     check_table(stages)
+    limit_libraries()
     plan = planned(request, stages)
     load_manifest(session)
     meter = Meter()
