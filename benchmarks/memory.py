@@ -10,12 +10,12 @@ from typing import Any
 
 
 class MemoryWatch:
-    """Samples the memory (MB) of this process and its children while the block runs."""
+    """Samples the memory (MB) of this process, or of another, and its children while the block runs."""
 
-    def __init__(self, every_s: float = 0.05) -> None:
+    def __init__(self, every_s: float = 0.05, pid: int | None = None) -> None:
         import psutil
 
-        self._process = psutil.Process()
+        self._process = psutil.Process(pid)
         self._every_s = every_s
         self._over = threading.Event()
         self.peak_mb = self.own_peak_mb = 0.0
@@ -36,7 +36,12 @@ class MemoryWatch:
             self._sample()
 
     def _sample(self) -> None:
-        own, total = _tree_mb(self._process)
+        import psutil
+
+        try:
+            own, total = _tree_mb(self._process)
+        except psutil.Error:  # it has ended
+            return
         self.own_peak_mb, self.peak_mb = max(own, self.own_peak_mb), max(total, self.peak_mb)
 
 

@@ -141,7 +141,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="figures",
-        version=2,
+        version=3,
         title="compute light figures",
         function="processing.stages.figures:run",
         needs=("calibrate", "room"),

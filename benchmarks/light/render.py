@@ -36,8 +36,8 @@ from benchmarks.light.render_growth import draw, growth
 from benchmarks.light.render_methods import METHODS, contact_sheet, methods_row
 from benchmarks.light.render_race import race_rooms
 from benchmarks.light.render_scenes import EYE, boxes, clear_sky, plain_room, radiance_grid, room_model
+from benchmarks.light.render_time import denoised_path, plain_path, race_row, seconds_to, truth_of_room
 from benchmarks.light.render_time import ours as timed
-from benchmarks.light.render_time import plain_path, race_row, seconds_to, truth_of_room
 from benchmarks.truth_rooms import is_kept, truth_list
 from mocks.optics.picture_cache import default_folder
 from processing.light.picture.composite import differential, ibl
@@ -101,7 +101,7 @@ def raced(rows: Rows, *, quick: bool, seed: int) -> list[dict[str, Any]]:
     truth = truth_of_room(room, seed, pixels=200, rays=256, patch_rays=48)
     row: dict[str, Any] = {"room": room.name, "kind": room.kind, "noise": truth.noise}
     row |= {f"ours_{n}": timed(room, truth, n, seed + 1) for n in (2, 16)}
-    return [row | {"path": plain_path(room, truth, seed)}]
+    return [row | {"path": plain_path(room, truth, seed), "denoised_path": denoised_path(room, truth, seed)}]
 
 
 def race_figures(race: list[dict[str, Any]]) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
@@ -126,7 +126,7 @@ def race_figures(race: list[dict[str, Any]]) -> tuple[dict[str, float], dict[str
         "path_bias_pct": median([100 * row["path"]["bias"] for row in race]),
     }
     rivals = {"plain_path": {"to_3_pct_cpu_s": median(path)}}
-    for name in ("cycles", "radiance"):
+    for name in ("denoised_path", "cycles", "radiance"):
         mine = [row for row in race if name in row]
         if mine:
             ratios = [row[name]["cpu_s"] / seconds_to(row, row[name]["rel"]) for row in mine]

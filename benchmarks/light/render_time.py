@@ -26,7 +26,7 @@ from benchmarks.light.render_radiance import radiance_pixels
 from benchmarks.light.render_scenes import PlainPath, emissions_of, triangles_of
 from benchmarks.paired import cost_of
 from processing.light.picture.render import render
-from processing.light.solver.irradiance import Effort, gathered
+from processing.light.solver.irradiance import Effort, cleaned, gathered
 from processing.light.solver.sight import Sight, albedo_of, emission_of, sight_of
 from processing.light.solver.stage import Stage
 from processing.light.solver.sun import sun_of
@@ -40,7 +40,7 @@ EFFORTS = {
     rays: Effort(patch_samples=patch, pixel_samples=rays, cleaning="fast")
     for rays, patch in ((2, 16), (4, 32), (16, 64))
 }
-PATH_SPP, CYCLES_SPP = 32, 4
+PATH_SPP, DENOISED_SPP, CYCLES_SPP = 32, 8, 4
 BPY = "DAYLIT_BPY"
 WEIGHTS = np.asarray(LUMINANCE_WEIGHTS)
 
@@ -133,6 +133,28 @@ def plain_path(room: RaceRoom, truth: Truth, seed: int) -> dict[str, float]:
     return {"cpu_s": sum(costs) / 2 / share, "rel": float(np.sqrt(np.mean(apart**2))), "bias": told["bias"]}
 
 
+def denoised_path(room: RaceRoom, truth: Truth, seed: int) -> dict[str, float]:
+    """Return the CPU seconds of Mitsuba's path at `DENOISED_SPP` with our denoiser and our guides, and its error.
+
+    As ours, what is denoised is light without the surfaces' colour; first hits and guides are not counted.
+    """
+    stage = Stage.of(room.scene, REFERENCE_TEXEL_M)
+    sight = sight_of(stage, Equirectangular(2 * ROWS, ROWS), room.eye_m)
+    albedo, glow = albedo_of(stage, sight), emission_of(stage, sight)
+    path = PlainPath(room.scene)
+    path.pixels(room.eye_m, sight.rays[:64], 4, seed)
+    found: list[np.ndarray] = []
+
+    def whole() -> None:
+        noisy = path.pixels(room.eye_m, sight.rays, DENOISED_SPP, seed + 1)
+        light = np.where(albedo > 0, (noisy - glow) / np.where(albedo > 0, albedo, 1), 0).astype(np.float32)
+        clean = cleaned(light.reshape(ROWS, 2 * ROWS, 3), sight, wraps=True, quality="fast")
+        found.append(clean.reshape(-1, 3) * albedo + glow)
+
+    cost = cost_of(whole)
+    return {"cpu_s": cost.cpu_s} | errors(found[0][truth.pixels] @ WEIGHTS, truth)
+
+
 def radiance(room: RaceRoom, truth: Truth) -> dict[str, float]:
     """Return Radiance's CPU seconds for the truth's pixels, and its error."""
     values, cpu_s = radiance_pixels(room.scene, room.eye_m, truth.rays)
@@ -181,6 +203,8 @@ def race_row(rows: Rows, room: RaceRoom, seed: int, *, with_radiance: bool) -> d
     for rays in EFFORTS:
         row[f"ours_{rays}"] = rows.row(f"{room.name} ours {rays}", lambda n=rays: ours(room, known, n, seed + 1))  # type: ignore[misc]
     row["path"] = rows.row(f"{room.name} path {PATH_SPP}", lambda: plain_path(room, known, seed), kind="theirs")
+    spp = DENOISED_SPP
+    row["denoised_path"] = rows.row(f"{room.name} denoised {spp}", lambda: denoised_path(room, known, seed))
     if os.environ.get(BPY):
         row["cycles"] = rows.row(
             f"{room.name} cycles {CYCLES_SPP}", lambda: cycles(room, known, CYCLES_SPP), kind="theirs"

@@ -95,10 +95,13 @@ def costs(shot: SyntheticBracket, pairs: int) -> dict[str, float]:
     ours = lambda: known(shot)  # noqa: E731
     robertson = compare(ours, lambda: rivals.robertson_merge(shot.frames, shot.true_s, response), pairs=pairs)
     debevec = compare(ours, lambda: rivals.debevec_merge(shot.frames, shot.true_s, response), pairs=pairs)
+    table = compare(ours, lambda: rivals.table_merge(shot.frames, shot.true_s, response), pairs=pairs)
     whole = min((cost_of(lambda: self_calibrated(shot)) for _ in range(2)), key=lambda cost: cost.cpu_s)
     return {
         "cpu_ratio_robertson": round(robertson.cpu_ratio, 4),
         "cpu_ratio_debevec": round(debevec.cpu_ratio, 4),
+        "cpu_ratio_table": round(table.cpu_ratio, 4),
+        "table_cpu_s": round(table.rival.cpu_s, 3),
         "merge_cpu_s": round(robertson.ours.cpu_s, 3),
         "merge_wall_s": round(robertson.ours.wall_s, 3),
         "robertson_cpu_s": round(robertson.rival.cpu_s, 3),

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from processing.ground.threads import threads as most_threads
+
 MOST_BYTES = 2 << 30
 _TOLD = 300
 """Characters of the runtime's message that are passed on."""
@@ -31,7 +33,7 @@ def open_session(
 
     network = data if isinstance(data, bytes) else _bytes(data, refused)
     asked = ort.SessionOptions()
-    asked.intra_op_num_threads, asked.inter_op_num_threads = threads, 1
+    asked.intra_op_num_threads, asked.inter_op_num_threads = min(threads, most_threads()), 1
     asked.use_deterministic_compute = repeatable
     asked.log_severity_level = 3
     try:

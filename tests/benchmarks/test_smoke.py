@@ -44,6 +44,8 @@ KEYS = {
     "studio": "corner_iou_gain drag_ms preview_s first_page_s",
     "instruments": "recorded_bodies constants_checked soak_captures soak_lost soak_growth_pct late_partner_cases "
     "late_partner_lost clock_cases clock_lost",
+    "pipeline": "quarter_cpu_s quarter_peak_mb quarter_disk_mb rerun_s rerun_unneeded_cpu_s draft_cpu_s draft_moved_m "
+    "first_use_extra_cpu_s growth_exponent",
 }
 NEEDS = {
     "room": "panoramas/zind",
@@ -56,7 +58,7 @@ NEEDS = {
 """What of the shared data a benchmark reads; it is beside the checkout or the test is skipped."""
 LONG = {
     *("batch", "capture", "detect", "emptying", "end_to_end", "instruments"),
-    *("photometry", "real", "remove", "room", "sphere", "studio", "truth"),
+    *("photometry", "pipeline", "real", "remove", "room", "sphere", "studio", "truth"),
 }
 """Half a minute of CPU time or more even so: they run with `make torture` (DAYLIT_TORTURE=1)."""
 ROOM_ROWS = 128
