@@ -40,7 +40,7 @@ Integral = Callable[[Doubles, Doubles, Doubles, Doubles], Doubles]
 LARGE_RADIUS_PX, VERY_LARGE_RADIUS_PX = 256, 1024
 """In pixels; chosen: from here Gauss's rule of 2 points, of 1 point will do."""
 RIM_PX, STEEP_RIM_PX = 2, 20
-"""Cells this near are integrated along their edges; orthographic lenses': Gauss's rule misses 1.5e-3 / n^4 of the nth."""
+"""Cells this near are integrated along their edges; of orthographic lenses more: Gauss's rule misses 1.5e-3 / n^4."""
 CELLS_AT_ONCE = 1 << 18  # for memory
 
 
@@ -244,7 +244,7 @@ def projected_solid_angles(geometry: Geometry, normal: npt.ArrayLike) -> Doubles
 
 
 def projected_bands(geometry: Geometry, normal: npt.ArrayLike) -> Iterator[tuple[slice, Doubles]]:
-    """Yield rows and the `projected_solid_angles` of their pixels (h, W), a panorama's in bands: little memory."""
+    """Yield rows and `projected_solid_angles` (H, W), steradians; ``normal`` (3,). A panorama comes in bands."""
     n = np.asarray(normal, dtype=np.float64)
     if n.shape != (3,) or not np.isfinite(n).all() or not n.any():
         raise ParameterError(f"a plane's normal of {normal!r}", advice="give three finite numbers, not all 0")

@@ -166,7 +166,7 @@ def _nodes(job: _Job, rows: slice) -> Nodes:
 
 
 def _upsampled(change: Change, sight: Sight, places: Places) -> tuple[Floats, Flags, Floats, Flags]:
-    """Return what small pixels tell of pixels (N): irradiance before and after (N, 6), mirrored light (N, 9 or 0), and
+    """Return what small pixels say of pixels (N): irradiance before and after (N, 6), mirrored light (N, 9 or 0), and
     for each which (N,) no small pixel shows.
     """
     light, missed = upsampled(change.both, change.small, sight, wraps=True, places=places)

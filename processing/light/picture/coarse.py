@@ -129,7 +129,7 @@ def add_mirrored(old, new, gain, weights, photo, i, j, shown):  # type: ignore[n
 
 @compiled
 def fill_plain(nodes, step, near, photo, weights, band):  # type: ignore[no-untyped-def]
-    """Fill the blocks of a band (h, w) that their corners tell, and mark all pixels of the others in ``band.todo``.
+    """Fill the blocks of a band (h, w) that their corners show, and mark all pixels of the others in ``band.todo``.
 
     ``near`` (blocks): where furniture may be seen; ``weights`` (3,): luminance of R, G and B.
     """
@@ -146,12 +146,11 @@ def fill_plain(nodes, step, near, photo, weights, band):  # type: ignore[no-unty
             if near[j, i] or not _agree(nodes, j, below, i, beside, corner):
                 band.todo[top:bottom, left:right] = True
                 continue
-            label = nodes.label[j, i]
             tall = float(max(min(step, nodes.last_row - top), 1))
             for r in range(top, bottom):
                 for k in range(left, right):
                     v, u = min((r - top) / tall, 1.0), (k - left) / float(right - left)
-                    _one_plain(nodes, (j, below, i, beside), u, v, corner, photo, weights, r, k, mixed, label, band)
+                    _one_plain(nodes, (j, below, i, beside), (u, v, r, k), corner, photo, weights, mixed, band)
 
 
 @compiled
@@ -173,8 +172,13 @@ def _agree(nodes, j, below, i, beside, corner) -> bool:  # type: ignore[no-untyp
 
 
 @compiled
-def _one_plain(nodes, at, u, v, corner, photo, weights, r, k, mixed, label, band):  # type: ignore[no-untyped-def]
-    """Fill one pixel from its block's corners; ``at``: their rows and columns; ``mixed`` (3, 3): scratch."""
+def _one_plain(nodes, at, place, corner, photo, weights, mixed, band):  # type: ignore[no-untyped-def]
+    """Fill one pixel from its block's corners; ``at``: their rows and columns; ``mixed`` (3, 3): scratch.
+
+    ``place``: shares of the block's width and height, row and column.
+    """
+    u, v, r, k = place
+    label = nodes.label[at[0], at[2]]
     shares = ((1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v)
     for c in range(3):
         gain = np.float32(0)

@@ -80,15 +80,15 @@ def sight_along(stage: Stage, rays: Floats, eye_m: Vector, shape: tuple[int, int
     p, count = stage.patches, len(rays)
     label, pane = np.empty(count, np.int32), np.empty(count, np.int32)
     point, normal = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
-    _see(rays, triangle, distance, eye, (p.owner, p.item, p.part, p.normals), label, pane, point, normal)
+    _see(rays, triangle, distance, eye, (p.owner, p.item, p.part, p.normals), (label, pane), point, normal)
     _round(stage, label, triangle, point, normal)
     return Sight(shape, rays, label, pane, distance, point, normal, triangle)
 
 
 @compiled
-def _see(rays, triangle, distance, eye, whose, label, pane, point, normal):  # type: ignore[no-untyped-def]
+def _see(rays, triangle, distance, eye, whose, names, point, normal):  # type: ignore[no-untyped-def]
     """Fill what rays (N, 3) from ``eye`` see, by the triangles that they met; ``whose``: owner, item, part, normals."""
-    owner, item, part, normals = whose
+    (owner, item, part, normals), (label, pane) = whose, names
     for i in range(rays.shape[0]):
         t = triangle[i]
         label[i], pane[i] = NOTHING, -1

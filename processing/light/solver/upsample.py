@@ -162,8 +162,9 @@ def _keep(index, weight, i, at, share):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _around(small, large, i, y, x, attempt, wraps, index, weight):  # type: ignore[no-untyped-def]
-    """Keep the best small pixels about (y, x); ``attempt`` 0: the four around, 1: wider, 2: any solid one."""
+def _around(seen, i, place, attempt, wraps, index, weight):  # type: ignore[no-untyped-def]
+    """Keep the best small pixels about ``place`` (y, x); ``attempt`` 0: the four around, 1: wider, 2: any solid one."""
+    (small, large), (y, x) = seen, place
     rows, columns = small.label.shape
     top, left = math.floor(y), math.floor(x)
     low, high = (1 - REACH_PX, 1 + REACH_PX) if attempt > 0 else (0, 2)
@@ -200,7 +201,7 @@ def _find(small, large, places, attempts, wraps, wanted, index, weight):  # type
         y, x = (places.row[i] + 0.5) * down - 0.5, (places.column[i] + 0.5) * across - 0.5
         total = np.float32(0)
         for attempt in range(attempts):
-            _around(small, large, i, y, x, attempt, wraps, index, weight)
+            _around((small, large), i, (y, x), attempt, wraps, index, weight)
             for k in range(weight.shape[1]):
                 total += weight[i, k]
             if total > 0:
