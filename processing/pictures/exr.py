@@ -211,7 +211,7 @@ def handed_on(image: RelativeImage | LuminanceImage) -> RelativeImage | Luminanc
 
 
 def to_bits(values: Floats, bits: int) -> Floats:
-    """Return values, float32 (N, ...), in their unit, to so many bits of mantissa, rounded to even."""
+    """Return float32 values, of any shape and unit, to so many bits of mantissa, rounded to even."""
     drop = 23 - bits
     raw = np.array(values, np.float32, order="C").view(np.uint32)
     for k in range(len(raw)):  # row by row: little memory

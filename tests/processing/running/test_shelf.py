@@ -1,0 +1,74 @@
+"""Pictures between stages: as many as there is room for stay in memory, the others are read again."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+
+from processing.pictures.images import LuminanceImage
+from processing.pipeline import STAGES
+from processing.report.states import Look, State, pictured
+from processing.running import artifacts
+from processing.running.artifacts import Shelf
+from tests.processing.pictures.picture_strategies import luminance_image
+
+
+def picture(level: float, width: int = 64) -> LuminanceImage:
+    return luminance_image(np.full((width // 2, width, 3), level, np.float32))
+
+
+def test_what_is_unused_longest_is_let_go_and_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = artifacts._bytes(picture(1.0))
+    monkeypatch.setattr(artifacts, "HELD_BYTES", 2 * one)
+    read: list[str] = []
+
+    def from_disk(stage: str, name: str) -> LuminanceImage:
+        read.append(f"{stage}/{name}")
+        return picture(9.0)
+
+    shelf = Shelf(from_disk)
+    shelf.put("merge", "indoor", picture(1.0))
+    shelf.put("merge", "response", {"a": 1})
+    shelf.put("calibrate", "indoor", picture(2.0))
+    assert shelf.get("merge", "indoor") is not None
+    shelf.put("remove", "empty", picture(3.0))
+    assert shelf.held == ("merge/indoor", "merge/response", "remove/empty")
+    found = shelf.get("calibrate", "indoor")
+    assert isinstance(found, LuminanceImage)
+    assert found.rgb[0, 0, 0] == 9.0
+    assert read == ["calibrate/indoor"]
+    assert shelf.held == ("calibrate/indoor", "merge/response", "remove/empty")
+    shelf.drop_unneeded(tuple(stage for stage in STAGES if stage.name == "report"))
+    assert "merge/response" in shelf.held
+
+
+def test_a_picture_larger_than_all_room_is_still_handed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(artifacts, "HELD_BYTES", 1)
+    shelf = Shelf(lambda _stage, _name: None)
+    shelf.put("merge", "indoor", picture(1.0))
+    assert shelf.get("merge", "indoor") is not None
+
+
+def test_the_report_has_one_picture_at_a_time() -> None:
+    """Each state is read once, and the one before is gone by then."""
+    alive: list[weakref.ref[LuminanceImage]] = []
+    loads: list[str] = []
+
+    def state(name: str, level: float) -> State:
+        def load() -> LuminanceImage:
+            gc.collect()
+            assert [ref for ref in alive if ref() is not None] == []
+            image = picture(level, 256)
+            alive.append(weakref.ref(image))
+            loads.append(name)
+            return image
+
+        return State(name, load, name.startswith("Staged"))
+
+    states = [state("Photograph", 10.0), state("Emptied", 12.0), state("Staged 1", 9.0)]
+    found = pictured(states, Look(0.05, 2.0))
+    assert loads == ["Photograph", "Emptied", "Staged 1"]
+    assert [one.around.name for one in found] == loads
