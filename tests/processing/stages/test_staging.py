@@ -17,7 +17,7 @@ from processing.layout.assumed import fitting_choice, named_choice, with_door
 from processing.light.picture.render import render
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import Effort
-from processing.pictures.exr import read_exr
+from processing.pictures.exr import handed_on, read_exr
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import stage_named
 from processing.running.artifacts import load, save
@@ -105,7 +105,7 @@ def test_without_a_picture_of_the_sky_the_windows_light_the_room(known: dict[tup
 def test_render_puts_furniture_in_and_keeps_the_rest(tmp_path: Path, known: dict[tuple[str, str], Any]) -> None:
     made = rendering.run(context(tmp_path, RenderParameters(style="mid-century"), known, max_error=0.5))
     staged = read_exr(tmp_path / "staged-1.exr")
-    before = known["calibrate", "indoor"]
+    before = handed_on(known["calibrate", "indoor"])
     told = made.artifacts["staged"]["alternatives"][0]  # type: ignore[index]
     assert staged.attributes["staged"] is True
     assert set(told["items"]) == {"bed", "nightstand", "tv-stand"}
