@@ -68,7 +68,9 @@ def _by_bits(places: Doubles, values: Doubles) -> Floats:
     """Return values by the upper bits of a float32: sign, exponent and three bits of the fraction."""
     upper = np.arange(LEVELS, dtype=np.uint32)
     usable = (upper > 0) & (upper < (0x7F800000 >> LEVEL_SHIFT))
-    bits = np.where(usable, (upper << np.uint32(LEVEL_SHIFT)) | np.uint32(1 << (LEVEL_SHIFT - 1)), np.uint32(0x3F800000))
+    bits = np.where(
+        usable, (upper << np.uint32(LEVEL_SHIFT)) | np.uint32(1 << (LEVEL_SHIFT - 1)), np.uint32(0x3F800000)
+    )
     log2 = np.log2(bits.astype(np.uint32).view(np.float32).astype(np.float64))
     return np.asarray(np.where(usable, np.interp(log2, places, values), 0.0), dtype=np.float32)
 
@@ -114,9 +116,7 @@ def relative_error(
     return np.asarray(np.interp(place, mode.places, mode.values), dtype=np.float32)
 
 
-def shared_error(
-    image: LuminanceImage, levels: Doubles, bands: Callable[[], Iterable[tuple[slice, Doubles]]]
-) -> float:
+def shared_error(image: LuminanceImage, levels: Doubles, bands: Callable[[], Iterable[tuple[slice, Doubles]]]) -> float:
     """Return the standard uncertainty of a weighted sum over the valid pixels' luminance by the picture's modes.
 
     ``levels`` (LEVELS,): that sum by the upper bits of the pixels' luminance (float32, `LEVEL_SHIFT`). ``bands``: rows

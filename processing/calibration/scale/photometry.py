@@ -107,9 +107,7 @@ def illuminance_lx(image: LuminanceImage, normal: Sequence[float] = UP) -> Illum
 
 
 @nb.njit(cache=True, nogil=True)
-def _add_light(
-    rgb: Any, uncertainty: Any, validity: Any, weights: Any, luminance: Any, sums: Any, levels: Any
-) -> None:
+def _add_light(rgb: Any, uncertainty: Any, validity: Any, weights: Any, luminance: Any, sums: Any, levels: Any) -> None:
     """Add light to ``sums``: all, valid pixels' errors squared and straight, the others' errors, solid angle seen, and
     light by `Validity`; to ``levels`` valid light by the upper bits of its luminance (`shared_error`). ``weights``
     (H, W): projected solid angles; ``luminance`` (3,): of R, G and B.
