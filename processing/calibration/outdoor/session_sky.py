@@ -262,8 +262,8 @@ def _turned(image: RelativeImage, north: North, session: SessionManifest, asked:
     """Return the picture in the geometry asked for, north on top, in the world whose +y is the panorama's middle."""
     heading = session.heading_rad if session.heading_rad is not None else 0.0
     assert isinstance(image.geometry, Fisheye)
-    image = replace(image, geometry=oriented(image.geometry, north, heading))
-    rows = max(2, round(2 * image.geometry.radius_px))
+    lens = oriented(image.geometry, north, heading)
+    image, rows = replace(image, geometry=lens), max(2, round(2 * lens.radius_px))
     view = OutdoorView(asked.outdoor_view)
     rows = rows // 2 if view is OutdoorView.EQUIRECTANGULAR else rows
     return project(image, outdoor_view(view, rows, math.remainder(-heading, 2 * math.pi)))

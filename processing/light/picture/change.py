@@ -132,7 +132,7 @@ def _band(job: _Job, rows: slice) -> tuple[Floats, np.ndarray, np.ndarray, Float
     photo = job.photograph[top:bottom]
     band = Band(photo.copy(), np.ones(todo.shape, np.float32), np.ones(todo.shape, bool), np.array(todo))
     if step > 1:
-        own = Band(*(part[inner] for part in band))
+        own = Band(band.shown[inner], band.gain[inner], band.kept[inner], band.todo[inner])
         blocks = job.near[rows.start // step : -(-rows.stop // step)]
         fill_plain(_nodes(job, rows), step, blocks, photo[inner], _WEIGHTS, own)
     else:
@@ -160,9 +160,8 @@ def _nodes(job: _Job, rows: slice) -> Nodes:
     gain = np.where(usable[:, None], np.minimum(new / np.where(usable[:, None], old, 1), MOST_GAIN), np.float32(1))
     lamps = emission_of(job.change.full, sight)
     plain = room & (~sight.solid | (~missed & usable & _all_three(sun == 0) & _all_three(lamps == 0)))
-    parts = sight.label, gain.astype(np.float32), mirror[:, :6], plain
-    shaped = [part.reshape(*shape, *part.shape[1:]) for part in parts]
-    return Nodes(*shaped, last - rows.start)
+    label, plain, gain = sight.label.reshape(shape), plain.reshape(shape), gain.astype(np.float32).reshape(*shape, 3)
+    return Nodes(label, gain, mirror[:, :6].reshape(*shape, -1), plain, last - rows.start)
 
 
 def _upsampled(change: Change, sight: Sight, places: Places) -> tuple[Floats, Flags, Floats, Flags]:
@@ -201,7 +200,7 @@ def _looked_at(job: _Job, top: int, photo: Floats, band: Band) -> Sight:
         lit.new[alone] = gathered(change.full, change.lights[1], *where)
     if change.mirrors is not None:
         chosen = np.flatnonzero(unmirrored & furniture)
-        mirror[np.ix_(chosen, (6, 7, 8))] = few_highlights(change.mirrors, sight, chosen, lit.new_sun, seed)
+        mirror[chosen, 6:9] = few_highlights(change.mirrors, sight, chosen, lit.new_sun, seed)
     sunless = None if job.sunless is None else job.sunless[top : top + len(photo)].ravel()[index]
     _shade(job, (sight, lit, mirror, sunless), index, photo, band)
     return whole
@@ -264,7 +263,7 @@ def _shade(
 class _Given(NamedTuple):
     """What is known of pixels (K), for compiled loops."""
 
-    index: Indices
+    at: Indices
     label: Int32s
     old: Floats
     new: Floats
@@ -281,8 +280,8 @@ class _Given(NamedTuple):
 def _shade_all(given, weights, photo, band):  # type: ignore[no-untyped-def]
     """Fill a band's looked-at pixels: furniture with its own light, the room with the photograph times its change."""
     gain, wide = np.empty(3, np.float32), photo.shape[1]
-    for n in range(given.index.shape[0]):
-        i, j = given.index[n] // wide, given.index[n] % wide
+    for n in range(given.at.shape[0]):
+        i, j = given.at[n] // wide, given.at[n] % wide
         furniture, solid = given.label[n] >= FIRST_PART, given.label[n] >= 0
         band.gain[i, j] = np.float32(1)
         band.kept[i, j] = False

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, PictureFileError
 from processing.figures.foreign import CalFile, applied, read_cal, read_rsp, view_geometry
 from processing.figures.indices import glare_indices
 from processing.figures.parts import by_reading, light_figures
 from processing.pictures.images import LuminanceImage
-from processing.pictures.modes import SharedMode, modes_of, shared_error, widened
-from processing.sphere import Equirectangular, Fisheye, LensMapping, directions, projected_solid_angles
+from processing.pictures.modes import SharedMode, modes_of, widened
+from processing.sphere import Equirectangular, Fisheye, LensMapping, directions
 
 
 def eye(level: float = 500.0, size: int = 200) -> LuminanceImage:
@@ -104,9 +105,11 @@ def test_shared_errors_do_not_average_out() -> None:
     image = eye(100.0)
     whole = SharedMode("all", "level", (-10.0, 20.0), (0.03, 0.03))
     both = widened(image, [whole])
-    weights = projected_solid_angles(image.geometry, (0.0, 0.0, 1.0))
     assert modes_of(both) == (whole,)
-    assert shared_error(both, weights) == pytest.approx(0.03 * 100 * math.pi, rel=0.02)
+    assert illuminance_lx(both).shared_lx == pytest.approx(0.03 * 100 * math.pi, rel=0.02)
+    rim = SharedMode("rim", "axis", (0.0, 1.0), (0.0, 0.06))
+    # Of the light of a uniform hemisphere on its plane, the mean of the sine is 2/3.
+    assert illuminance_lx(widened(image, [rim])).shared_lx == pytest.approx(0.04 * 100 * math.pi, rel=0.02)
     assert float(both.uncertainty[100, 100]) == pytest.approx(math.hypot(0.05, 0.03), rel=1e-3)
     anchored = whole.moved(1.0, anchor=5.0)
     assert np.allclose(anchored.values, 0)
