@@ -1,12 +1,15 @@
 """The pipeline as a user meets it: what a session costs, what a rerun spares, what growth of the picture does.
 
-A simulated session of the default world (bedroom-7, both cameras, nine stops) of each size is captured once and kept;
-each run is a process of its own on a copy of its frames, from nothing to the report with three staged alternatives.
-``full_*``: of 6720 x 3360, ``quarter_*``: of 1680 x 840. CPU is of the whole process and its children, memory the most
-that they held together, disk what the session holds beside its frames. ``rerun_s``: nothing has changed.
-``rerun_unneeded_cpu_s``: --repair-sun of a sunless sky. ``draft_moved_m``: furthest that a piece of furniture stands
-from where the standard run put it, of pieces that both placed. ``first_use_extra_cpu_s``: with no compiled kernels.
-``growth_exponent``: of CPU, from half to full size (quick: from small to quarter) by pixels.
+Each run is a process of its own: from the frames of a simulated session of the default world (both cameras, nine stops)
+to the report with three staged alternatives. ``full_*``: of 6720 x 3360, ``quarter_*``: of 1680 x 840. CPU is of the
+process and its children, memory the most that they held together, disk what the session holds beside its frames.
+``demo_wall_s``: `daylit demo` with no compiled kernels. ``rerun_s``: nothing has changed. ``rerun_unneeded_cpu_s``:
+--repair-sun of a sunless sky. ``one_more_cpu_s``: a fourth alternative. ``draft_moved_m``: furthest that a piece stands
+from where the standard run put it, of pieces that both placed. ``first_use_extra_cpu_s``: small, with no compiled
+kernels against with. ``growth_exponent``: of CPU, from half to full size (quick: small to quarter) by pixels.
+
+A full run takes some ten minutes of two idle cores, most of it `demo_wall_s`, whose session the other figures are of. A
+quick run keeps its sessions, and takes the reruns and the draft of the small one.
 """
 
 from __future__ import annotations
@@ -23,52 +26,58 @@ from typing import Any
 
 from benchmarks.memory import MemoryWatch
 from benchmarks.paired import cost_of
-from benchmarks.whole.end_to_end import rig_profile
 from mocks.optics.picture_cache import default_folder
 
-FULL_SIZES, QUICK_SIZES = ("half", "full"), ("small", "quarter")
-STAGES_OF_USE = "calibrate"
-"""The stage up to which first and second use are compared in a quick run."""
 WORLD = "bedroom-7"
 TIMEOUT_S = 3600.0
-DEMO = True
-"""Whether a full run times `daylit demo` too."""
+PIXELS = 4.0
+"""Of a size over the next smaller one of the pair."""
 
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
-    """Return metrics; see the module's docstring."""
-    profile = rig_profile(seed)
-    smaller, larger = QUICK_SIZES if quick else FULL_SIZES
-    found, notes = {}, []
+    """Return metrics; see the module's docstring. The world is one and the same: ``seed`` changes nothing."""
+    kept, found, notes = default_folder().parent / "pipeline", {}, []
+    profile = kept / "small" / "rig" / "calibration.json"
+    captured(kept, "small")
+    if not profile.is_file():
+        daylit(["demo", "--quick", "--size", "small", "--set", "none", "--into", str(kept / "small")])
+    smaller, larger = ("small", "quarter") if quick else ("half", "full")
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        costs = {}
+        folder, sessions = Path(name), {}
+        if not quick:
+            cost = daylit(["demo", "--into", str(folder / "demo")], DAYLIT_KERNELS=str(folder / "kernels"))
+            found["demo_wall_s"] = round(cost["wall_s"], 1)
         for size in (smaller, larger):
-            session = fresh(size, folder / size)
-            watched = daylit(["process", str(session), "--calibration", str(profile)])
-            costs[size] = watched["cpu_s"]
-            found |= {f"{size}_{key}": round(value, 2) for key, value in watched.items()}
+            source = newest(folder / "demo") if size == "full" else captured(kept, size)
+            session = sessions[size] = fresh(source, folder / size)
+            spent = daylit(["process", str(session), "--calibration", str(profile)])
+            found |= {f"{size}_{key}": round(value, 2) for key, value in spent.items()}
             found[f"{size}_disk_mb"] = round(megabytes(session / "stages"), 1)
             notes += [f"{size} {line}" for line in stage_lines(session)]
-        found |= reruns(session, profile)
-        found |= draft(larger, session, profile, folder / "draft")
-        found |= first_use(smaller, profile, folder, quick=quick)
-        if DEMO and not quick:
-            found["demo_wall_s"] = round(daylit(["demo", "--into", str(folder / "demo")])["wall_s"], 1)
-    pixels = 4.0  # small is 840 x 420, half 3360 x 1680
-    found["growth_exponent"] = round(math.log(costs[larger] / costs[smaller]) / math.log(pixels), 3)
+        judged = sessions[smaller if quick else larger]
+        found |= draft(judged, profile, folder / "draft")
+        found |= reruns(judged, profile)
+        found |= first_use(captured(kept, "small"), profile, folder)
+    growth = math.log(found[f"{larger}_cpu_s"] / found[f"{smaller}_cpu_s"]) / math.log(PIXELS)
+    found["growth_exponent"] = round(growth, 3)
     return {"metrics": found, "units": {"growth_exponent": "of pixels", "draft_moved_m": "m"}, "notes": notes}
 
 
-def fresh(size: str, into: Path) -> Path:
-    """Return a copy of the kept session of a size, its frames alone; it is captured where it is not there yet."""
-    kept = default_folder().parent / "pipeline" / size
-    sessions = sorted(kept.glob(f"*{WORLD}/session.json"))
-    if not sessions:
-        shutil.rmtree(kept, ignore_errors=True)
-        daylit(["demo", "--world", WORLD, "--size", size, "--capture-only", "--into", str(kept)])
-        sessions = sorted(kept.glob(f"*{WORLD}/session.json"))
-    source = sessions[0].parent
+def captured(kept: Path, size: str) -> Path:
+    """Return the kept session of a size, captured faster than life where it is not there yet."""
+    if not list((kept / size).glob(f"*{WORLD}/session.json")):
+        shutil.rmtree(kept / size, ignore_errors=True)
+        daylit(["demo", "--quick", "--size", size, "--capture-only", "--into", str(kept / size)])
+    return newest(kept / size)
+
+
+def newest(folder: Path) -> Path:
+    """Return the last session of the world in a folder."""
+    return max(folder.glob(f"*{WORLD}/session.json")).parent
+
+
+def fresh(source: Path, into: Path) -> Path:
+    """Return a copy of a session, its frames alone."""
     shutil.copytree(source, into / source.name, ignore=shutil.ignore_patterns("stages", "relight", "views"))
     return into / source.name
 
@@ -111,17 +120,18 @@ def stage_lines(session: Path) -> list[str]:
 
 
 def reruns(session: Path, profile: Path) -> dict[str, float]:
-    """Return what a second run takes that has nothing to do, and one whose change changes nothing."""
+    """Return what a second run takes: with nothing to do, with a change that changes nothing, with one alternative."""
     usual = ["process", str(session), "--calibration", str(profile)]
     return {
         "rerun_s": round(daylit(usual)["wall_s"], 2),
         "rerun_unneeded_cpu_s": round(daylit([*usual, "--repair-sun", "clear-sky"])["cpu_s"], 2),
+        "one_more_cpu_s": round(daylit([*usual, "--alternatives", "4"])["cpu_s"], 2),
     }
 
 
-def draft(size: str, standard: Path, profile: Path, folder: Path) -> dict[str, float]:
+def draft(standard: Path, profile: Path, folder: Path) -> dict[str, float]:
     """Return what a draft costs and how far its furniture stands from the standard run's."""
-    session = fresh(size, folder)
+    session = fresh(standard, folder)
     cost = daylit(["process", str(session), "--calibration", str(profile), "--quality", "draft"])
     return {"draft_cpu_s": round(cost["cpu_s"], 2), "draft_moved_m": round(moved_m(standard, session), 3)}
 
@@ -140,12 +150,11 @@ def moved_m(one: Path, other: Path) -> float:
     return max((math.dist(first[key], second[key]) for key in first.keys() & second.keys()), default=0.0)
 
 
-def first_use(size: str, profile: Path, folder: Path, *, quick: bool) -> dict[str, float]:
+def first_use(source: Path, profile: Path, folder: Path) -> dict[str, float]:
     """Return how many CPU seconds the first use takes more than the second, which has compiled kernels."""
-    until = ["--until", STAGES_OF_USE] if quick else []
     spent = []
     for number in range(2):
-        session = fresh(size, folder / f"use-{number}")
-        arguments = ["process", str(session), "--calibration", str(profile), *until]
-        spent.append(daylit(arguments, NUMBA_CACHE_DIR=str(folder / "kernels"))["cpu_s"])
+        session = fresh(source, folder / f"use-{number}")
+        arguments = ["process", str(session), "--calibration", str(profile)]
+        spent.append(daylit(arguments, DAYLIT_KERNELS=str(folder / "first"))["cpu_s"])
     return {"first_use_extra_cpu_s": round(spent[0] - spent[1], 2)}

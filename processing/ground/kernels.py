@@ -2,7 +2,7 @@
 
 Numba keeps what it has compiled beside each source file, by the file's path: every clone would compile all of it anew,
 and a change in one file is not seen by kernels of another that call it. `ByContent` (named to Numba by
-``processing/__init__.py``) keeps it in the user's cache under one digest of all sources with kernels.
+``processing/__init__.py``) keeps it in the user's cache by the digest of its file and of all that this one imports.
 
 ``kernels.json`` lists what `daylit process` calls, with types, so that `load_kernels` can compile it while nobody
 waits; ``python -m benchmarks.whole.kernel_list SESSION PROFILE`` writes the list anew by
@@ -15,6 +15,7 @@ import hashlib
 import importlib
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -32,14 +33,33 @@ Described = Any
 """A type as JSON: "float64", {"array": [dtype, dimensions, layout, writable]}, {"tuple": [...]}, {"named": ...}."""
 
 
+_IMPORTS = re.compile(rb"^from (processing[\w.]*) import (\([^)]*\)|[^\n]*)", re.M)
+"""What a file imports when it is loaded; imports within functions are none of a kernel's names."""
+
+
 @cache
-def source_digest() -> str:
-    """Return the digest of all source files with kernels, by name and content."""
+def _read(path: Path) -> tuple[bytes, frozenset[Path]]:
+    """Return a file's digest and the files of ours that it imports."""
+    text, found = path.read_bytes(), set()
+    for module, names in _IMPORTS.findall(text):
+        place = ROOT.parent / module.decode().replace(".", "/")
+        parts = [place / name for name in re.findall(r"\w+", names.decode())]
+        found |= {one for part in (place, *parts) if (one := part.with_suffix(".py")).is_file()}
+        found |= {place / "__init__.py"} if (place / "__init__.py").is_file() else set()
+    return hashlib.sha256(text).digest(), frozenset(found)
+
+
+@cache
+def source_digest(path: Path) -> str:
+    """Return the digest of a file and of all that it imports, by name and content: all that its kernels are made of."""
+    todo, seen = [path], {path}
+    while todo:
+        new = _read(todo.pop())[1] - seen
+        todo += new
+        seen |= new
     digest = hashlib.sha256()
-    for path in sorted(ROOT.rglob("*.py")):
-        text = path.read_bytes()
-        if b"numba" in text and path != Path(__file__).resolve():
-            digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + hashlib.sha256(text).digest())
+    for one in sorted(seen):
+        digest.update(one.relative_to(ROOT).as_posix().encode() + b"\0" + _read(one)[0])
     return digest.hexdigest()
 
 
@@ -49,12 +69,13 @@ class ByContent(UserProvidedCacheLocator):
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
         super().__init__(py_func, py_file)  # type: ignore[no-untyped-call]
         folder = Path(os.environ["DAYLIT_KERNELS"]) if "DAYLIT_KERNELS" in os.environ else user_cache_path("daylit")
-        inside = Path(py_file).resolve().relative_to(ROOT).with_suffix("")
-        self._cache_path = str(folder / "kernels" / source_digest()[:20] / ".".join(inside.parts))
+        path = Path(py_file).resolve()
+        self._stamp, name = source_digest(path), ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        self._cache_path = str(folder / "kernels" / self._stamp[:20] / name)
 
     def get_source_stamp(self) -> str:
         """Return what a kept kernel must have been made of."""
-        return source_digest()
+        return self._stamp
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> ByContent | None:

@@ -7,9 +7,11 @@ that have threads of their own the same number.
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import TypeVar
 
 from processing.errors import ParameterError
@@ -44,6 +46,18 @@ def limit_libraries() -> None:
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OIDN_NUM_THREADS"):
         os.environ.setdefault(name, str(count))
     cv2.setNumThreads(count)
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).mallopt(_ARENAS, 2)
+
+
+_ARENAS = -8
+"""``M_ARENA_MAX`` of glibc's malloc.h: each of its pools keeps what its threads once needed; two are enough."""
+
+
+def give_back() -> None:
+    """Return memory that is no longer used to the system, where malloc would keep it (glibc)."""
+    with suppress(AttributeError, OSError):
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def side_by_side(work: Callable[[T], R], items: Iterable[T], most: int = MOST) -> list[R]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from processing.errors import ProcessingError
-from processing.ground.threads import limit_libraries
+from processing.ground.threads import give_back, limit_libraries
 from processing.pipeline import STAGES, Stage, check_table, stage_named
 from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
 from processing.running.fingerprint import DigestMemory
@@ -131,6 +131,7 @@ class PipelineRun:
                 report = self._reported(stage, later).after(report)
                 self._shown = {one.stage: one for one in shown}
             self._shelf.drop_unneeded(later)
+            give_back()
             yield report.after(self._shown[stage.name]) if stage.name in self._shown else report
 
     def _reported(self, stage: Stage, later: tuple[Stage, ...], *, first_only: bool = False) -> StageReport:

@@ -51,16 +51,22 @@ def test_types_are_the_same_after_a_file() -> None:
 
 
 def test_checkouts_of_the_same_source_share_their_kernels(tmp_path: Path) -> None:
-    """The same place for a copy elsewhere with other times; another one once a source with kernels differs."""
+    """The same place for a copy elsewhere with other times; another one once its source differs, or an import of it."""
     copy = tmp_path / "clone"
     ignore = shutil.ignore_patterns("__pycache__", "static", "templates")
     for name in ("processing", "station", "drivers"):
         shutil.copytree(kernels.ROOT.parent / name, copy / name, ignore=ignore, copy_function=shutil.copyfile)
     ours, theirs = (_place(folder, tmp_path) for folder in (kernels.ROOT.parent, copy))
     assert ours == theirs
-    source = copy / "processing" / "room" / "opening_fit.py"
-    source.write_text(source.read_text() + "\n")
-    assert _place(copy, tmp_path) != ours
+    other = copy / "processing" / "light" / "solver" / "upsample.py"
+    other.write_text(other.read_text() + "\n")
+    assert _place(copy, tmp_path) == ours
+    for name in ("opening_fit", "wall_views"):
+        source = copy / "processing" / "room" / f"{name}.py"
+        source.write_text(source.read_text() + "\n")
+        changed = _place(copy, tmp_path)
+        assert changed != ours
+        ours = changed
 
 
 def _place(root: Path, tmp_path: Path) -> str:
