@@ -100,9 +100,9 @@ def modes_of(image: RelativeImage | LuminanceImage) -> tuple[SharedMode, ...]:
 def relative_error(
     mode: SharedMode, image: RelativeImage | LuminanceImage, luminance: Floats, rows: slice = slice(None)
 ) -> Floats:
-    """Return a mode's relative error at each pixel of ``rows``, (h, W), for one standard deviation.
+    """Return a mode's relative error at each pixel of ``rows``, (H, W) of them, for one standard deviation.
 
-    ``luminance`` (h, W): of those rows, in the picture's unit.
+    ``luminance`` (H, W): of those rows, in the picture's unit.
     """
     if mode.kind == "level":
         return mode.of_levels(luminance)
