@@ -2,7 +2,8 @@
 
 Numba keeps what it has compiled beside each source file, by the file's path: every clone would compile all of it anew,
 and a change in one file is not seen by kernels of another that call it. `ByContent` (named to Numba by
-``processing/__init__.py``) keeps it in the user's cache by the digest of its file and of all that this one imports.
+``processing/__init__.py``) keeps it in the user's cache by the digest of its file and of the kernels
+and constants that it imports.
 
 ``kernels.json`` lists what `daylit process` calls, with types, so that `load_kernels` can compile it while nobody
 waits; ``python -m benchmarks.whole.kernel_list SESSION PROFILE`` writes the list anew by
@@ -35,26 +36,29 @@ Described = Any
 
 _IMPORTS = re.compile(rb"^from (processing[\w.]*) import (\([^)]*\)|[^\n]*)", re.M)
 """What a file imports when it is loaded; imports within functions are none of a kernel's names."""
+_KERNELS = re.compile(rb"numba|^@compiled\b", re.M)
 
 
 @cache
-def _read(path: Path) -> tuple[bytes, frozenset[Path]]:
-    """Return a file's digest and the files of ours that it imports."""
+def _read(path: Path) -> tuple[bytes, bool, frozenset[Path]]:
+    """Return a file's digest, whether it has kernels, and which files of ours it may have kernels or constants from."""
     text, found = path.read_bytes(), set()
-    for module, names in _IMPORTS.findall(text):
-        place = ROOT.parent / module.decode().replace(".", "/")
-        parts = [place / name for name in re.findall(r"\w+", names.decode())]
-        found |= {one for part in (place, *parts) if (one := part.with_suffix(".py")).is_file()}
-        found |= {place / "__init__.py"} if (place / "__init__.py").is_file() else set()
-    return hashlib.sha256(text).digest(), frozenset(found)
+    for module, listed in _IMPORTS.findall(text):
+        place, names = ROOT.parent / module.decode().replace(".", "/"), re.findall(r"\w+", listed.decode())
+        files = {one for one in (place.with_suffix(".py"), place / "__init__.py") if one.is_file()}
+        files |= {one for name in names if (one := place / f"{name}.py").is_file()}
+        constants = any(name.isupper() for name in names)
+        found |= {one for one in files if constants or _KERNELS.search(one.read_bytes())}
+    return hashlib.sha256(text).digest(), bool(_KERNELS.search(text)), frozenset(found)
 
 
 @cache
 def source_digest(path: Path) -> str:
-    """Return the digest of a file and of all that it imports, by name and content: all that its kernels are made of."""
+    """Return the digest of a file, of those with kernels that it imports, and of theirs, and of imported constants."""
     todo, seen = [path], {path}
     while todo:
-        new = _read(todo.pop())[1] - seen
+        _, kernels, imported = _read(todo.pop())
+        new = imported - seen if kernels else set()
         todo += new
         seen |= new
     digest = hashlib.sha256()

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from numba.core import types
 
 from processing.ground import kernels
@@ -51,22 +52,49 @@ def test_types_are_the_same_after_a_file() -> None:
 
 
 def test_checkouts_of_the_same_source_share_their_kernels(tmp_path: Path) -> None:
-    """The same place for a copy elsewhere with other times; another one once its source differs, or an import of it."""
+    """The same place for a copy elsewhere with other times; another one once its source differs."""
     copy = tmp_path / "clone"
     ignore = shutil.ignore_patterns("__pycache__", "static", "templates")
     for name in ("processing", "station", "drivers"):
         shutil.copytree(kernels.ROOT.parent / name, copy / name, ignore=ignore, copy_function=shutil.copyfile)
     ours, theirs = (_place(folder, tmp_path) for folder in (kernels.ROOT.parent, copy))
     assert ours == theirs
-    other = copy / "processing" / "light" / "solver" / "upsample.py"
-    other.write_text(other.read_text() + "\n")
-    assert _place(copy, tmp_path) == ours
-    for name in ("opening_fit", "wall_views"):
-        source = copy / "processing" / "room" / f"{name}.py"
+    for other in ("light/solver/upsample.py", "room/wall_views.py"):
+        source = copy / "processing" / other
         source.write_text(source.read_text() + "\n")
-        changed = _place(copy, tmp_path)
-        assert changed != ours
-        ours = changed
+    assert _place(copy, tmp_path) == ours
+    source = copy / "processing" / "room" / "opening_fit.py"
+    source.write_text(source.read_text() + "\n")
+    assert _place(copy, tmp_path) != ours
+
+
+def test_a_kernel_is_made_of_what_it_calls_and_of_constants(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "ROOT", tmp_path / "processing")
+    texts = {
+        "one": "from processing.two import run\nfrom processing.three import (\n    WIDTH,\n    two,\n)\n@compiled\n",
+        "two": "import numba\nfrom processing.four import HEIGHT\n",
+        "three": "from processing.five import DEPTH\nWIDTH = DEPTH\n",
+        "four": "HEIGHT = 1\n",
+        "five": "DEPTH = 2\n",
+    }
+    (tmp_path / "processing").mkdir()
+    for name, text in texts.items():
+        (tmp_path / "processing" / f"{name}.py").write_text(text)
+
+    def digest() -> str:
+        kernels._read.cache_clear()
+        kernels.source_digest.cache_clear()
+        return kernels.source_digest(tmp_path / "processing" / "one.py")
+
+    last = digest()
+    for name, counts in (("two", True), ("three", True), ("four", True), ("five", False)):
+        path = tmp_path / "processing" / f"{name}.py"
+        path.write_text(path.read_text() + "# changed\n")
+        now = digest()
+        assert (now != last) == counts, name
+        last = now
+    kernels._read.cache_clear()
+    kernels.source_digest.cache_clear()
 
 
 def _place(root: Path, tmp_path: Path) -> str:
