@@ -16,7 +16,7 @@ from processing.light.solver.stage import Stage
 from processing.sphere import Equirectangular
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
-ROWS = 480
+ROWS = 240
 LOOK = Effort(texel_m=0.25, patch_samples=32, rows=48, pixel_samples=16, sun_samples=16, clean=False)
 POLE = box((1.0, 1.2, 0.9), (0.02, 0.02, 1.8), name="pole")
 TABLE = box((1.2, -0.8, 0.4), (0.8, 0.8, 0.8))
@@ -32,7 +32,7 @@ def staged(monkeypatch: pytest.MonkeyPatch, step: int, sun: Sun | None):
 @pytest.mark.parametrize("sun", [None, Sun((0.0, -0.8, 0.6), (6e4, 6e4, 6e4))], ids=["clouds", "sun"])
 def test_a_coarse_grid_says_what_every_pixel_says(monkeypatch: pytest.MonkeyPatch, sun: Sun | None) -> None:
     photograph, fine = staged(monkeypatch, 1, sun)
-    _, coarse = staged(monkeypatch, 4, sun)
+    _, coarse = staged(monkeypatch, 2, sun)
     assert np.array_equal(coarse.furniture, fine.furniture)
     assert np.array_equal(coarse.rgb[coarse.kept], photograph[coarse.kept])
     off = np.abs(coarse.rgb / fine.rgb - 1).max(axis=-1)[~fine.furniture]
