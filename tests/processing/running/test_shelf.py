@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import gc
-import weakref
-
 import numpy as np
 import pytest
 
 from processing.pictures.images import LuminanceImage
 from processing.pipeline import STAGES
-from processing.report.states import Look, State, pictured
 from processing.running import artifacts
 from processing.running.artifacts import Shelf
 from tests.processing.pictures.picture_strategies import luminance_image
@@ -50,25 +46,3 @@ def test_a_picture_larger_than_all_room_is_still_handed_on(monkeypatch: pytest.M
     shelf = Shelf(lambda _stage, _name: None)
     shelf.put("merge", "indoor", picture(1.0))
     assert shelf.get("merge", "indoor") is not None
-
-
-def test_the_report_has_one_picture_at_a_time() -> None:
-    """Each state is read once, and the one before is gone by then."""
-    alive: list[weakref.ref[LuminanceImage]] = []
-    loads: list[str] = []
-
-    def state(name: str, level: float) -> State:
-        def load() -> LuminanceImage:
-            gc.collect()
-            assert [ref for ref in alive if ref() is not None] == []
-            image = picture(level, 256)
-            alive.append(weakref.ref(image))
-            loads.append(name)
-            return image
-
-        return State(name, load, name.startswith("Staged"))
-
-    states = [state("Photograph", 10.0), state("Emptied", 12.0), state("Staged 1", 9.0)]
-    found = pictured(states, Look(0.05, 2.0))
-    assert loads == ["Photograph", "Emptied", "Staged 1"]
-    assert [one.around.name for one in found] == loads
