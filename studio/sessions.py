@@ -39,10 +39,8 @@ MOST_MASK_PX = 1 << 26
 """Chosen: three times a mask of full size."""
 
 
-class StaleError(ParameterError):
+class StaleError(ParameterError, code="USE-005"):
     """A correction made on a state that another tab or command has changed since."""
-
-    code = "USE-005"
 
 
 def session_at(folder: Path, name: str) -> Path:

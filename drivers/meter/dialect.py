@@ -29,11 +29,8 @@ GROUPS = {"value", "unit", "mode", "calibration", "state", "wait_s", "model", "s
 Meaning = Literal["ok", "over_range", "under_range", "wrong_unit", "wrong_mode", "battery_low", "error_code", "garbled"]
 
 
-class DialectError(DaylitError):
+class DialectError(DaylitError, code="DIA-001", exit_code=2):
     """A dialect file that cannot be used; names the file and every wrong key."""
-
-    code = "DIA-001"
-    exit_code = 2
 
 
 class _Table(BaseModel):

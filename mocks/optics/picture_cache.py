@@ -33,11 +33,8 @@ def content_key(*parts: object) -> str:
     return hashlib.sha256("\x1f".join(str(part) for part in parts).encode()).hexdigest()[:40]
 
 
-class PictureCacheError(DaylitError):
+class PictureCacheError(DaylitError, code="SIM-002", exit_code=6):
     """The folder for rendered pictures cannot be written."""
-
-    code = "SIM-002"
-    exit_code = 6
 
 
 class PictureCache:

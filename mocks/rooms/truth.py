@@ -238,11 +238,8 @@ COUNTED_FROM_0 = ("instance",)
 Picture = npt.NDArray[Any]
 
 
-class TruthFileError(DaylitError):
+class TruthFileError(DaylitError, code="SIM-004", exit_code=6):
     """The truth of a simulated room cannot be written, or what is there is not whole."""
-
-    code = "SIM-004"
-    exit_code = 6
 
 
 def make_truth(world: RoomWorld, folder: Path, rows: int = 512) -> None:

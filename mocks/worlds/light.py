@@ -24,11 +24,8 @@ Vector: TypeAlias = tuple[float, float, float]
 LUMINANCE_WEIGHTS = np.array(colour.LUMINANCE_WEIGHTS, dtype=np.float32)
 
 
-class WorldFileError(DaylitError):
+class WorldFileError(DaylitError, code="SIM-001", exit_code=2):
     """A picture that cannot be a world: wrong format, wrong shape, or values that light cannot have."""
-
-    code = "SIM-001"
-    exit_code = 2
 
 
 class Site(StrEnum):

@@ -65,10 +65,8 @@ class Findings:
         return tuple(c for c in self.checks if c.level is Level.FAIL)
 
 
-class PreflightError(DeviceError):
+class PreflightError(DeviceError, code="DEV-020"):
     """Something would spoil the bracket; the message lists all of it at once."""
-
-    code = "DEV-020"
 
 
 def check_rig(

@@ -41,11 +41,8 @@ LIBRARIES = ("mitsuba", "embreex", "pyoidn", "pvlib", "shapely")
 """What generated rooms need; packages of embreex and pyoidn do not exist for every system."""
 
 
-class EngineError(DaylitError):
+class EngineError(DaylitError, code="SIM-003", exit_code=2):
     """The renderer asked for cannot be had."""
-
-    code = "SIM-003"
-    exit_code = 2
 
 
 @dataclass(frozen=True)
