@@ -74,7 +74,7 @@ def _towards_room(scene: Scene, middle: np.ndarray) -> np.ndarray:
     """Return a direction into the room: that of the wall nearest to a pane."""
     walls = [s for s in scene.surfaces if s.name.startswith("wall")]
     apart = [
-        abs((middle - s.origin_m) @ s.normal) + 0.1 * np.linalg.norm(middle - s.at(s.width_m / 2, 0)) for s in walls
+        abs((middle - s.origin_m) @ s.normal) + 0.1 * np.linalg.norm(middle - s.world(s.width_m / 2, 0)) for s in walls
     ]
     return np.asarray(walls[int(np.argmin(apart))].normal)
 

@@ -23,7 +23,7 @@ from processing.calibration.scale.photometry import illuminance_lx
 from processing.ground.arrays import Doubles, Floats
 from processing.pictures.images import Validity
 from processing.rig.calibrate import RigRequest, RigResult, calibrate_rig
-from processing.rig.session_side import SessionSide, read_side
+from processing.rig.camera_fit import SessionSide, read_side
 from processing.sphere import solid_angles
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import Side

@@ -14,8 +14,7 @@ from mocks.worlds.light import Site, luminance_cd_m2
 from processing.calibration.merge.merge import merge
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.rig.camera_fit import CameraFit
-from processing.rig.session_side import SessionSide
+from processing.rig.camera_fit import CameraFit, SessionSide
 from station.session.session import Side
 
 SPOT_RAD = math.radians(1 / 3)

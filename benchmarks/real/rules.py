@@ -17,8 +17,7 @@ from processing.removal.plane_fill import find_skirting
 from processing.segmentation.embedded import scene_evidence
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import surface_maps
-from processing.surfaces.planes import FLOOR, planes_of
+from processing.surfaces.maps import FLOOR, planes_of, surface_maps
 from processing.surfaces.textures import unwrap
 
 ROWS = 512

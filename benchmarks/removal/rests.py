@@ -24,8 +24,7 @@ from processing.ground.arrays import Flags
 from processing.pictures.images import luminance_cd_m2
 from processing.removal import plane_fill
 from processing.removal.fill import empty_room
-from processing.surfaces.maps import surface_maps
-from processing.surfaces.planes import FLOOR
+from processing.surfaces.maps import FLOOR, surface_maps
 
 ERODED_PX = 7
 HALF_M = 0.5

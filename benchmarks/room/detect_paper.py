@@ -18,8 +18,7 @@ from processing.ground.seam import resized
 from processing.removal.masks import Masks, find_masks
 from processing.room.readers import panoannotator_room
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import surface_maps
-from processing.surfaces.planes import FLOOR
+from processing.surfaces.maps import FLOOR, surface_maps
 
 PAPER = DATA / "paper"
 SHAPE = (512, 1024)

@@ -22,8 +22,7 @@ from processing.segmentation.around import ViewPlan, segment_around
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.segmentation.segmenters import Segmenter, open_segmenter
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import surface_maps
-from processing.surfaces.planes import CEILING
+from processing.surfaces.maps import CEILING, surface_maps
 
 VOC_CONTRACT = {
     "name": "DeepLab v3, MobileNet v2, Pascal VOC",

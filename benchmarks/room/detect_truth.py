@@ -17,8 +17,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import linear_of_srgb
 from processing.pictures.images import RelativeImage
 from processing.sphere import Equirectangular, directions, solid_angles
-from processing.surfaces.maps import surface_maps
-from processing.surfaces.planes import CEILING
+from processing.surfaces.maps import CEILING, surface_maps
 from processing.surfaces.sun import wall_between, window_depth
 
 HUNG = frozenset({"picture", "wall clock", "wall shelf"})

@@ -60,7 +60,7 @@ def corner_error_pct(found: RoomModel, true: RoomModel) -> float:
 
 def _places(room: RoomModel) -> np.ndarray:
     """Return picture places (2 n, 2) of the corners in sight, ceiling and floor."""
-    from processing.surfaces.sight import in_sight
+    from processing.surfaces.maps import in_sight
 
     corners = np.asarray(room.floor, dtype=np.float64)
     corners = corners[in_sight(room.floor, corners * (1 - 1e-6))]

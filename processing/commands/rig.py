@@ -109,7 +109,7 @@ def _rule(text: str, rules: tuple[ShutterRule, ...]) -> ShutterRule:
 
 
 def _save_pictures(out: Path, result: RigResult) -> list[str]:
-    from processing.rig.session_side import chart_png
+    from processing.rig.calibrate import chart_png
     from station.session.folder import Folder, write_file
 
     folder = Folder.open(out.parent)

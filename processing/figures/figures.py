@@ -22,8 +22,7 @@ from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, Validity
 from processing.pictures.radiance import write_radiance_hdr
 from processing.sphere import Equirectangular, directions, solid_angles
-from processing.surfaces.maps import surface_maps
-from processing.surfaces.planes import planes_of
+from processing.surfaces.maps import planes_of, surface_maps
 
 SIZE_PX = 1000  # chosen
 _TIMEOUT_S = 900.0  # chosen

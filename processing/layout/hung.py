@@ -10,8 +10,7 @@ import numpy as np
 from processing.ground.arrays import Floats
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.layout.plan import Hung
-from processing.surfaces.planes import FIRST_WALL, planes_of
-from processing.surfaces.sight import in_sight
+from processing.surfaces.maps import FIRST_WALL, in_sight, planes_of
 
 CELL_M = 0.04
 """Of the grid on a wall (chosen: finer than a pixel of the evidence, 0.7 degrees, beyond 3 m)."""

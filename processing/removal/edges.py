@@ -19,8 +19,7 @@ import numpy.typing as npt
 from processing.ground.arrays import Bytes, Flags, Floats
 from processing.ground.seam import resized
 from processing.segmentation.evidence import SceneClass
-from processing.surfaces.maps import SurfaceMaps
-from processing.surfaces.planes import CEILING, FLOOR
+from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 
 WINDOWS_RAD = (math.radians(56), math.radians(90))
 """Widths of windows along the equator; each overlaps the next by half."""

@@ -31,8 +31,7 @@ from processing.removal.plane_fill import (
     find_skirting,
 )
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import boundary_rows, plane_map
-from processing.surfaces.planes import FIRST_WALL, FLOOR, Plane, planes_of
+from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, boundary_rows, plane_map, planes_of
 from processing.surfaces.textures import unwrap, wrap
 
 # Direct sunlight that stays in the picture and runs into a hole goes on in it: what stood in the sun leaves sun.

@@ -12,8 +12,7 @@ from processing.ground.arrays import Bytes, Flags, Floats, Indices, Int32s
 from processing.ground.seam import components, grown, row_solid_angles, smoothed
 from processing.removal.edges import snapped, surface_outliers
 from processing.segmentation.evidence import SceneClass
-from processing.surfaces.maps import SurfaceMaps
-from processing.surfaces.planes import CEILING, FLOOR
+from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps
 
 FLOOR_SLACK_RAD = math.radians(2.5)
 """Errors of the floor's boundary."""

@@ -24,8 +24,7 @@ from processing.removal.tripod import TripodFound, find_tripod, meter_board
 from processing.removal.wall_shade import find_wall_shade
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
-from processing.surfaces.maps import SurfaceMaps, surface_maps
-from processing.surfaces.planes import CEILING, FLOOR
+from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps, surface_maps
 from processing.surfaces.sun import coloured_as_behind
 
 WORKING_ROWS = 512

@@ -16,7 +16,7 @@ from processing.removal.near_periodic import Repeat, analyse, complete
 from processing.removal.plain import fill_plain
 from processing.removal.sources import plane_sources
 from processing.sphere import Equirectangular
-from processing.surfaces.planes import FIRST_WALL, FLOOR, Plane, planes_of
+from processing.surfaces.maps import FIRST_WALL, FLOOR, Plane, planes_of
 from processing.surfaces.textures import Texture, unwrap
 
 PATTERN = 0.012

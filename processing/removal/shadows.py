@@ -16,7 +16,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.pictures.images import luminance_cd_m2
 from processing.sphere import Equirectangular
-from processing.surfaces.planes import CEILING, FLOOR, planes_of
+from processing.surfaces.maps import CEILING, FLOOR, planes_of
 from processing.surfaces.textures import unwrap, wrap
 
 PX_PER_M = 20.0

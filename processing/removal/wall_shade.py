@@ -13,7 +13,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
 from processing.removal.illumination import ToneScale, fit_illumination, grey, known_mean
 from processing.sphere import Equirectangular
-from processing.surfaces.planes import FIRST_WALL, Plane, planes_of
+from processing.surfaces.maps import FIRST_WALL, Plane, planes_of
 from processing.surfaces.textures import unwrap, wrap
 
 # Chosen by looking at five furnished real rooms (docs/measurements/real.md), unless said otherwise.

@@ -9,6 +9,7 @@ from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
@@ -16,12 +17,12 @@ from processing.calibration.profile import Correction, K2Record, PatchRecord, Ri
 from processing.calibration.profile_records import ResponseRecord
 from processing.calibration.response.shutter import ShutterRule
 from processing.calibration.scale.chart import ChartScale, ChartView, chart_at, find_chart_around, scale_from_charts
-from processing.calibration.scale.chart_patches import FoundChart
+from processing.calibration.scale.chart_patches import WHITE, WINDOW, FoundChart, chart_points, homography
 from processing.calibration.scale.luminance import Spot
 from processing.calibration.scale.vignetting import published_vignetting
 from processing.errors import ChartError, LensError, ParameterError
-from processing.rig.camera_fit import CameraFit, fit_camera, with_filter, with_flat_field
-from processing.rig.session_side import SessionSide, read_side
+from processing.ground.arrays import Bytes
+from processing.rig.camera_fit import CameraFit, SessionSide, fit_camera, read_side, with_filter, with_flat_field
 from station.session.session import Side
 
 _INDOOR_DATA = ("theta_z1",)
@@ -175,11 +176,8 @@ def _k2(
 ) -> tuple[K2Record, ChartScale]:
     found = scale_from_charts(views[Side.INDOOR].chart, views[Side.OUTDOOR].chart)
     indoor, outdoor = cameras[Side.INDOOR], cameras[Side.OUTDOOR]
-    done: dict[Correction, object] = {
-        "panorama": indoor.vignetting,
-        "vignetting": outdoor.vignetting,
-        "nd": outdoor.filter,
-    }
+    done: dict[Correction, object]
+    done = {"panorama": indoor.vignetting, "vignetting": outdoor.vignetting, "nd": outdoor.filter}
     chart = charts[Side.INDOOR]
     record = K2Record(
         value=found.scale.value,
@@ -205,3 +203,35 @@ def _k2(
         responses={side: ResponseRecord.of(camera.response.curve).digest() for side, camera in cameras.items()},
     )
     return record, found
+
+
+_CORNER = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * WINDOW / 2
+
+
+def chart_png(found: ChartView) -> bytes:
+    """Return a PNG by which a person can check the chart.
+
+    White stands at 90 %; the windows that were averaged are outlined, the white patch's in red.
+    """
+    picture = _shown(found)
+    mapping = homography(found.chart.corners_px)
+    width = max(1, picture.shape[1] // 600)
+    middles = chart_points(mapping, 0.0, 1)[:, 0]
+    for number in range(24):
+        window = np.array((number % 6 + 0.5, number // 6 + 0.5)) + _CORNER
+        flat = np.column_stack([window, np.ones(4)]) @ mapping.T
+        outline = np.rint(flat[:, :2] / flat[:, 2:]).astype(np.int32)
+        colour = (0, 0, 255) if number == WHITE else (0, 255, 0)
+        cv2.polylines(picture, [outline[:, None]], True, colour, width, cv2.LINE_AA)
+    x, y = middles[WHITE]
+    cv2.putText(picture, "white", (int(x), int(y)), cv2.FONT_HERSHEY_SIMPLEX, 0.4 * width, (0, 0, 255), width)
+    done, data = cv2.imencode(".png", picture)
+    assert done
+    return bytes(data)
+
+
+def _shown(found: ChartView) -> Bytes:
+    """Return the view in 8 bits, blue first as cv2 wants it."""
+    white = max(float(found.chart.rgb[WHITE].mean()), 1e-30)
+    values = 0.9 * np.clip(found.view.rgb / np.float32(white), 0, 1 / 0.9)
+    return np.ascontiguousarray((255 * values ** (1 / 2.2))[..., ::-1].astype(np.uint8))

@@ -1,19 +1,21 @@
-"""One camera from its rig sessions: shutter rule, response curve, noise, lens, fall-off, filter."""
+"""One camera from its brackets in rig sessions: shutter rule, response curve, noise, lens, fall-off, filter."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from processing.calibration.merge.merge import merge
-from processing.calibration.outdoor.lens import LensModel
+from processing.calibration.optics import stated_circle
+from processing.calibration.outdoor.lens import ImageCircle, LensModel, find_image_circle
 from processing.calibration.outdoor.nd_filter import NdFilter, fit_nd_filter
 from processing.calibration.outdoor.outdoor import OutdoorOptics, correct_colour, correct_vignetting, with_lens
-from processing.calibration.profile import CameraProfile
+from processing.calibration.profile import CameraProfile, CameraState, camera_state
 from processing.calibration.profile_records import (
     LensRecord,
     NdRecord,
@@ -23,14 +25,110 @@ from processing.calibration.profile_records import (
     VignettingRecord,
 )
 from processing.calibration.response.response import ResponseFit, recover_response
+from processing.calibration.response.samples import Bracket8
 from processing.calibration.response.shutter import ShutterRule, camera_rule
 from processing.calibration.scale.chart import chart_at, find_chart_around
 from processing.calibration.scale.vignetting import Vignetting, correct_panorama, fit_flat
-from processing.errors import ProfileError, ResponseError
+from processing.errors import BracketError, LensError, ProfileError, ResponseError
+from processing.pictures.frames import FrameSource, frame_of
 from processing.pictures.images import RelativeImage
-from processing.rig.session_side import SessionSide, outdoor_lens
-from processing.sphere import Equirectangular, Fisheye, Geometry
-from station.session.session import Side
+from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
+from station.session.session import FrameRecord, MeterTarget, ReadingRecord, Side
+from station.session.store import load_manifest
+
+
+@dataclass(frozen=True)
+class SessionSide:
+    """What one camera took in one session; frames in the order of their stops, longest first."""
+
+    path: Path
+    side: Side
+    session_id: str
+    created_utc: datetime
+    records: tuple[FrameRecord, ...]
+    state: CameraState
+    target: MeterTarget | None
+    readings: tuple[ReadingRecord, ...]
+    circle_frac: tuple[float, float, float] | None
+    """The image circle that the rig file states: centre and radius as fractions of width, height and width."""
+
+    @property
+    def nominal_s(self) -> tuple[float, ...]:
+        """Return the times the camera was set to."""
+        return tuple(record.camera_s for record in self.records)
+
+    def true_times_s(self, shutter: ShutterRecord) -> tuple[float, ...]:
+        """Return the times that the frames were open."""
+        return tuple(shutter.true_s(nominal) for nominal in self.nominal_s)
+
+    def sources(self) -> list[FrameSource]:
+        """Return the frames, not yet decoded."""
+        return [frame_of(self.path / record.file, record.file) for record in self.records]
+
+    def bracket(self, times_s: Sequence[float]) -> Bracket8:
+        """Return the decoded frames (uint8 RGB) with their times."""
+        return Bracket8([np.asarray(source.decode(), dtype=np.uint8) for source in self.sources()], times_s)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Return width and height."""
+        return self.sources()[0].size_px
+
+
+def read_side(path: Path, side: Side) -> SessionSide | None:
+    """Return one camera's bracket of a session, None where it took none.
+
+    Raises
+    ------
+    SessionError
+        No session there, or one that cannot be read.
+    BracketError
+        Fewer than two frames.
+    """
+    manifest = load_manifest(path)
+    records = sorted(
+        (f for f in manifest.frames if f.side is side and not f.is_raw), key=lambda f: f.camera_s, reverse=True
+    )
+    if not records:
+        return None
+    if len(records) < 2:
+        raise BracketError(f"only one {side} frame", where=str(path), advice="capture a bracket of several times")
+    device = next((d for d in manifest.devices if d.role == side.value), None)
+    return SessionSide(
+        path=path,
+        side=side,
+        session_id=manifest.session_id,
+        created_utc=manifest.created_utc,
+        records=tuple(records),
+        state=camera_state(device, records),
+        target=manifest.target,
+        readings=manifest.readings,
+        circle_frac=stated_circle(manifest.rig) if side is Side.OUTDOOR else None,
+    )
+
+
+def outdoor_lens(side: SessionSide, frames: Sequence[npt.NDArray[np.uint8]], half_field_rad: float) -> LensModel:
+    """Return the fisheye: its circle as the frames show it, else as the rig file states it; an equisolid mapping.
+
+    ``frames``: (H, W, 3) uint8 each.
+
+    Raises
+    ------
+    LensError
+        No circle is seen, and none is stated.
+    """
+    try:
+        circle = find_image_circle(list(frames))
+        source = "image circle found in the frames"
+    except LensError:
+        if side.circle_frac is None:
+            raise
+        x, y, radius = side.circle_frac
+        wide, high = side.size_px
+        circle = ImageCircle((x * wide, y * high), radius * wide, (wide, high), support=0.0)
+        source = "image circle of the rig file"
+    return LensModel(LensMapping.EQUISOLID, circle, half_field_rad, source=f"equisolid; {source}")
+
 
 _RULES = (ShutterRule.THIRDS, ShutterRule.NOMINAL, ShutterRule.HALVES)
 _FLAT_POWERS = (2, 4, 6, 8)

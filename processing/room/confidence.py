@@ -225,7 +225,7 @@ def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
 
 def wall_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[float, ...]:
     """Return each wall's confidence: the room's, less where its columns are not explained; `UNSEEN` of it if unseen."""
-    from processing.surfaces.sight import wall_ranges
+    from processing.surfaces.maps import wall_ranges
 
     polygon = np.asarray(room.floor) / room.camera_height_m
     _, wall = wall_ranges(polygon, columns.azimuth_rad)

@@ -23,7 +23,7 @@ from processing.room.outline import (
     with_values,
 )
 from processing.segmentation.evidence import SceneClass, SceneEvidence
-from processing.surfaces.sight import wall_ranges
+from processing.surfaces.maps import wall_ranges
 
 # Walls fitted to boundaries: all parameters of an outline at once, robustly, and what the fit is worth.
 

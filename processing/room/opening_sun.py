@@ -18,8 +18,7 @@ from processing.pictures.images import LuminanceImage, RelativeImage, luminance_
 from processing.room.openings import find_openings
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
-from processing.surfaces.maps import SurfaceMaps, surface_maps
-from processing.surfaces.planes import CEILING, FIRST_WALL
+from processing.surfaces.maps import CEILING, FIRST_WALL, SurfaceMaps, surface_maps
 from processing.surfaces.sun import (
     AZIMUTH_SLACK_RAD,
     ELEVATION_SLACK_RAD,

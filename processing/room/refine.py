@@ -23,7 +23,7 @@ from processing.room.outline import Outline
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import linear_samples
-from processing.surfaces.sight import wall_ranges
+from processing.surfaces.maps import wall_ranges
 
 # Strips of the full-size picture along predicted boundaries, and the edges in them.
 #

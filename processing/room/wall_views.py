@@ -17,7 +17,7 @@ from processing.ground.room_model import RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.planes import FIRST_WALL, Plane, planes_of
+from processing.surfaces.maps import FIRST_WALL, Plane, planes_of
 from processing.surfaces.textures import unwrap
 
 MOST_PX_PER_M, LEAST_PX_PER_M = 120.0, 30.0

@@ -24,75 +24,55 @@ from station.session import strict_json
 # What the classes of known data sets are to us.
 
 
-ADE20K = tuple(
-    """wall, building, sky, floor, tree, ceiling, road, bed, windowpane, grass, cabinet, sidewalk, person, earth, door,
-    table, mountain, plant, curtain, chair, car, water, painting, sofa, shelf, house, sea, mirror, rug, field, armchair,
-    seat, fence, desk, rock, wardrobe, lamp, bathtub, railing, cushion, base, box, column, signboard, chest of drawers,
-    counter, sand, sink, skyscraper, fireplace, refrigerator, grandstand, path, stairs, runway, case, pool table,
-    pillow, screen door, stairway, river, bridge, bookcase, blind, coffee table, toilet, flower, book, hill, bench,
-    countertop, stove, palm, kitchen island, computer, swivel chair, boat, bar, arcade machine, hovel, bus, towel,
-    light, truck, tower, chandelier, awning, streetlight, booth, television, airplane, dirt track, apparel, pole, land,
-    bannister, escalator, ottoman, bottle, buffet, poster, stage, van, ship, fountain, conveyer belt, canopy, washer,
-    plaything, swimming pool, stool, barrel, basket, waterfall, tent, bag, minibike, cradle, oven, ball, food, step,
-    tank, trade name, microwave, pot, animal, bicycle, lake, dishwasher, screen, blanket, sculpture, hood, sconce, vase,
-    traffic light, tray, ashcan, fan, pier, crt screen, plate, monitor, bulletin board, shower, radiator, glass, clock,
-    flag""".replace("\n    ", " ").split(", ")
-)
-"""The 150 names, index 0..149 (dataset label minus 1: label 0 is "other")."""
-
-VOC = tuple(
-    """background, aeroplane, bicycle, bird, boat, bottle, bus, car, cat, chair, cow, diningtable, dog, horse,
-    motorbike, person, pottedplant, sheep, sofa, train, tvmonitor""".replace("\n    ", " ").split(", ")
-)
-"""The 21 names, index 0..20."""
-
-_OUTDOORS = """building, sky, tree, road, grass, sidewalk, earth, mountain, car, water, house, sea, field, fence, rock,
-    sand, skyscraper, grandstand, path, runway, river, bridge, hill, palm, boat, hovel, bus, truck, tower, awning,
-    streetlight, airplane, dirt track, land, van, ship, fountain, canopy, swimming pool, waterfall, tent, minibike,
-    lake, traffic light, pier"""
-_FURNITURE = """bed, cabinet, person, table, plant, chair, sofa, shelf, armchair, seat, desk, wardrobe, lamp, cushion,
-    base, box, chest of drawers, refrigerator, case, pool table, pillow, bookcase, coffee table, flower, book, bench,
-    computer, swivel chair, arcade machine, television, apparel, ottoman, bottle, buffet, conveyer belt, washer,
-    plaything, stool, barrel, basket, bag, cradle, ball, food, microwave, pot, animal, bicycle, screen, blanket,
-    sculpture, vase, tray, ashcan, crt screen, plate, monitor, glass, towel, tank"""
-_FIXTURES = """curtain, painting, mirror, rug, bathtub, railing, signboard, counter, sink, fireplace, stairs, stairway,
-    blind, toilet, countertop, stove, kitchen island, bar, light, chandelier, booth, pole, bannister, escalator, poster,
-    stage, oven, step, trade name, dishwasher, hood, sconce, fan, bulletin board, shower, radiator, clock, flag"""
-
-
-def _names(text: str) -> list[str]:
-    return [" ".join(name.split()) for name in text.split(",")]
-
-
 Table = Mapping[str, tuple[SceneClass, ...]]
 """A network's class name -> ours; several: it may be any of them."""
 
-ADE20K_TABLE: Table = {
-    "wall": (SceneClass.WALL,),
-    "column": (SceneClass.WALL,),
-    "floor": (SceneClass.FLOOR,),
-    "ceiling": (SceneClass.CEILING,),
-    "windowpane": (SceneClass.WINDOW,),
-    "door": (SceneClass.DOOR,),
-    "screen door": (SceneClass.DOOR,),
-    **dict.fromkeys(_names(_OUTDOORS), (SceneClass.WINDOW,)),
-    **dict.fromkeys(_names(_FURNITURE), (SceneClass.FURNITURE,)),
-    **dict.fromkeys(_names(_FIXTURES), (SceneClass.FIXTURE,)),
+_LETTERS: Table = {
+    "w": (SceneClass.WALL,),
+    "f": (SceneClass.FLOOR,),
+    "c": (SceneClass.CEILING,),
+    "d": (SceneClass.DOOR,),
+    "o": (SceneClass.WINDOW,),
+    "m": (SceneClass.FURNITURE,),
+    "x": (SceneClass.FIXTURE,),
+    "-": tuple(kind for kind in SceneClass if kind is not SceneClass.FURNITURE),
 }
-"""Cabinets and shelves are FURNITURE, though some are built in: what is missed stays in the picture for good."""
+"""What is outdoors is seen through a window; what moves is furniture, what stays a fixture."""
 
-_NOT_FURNITURE = tuple(kind for kind in SceneClass if kind is not SceneClass.FURNITURE)
-VOC_TABLE: Table = {
-    "background": _NOT_FURNITURE,
-    **dict.fromkeys(
-        _names("aeroplane, boat, bus, car, cow, horse, motorbike, sheep, train, bird"), (SceneClass.WINDOW,)
-    ),
-    **dict.fromkeys(
-        _names("bicycle, bottle, cat, chair, diningtable, dog, person, pottedplant, sofa, tvmonitor"),
-        (SceneClass.FURNITURE,),
-    ),
-}
+
+def _table(text: str) -> Table:
+    """Return the classes "name:letter, ..." in index order."""
+    pairs = (entry.split(":") for entry in " ".join(text.split()).split(", "))
+    return {name: _LETTERS[letter] for name, letter in pairs}
+
+
+ADE20K_TABLE = _table("""
+    wall:w, building:o, sky:o, floor:f, tree:o, ceiling:c, road:o, bed:m, windowpane:o, grass:o, cabinet:m, sidewalk:o,
+    person:m, earth:o, door:d, table:m, mountain:o, plant:m, curtain:x, chair:m, car:o, water:o, painting:x, sofa:m,
+    shelf:m, house:o, sea:o, mirror:x, rug:x, field:o, armchair:m, seat:m, fence:o, desk:m, rock:o, wardrobe:m, lamp:m,
+    bathtub:x, railing:x, cushion:m, base:m, box:m, column:w, signboard:x, chest of drawers:m, counter:x, sand:o,
+    sink:x, skyscraper:o, fireplace:x, refrigerator:m, grandstand:o, path:o, stairs:x, runway:o, case:m, pool table:m,
+    pillow:m, screen door:d, stairway:x, river:o, bridge:o, bookcase:m, blind:x, coffee table:m, toilet:x, flower:m,
+    book:m, hill:o, bench:m, countertop:x, stove:x, palm:o, kitchen island:x, computer:m, swivel chair:m, boat:o, bar:x,
+    arcade machine:m, hovel:o, bus:o, towel:m, light:x, truck:o, tower:o, chandelier:x, awning:o, streetlight:o,
+    booth:x, television:m, airplane:o, dirt track:o, apparel:m, pole:x, land:o, bannister:x, escalator:x, ottoman:m,
+    bottle:m, buffet:m, poster:x, stage:x, van:o, ship:o, fountain:o, conveyer belt:m, canopy:o, washer:m, plaything:m,
+    swimming pool:o, stool:m, barrel:m, basket:m, waterfall:o, tent:o, bag:m, minibike:o, cradle:m, oven:x, ball:m,
+    food:m, step:x, tank:m, trade name:x, microwave:m, pot:m, animal:m, bicycle:m, lake:o, dishwasher:x, screen:m,
+    blanket:m, sculpture:m, hood:x, sconce:x, vase:m, traffic light:o, tray:m, ashcan:m, fan:x, pier:o, crt screen:m,
+    plate:m, monitor:m, bulletin board:x, shower:x, radiator:x, glass:m, clock:x, flag:x
+""")
+"""Cabinets and shelves are furniture, though some are built in: what is missed stays in the picture for good."""
+ADE20K = tuple(ADE20K_TABLE)
+"""The 150 names, index 0..149 (dataset label minus 1: label 0 is "other")."""
+
+VOC_TABLE = _table("""
+    background:-, aeroplane:o, bicycle:m, bird:o, boat:o, bottle:m, bus:o, car:o, cat:m, chair:m, cow:o, diningtable:m,
+    dog:m, horse:o, motorbike:o, person:m, pottedplant:m, sheep:o, sofa:m, train:o, tvmonitor:m
+""")
 """VOC knows no floor, wall or window: its background is anything but furniture."""
+VOC = tuple(VOC_TABLE)
+"""The 21 names, index 0..20."""
 
 KNOWN: Mapping[str, tuple[tuple[str, ...], Table]] = {"ade20k": (ADE20K, ADE20K_TABLE), "voc": (VOC, VOC_TABLE)}
 """Names in index order and their table, by data set."""

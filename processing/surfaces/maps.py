@@ -1,4 +1,8 @@
-"""A room drawn on its panorama: which plane and which opening each pixel sees, how far away, and how it is turned."""
+"""A room's planes, what the camera sees of them in plan, and the room drawn on its panorama.
+
+A ray from the camera stays inside the room until its first wall, so that floor and ceiling are seen up to there and
+no farther: this alone decides all occlusion in a room of vertical walls, convex or not.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,147 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from processing.ground.arrays import Doubles, Floats, Int16s
-from processing.ground.room_model import RoomModel
+from processing.errors import RoomError
+from processing.ground.arrays import Doubles, Flags, Floats, Int16s
+from processing.ground.room_model import RoomModel, geometry_problems
 from processing.sphere import Equirectangular
-from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR, planes_of
-from processing.surfaces.sight import boundary_latitudes, check_stands, wall_ranges
+
+FLOOR, CEILING, FIRST_WALL = 0, 1, 2
+"""Indices of planes; wall i of the room is plane FIRST_WALL + i."""
+
+
+@dataclass(frozen=True)
+class Facet:
+    """A flat piece of a room. A texture's column and row grow along ``u_axis`` and ``v_axis`` from ``origin_m``."""
+
+    name: str
+    """floor, ceiling, wall-0 .. wall-n; of a rendered scene, reveals too."""
+    origin_m: Doubles
+    """(3,)."""
+    u_axis: Doubles
+    """(3,), unit."""
+    v_axis: Doubles
+    normal: Doubles
+    """(3,), unit, into the room."""
+    width_m: float
+    height_m: float
+    outline_m: Doubles
+    """(N, 2): the plane's polygon in (u, v)."""
+
+    def world(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
+        """Return world positions (m), of shape (..., 3), of places (u, v) on the plane."""
+        u, v = np.asarray(u_m, np.float64)[..., None], np.asarray(v_m, np.float64)[..., None]
+        return np.asarray(self.origin_m + u * self.u_axis + v * self.v_axis)
+
+
+@dataclass(frozen=True)
+class Plane(Facet):
+    """Floor, ceiling or a wall.
+
+    Walls are seen from inside, upright: u to the right, v down. The floor is seen from above with +y up the texture
+    (u = +x, v = -y); the ceiling from below (u = +x, v = +y). World axes as in docs/reference/coordinates.md.
+    """
+
+    index: int
+
+    def coordinates(self, points_m: npt.ArrayLike) -> Doubles:
+        """Return the (u, v), of shape (..., 2), of world positions (..., 3), m, dropped onto the plane."""
+        offset = np.asarray(points_m, np.float64) - self.origin_m
+        return np.stack([offset @ self.u_axis, offset @ self.v_axis], axis=-1)
+
+
+def planes_of(room: RoomModel) -> tuple[Plane, ...]:
+    """Return the planes of a room: index 0 the floor, 1 the ceiling, 2 + i wall i.
+
+    A wall's texture begins at its *second* corner: seen from inside, walls run from right to left, as the floor's
+    corners are counter-clockwise. A place that is s metres along wall i from corner i has u = width_m - s.
+    """
+    corners, top = np.asarray(room.floor, dtype=np.float64), room.ceiling_height_m
+    (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+    right, ahead, up = np.eye(3)
+    back, down, size = 0.0 - ahead, 0.0 - up, (float(x1 - x0), float(y1 - y0))
+    below = np.stack([corners[:, 0] - x0, y1 - corners[:, 1]], axis=-1)
+    floor = Plane("floor", np.array([x0, y1, 0.0]), right, back, up, *size, below, FLOOR)
+    above = np.array([x0, y0, top])
+    ceiling = Plane("ceiling", above, right, ahead, down, *size, corners - [x0, y0], CEILING)
+    return (floor, ceiling, *(_wall(corners, wall, top) for wall in range(len(corners))))
+
+
+def _wall(corners: Doubles, wall: int, ceiling_height_m: float) -> Plane:
+    start, end = corners[wall], corners[(wall + 1) % len(corners)]
+    length = float(np.hypot(*(end - start)))
+    along = (end - start) / length
+    return Plane(
+        index=FIRST_WALL + wall,
+        name=f"wall-{wall}",
+        origin_m=np.array([*end, ceiling_height_m]),
+        u_axis=np.array([-along[0], -along[1], 0.0]),
+        v_axis=np.array([0.0, 0.0, -1.0]),
+        normal=np.array([-along[1], along[0], 0.0]),
+        width_m=length,
+        height_m=ceiling_height_m,
+        outline_m=np.array([[0.0, 0.0], [length, 0.0], [length, ceiling_height_m], [0.0, ceiling_height_m]]),
+    )
+
+
+TOUCH = 1e-9
+"""Relative: a place this much behind a wall lies on it."""
+
+
+def check_stands(room: RoomModel) -> None:
+    """Raise `RoomError` for a room that cannot stand, or whose camera is not in it: nothing could be seen rightly."""
+    problems = geometry_problems(room)
+    if problems:
+        raise RoomError("; ".join(problems[:3]), where="room model", problems=problems)
+
+
+def wall_ranges(floor: npt.ArrayLike, azimuth_rad: npt.ArrayLike) -> tuple[Doubles, Int16s]:
+    """Return the horizontal distance of the nearest wall (m) and its number, for azimuths (N,) from +y towards +x.
+
+    ``floor`` (K, 2), counter-clockwise around the camera at (0, 0). Inf and -1 where no wall is met, which does
+    not happen for a camera inside.
+    """
+    corners = np.asarray(floor, dtype=np.float64)
+    azimuth = np.asarray(azimuth_rad, dtype=np.float64)
+    rays = np.stack([np.sin(azimuth), np.cos(azimuth)], axis=-1)
+    # side > 0: the corner lies to the left of the ray. A wall seen from inside runs from right to left.
+    side = rays[:, :1] * corners[:, 1] - rays[:, 1:] * corners[:, 0]
+    ahead = np.roll(side, -1, axis=1)
+    following = np.roll(corners, -1, axis=0)
+    doubled_area = corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]
+    met = (side <= 0) & (ahead > 0) & (doubled_area > 0)
+    distance = np.where(met, doubled_area / np.where(met, ahead - side, 1.0), np.inf)
+    nearest = distance.argmin(axis=1)
+    found = np.take_along_axis(distance, nearest[:, None], axis=1)[:, 0]
+    return found, np.where(np.isfinite(found), nearest, -1).astype(np.int16)
+
+
+def in_sight(floor: npt.ArrayLike, points_m: npt.ArrayLike) -> Flags:
+    """Return which places, of shape (..., 2), of the plan the camera at (0, 0) sees: no wall stands before them.
+
+    A place on a wall is seen if the wall shows its inner side; a place outside the room is not seen.
+    """
+    corners = np.asarray(floor, dtype=np.float64)
+    points = np.asarray(points_m, dtype=np.float64)
+    x, y = points[..., 0], points[..., 1]
+    seen = np.ones(points.shape[:-1], dtype=bool)
+    for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        doubled_area = x0 * y1 - y0 * x1
+        if doubled_area <= 0:
+            continue
+        side, ahead = x * y0 - y * x0, x * y1 - y * x1
+        seen &= ~((side <= 0) & (ahead > 0) & (doubled_area < (ahead - side) * (1 - TOUCH)))
+    return seen
+
+
+def boundary_latitudes(room: RoomModel, azimuth_rad: npt.ArrayLike) -> tuple[Doubles, Doubles]:
+    """Return the latitudes (rad) at which the nearest wall meets ceiling and floor, for azimuths (N,)."""
+    distance, _ = wall_ranges(room.floor, azimuth_rad)
+    up = np.arctan2(room.ceiling_height_m - room.camera_height_m, distance)
+    return up, np.arctan2(-room.camera_height_m, distance)
+
 
 ROWS_AT_ONCE = 256
 NONE = -1

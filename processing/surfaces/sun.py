@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from processing.ground.arrays import Doubles, Flags, Floats, Int16s, Int32s
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
-from processing.surfaces.planes import planes_of
+from processing.surfaces.maps import planes_of
 
 # How a patch of sun differs from its surface in the shade: by brightness, hardly by colour. Furniture does by both.
 

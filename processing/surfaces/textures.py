@@ -13,9 +13,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Flags, Floats, Indices, Int16s
 from processing.ground.room_model import RoomModel
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import plane_map
-from processing.surfaces.planes import FIRST_WALL, Plane
-from processing.surfaces.sight import check_stands, in_sight
+from processing.surfaces.maps import FIRST_WALL, Plane, check_stands, in_sight, plane_map
 
 MOST_FINE = 8
 """Samples across a texel or pixel: finer detail than that is lost to aliasing, which is then below 1 in 64."""

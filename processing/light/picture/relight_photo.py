@@ -135,7 +135,7 @@ def _covered(view: RelightView, chosen: Int64s) -> np.ndarray:
 
 def veil_gains(scene: Scene, before: Outdoors, after: Outdoors) -> Floats:
     """Return by what the light on each pane's outer face changes (P,): curtains and blinds follow it."""
-    middle = np.mean([s.at(s.width_m / 2, s.height_m / 2) for s in scene.surfaces], axis=0)
+    middle = np.mean([s.world(s.width_m / 2, s.height_m / 2) for s in scene.surfaces], axis=0)
     gains = [_upon(p, middle, after) / max(_upon(p, middle, before), 1e-9) for p in scene.panes]
     return np.clip(np.asarray(gains, np.float32), 0, 1e6)
 

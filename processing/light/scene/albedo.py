@@ -44,7 +44,7 @@ from processing.light.solver.upsample import upsampled
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, Validity
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import resample
-from processing.surfaces.planes import FLOOR, planes_of
+from processing.surfaces.maps import FLOOR, planes_of
 from processing.surfaces.textures import unwrap
 
 LEAST_ALBEDO, MOST_ALBEDO = 0.02, 0.95

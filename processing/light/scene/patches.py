@@ -187,10 +187,10 @@ def _add_surface(build: _Builder, surface: Surface, number: int, texel_m: float)
     full: np.ndarray = np.asarray(np.all(within, axis=1))
     patch = first + np.arange(len(row))
     u, v = surface.u_axis, surface.v_axis
-    build.add_elements(patch[full], surface.at(column[full] * wide, row[full] * high), wide * u, high * v, False)
+    build.add_elements(patch[full], surface.world(column[full] * wide, row[full] * high), wide * u, high * v, False)
     texel, cell = np.nonzero(within & ~full[:, None])
     down, right = np.divmod(cell, SUBCELLS)
-    corner = surface.at((column[texel] + right / SUBCELLS) * wide, (row[texel] + down / SUBCELLS) * high)
+    corner = surface.world((column[texel] + right / SUBCELLS) * wide, (row[texel] + down / SUBCELLS) * high)
     build.add_elements(patch[texel], corner, wide / SUBCELLS * u, high / SUBCELLS * v, False)
     build.normals.append(np.broadcast_to(surface.normal, (len(row), 3)))
     build.count += len(row)
@@ -263,7 +263,7 @@ EPSILON = 1e-12
 def surface_triangles(surface: Surface) -> Doubles:
     """Return (M, 3, 3) corners of a surface's triangles, turned so that they face where its normal does."""
     flat = _with_holes(surface) if surface.holes_m else triangles(surface.outline_m)
-    corners = surface.at(flat[..., 0], flat[..., 1])
+    corners = surface.world(flat[..., 0], flat[..., 1])
     flips = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) @ surface.normal < 0
     corners[flips] = corners[flips][:, ::-1]
     return corners

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from processing.errors import MaterialError, SceneError
 from processing.ground.arrays import Doubles, Floats, Int32s
+from processing.surfaces.maps import Facet
 
 # How much light clear glass lets through at an angle, from what it lets through head on.
 #
@@ -134,18 +135,9 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Surface:
+class Surface(Facet):
     """A flat piece of the room, seen from its front: floor, ceiling, a wall with its openings, a window's reveal."""
 
-    name: str
-    origin_m: Doubles
-    u_axis: Doubles
-    v_axis: Doubles
-    normal: Doubles
-    width_m: float
-    height_m: float
-    outline_m: Doubles
-    """(N, 2) in (u, v): a polygon within width x height."""
     holes_m: tuple[tuple[float, float, float, float], ...] = ()
     """Rectangles (u0, v0, u1, v1) that are cut out; only in rectangular surfaces."""
     albedo: Floats = field(default_factory=lambda: plain(0.5))
@@ -153,7 +145,7 @@ class Surface:
     emission_cd_m2: Floats = field(default_factory=lambda: plain(0.0))
     """(H, W, 3), likewise: lamps."""
     plane: int = -1
-    """The room's plane (`surfaces.plane`) that this belongs to, -1 for reveals."""
+    """The room's plane (`surfaces.maps.Plane.index`) that this belongs to, -1 for reveals."""
     gloss: float = 0.0
     """How much of full varnish it mirrors, 0 to 1 (`gloss`); its albedo is without that."""
 
@@ -162,11 +154,6 @@ class Surface:
         _check_emission(f"surface {self.name}", self.emission_cd_m2)
         if not 0 <= self.gloss <= 1:
             raise MaterialError(f"a gloss of {self.gloss}", where=f"surface {self.name}", advice="give 0 to 1")
-
-    def at(self, u_m: npt.ArrayLike, v_m: npt.ArrayLike) -> Doubles:
-        """Return world positions, shape (..., 3), m."""
-        u, v = np.asarray(u_m, np.float64)[..., None], np.asarray(v_m, np.float64)[..., None]
-        return np.asarray(self.origin_m + u * self.u_axis + v * self.v_axis)
 
 
 @dataclass(frozen=True)

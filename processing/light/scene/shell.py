@@ -7,7 +7,7 @@ passage counts as if the wall there reflected it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -15,8 +15,7 @@ from processing.errors import ParameterError
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.scene import Pane, Surface, Vector, plain
-from processing.surfaces.planes import FIRST_WALL, Plane, planes_of
-from processing.surfaces.sight import check_stands
+from processing.surfaces.maps import FIRST_WALL, Facet, Plane, check_stands, planes_of
 
 REVEAL_M = 0.2
 """Depth of a window's niche where nobody knows it: a common outer wall with the glass near its outer face."""
@@ -62,28 +61,14 @@ def shell_of(
 
 def _surface(plane: Plane, windows: list[Opening], room: RoomModel) -> Surface:
     top = room.ceiling_height_m
+    width = plane.width_m
     # Along the plane u runs against the wall's own direction.
     holes = tuple(
-        (
-            max(plane.width_m - o.end_m, 0.0),
-            max(top - o.head_m, 0.0),
-            min(plane.width_m - o.start_m, plane.width_m),
-            top - o.sill_m,
-        )
+        (max(width - o.end_m, 0.0), max(top - o.head_m, 0.0), min(width - o.start_m, width), top - o.sill_m)
         for o in windows
     )
-    return Surface(
-        name=plane.name,
-        origin_m=plane.origin_m,
-        u_axis=plane.u_axis,
-        v_axis=plane.v_axis,
-        normal=plane.normal,
-        width_m=plane.width_m,
-        height_m=plane.height_m,
-        outline_m=plane.outline_m,
-        holes_m=holes,
-        plane=plane.index,
-    )
+    shape = {each.name: getattr(plane, each.name) for each in fields(Facet)}
+    return Surface(**shape, holes_m=holes, plane=plane.index)
 
 
 class _Niche:

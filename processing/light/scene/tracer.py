@@ -8,9 +8,10 @@ scalar variant, ray by ray, 0.08 million. The last is taken only where it is ask
 from __future__ import annotations
 
 import os
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -39,16 +40,23 @@ class Hits:
     """Share of its third corner."""
 
 
-class Tracer(Protocol):
+class Tracer(ABC):
     """A set of triangles that can be asked what rays meet first."""
 
     def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Return the first hits of rays (N, 3); directions are unit vectors."""
-        ...
+        """Return the first hits of rays: ``origins`` (N, 3) in metres, ``directions`` (N, 3) of unit length."""
+        none = np.empty(0, np.float32)
+        return self._cast(origins, directions) if len(directions) else Hits(np.empty(0, np.int32), none, none, none)
 
     def free(self, origins: Floats, ways: Floats) -> Flags:
-        """Return where nothing stands in the way (N,) from origins to origins + `NEARLY` ways."""
-        ...
+        """Return where (N,) nothing lies between ``origins`` (N, 3) and origins + `NEARLY` ``ways`` (N, 3), metres."""
+        return self._free(origins, ways) if len(ways) else np.empty(0, bool)
+
+    @abstractmethod
+    def _cast(self, origins: Floats, directions: Floats) -> Hits: ...
+
+    @abstractmethod
+    def _free(self, origins: Floats, ways: Floats) -> Flags: ...
 
 
 def tracer_of(triangles: Floats) -> Tracer:
@@ -64,7 +72,7 @@ def tracer_of(triangles: Floats) -> Tracer:
     return MitsubaTracer(triangles, VARIANTS[asked] if asked else None)
 
 
-class EmbreeTracer:
+class EmbreeTracer(Tracer):
     """Embree through `embreex`, one thread."""
 
     def __init__(self, triangles: Floats) -> None:
@@ -74,11 +82,7 @@ class EmbreeTracer:
         self._scene = EmbreeScene(robust=True)
         TriangleMesh(self._scene, np.ascontiguousarray(triangles, dtype=np.float32))
 
-    def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Return the first hits of rays (N, 3)."""
-        if not len(directions):
-            none = np.empty(0, np.float32)
-            return Hits(np.empty(0, np.int32), none, none, none)
+    def _cast(self, origins: Floats, directions: Floats) -> Hits:
         found = self._scene.run(
             np.ascontiguousarray(origins, np.float32),
             np.ascontiguousarray(directions, np.float32),
@@ -88,10 +92,7 @@ class EmbreeTracer:
         distance = np.where(found["primID"] >= 0, found["tfar"], np.float32(np.inf))
         return Hits(found["primID"], distance, found["u"], found["v"])
 
-    def free(self, origins: Floats, ways: Floats) -> Flags:
-        """Return where nothing stands in the way (N,)."""
-        if not len(ways):
-            return np.empty(0, bool)
+    def _free(self, origins: Floats, ways: Floats) -> Flags:
         found = self._scene.run(
             np.ascontiguousarray(origins, np.float32),
             np.ascontiguousarray(ways, np.float32),
@@ -101,7 +102,7 @@ class EmbreeTracer:
         return np.asarray(found < 0)
 
 
-class MitsubaTracer:
+class MitsubaTracer(Tracer):
     """Mitsuba's ray tracer; in its scalar variant one ray at a time, which is slow but works everywhere."""
 
     def __init__(self, triangles: Floats, variant: str | None = None) -> None:
@@ -124,12 +125,8 @@ class MitsubaTracer:
         values.update()
         self._scene = self._mi.load_dict({"type": "scene", "triangles": mesh})
 
-    def cast(self, origins: Floats, directions: Floats) -> Hits:
-        """Return the first hits of rays: ``origins`` (N, 3) in metres, ``directions`` (N, 3) of unit length."""
+    def _cast(self, origins: Floats, directions: Floats) -> Hits:
         mi = self._mi
-        if not len(directions):
-            none = np.empty(0, np.float32)
-            return Hits(np.empty(0, np.int32), none, none, none)
         if self._variant == SCALAR:
             hits = [
                 self._scene.ray_intersect_preliminary(mi.Ray3f(o, d)) for o, d in zip(origins, directions, strict=True)
@@ -144,11 +141,8 @@ class MitsubaTracer:
             index = found.prim_index.numpy().astype(np.int64)
         return Hits(np.where(np.isfinite(distance), index, -1).astype(np.int32), distance, places[0], places[1])
 
-    def free(self, origins: Floats, ways: Floats) -> Flags:
-        """Return where (N,) nothing lies between ``origins`` (N, 3) and origins + `NEARLY` ``ways`` (N, 3), metres."""
+    def _free(self, origins: Floats, ways: Floats) -> Flags:
         mi = self._mi
-        if not len(ways):
-            return np.empty(0, bool)
         if self._variant == SCALAR:
             rays = (
                 mi.Ray3f(mi.Point3f(o), mi.Vector3f(w), NEARLY, 0.0, []) for o, w in zip(origins, ways, strict=True)

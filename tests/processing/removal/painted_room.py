@@ -14,8 +14,7 @@ from processing.ground.seam import resized, smoothed
 from processing.pictures.images import RelativeImage
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
-from processing.surfaces.maps import SurfaceMaps, surface_maps
-from processing.surfaces.planes import CEILING, FLOOR
+from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps, surface_maps
 from processing.surfaces.sun import sun_vector, wall_between, window_depth
 
 ROWS = 128

@@ -18,7 +18,7 @@ from processing.removal.masks import find_masks, target_of, with_islands
 from processing.removal.tripod import find_tripod, painted_disc
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.planes import CEILING, FLOOR
+from processing.surfaces.maps import CEILING, FLOOR
 from tests.processing.removal.painted_room import SUN, Painted, evidence_of, iou, paint
 
 

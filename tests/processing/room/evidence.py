@@ -10,8 +10,7 @@ from processing.ground.room_model import RoomModel
 from processing.pictures.images import RelativeImage
 from processing.segmentation.evidence import BoundaryEvidence, SceneClass, SceneEvidence
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import plane_map
-from processing.surfaces.sight import boundary_latitudes, in_sight
+from processing.surfaces.maps import boundary_latitudes, in_sight, plane_map
 
 COLUMNS = 256
 BOX = ((-1.6, -2.2), (2.3, -2.2), (2.3, 1.7), (-1.6, 1.7))

@@ -12,7 +12,7 @@ import pytest
 from processing.ground.room_model import OpeningKind
 from processing.room.opening_sun import find_openings_in_sun, sun_patches
 from processing.segmentation.evidence import SceneClass, SceneEvidence
-from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR
 from tests.processing.removal.painted_room import Painted, evidence_of, paint
 
 LOW = (math.pi, math.radians(8))

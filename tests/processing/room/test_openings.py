@@ -15,7 +15,7 @@ from processing.room.opening_fit import Candidate, Field, brighter_inside
 from processing.room.openings import find_openings, uncovered
 from processing.room.wall_views import WallView, wall_views
 from processing.segmentation.evidence import SceneClass, SceneEvidence
-from processing.surfaces.planes import planes_of
+from processing.surfaces.maps import planes_of
 from tests.processing.room.drawn_rooms import Drawn, Patch, as_image, draw
 
 ROWS = 256

@@ -11,7 +11,7 @@ import pytest
 from processing.errors import LayoutFileError
 from processing.ground.room_model import OpeningKind
 from processing.room.readers import horizonnet_room, panoannotator_room, read_layout, zind_room
-from processing.surfaces.sight import boundary_latitudes
+from processing.surfaces.maps import boundary_latitudes
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 

@@ -22,8 +22,7 @@ from processing.sphere import Equirectangular
 from processing.stages.contract import Quality, StageContext
 from processing.stages.parameters import RemoveParameters
 from processing.stages.remove import nothing_to_remove, run
-from processing.surfaces.maps import plane_map
-from processing.surfaces.planes import FLOOR
+from processing.surfaces.maps import FLOOR, plane_map
 
 ROWS = 32
 MARGIN_DEG = 6.0

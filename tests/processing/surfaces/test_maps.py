@@ -10,9 +10,19 @@ from shapely import LinearRing, LineString, Polygon
 
 from processing.errors import RoomError
 from processing.sphere import Equirectangular, directions
-from processing.surfaces.maps import latitudes, longitudes, plane_map, surface_maps
-from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR, planes_of
-from processing.surfaces.sight import boundary_latitudes, in_sight, wall_ranges
+from processing.surfaces.maps import (
+    CEILING,
+    FIRST_WALL,
+    FLOOR,
+    boundary_latitudes,
+    in_sight,
+    latitudes,
+    longitudes,
+    plane_map,
+    planes_of,
+    surface_maps,
+    wall_ranges,
+)
 from tests.processing.surfaces.rooms import BOX, ELL, model, window
 
 SMALL = Equirectangular(128, 64)

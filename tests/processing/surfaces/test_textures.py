@@ -5,8 +5,7 @@ import pytest
 
 from processing.errors import ParameterError, RoomError
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import plane_map, surface_maps
-from processing.surfaces.planes import CEILING, FIRST_WALL, FLOOR, planes_of
+from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, plane_map, planes_of, surface_maps
 from processing.surfaces.textures import outline_mask, texel_places, texture_shape, unwrap, wrap
 from tests.processing.surfaces.rooms import BOX, ELL, model, pattern, points
 
