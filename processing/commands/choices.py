@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.commands.views import printable
+from station.commands.views import FILE, printable
 
 if TYPE_CHECKING:
     from processing.running.choices import Choices
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.argument("given", nargs=-1, metavar="[NAME=VALUE]...")
 @click.option("--forget", metavar="NAME", multiple=True, help="Choose it no longer (repeatable); all: nothing is.")
 @click.option("--past", is_flag=True, help="What was chosen before that, too.")

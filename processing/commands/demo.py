@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import FILE, FOLDER
+
 if TYPE_CHECKING:
     from processing.running.progress import Meter
     from processing.running.results import RunReport
@@ -41,13 +43,13 @@ GENERATED = "bedroom-7"
 @click.option(
     "--room",
     "picture",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="A real room: a photograph (processed as it is, in relative units), or with --sky an HDR panorama.",
 )
 @click.option(
     "--sky",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="HDR panorama of a real sky: simulated cameras then photograph --room and --sky, in cd/m2.",
 )
@@ -56,13 +58,7 @@ GENERATED = "bedroom-7"
 )
 @click.option("--quick", is_flag=True, help="In a hurry: quarter size, faster than life, draft quality.")
 @click.option("--set", "furniture", metavar="NAME", help="Furniture to stage: bedroom, living, ..., none; else auto.")
-@click.option(
-    "--into",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("demo"),
-    show_default=True,
-    help="Folder of sessions.",
-)
+@click.option("--into", type=FOLDER, default=Path("demo"), show_default=True, help="Folder of sessions.")
 @click.option("--capture-only", is_flag=True, help="End with the verified session.")
 @click.option("--json", "as_json", is_flag=True, help="JSON events, then one summary object.")
 def demo(world: str | None, picture: Path | None, sky: Path | None, *, as_json: bool, **asked: Any) -> int:
@@ -275,7 +271,7 @@ def _summary(
         return 0 if intact else 4
     if cost is not None:
         click.echo(f"all of it: {cost.seconds / 60:.1f} min, peak memory {peak / 1e9:.2f} GB")
-    from processing.commands.stills import still_paths
+    from processing.commands.results import still_paths
 
     for still in still_paths(path):
         click.echo(f"still:   {still}")

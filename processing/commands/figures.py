@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import numbers
+from station.commands.views import FILE, FOLDER, numbers
 
 if TYPE_CHECKING:
-    from processing.figures.indices import Task
+    from processing.figures.glare import Task
     from processing.pictures.images import LuminanceImage
 
 READING_SIGMA = 0.02
@@ -49,7 +49,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
             rows.writerow(["figure", "value", "standard_uncertainty"])
             rows.writerows([name, one["value"], one["uncertainty"]] for name, one in found.items())
     if falsecolour is not None:
-        from processing.figures.parts import write_falsecolour
+        from processing.figures.foreign import write_falsecolour
 
         write_falsecolour(falsecolour, image)
     if as_json:
@@ -63,7 +63,7 @@ def figures(file: Path, table: Path | None, falsecolour: Path | None, *, as_json
 def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
     """Return the picture in cd/m2: by the frames' settings, a factor, a reading, or as the file says."""
     from processing.errors import ParameterError
-    from processing.figures import foreign, parts
+    from processing.figures import foreign
 
     cals = [foreign.read_cal(path) for path in asked["cal"]]
     if file.is_dir():
@@ -71,43 +71,43 @@ def _opened(file: Path, asked: dict[str, Any]) -> LuminanceImage:
         if len(words) != 3 or words[0] != "fisheye":
             raise ParameterError("a folder of frames is a fisheye's bracket", advice="--view fisheye,MAPPING,DEGREES")
         response = None if asked["response"] is None else foreign.read_rsp(asked["response"])
-        frames = parts.taken_frames(file)
+        frames = foreign.taken_frames(file)
         [degrees] = numbers("--view", words[2], 1, "degrees")
         image = foreign.merged_bracket(frames, response, words[1], degrees)
     else:
-        image = parts.picture_of(file, asked["view"])
+        image = foreign.picture_of(file, asked["view"])
     image = foreign.applied(image, cals)
     if asked["scale"] is not None:
-        return parts.rescaled(image, asked["scale"], 0.0)
+        return foreign.rescaled(image, asked["scale"], 0.0)
     if asked["reading"] is None:
         return image
     level, _, place = asked["reading"].partition("@")
     column, row = numbers("--reading", place, 2, "column and row after the @")
     (luminance_cd_m2,) = numbers("--reading", level, 1, "cd/m2")
-    return parts.by_reading(image, luminance_cd_m2, (column, row), READING_SIGMA)
+    return foreign.by_reading(image, luminance_cd_m2, (column, row), READING_SIGMA)
 
 
 def _figures(image: LuminanceImage, asked: dict[str, Any]) -> dict[str, dict[str, float]]:
-    from processing.figures import parts
-    from processing.figures.indices import glare_indices
+    from processing.figures import foreign
+    from processing.figures.glare import glare_indices
     from processing.sphere import Fisheye
 
     task: Task | None = None
     if asked["task"]:
         right, up, across = numbers("--task", asked["task"], 3, "degrees right, up and across")
         task = (right, up, across)
-    found = parts.light_figures(image)
+    found = foreign.light_figures(image)
     if isinstance(image.geometry, Fisheye) and image.absolute:
         found |= glare_indices(image, task=task)
     for number, text in enumerate(asked["region"]):
         x0, y0, x1, y1 = (int(v) for v in numbers("--region", text, 4, "pixels: left, top, right, bottom"))
-        found |= parts.region_figures(image, (x0, y0, x1, y1), f"region-{number + 1}")
+        found |= foreign.region_figures(image, (x0, y0, x1, y1), f"region-{number + 1}")
     return found
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
-@click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/certificate.")
+@click.argument("session", type=FILE)
+@click.option("--into", type=FOLDER, help="Default: SESSION/certificate.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def certificate(session: Path, into: Path | None, *, as_json: bool) -> int:
     """Write the certificate of a calibrated SESSION: uncertainty budgets (GUM, k = 2) and ISO/CIE 19476's indices.

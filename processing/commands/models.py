@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from station.commands.views import FILE
+
 
 @click.group()
 def models() -> None:
@@ -68,7 +70,7 @@ def get(name: str, url: str | None, *, as_json: bool) -> int:
 
 
 @models.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def add(file: Path, *, as_json: bool) -> int:
     """Install FILE, fetched by other means; which model it is, its SHA-256 says.

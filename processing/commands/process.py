@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import SilentView, printable
+from station.commands.views import FILE, FOLDER, SilentView, printable
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
@@ -97,7 +97,7 @@ def _stage_option(option: Option) -> click.Option:
     shared = f" Stages: {', '.join(users)}." if len(users) > 1 else ""
     return click.Option(
         [option.flag, _parameter_name(option.flag)],
-        type=option.type if option.kind == "parameter" else click.Path(path_type=Path),
+        type=option.type if option.kind == "parameter" else FILE,
         is_flag=option.type is bool,
         metavar=f"[{'|'.join(option.choices)}]" if option.choices else None,
         default=None,
@@ -132,18 +132,15 @@ def given_now(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @click.command(cls=ProcessCommand)
-@click.argument("session", type=click.Path(path_type=Path), required=False)
+@click.argument("session", type=FILE, required=False)
 @click.option(
     "--panorama",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Instead of SESSION: one panorama (JPEG, PNG, EXR, HDR; equirectangular). Without a meter, in relative units.",
 )
 @click.option(
-    "--into",
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="FOLDER",
-    help="With --panorama: where its session is made (default: sessions).",
+    "--into", type=FOLDER, metavar="FOLDER", help="With --panorama: where its session is made (default: sessions)."
 )
 @click.option("--dry-run", is_flag=True, help="Say what would run and why; change nothing.")
 @click.option("--explain", is_flag=True, help="Say of every stage which input or parameter changed, old and new.")
@@ -186,7 +183,7 @@ def process(session: Path | None, *, explain: bool, as_json: bool, **asked: Any)
     for line in summary_lines(report, request, explain=explain):
         click.echo(line)
     if not request.dry_run:
-        from processing.commands.stills import still_paths
+        from processing.commands.results import still_paths
 
         for still in still_paths(session):
             click.echo(f"still:  {still}")
@@ -312,7 +309,7 @@ def summary_lines(report: RunReport, request: RunRequest, *, explain: bool) -> I
 
 
 def _stage_lines(stage: StageReport, *, explain: bool) -> Iterator[str]:
-    from processing.running.stage_inputs import change_line
+    from processing.running.requests import change_line
 
     seconds = f"{stage.cost.seconds:8.1f} s" if stage.cost else " " * 10
     yield f"{stage.stage:<10} {stage.action.value:<13}{seconds}  {stage.reason}"

@@ -1,8 +1,9 @@
-"""``daylit relight``: a processed session's room at another time, under another sky, or through a day."""
+"""``daylit relight``: a processed room at another time, under another sky; ``daylit view-from``: from another place."""
 
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import FILE, FOLDER
+
 if TYPE_CHECKING:
     from datetime import datetime
 
     from processing.calibration.outdoor.sun_place import Place
+    from processing.light.picture.viewpoint import Elsewhere
     from processing.relighting.relit_session import Relighting
     from processing.relighting.session_room import SessionRoom
     from processing.relighting.weather import Weather
+
 
 SHEET_ROWS, ANIMATION_ROWS = 192, 384
 KEPT = ("furniture", "site", "heading", "zone")
@@ -24,18 +29,14 @@ KEPT = ("furniture", "site", "heading", "zone")
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.option("--at", "at", metavar="TIME", help='Such as "2023-06-21 16:00" (local), or 2023-06-21T14:00Z.')
-@click.option(
-    "--sky", type=click.Path(path_type=Path), metavar="FILE", help="Light of another sky: an OpenEXR picture."
-)
+@click.option("--sky", type=FILE, metavar="FILE", help="Light of another sky: an OpenEXR picture.")
 @click.option("--sweep", type=click.Choice(["day"]), help="The hours of a day.")
 @click.option("--date", metavar="DATE", help="Of --sweep: 2023-06-21; default: the day of the capture.")
 @click.option("--step", metavar="TIME", help="Of --sweep: 30m or 1h.  [default: 1h]")
 @click.option("--staged", type=click.IntRange(min=1), metavar="N", help="The staged alternative N.")
-@click.option(
-    "--furniture", type=click.Path(path_type=Path), metavar="FOLDER", help="Your models that it was staged with."
-)
+@click.option("--furniture", type=FILE, metavar="FOLDER", help="Your models that it was staged with.")
 @click.option("--empty", is_flag=True, help="The emptied room.  [default]")
 @click.option("--weather", type=click.Choice(["captured", "clear", "overcast"]), default="captured", show_default=True)
 @click.option("--site", metavar="LAT,LON", help="Where the room is, if the session does not say.")
@@ -43,7 +44,7 @@ KEPT = ("furniture", "site", "heading", "zone")
 @click.option("--zone", metavar="NAME", help="Of local time: America/New_York, or -04:00; by the place if unset.")
 @click.option("--rows", type=click.IntRange(64, 2048), default=1024, show_default=True, help="Height of the pictures.")
 @click.option("--quality", type=click.Choice(["draft", "standard", "reference"]), default="standard", show_default=True)
-@click.option("--into", "output", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION/relight.")
+@click.option("--into", "output", type=FOLDER, help="Default: SESSION/relight.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
 def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     """Show SESSION's room, empty or staged, in another light: another time, another sky, a whole day.
@@ -78,10 +79,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
     remember(session, given, by="daylit relight")
     ready = Relighting(room, session / FOLDER, BASIS_EFFORTS[asked["quality"]])
     folder.mkdir(parents=True, exist_ok=True)
-    if asked["sweep"]:
-        found = _sweep(ready, moments, folder, name)
-    else:
-        found = _one(ready, moments, folder, name)
+    found = (_sweep if asked["sweep"] else _one)(ready, moments, folder, name)
     if as_json:
         click.echo(json.dumps({"ok": True, "folder": str(folder), **found}))
         return 0
@@ -96,10 +94,7 @@ def relight(session: Path, *, as_json: bool, **asked: Any) -> int:
 def _check(asked: dict[str, Any]) -> None:
     if sum(asked[name] is not None for name in ("at", "sky", "sweep")) != 1:
         raise click.UsageError("say one of --at TIME, --sky FILE and --sweep day")
-    if asked["empty"] and asked["staged"] is not None:
-        raise click.UsageError("--empty and --staged exclude each other")
-    if asked["furniture"] is not None and asked["staged"] is None:
-        raise click.UsageError("--furniture goes with --staged")
+    _check_staged(asked)
     for name in ("date", "step"):
         if asked[name] is not None and not asked["sweep"]:
             raise click.UsageError(f"--{name} goes with --sweep")
@@ -109,6 +104,13 @@ def _check(asked: dict[str, Any]) -> None:
                 raise click.UsageError(f"--{name.replace('_', '-')} does nothing beside --sky")
         if asked["weather"] != "captured":
             raise click.UsageError("--weather does nothing beside --sky")
+
+
+def _check_staged(asked: dict[str, Any]) -> None:
+    if asked["empty"] and asked["staged"] is not None:
+        raise click.UsageError("--empty and --staged exclude each other")
+    if asked["furniture"] is not None and asked["staged"] is None:
+        raise click.UsageError("--furniture goes with --staged")
 
 
 def _moments(room: SessionRoom, asked: dict[str, Any]) -> dict[str, Any]:
@@ -196,10 +198,8 @@ def _one(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) ->
     rgb8 = replace(shown, display=shown.display.exposed(relit.picture.rgb)).rgb8(
         relit.picture.rgb, ready.room.picture.geometry
     )
-    _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready)
-    found = _summary(ready, moments, [relit.facts])
-    (folder / f"{name}-{stem}.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
-    return found
+    _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, f"{ready.room.manifest.name}, relit")
+    return _summary(ready, moments, [relit.facts], folder / f"{name}-{stem}.json")
 
 
 def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) -> dict[str, Any]:
@@ -210,48 +210,42 @@ def _sweep(ready: Relighting, moments: dict[str, Any], folder: Path, name: str) 
     shown = replace(shown, display=display_of_day(shown.display, [r.picture.rgb for r in relits]))
     whole = [shown.rgb8(r.picture.rgb, ready.room.picture.geometry) for r in relits]
     for (stem, _, _, _), rgb8 in zip(moments["lights"], whole, strict=True):
-        _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready)
+        _jpeg(folder / f"{name}-{stem}.jpg", rgb8, ready.room, f"{ready.room.manifest.name}, relit")
     small, sheet = ([shrunk(rgb8, rows) for rgb8 in whole] for rows in (ANIMATION_ROWS, SHEET_ROWS))
     day = moments["lights"][0][0][:10]
-    write_animation(folder / f"{name}-{day}.webp", [_marked(p, ready) for p in small])
+    write_animation(folder / f"{name}-{day}.webp", [_marked(p, ready.room) for p in small])
     write_sheet(folder / f"{name}-{day}-sheet.png", sheet, [caption for _, caption, _, _ in moments["lights"]])
-    found = _summary(ready, moments, [r.facts for r in relits])
-    (folder / f"{name}-{day}.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
-    return found
+    return _summary(ready, moments, [r.facts for r in relits], folder / f"{name}-{day}.json")
 
 
-def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, Any]]) -> dict[str, Any]:
-    room = ready.room
-    return {
+def _summary(ready: Relighting, moments: dict[str, Any], facts: list[dict[str, Any]], path: Path) -> dict[str, Any]:
+    """Return what was relit, and write it as JSON."""
+    found = {
         "schema_version": 1,
-        "session": room.manifest.name,
-        "staged": room.staged,
+        "session": ready.room.manifest.name,
+        "staged": ready.room.staged,
         "basis": "kept" if ready.basis_kept else "made",
         "notes": moments["notes"],
         "moments": facts,
     }
+    path.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", "utf-8")
+    return found
 
 
-def _marked(rgb8: Any, ready: Relighting) -> Any:
+def _marked(rgb8: Any, room: SessionRoom) -> Any:
     from processing.exchange.jpeg_files import labelled
 
-    return rgb8 if ready.room.staged is None else labelled(rgb8)
+    return rgb8 if room.staged is None else labelled(rgb8)
 
 
-def _jpeg(path: Path, shown: Any, ready: Relighting) -> None:
+def _jpeg(path: Path, rgb8: Any, room: SessionRoom, title: str = "") -> None:
+    """Write a picture of the room, labelled where it is staged; one twice as wide as high is a whole panorama."""
     from processing.exchange.jpeg_files import PanoramaTags, write_jpeg
 
-    rgb8 = _marked(shown, ready)
     high, wide = rgb8.shape[:2]
-    heading = ready.room.manifest.heading_rad
-    write_jpeg(
-        path,
-        rgb8,
-        panorama=PanoramaTags.whole(wide, high, heading_rad=heading),
-        staged=ready.room.staged is not None,
-        relative=not ready.room.picture.absolute,
-        title=f"{ready.room.manifest.name}, relit",
-    )
+    tags = PanoramaTags.whole(wide, high, heading_rad=room.manifest.heading_rad) if wide == 2 * high else None
+    staged, relative = room.staged is not None, not room.picture.absolute
+    write_jpeg(path, _marked(rgb8, room), panorama=tags, staged=staged, relative=relative, title=title)
 
 
 def _line(one: dict[str, Any]) -> str:
@@ -259,3 +253,125 @@ def _line(one: dict[str, Any]) -> str:
     sun = f"sun {one['sun_elevation_deg']:.1f} degrees high" if "sun_elevation_deg" in one else "no sun"
     light = f"outdoors {one['global_horizontal_lx']:.0f} lx, room {one['median_luminance']:.4g} {one['unit']}"
     return f"{when}  {sun}, {light}, {100 * one['sunny_share']:.1f} % in the sun"
+
+
+MOST_PX = 4096
+
+
+@click.command("view-from")
+@click.argument("session", type=FILE)
+@click.option("--eye", required=True, metavar="X,Y,Z", help="Metres from the floor below the camera: right, ahead, up.")
+@click.option("--look", metavar="AZ,EL", help="Degrees to the right of ahead, and up.  [default: 0,0]")
+@click.option("--fov", type=click.FloatRange(10, 150), help="Horizontal field of view, degrees.  [default: 70]")
+@click.option("--panorama", is_flag=True, help="All around instead of a view.")
+@click.option(
+    "--width", type=click.IntRange(64, MOST_PX), default=1280, show_default=True, help="Of the picture, pixels."
+)
+@click.option("--staged", type=click.IntRange(min=1), metavar="N", help="The staged alternative N.")
+@click.option("--furniture", type=FILE, metavar="FOLDER", help="Your models that it was staged with.")
+@click.option("--empty", is_flag=True, help="The emptied room.  [default]")
+@click.option("--quality", type=click.Choice(["draft", "standard"]), default="draft", show_default=True)
+@click.option("--name", help="Of the files; default: from the place.")
+@click.option("--into", "output", type=FOLDER, help="Default: SESSION/views.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object at the end.")
+def view_from(session: Path, *, as_json: bool, **asked: Any) -> int:
+    """Show SESSION's room, empty or staged, from another place than the camera's.
+
+    What the camera saw is shown as it saw it; what it did not see is rendered from the room's materials, and is white
+    in NAME-rendered.png. Writes the picture in cd/m2 (EXR) and a JPEG. Needs a session processed with --set.
+
+    \b
+    Examples:
+      daylit view-from sessions/2023-05-19T1554Z_coda-320 --eye 1.2,-0.5,1.2 --look -30,-5
+      daylit view-from sessions/2023-05-19T1554Z_coda-320 --eye 0.5,1,1.6 --panorama --staged 1
+    """
+    _check_view(asked)
+    from processing.light.picture.viewpoint import check_place, seen_from
+    from processing.light.solver.irradiance import EFFORTS
+    from processing.relighting.session_room import read_session_room
+    from processing.running.choices import go_on_with, remember
+    from station.commands.views import numbers
+
+    eye = list(numbers("--eye", asked["eye"], 3, "metres to the right, ahead and up"))
+    geometry = _geometry(asked)
+    if asked["staged"] is not None:
+        asked |= go_on_with(session, {"furniture": asked["furniture"]})
+    room = read_session_room(session, asked["staged"], 2048, asked["furniture"])
+    if asked["furniture"] is not None:
+        remember(session, {"furniture": asked["furniture"]}, by="daylit view-from")
+    check_place(room.scene, (eye[0], eye[1], eye[2]))
+    effort = EFFORTS[asked["quality"]]
+    found = seen_from(room.scene, room.picture.rgb, room.eye_m, geometry, (eye[0], eye[1], eye[2]), effort=effort)
+    folder = asked["output"] or session / "views"
+    folder.mkdir(parents=True, exist_ok=True)
+    kind = "empty" if asked["staged"] is None else f"staged-{asked['staged']}"
+    stem = asked["name"] or f"{kind}-from-{'_'.join(f'{v:g}' for v in eye)}"
+    facts = _write(folder, stem, session, room, found, (geometry, eye))
+    if as_json:
+        click.echo(json.dumps({"ok": True, "folder": str(folder), **facts}))
+        return 0
+    click.echo(f"{100 * facts['seen_share']:.0f} % of what is not window was seen by the camera; the rest is rendered")
+    click.echo(f"written to {folder}: {stem}.exr, {stem}.jpg, {stem}-rendered.png")
+    return 0
+
+
+def _check_view(asked: dict[str, Any]) -> None:
+    _check_staged(asked)
+    if asked["name"] is not None and not re.fullmatch(r"[\w][\w .-]{0,99}", asked["name"]):
+        raise click.UsageError("--name is a file's name without its ending: letters, digits, blanks, dots, dashes")
+    if asked["panorama"] and (asked["look"] is not None or asked["fov"] is not None):
+        raise click.UsageError("--look and --fov do nothing beside --panorama")
+
+
+def _geometry(asked: dict[str, Any]) -> Any:
+    from processing.sphere import Equirectangular, Perspective
+    from station.commands.views import numbers
+
+    wide = asked["width"] // 2 * 2
+    if asked["panorama"]:
+        return Equirectangular(wide, wide // 2)
+    azimuth, elevation = numbers("--look", asked["look"] or "0,0", 2, "degrees to the right and up")
+    if not -89 <= elevation <= 89:
+        raise click.UsageError("--look: up or down by 89 degrees at most")
+    fov = math.radians(asked["fov"] or 70.0)
+    return Perspective(wide, wide * 3 // 4, fov, yaw_rad=math.radians(azimuth), pitch_rad=math.radians(elevation))
+
+
+def _write(
+    folder: Path, stem: str, session: Path, room: SessionRoom, found: Elsewhere, seen: tuple[Any, list[float]]
+) -> dict[str, Any]:
+    """Write picture, JPEG and mask; return the facts."""
+    from processing.exchange.showing import session_shown
+    from processing.pictures.exr import write_exr
+    from processing.pictures.masks import write_mask
+    from processing.sphere import Equirectangular
+
+    solid, (geometry, eye) = ~found.glass, seen
+    write_exr(folder / f"{stem}.exr", _picture(room, found, geometry, eye))
+    write_mask(folder / f"{stem}-rendered.png", solid & ~found.seen)
+    rgb8 = session_shown(session).display.shown(found.rgb, found.glass, around=isinstance(geometry, Equirectangular))
+    _jpeg(folder / f"{stem}.jpg", rgb8, room)
+    return {
+        "eye_m": eye,
+        "staged": room.staged,
+        "seen_share": round(float(found.seen[solid].mean()), 4) if solid.any() else 1.0,
+        "error": round(found.error, 4),
+        "unit": room.picture.unit,
+    }
+
+
+def _picture(room: SessionRoom, found: Elsewhere, geometry: Any, eye: list[float]) -> Any:
+    import numpy as np
+
+    from processing.pictures.images import Validity
+    from processing.relighting.session_room import MODELLED
+
+    return replace(
+        room.picture,
+        rgb=found.rgb,
+        uncertainty=np.where(found.seen, np.float32(0.1), np.float32(2 * MODELLED)),
+        validity=np.full(found.seen.shape, int(Validity.VALID), np.uint8),
+        geometry=geometry,
+        ghost=None,
+        attributes={**room.picture.attributes, "seen_from_m": eye},
+    )

@@ -1,4 +1,4 @@
-"""``daylit export``: a session's results for other programs."""
+"""A session's results: ``daylit inspect``, ``export``, ``view``, ``clean``, ``stills`` and ``proof``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import printable
+from station.commands.views import FILE, FOLDER, printable
 
 if TYPE_CHECKING:
     from processing.exchange.export import Exported
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=FILE)
 @click.option("--at", metavar="LON,LAT", multiple=True, help="Degrees: right of the centre, up (repeatable).")
 @click.option(
     "--radius", type=float, default=1.0, show_default=True, metavar="DEGREES", help="Of what lies around a place."
@@ -78,7 +78,7 @@ def _place_lines(place: dict[str, Any]) -> list[str]:
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.option(
     "--what",
     default="jpeg,hdr,gltf",
@@ -86,7 +86,7 @@ def _place_lines(place: dict[str, Any]) -> list[str]:
     metavar="KINDS",
     help="Some of jpeg, hdr, exr, gltf, glare, with commas between.",
 )
-@click.option("--into", type=click.Path(path_type=Path, file_okay=False), help="Default: SESSION's name + -export.")
+@click.option("--into", type=FOLDER, help="Default: SESSION's name + -export.")
 @click.option("--no-label", is_flag=True, help="Staged JPEGs without the visible label (their metadata still say so).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def export(session: Path, what: str, into: Path | None, *, no_label: bool, as_json: bool) -> int:
@@ -161,7 +161,7 @@ REPORT = Path("stages", "report", "index.html")
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.option("--no-open", is_flag=True, help="Only say where it is.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object; opens nothing.")
 def view(session: Path, *, no_open: bool, as_json: bool) -> int:
@@ -205,7 +205,7 @@ def _page(session: Path) -> Path:
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.option("--keep", metavar="STAGE", multiple=True, help="Keep the results of this stage too (repeatable).")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
@@ -230,3 +230,91 @@ def clean(session: Path, keep: tuple[str, ...], *, as_json: bool) -> int:
         click.echo(f"{stage:<10} {size_bytes / 1e6:8.1f} MB")
     click.echo(f"{sum(freed.values()) / 1e6:.1f} MB freed")
     return 0
+
+
+_STILLS = Path("stages", "stills")
+
+
+def stills_of(session: Path) -> list[dict[str, Any]]:
+    """Return the facts of a session's stills (docs/guides/report.md), the first the best; none where there are none."""
+    from station.session import strict_json
+
+    path = session / _STILLS / "stills.json"
+    return list(strict_json.loads(path.read_bytes())["stills"]) if path.is_file() else []
+
+
+def still_paths(session: Path) -> list[Path]:
+    """Return a session's stills, the first the best."""
+    return [session / _STILLS / one["file"] for one in stills_of(session)]
+
+
+@click.command()
+@click.argument("session", type=FILE)
+@click.option("--into", type=FOLDER, help="Copy them into a folder.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def stills(session: Path, into: Path | None, *, as_json: bool) -> int:
+    """Name the framed pictures of SESSION: JPEG of 1920 x 1280, each with the unaltered original and its light (EXR).
+
+    `daylit process` makes them: corner to corner, upright, with a lens of 16 to 24 mm, main pieces whole, windows in.
+    --into copies JPEGs and originals into a folder, to be sent.
+
+    \b
+    Examples:
+      daylit stills sessions/2023-05-19T1554Z_coda-320
+      daylit stills sessions/2023-05-19T1554Z_coda-320 --into pictures
+    """
+    from processing.errors import ProcessingError
+
+    facts = stills_of(session)
+    if not facts:
+        raise ProcessingError("there are no stills yet", where=str(session), advice=f"daylit process {session}")
+    folder = session / _STILLS
+    names = [name for one in facts for name in (one["file"], one["original"])]
+    if into is not None:
+        into.mkdir(parents=True, exist_ok=True)
+        for name in names:
+            shutil.copyfile(folder / name, into / name)
+        folder = into
+    if as_json:
+        click.echo(json.dumps({"ok": True, "folder": str(folder), "stills": facts}))
+        return 0
+    for one in facts:
+        shows = f": {', '.join(one['shows'])}" if one["shows"] else ""
+        click.echo(f"{folder / one['file']}  {one['state']}, {one['lens_mm']:g} mm{shows}")
+        if one["statement"]:
+            click.echo(f"  {one['statement']}")
+    return 0
+
+
+@click.command()
+@click.argument("session", type=FILE)
+@click.option("--into", type=FOLDER, help="Default: SESSION's name + -proof.")
+@click.option("--check", "checked", is_flag=True, help="Check the pack, and SESSION's frames, instead of writing it.")
+@click.option("--digest", metavar="HEX", help="With --check: the digest that was printed when the pack was written.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def proof(session: Path, into: Path | None, *, checked: bool, digest: str | None, as_json: bool) -> int:
+    """Write the proof of SESSION's stills: originals and results, what was changed, digests chained to the frames.
+
+    Keep the digest that is printed: with it, --check finds any changed byte of pictures, frames and proof.
+
+    \b
+    Examples:
+      daylit proof sessions/2023-05-19T1554Z_coda-320
+      daylit proof sessions/2023-05-19T1554Z_coda-320 --check
+    """
+    from processing.exchange.proof import check_proof, write_proof
+
+    if digest is not None and not checked:
+        raise click.UsageError("--digest goes with --check")
+    folder = into or Path(f"{session.resolve().name}-proof")
+    if not checked:
+        path, own = write_proof(session.resolve(), folder)
+        click.echo(json.dumps({"ok": True, "file": str(path), "sha256": own}) if as_json else f"{path}\nsha256 {own}")
+        return 0
+    wrong = check_proof(folder, session=session.resolve(), digest=digest)
+    if as_json:
+        click.echo(json.dumps({"ok": not wrong, "problems": wrong}))
+    else:
+        for line in wrong or ["every byte is as it was"]:
+            click.echo(line)
+    return 1 if wrong else 0

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.commands.views import FOLDER
+
 if TYPE_CHECKING:
     from processing.calibration.profile import RigProfile
     from processing.calibration.response.shutter import ShutterRule
     from processing.rig.calibrate import RigRequest, RigResult
     from station.session.session import Side
-
-_SESSION = click.Path(path_type=Path, file_okay=False)
 
 
 @click.group()
@@ -24,11 +24,11 @@ def rig() -> None:
 
 
 @rig.command()
-@click.argument("sessions", type=_SESSION, nargs=-1, required=True)
+@click.argument("sessions", type=FOLDER, nargs=-1, required=True)
 @click.option("--into", "out", type=click.Path(path_type=Path, dir_okay=False), default=Path("calibration.json"))
-@click.option("--chart", type=_SESSION, help="The session with the colour chart (default: the first of SESSIONS).")
-@click.option("--flat", "flats", type=_SESSION, multiple=True, help="Outdoor camera before an evenly lit field.")
-@click.option("--nd", type=_SESSION, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
+@click.option("--chart", type=FOLDER, help="The session with the colour chart (default: the first of SESSIONS).")
+@click.option("--flat", "flats", type=FOLDER, multiple=True, help="Outdoor camera before an evenly lit field.")
+@click.option("--nd", type=FOLDER, nargs=2, help="Outdoor camera before the chart, with the ND filter and without.")
 @click.option("--lens-data", multiple=True, metavar="NAME", help="A published fall-off: theta_z1, canon_8mm_f11 ...")
 @click.option(
     "--corners", multiple=True, metavar="SIDE:X,Y,...", help="The chart's four corners in the frames, pixels."

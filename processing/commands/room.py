@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.commands.views import printable
+from station.commands.views import FILE, printable
 
 if TYPE_CHECKING:
     from processing.ground.room_model import RoomModel
@@ -18,17 +18,17 @@ ROOM_FILE = "room.json"
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=FILE)
 @click.option(
     "--edit", is_flag=True, help="Open SESSION/room.json in $EDITOR; where it is missing, the estimated room."
 )
-@click.option("--from", "start", type=click.Path(path_type=Path), help="With --edit: begin with this room.")
+@click.option("--from", "start", type=FILE, help="With --edit: begin with this room.")
 @click.option(
     "--import", "imported", type=click.Choice(["zind", "led2net", "horizonnet"]),
-    help="With --from: its file is a layout in this format (led2net: PanoAnnotator's, too).",
+    help="With --from: its file is a layout in this format (led2net: PanoAnnotator's, too)."
 )  # fmt: skip
 @click.option("--panorama", help="With --import zind: which picture's room.")
-@click.option("--check", type=click.Path(path_type=Path), help="Say all that is wrong with a room's file.")
+@click.option("--check", type=FILE, help="Say all that is wrong with a room's file.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object.")
 def room(
     session: Path,

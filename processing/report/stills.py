@@ -1,26 +1,195 @@
-"""The stage stills: the room's display, and framed pictures of it as people want to see it; cheap cuts of panoramas."""
+"""The stage stills: the room's display, and framed pictures of it as people want to see it; cheap cuts of panoramas.
+
+Three to six frames, where a photographer of interiors would aim from the camera's place. Verticals are upright (the
+camera is level, the lens is shifted down), lenses are those of the trade (16 to 24 mm on full frame), two walls meet in
+the picture and the far corner is in it, windows are in, and main pieces are whole. Each rule is worth a number; frames
+are taken greedily, and what an earlier frame shows counts little again.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from processing.exchange.framing import MOST, SENSOR_MM, SIZE_PX, Frame, frames_of
 from processing.exchange.jpeg_files import TEXT, labelled, write_jpeg
 from processing.exchange.showing import Shown, shown_as
-from processing.layout.arrangement import Arrangements
+from processing.ground.arrays import Doubles
+from processing.ground.room_model import RoomModel
+from processing.layout.arrangement import Arrangements, PlacedItem
 from processing.pictures.display import screen
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Perspective
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, StillsParameters
 from processing.stages.upright import in_size, upright_panorama
+
+LENSES_MM = (24.0, 20.0, 18.0, 16.0)
+SENSOR_MM = 36.0
+"""Width of full frame, on which lenses are named."""
+WIDE_WORTH = {24.0: 0.0, 20.0: -0.1, 18.0: -0.25, 16.0: -0.5}
+"""A wider lens stretches what is at the edges: worth less. Chosen, as all worths below, by looking."""
+DROPS = (0.0, 0.08, 0.16)
+"""By how much of the picture's height the lens is shifted down."""
+SIZE_PX = (1920, 1280)
+FEWEST, MOST = 3, 6
+APART_RAD = math.radians(30)
+"""Between two frames' axes: nearer, they are one picture."""
+MARGIN = 0.015
+"""Of the picture's width, around a piece that counts as whole."""
+PIECE, CUT, WINDOW, CUT_WINDOW, CORNER, BARE = 1.0, 0.6, 0.6, 0.2, 1.2, 1.0
+AGAIN = 0.3
+"""Of the worth of what an earlier frame shows."""
+ENOUGH = 0.55
+"""Worth below which a frame after the third is not taken."""
+NEAR_M = 1.1
+"""A piece nearer than this fills the picture's edge and is not wanted in it."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame: the camera's place is that of the panorama."""
+
+    yaw_rad: float
+    lens_mm: float
+    drop: float
+    """By how much of its height the picture looks lower than level."""
+    shows: tuple[str, ...] = ()
+    """Pieces that are whole in it."""
+
+    def view(self, width_px: int = SIZE_PX[0]) -> Perspective:
+        """Return the level view of which the lower `height_px` rows are the frame."""
+        high = self.height_px(width_px)
+        field = 2 * math.atan(SENSOR_MM / 2 / self.lens_mm)
+        return Perspective(width_px, high + 2 * round(self.drop * high), field, yaw_rad=self.yaw_rad)
+
+    @staticmethod
+    def height_px(width_px: int = SIZE_PX[0]) -> int:
+        """Return the height of a frame of this width."""
+        return width_px * SIZE_PX[1] // SIZE_PX[0]
+
+
+@dataclass(frozen=True)
+class _Thing:
+    name: str
+    corners_m: Doubles
+    """(N, 3) from the floor below the camera."""
+    worth: float
+    cut: float
+    """What it costs where the picture's edge cuts it."""
+
+
+def frames_of(room: RoomModel, items: Sequence[PlacedItem], most: int = MOST) -> tuple[Frame, ...]:
+    """Return frames of a room with these pieces, the best first: `FEWEST` to ``most``."""
+    things = [*_pieces(items), *_windows(room)]
+    candidates = [
+        Frame(math.radians(yaw), lens, drop) for yaw in range(-180, 180, 4) for lens in LENSES_MM for drop in DROPS
+    ]
+    seen = [_seen(frame, things, room) for frame in candidates]
+    pieces = np.array([thing.name != "window" for thing in things], bool)
+    bare = np.array([bool(pieces.any()) and not (states[pieces] == 1).any() for states in seen])
+    own = np.array([_composition(frame, room) for frame in candidates]) - BARE * bare
+    chosen: list[int] = []
+    shown = np.zeros(len(things))
+    while len(chosen) < most:
+        worth = own + np.array([_worth(states, things, shown) for states in seen])
+        for k in chosen:
+            turned = [abs(math.remainder(one.yaw_rad - candidates[k].yaw_rad, 2 * math.pi)) for one in candidates]
+            worth[np.array(turned) < APART_RAD] = -np.inf
+        best = int(np.argmax(worth))
+        if not np.isfinite(worth[best]) or (len(chosen) >= FEWEST and worth[best] < ENOUGH):
+            break
+        chosen.append(best)
+        shown = np.maximum(shown, seen[best] == 1)
+    names = [
+        tuple(t.name for t, state in zip(things, seen[k], strict=True) if state == 1 and t.name != "window")
+        for k in chosen
+    ]
+    return tuple(
+        Frame(candidates[k].yaw_rad, candidates[k].lens_mm, candidates[k].drop, name)
+        for k, name in zip(chosen, names, strict=True)
+    )
+
+
+def _pieces(items: Sequence[PlacedItem]) -> list[_Thing]:
+    found = []
+    for item in items:
+        if item.category == "rug":
+            continue
+        wide, deep, high = item.size_m
+        signs = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.0)])
+        local = signs * (wide, deep, high)
+        cosine, sine = math.cos(item.theta_rad), math.sin(item.theta_rad)
+        turned = local @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+        size = math.sqrt(wide * deep * max(high, 0.3)) ** (2 / 3)
+        near = math.hypot(item.t_m[0], item.t_m[1]) < NEAR_M
+        worth = 0.0 if near else PIECE * min(size, 1.5)
+        found.append(_Thing(item.id, turned + item.t_m, worth, CUT * min(size, 1.5)))
+    return found
+
+
+def _windows(room: RoomModel) -> list[_Thing]:
+    found = []
+    corners = np.array(room.floor)
+    for one in room.openings:
+        if one.kind.value == "door":
+            continue
+        start, end = corners[one.wall], corners[(one.wall + 1) % len(corners)]
+        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        places = [(*(start + along * s), z) for s in (one.start_m, one.end_m) for z in (one.sill_m, one.head_m)]
+        found.append(_Thing("window", np.array(places), WINDOW, CUT_WINDOW))
+    return found
+
+
+def _projected(frame: Frame, points_m: Doubles, camera_m: float) -> tuple[Doubles, Doubles, Doubles]:
+    """Return places in the frame, x and y in its half width from its middle (y up), and the distance ahead (m)."""
+    sine, cosine = math.sin(frame.yaw_rad), math.cos(frame.yaw_rad)
+    right, ahead = points_m[:, 0] * cosine - points_m[:, 1] * sine, points_m[:, 0] * sine + points_m[:, 1] * cosine
+    scale = frame.lens_mm / (SENSOR_MM / 2) / np.maximum(ahead, 1e-3)
+    # The lens is shifted: the horizon lies above the middle by `drop` of the height.
+    up = (points_m[:, 2] - camera_m) * scale + 2 * frame.drop * SIZE_PX[1] / SIZE_PX[0]
+    return right * scale, up, ahead
+
+
+def _seen(frame: Frame, things: Sequence[_Thing], room: RoomModel) -> Doubles:
+    """Return for each thing 1 where it is whole in the frame, -1 where it is cut, 0 where it is out of it."""
+    high = SIZE_PX[1] / SIZE_PX[0]
+    states = np.zeros(len(things))
+    for k, thing in enumerate(things):
+        x, y, ahead = _projected(frame, thing.corners_m, room.camera_height_m)
+        if ahead.max() < 0.05:
+            continue
+        whole = ahead.min() > 0.05 and np.abs(x).max() < 1 - MARGIN and y.max() < high and y.min() > -high + MARGIN
+        front = ahead > 0.05
+        out = x[front].min() > 1 or x[front].max() < -1 or y[front].max() < -high or y[front].min() > high
+        states[k] = 1.0 if whole else 0.0 if out else -1.0
+    return states
+
+
+def _worth(states: Doubles, things: Sequence[_Thing], shown: Doubles) -> float:
+    value = 0.0
+    for state, thing, before in zip(states, things, shown, strict=True):
+        if state > 0:
+            value += thing.worth * (AGAIN if before else 1.0)
+        elif state < 0:
+            value -= thing.cut
+    return value
+
+
+def _composition(frame: Frame, room: RoomModel) -> float:
+    """Return what the picture's build is worth: a corner of the room in its inner part, depth, a natural lens."""
+    corners = np.array([(x, y, 1.0) for x, y in room.floor])
+    x, _, ahead = _projected(frame, corners, room.camera_height_m)
+    far = np.linalg.norm(corners[:, :2], axis=1)
+    inner = (ahead > 0.05) & (np.abs(x) < 0.75)
+    reach = float(far[inner].max()) / max(float(far.max()), 1e-6) if inner.any() else 0.0
+    return CORNER * (reach - 0.5) + WIDE_WORTH[frame.lens_mm]
+
 
 MOST_STILLS = MOST + MOST_STAGED - 1
 """Of the first alternative up to `MOST`, of each further one the best."""

@@ -21,9 +21,8 @@ from pydantic import BaseModel, ValidationError
 from processing.errors import ProcessingError
 from processing.pipeline import Artifact, Stage, resolve
 from processing.running.fingerprint import DigestMemory, Ingredients, digest
-from processing.running.parts import Parts
 from processing.running.progress import Cost
-from processing.running.reads import Reads
+from processing.running.reads import Parts, Reads
 from processing.running.result_store import Building
 from processing.running.results import FileRecord, RunRecord, StageResult
 from processing.stages.contract import StageContext, StageOutput, StageWarning

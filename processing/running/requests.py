@@ -1,17 +1,35 @@
-"""What a user asks of a run, checked against the table: nothing that is asked may do nothing."""
+"""What a user asks of a run, checked against the table (nothing that is asked may do nothing), and a stage's inputs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from pydantic import ValidationError
 
 from processing.errors import ParameterError
 from processing.pipeline import Stage, Trade, options, selected, stage_named
-from processing.stages.contract import Quality
+from processing.running.fingerprint import (
+    FOLDER,
+    RELIGHT,
+    DigestMemory,
+    Ingredients,
+    changes,
+    digest,
+    session_ingredients,
+    visible_part,
+)
+from processing.running.reads import Reads
+from processing.running.result_store import Stored
+from processing.running.results import Change, StageResult
+from processing.stages.contract import Fetch, KeepsParts, Progress, Quality, StageContext
 from processing.stages.parameters import Option, OptionKind, StageParameters
+from station.errors import IntegrityError
+from station.session.folder import Folder
+from station.session.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
 
 
 @dataclass(frozen=True)
@@ -155,3 +173,187 @@ def _folder(flag: str, value: object) -> Path:
     if not path.is_dir():
         raise ParameterError(f"{flag}: there is no folder {path.name}", where=str(path))
     return path
+
+
+# What goes into a stage, as its row says: ingredients for the fingerprint, a context, and whether it has to run.
+
+
+READ_FOLDER_BYTES = 1 << 30
+"""Of a folder that the user gives, up to which all of it is read; a larger one counts by names and sizes."""
+_PROGRAM = Path(__file__).resolve().parents[1]
+
+
+class StageInputs:
+    """The session, the request and the digests of files, as a stage's row lets them count."""
+
+    def __init__(
+        self, path: Path, root: Folder, manifest: SessionManifest, request: RunRequest, memory: DigestMemory
+    ) -> None:
+        self.path = path
+        self.manifest = manifest
+        self.request = request
+        self._root = root
+        self.memory = memory
+
+    def answers(self, stage: Stage) -> dict[str, Path]:
+        """Return the files that take the place of the stage's artifacts."""
+        return given_answers(stage, self.request)
+
+    def ingredients(self, stage: Stage) -> Ingredients:
+        """Return what the stage's result depends on, whatever the stage reads of parameters and earlier results."""
+        answers = self.answers(stage)
+        if answers:
+            return {"stage": stage.name, "version": stage.version, "answers": _digests(answers)}
+        part = visible_part(self.manifest, stage.reads)
+        found: Ingredients = {
+            "stage": stage.name,
+            "version": stage.version,
+            "trades": trade_values(stage, self.request),
+            "session": session_ingredients(part, stage.reads),
+            "files": _digests(given_files(stage, self.request)),
+        }
+        if stage.data:
+            found["data"] = _digests({name: _PROGRAM / name for name in stage.data if (_PROGRAM / name).exists()})
+        if FOLDER in stage.reads:
+            found[FOLDER] = self._folder_digests()
+        if RELIGHT in stage.reads and (relit := self._relight_digests()):
+            found[RELIGHT] = relit
+        return found
+
+    def _relight_digests(self) -> dict[str, str]:
+        """Return the digests of what was relit: summaries and pictures, not the basis of the light."""
+        if self._root.lstat(RELIGHT) is None:
+            return {}
+        folder = self._root.sub(RELIGHT)
+        names = [name for name in folder.names() if name.endswith((".json", ".jpg"))]
+        folder.close()
+        return {name: self._digest(f"{RELIGHT}/{name}") for name in sorted(names)}
+
+    def _folder_digests(self) -> dict[str, str]:
+        """Return the digest of each file of the session on disk; "" where it is missing."""
+        names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
+        for side in Side:
+            if self._root.lstat(side.value) is not None:
+                folder = self._root.sub(side.value)
+                names |= {f"{side.value}/{name}" for name in folder.names()}
+                folder.close()
+        return {name: self._digest(name) for name in sorted(names)}
+
+    def _digest(self, name: str) -> str:
+        parent, _, leaf = name.rpartition("/")
+        if parent and self._root.lstat(parent) is None:
+            return ""
+        folder = self._root.sub(parent) if parent else self._root
+        try:
+            return self.memory.sha256(folder, leaf, name)
+        except IntegrityError as error:
+            return error.message
+        finally:
+            if parent:
+                folder.close()
+
+
+def make_context(
+    inputs: StageInputs,
+    stage: Stage,
+    folder: Path,
+    *,
+    fetch: Fetch,
+    summary: Callable[[str], Mapping[str, Any]],
+    progress: Progress,
+    reads: Reads,
+    parts: KeepsParts | None = None,
+) -> StageContext:
+    """Return what the stage's function gets."""
+    request = inputs.request
+    trades = trade_values(stage, request)
+    return StageContext(
+        session=visible_part(inputs.manifest, stage.reads),
+        session_path=inputs.path,
+        folder=folder,
+        parameters=parameters(stage, request).noting(reads.note_parameter),
+        fetch=fetch,
+        summary=summary,
+        quality=quality_of(stage, request),
+        max_error=request.max_error if "max_error" in trades else None,
+        time_budget_s=request.time_budget_s if "time_budget" in trades else None,
+        progress=progress,
+        parts=parts,
+    )
+
+
+def _digests(files: Mapping[str, Path]) -> dict[str, str]:
+    return {name: _folder_digest(path) if path.is_dir() else _file_digest(path) for name, path in files.items()}
+
+
+def _file_digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _folder_digest(folder: Path) -> str:
+    """Return a digest of a folder's files: of their bytes, or of their sizes where there is too much to read."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    sizes = [path.stat().st_size for path in files]
+    whole = sum(sizes) <= READ_FOLDER_BYTES
+    digest = hashlib.sha256()
+    for path, size in zip(files, sizes, strict=True):
+        what = _file_digest(path) if whole else str(size)
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{what}\0".encode())
+    return digest.hexdigest()
+
+
+MAX_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Decision:
+    """``result`` is the one to keep; None: the stage has to run."""
+
+    result: StageResult | None
+    reason: str
+    changes: tuple[Change, ...] = ()
+
+
+def decide(stored: Stored, now: Callable[[Ingredients], Ingredients], *, forced: bool) -> Decision:
+    """Return whether what is on disk still stands; ``now(ingredients)``: what it was made of, as it is today."""
+    if stored.problem:
+        return Decision(None, f"its result cannot be used: {stored.problem}")
+    result = stored.result
+    if result is None:
+        return Decision(None, "there is no result yet")
+    if forced:
+        return Decision(None, "asked for by --force")
+    ingredients = now(result.ingredients)
+    if result.fingerprint == digest(ingredients):
+        return Decision(result, _why_kept(result))
+    found = tuple(changes(result.ingredients, ingredients))
+    if not found:
+        return Decision(None, "changed: it was made by another version of the program")
+    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    return Decision(None, f"changed: {change_line(found[0])}{more}", found)
+
+
+def _why_kept(result: StageResult) -> str:
+    if result.skipped:
+        return f"nothing to do: {result.skipped}"
+    kept = f"{len(result.files)} file{'' if len(result.files) == 1 else 's'} intact"
+    given = f"given by you ({', '.join(result.given)}); " if result.given else ""
+    return f"{given}nothing it depends on has changed, {kept}"
+
+
+def change_line(change: Change) -> str:
+    """Return a change in words: ``parameters k1: 0.5 -> 0.6``."""
+    path, old, new = change
+    return f"{path}: {shown(old)} -> {shown(new)}"
+
+
+def shown(value: Any) -> str:
+    """Return a JSON value in at most `MAX_SHOWN` characters; digests are cut to 12."""
+    if value is None:
+        return "none"
+    text = str(value)
+    if len(text) == 64 and all(c in "0123456789abcdef" for c in text):
+        return text[:12]
+    text = "".join(c if c.isprintable() else "?" for c in text)
+    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 3] + "..."

@@ -13,13 +13,20 @@ from processing.ground.threads import give_back, limit_libraries
 from processing.pipeline import STAGES, Stage, check_table, stage_named
 from processing.running.artifacts import Shelf, Work, answer_result, file_name, load, make_result, remade
 from processing.running.fingerprint import DigestMemory
-from processing.running.parts import Parts, unread
 from processing.running.progress import Cost, Meter, Pace, PastSeconds, left_s, state_folder
-from processing.running.reads import SUMMARY, Earlier, Reads
-from processing.running.requests import RunRequest, parameters, planned, quality_of
+from processing.running.reads import SUMMARY, Earlier, Parts, Reads, unread
+from processing.running.requests import (
+    Decision,
+    RunRequest,
+    StageInputs,
+    decide,
+    make_context,
+    parameters,
+    planned,
+    quality_of,
+)
 from processing.running.result_store import ResultStore, Stored, stages_folder
 from processing.running.results import Action, OnEvent, RunEvent, RunEventKind, RunReport, StageReport, StageResult
-from processing.running.stage_inputs import Decision, StageInputs, decide, make_context
 from station.session.durable import SessionLock
 from station.session.folder import Folder
 from station.session.store import load_manifest

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from processing.errors import SceneError
 from processing.ground.arrays import Flags
-from processing.ground.room_model import OpeningKind
+from processing.ground.room_model import OpeningKind, RoomModel
 from processing.ground.seam import share_of_sphere
+from processing.light.scene.facing import facing_without_heading
 from processing.light.scene.furnished import FurnishedLight, OldFurniture, furnished_light
+from processing.light.scene.outdoor import outdoors_of
+from processing.light.scene.scene import Outdoors
 from processing.light.scene.scene_file import write_scene
 from processing.light.scene.standins import standins_of
 from processing.light.solver.irradiance import Effort
+from processing.pictures.images import LuminanceImage
 from processing.removal.lift import Shade
 from processing.stages.contract import Quality, StageContext, StageOutput, StageWarning
-from processing.stages.outdoors import light_outdoors
 from processing.stages.parameters import LightParameters
 from processing.stages.upright import check_mask_size, known_room, upright_panorama, why_doubtful
 
@@ -146,3 +151,37 @@ def _output(found: FurnishedLight, source: str, warnings: list[str]) -> StageOut
         warnings=tuple(StageWarning(code="light", message=text[:500]) for text in warnings),
         honoured={"quality": f"light in {2 * found.seen.shape[0]} x {found.seen.shape[0]} directions"},
     )
+
+
+# The light outside a session's room: what the stages light and materials begin with.
+
+
+HEADING_ADVICE = "(heading_deg in the rig file, --heading of daylit import)"
+
+
+def light_outdoors(
+    context: StageContext, image: LuminanceImage, room: RoomModel
+) -> tuple[Outdoors | None, str, list[str]]:
+    """Return the light outside, what it was taken from, and warnings."""
+    inside = "windows as seen from inside"
+    picture = context.optional_artifact("calibrate", "outdoor")
+    if picture is None:
+        why = context.summary("calibrate")["left_out"].get("outdoor", "the session has no outdoor picture")
+        text = f"the windows light as they look from inside, without direct sun: {why}"
+        return None, inside, [text]
+    try:
+        found = outdoors_of(picture)
+    except SceneError as error:
+        return None, inside, [f"the windows light as they look from inside: {str(error).split(' | ')[0]}"]
+    if context.session.heading_rad is not None:
+        return found, "outdoor picture", []
+    facing, how = facing_without_heading(found, image, room, _sun_seen(context))
+    return facing, "outdoor picture", [f"the panorama's heading is not recorded: {how} {HEADING_ADVICE}"]
+
+
+def _sun_seen(context: StageContext) -> tuple[float, float] | None:
+    """Return azimuth and elevation (rad) of the sun as its light in the room shows it; None where it does not."""
+    metrics = context.summary("detect")["metrics"]
+    if "sun_azimuth_deg" not in metrics:
+        return None
+    return math.radians(metrics["sun_azimuth_deg"]), math.radians(metrics["sun_elevation_deg"])

@@ -18,8 +18,7 @@ from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.removal.lift import light_without
 from processing.stages.contract import StageContext, StageOutput, StageWarning
-from processing.stages.light import read_shade
-from processing.stages.outdoors import light_outdoors
+from processing.stages.light import light_outdoors, read_shade
 from processing.stages.parameters import MaterialsParameters
 from processing.stages.upright import known_room, mask_in_size, why_doubtful, working_panorama
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import click
 
 from station.capture.events import CaptureEvent, EventKind
+
+FILE = click.Path(path_type=Path)
+"""A file that is read or written, or a session."""
+FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 def numbers(flag: str, text: str, count: int, what: str) -> tuple[float, ...]:

@@ -11,9 +11,8 @@ import pytest
 
 from processing.calibration.scale.photometry import illuminance_lx
 from processing.errors import ParameterError, PictureFileError
-from processing.figures.foreign import CalFile, applied, read_cal, read_rsp, view_geometry
-from processing.figures.indices import glare_indices
-from processing.figures.parts import by_reading, light_figures
+from processing.figures.foreign import CalFile, applied, by_reading, light_figures, read_cal, read_rsp, view_geometry
+from processing.figures.glare import glare_indices
 from processing.pictures.images import LuminanceImage
 from processing.pictures.modes import SharedMode, modes_of, widened
 from processing.sphere import Equirectangular, Fisheye, LensMapping, directions

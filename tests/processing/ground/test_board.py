@@ -14,7 +14,7 @@ from processing.errors import ScaleError
 from processing.ground.board import Board, find_board
 from processing.pictures.images import luminance_cd_m2
 from processing.sphere import Equirectangular, directions
-from processing.stages.calibrate_indoor import _target
+from processing.stages.calibrate import _target
 from tests.processing.calibration.scale.chart_scenes import chart_view
 
 SIZE = (840, 420)

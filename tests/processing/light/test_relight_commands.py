@@ -14,8 +14,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 from processing.calibration.outdoor.sun_place import Place
-from processing.commands.relight import relight
-from processing.commands.view_from import view_from
+from processing.commands.relight import relight, view_from
 from processing.errors import DaylightError, RelightError, ViewpointError
 from processing.layout.arrange import arrange
 from processing.layout.items import KINDS, parse_items

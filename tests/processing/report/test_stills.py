@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from processing.exchange.framing import FEWEST, LENSES_MM, MOST, NEAR_M, frames_of
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.arrangement import PlacedItem
 from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
 from processing.pictures.images import LuminanceImage
-from processing.report.stills import run
+from processing.report.stills import FEWEST, LENSES_MM, MOST, NEAR_M, frames_of, run
 from processing.sphere import directions
 from processing.stages.parameters import StillsParameters
 from tests.processing.report.made_up import context, results

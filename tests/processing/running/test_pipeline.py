@@ -14,11 +14,10 @@ import pytest
 from processing.errors import ParameterError, ProcessingError
 from processing.pipeline import STAGES, Artifact, Stage, check_table, options, resolve, selected, stage_named
 from processing.running.fingerprint import digest
-from processing.running.requests import RunRequest, planned
+from processing.running.requests import RunRequest, decide, planned
 from processing.running.result_store import Stored
 from processing.running.results import Action, RunEvent, RunEventKind, RunReport, StageResult
 from processing.running.runner import process
-from processing.running.stage_inputs import decide
 from processing.stages.contract import Quality, StageContext, StageOutput
 from processing.stages.parameters import StageParameters, path_field
 from station.session.session import SessionManifest

@@ -9,7 +9,7 @@ import pytest
 
 from processing.errors import ParameterError, PictureFileError, ProcessingError
 from processing.pipeline import Artifact, Stage
-from processing.running import stage_inputs
+from processing.running import requests
 from processing.running.artifacts import WRITTEN, save
 from processing.running.requests import RunRequest, given_files
 from processing.stages.parameters import StageParameters, path_field
@@ -40,14 +40,14 @@ def test_a_folder_is_handed_on_and_one_that_is_none_is_refused(models: Path) -> 
 
 def test_a_folder_counts_by_what_is_in_it(models: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def digest() -> str:
-        return stage_inputs._digests({"models": models})["models"]
+        return requests._digests({"models": models})["models"]
 
     first = digest()
     assert digest() == first
     (models / "a.glb").write_bytes(b"six")
     changed = digest()
     assert changed != first
-    monkeypatch.setattr(stage_inputs, "READ_FOLDER_BYTES", 1)
+    monkeypatch.setattr(requests, "READ_FOLDER_BYTES", 1)
     by_size = digest()
     (models / "a.glb").write_bytes(b"ten")
     assert digest() == by_size

@@ -7,7 +7,7 @@ import pytest
 
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular
-from processing.stages.calibrate_indoor import not_a_panorama
+from processing.stages.calibrate import not_a_panorama
 
 
 @pytest.mark.parametrize(("width", "height", "told"), [(40, 20, 0), (6720, 3360, 0), (60, 40, 1), (20, 20, 1)])

@@ -16,8 +16,7 @@ from processing.calibration.scale.luminance import ScaleFactor
 from processing.errors import ScaleError
 from processing.pictures.images import RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Equirectangular, Fisheye, LensMapping
-from processing.stages.calibrate import run
-from processing.stages.calibrate_indoor import calibrate_indoor
+from processing.stages.calibrate import calibrate_indoor, run
 from processing.stages.contract import StageContext
 from processing.stages.parameters import CalibrateParameters
 from station.session.session import FrameRecord, Side
