@@ -142,12 +142,8 @@ def _picture(path: Path, rows: int) -> LuminanceImage:
     rgb, _ = resample(image.rgb, source, target)
     clean = np.zeros(rgb.shape[:2], np.uint8)
     doubt = np.minimum(image.uncertainty, np.float32(1e3))
-    uncertainty = _shrunk(doubt, rows)
+    uncertainty = np.asarray(cv2.resize(doubt, (2 * rows, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
     return replace(image, rgb=rgb, uncertainty=uncertainty, validity=clean, geometry=target, ghost=None)
-
-
-def _shrunk(values: np.ndarray, rows: int) -> np.ndarray:
-    return np.asarray(cv2.resize(values, (2 * rows, rows), interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 def check_sky(room: SessionRoom) -> None:

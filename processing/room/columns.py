@@ -74,10 +74,8 @@ def columns_of(evidence: BoundaryEvidence, count: int = COLUMNS) -> Columns:
 
 def check_boundary(evidence: BoundaryEvidence) -> None:
     """Raise `ParameterError` for boundaries that cannot be: see `columns_of`."""
-    arrays = (
-        *(evidence.ceiling_rad, evidence.floor_rad),
-        *(evidence.ceiling_sigma_rad, evidence.floor_sigma_rad, evidence.corner),
-    )
+    sigmas = evidence.ceiling_sigma_rad, evidence.floor_sigma_rad
+    arrays = (evidence.ceiling_rad, evidence.floor_rad, *sigmas, evidence.corner)
     shapes = {np.shape(a) for a in arrays}
     if len(shapes) != 1 or len(next(iter(shapes))) != 1 or len(arrays[0]) < 16:
         raise ParameterError(f"boundaries of shapes {sorted(shapes)}", advice="give (n,) each, n of at least 16")

@@ -20,6 +20,7 @@ from processing.room.columns import Columns
 from processing.room.hypotheses import CAP, Hypothesis, residuals
 from processing.room.refine import Refined
 from processing.sphere import Equirectangular
+from processing.surfaces.maps import wall_ranges
 
 # What can be seen without any network: whether a picture is a whole, lit panorama.
 
@@ -28,16 +29,8 @@ LARGEST_BLANK = 0.3
 STEP_ROWS = 256
 
 
-@dataclass(frozen=True)
-class PictureFacts:
-    """Shares (0..1) of the sphere."""
-
-    blank: float
-    """Without data, or black."""
-
-
-def check_picture(image: RelativeImage | LuminanceImage) -> PictureFacts:
-    """Return what is wrong with a panorama but may be borne.
+def check_picture(image: RelativeImage | LuminanceImage) -> float:
+    """Return the share (0..1) of the sphere without data, or black: what is wrong with a panorama but may be borne.
 
     Raises
     ------
@@ -55,7 +48,9 @@ def check_picture(image: RelativeImage | LuminanceImage) -> PictureFacts:
         )
     step = max(1, geometry.height_px // STEP_ROWS)
     small, data = luminance_cd_m2(image.rgb[::step, ::step]), image.validity[::step, ::step] != Validity.OUTSIDE
-    if not (small > 0).any() or _contrast_stops(small) < 0.05:
+    bright = small[small > 0]
+    dim, lit = (np.quantile(bright, share) if bright.size else np.float32(1) for share in (0.1, 0.9))
+    if float(np.log2(lit / max(float(dim), 1e-30))) < 0.05:
         raise NoRoomError("the picture is black or of one even brightness", advice="check exposure and lens cap")
     blank = _blank(small, data)
     if blank > LARGEST_BLANK:
@@ -64,12 +59,7 @@ def check_picture(image: RelativeImage | LuminanceImage) -> PictureFacts:
             likely="the panorama is cropped above or below, or most of it is black",
             advice="give a whole panorama",
         )
-    return PictureFacts(blank)
-
-
-def _contrast_stops(luminance: np.ndarray) -> float:
-    bright = luminance[luminance > 0]
-    return float(np.log2(np.quantile(bright, 0.9) / max(float(np.quantile(bright, 0.1)), 1e-30)))
+    return blank
 
 
 def _blank(luminance: np.ndarray, data: np.ndarray) -> float:
@@ -197,10 +187,7 @@ def confidence_of(found: Diagnostics) -> float:
 
 def _credible(found: Diagnostics) -> float:
     """Return a factor for what no simulated room shows: parts missing, no ceiling, a wall at the lens."""
-    blank = 1 - min(1.0, found.blank / 0.3)
-    overhead = min(1.0, found.overhead / 0.5)
-    near = min(1.0, found.nearest / 0.25)
-    return blank * overhead * near
+    return (1 - min(1.0, found.blank / 0.3)) * min(1.0, found.overhead / 0.5) * min(1.0, found.nearest / 0.25)
 
 
 def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
@@ -225,8 +212,6 @@ def doubts(found: Diagnostics, sure: float) -> tuple[str, ...]:
 
 def wall_confidences(room: RoomModel, columns: Columns, sure: float) -> tuple[float, ...]:
     """Return each wall's confidence: the room's, less where its columns are not explained; `UNSEEN` of it if unseen."""
-    from processing.surfaces.maps import wall_ranges
-
     polygon = np.asarray(room.floor) / room.camera_height_m
     _, wall = wall_ranges(polygon, columns.azimuth_rad)
     ratio = room.ceiling_height_m / room.camera_height_m - 1

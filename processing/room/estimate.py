@@ -20,7 +20,7 @@ from processing.room.columns import Columns, columns_of
 from processing.room.confidence import Diagnostics, check_picture, confidence_of, diagnose, doubts, wall_confidences
 from processing.room.hypotheses import ClassTable, Hypothesis, class_entropy, hypotheses, overhead_share
 from processing.room.outline import Outline
-from processing.room.refine import Refined, refine
+from processing.room.refine import Refined, refine, unrefined
 from processing.segmentation.evidence import SceneEvidence
 from processing.sphere import Equirectangular
 
@@ -36,20 +36,18 @@ def tidied(floor_m: Doubles) -> Doubles | None:
     A short wall's two corners become the one in their middle.
     """
     corners = [np.asarray(c, dtype=np.float64) for c in floor_m]
-    changed = True
-    while changed and len(corners) > 3:
-        changed = False
-        for i in range(len(corners)):
-            following = (i + 1) % len(corners)
-            if math.dist(corners[i], corners[following]) < SHORTEST_M:
-                corners[i] = (corners[i] + corners[following]) / 2
-                del corners[following]
-                changed = True
-                break
-            if _straight(corners[i - 1], corners[i], corners[following]):
-                del corners[i]
-                changed = True
-                break
+    i = 0
+    while i < len(corners) > 3:
+        following = (i + 1) % len(corners)
+        if math.dist(corners[i], corners[following]) < SHORTEST_M:
+            corners[i] = (corners[i] + corners[following]) / 2
+            del corners[following]
+            i = 0
+        elif _straight(corners[i - 1], corners[i], corners[following]):
+            del corners[i]
+            i = 0
+        else:
+            i += 1
     return np.array(corners) if len(corners) >= 3 else None
 
 
@@ -122,7 +120,7 @@ def estimate_room(
     """
     if not (math.isfinite(camera_height_m) and 0.1 <= camera_height_m < 20):
         raise ParameterError(f"a camera height of {camera_height_m} m", advice="give 0.1 to 20")
-    facts = check_picture(image)
+    blank = check_picture(image)
     if isinstance(image.geometry, Equirectangular) and image.geometry.yaw_rad:
         raise ParameterError(
             f"the picture's middle looks {math.degrees(image.geometry.yaw_rad):.1f} degrees to the side",
@@ -143,7 +141,7 @@ def estimate_room(
     room = _model(refined.polygon, refined.outline, camera_height_m)
     assert room is not None
     loss = ClassTable(evidence).loss(refined.polygon, refined.outline.ratio)
-    seen = {"overhead": overhead, "blank": facts.blank, "entropy": class_entropy(evidence)}
+    seen = {"overhead": overhead, "blank": blank, "entropy": class_entropy(evidence)}
     found = diagnose(columns, (ranked, chosen), refined, loss=loss, **seen)
     sure = confidence_of(found)
     return RoomEstimate(
@@ -153,7 +151,7 @@ def estimate_room(
         warnings=doubts(found, sure),
         diagnostics=found,
         manhattan_rad=refined.outline.turned_rad,
-        alternatives=tuple(_described(h) for h in ranked[1:4]),
+        alternatives=tuple(f"{h.name}, {len(h.fit.polygon)} walls, cost {h.total:.0f}" for h in ranked[1:4]),
         skipped=refined.skipped,
     )
 
@@ -198,28 +196,15 @@ def _chosen(
             advice="give the room by hand: daylit room SESSION --edit",
         )
     if quality == "draft":
-        chosen, skipped = standing[0], ("edges in the picture: not at draft quality",)
-        refined = Refined(chosen.fit.polygon, chosen.fit.outline, skipped=skipped)
-    else:
-        few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]
-        tried = [(h, _refined(image, evidence, h, columns, camera_height_m)) for h in few]
-        chosen, refined = min(tried, key=lambda one: one[0].total - EDGE_WEIGHT * one[1].strength)
-    return chosen, refined
-
-
-def _refined(
-    image: RelativeImage | LuminanceImage,
-    evidence: SceneEvidence,
-    hypothesis: Hypothesis,
-    columns: Columns,
-    camera_height_m: float,
-) -> Refined:
-    """Return a hypothesis on the picture's edges; as it was where they would make a room that cannot stand."""
-    found = refine(image, evidence, hypothesis.fit, columns)
-    if _model(found.polygon, found.outline, camera_height_m) is not None:
-        return found
-    fit = hypothesis.fit
-    return Refined(fit.polygon, fit.outline, skipped=("edges in the picture: they make no room",))
+        return standing[0], unrefined(standing[0].fit, "not at draft quality")
+    few = [h for h in standing if h.total <= standing[0].total + REFINED_WITHIN][: REFINED_AT_MOST[quality]]
+    tried = []
+    for one in few:
+        found = refine(image, evidence, one.fit, columns)
+        # As it was where the edges would make a room that cannot stand.
+        stands = _model(found.polygon, found.outline, camera_height_m) is not None
+        tried.append((one, found if stands else unrefined(one.fit, "they make no room")))
+    return min(tried, key=lambda one: one[0].total - EDGE_WEIGHT * one[1].strength)
 
 
 def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomModel | None:
@@ -238,7 +223,3 @@ def _model(polygon: Doubles, outline: Outline, camera_height_m: float) -> RoomMo
 
 def _note(chosen: Hypothesis, refined: Refined) -> str:
     return f"{chosen.name}, {len(refined.polygon)} walls; {refined.edges} of them refined on edges"
-
-
-def _described(hypothesis: Hypothesis) -> str:
-    return f"{hypothesis.name}, {len(hypothesis.fit.polygon)} walls, cost {hypothesis.total:.0f}"

@@ -255,9 +255,8 @@ def hypotheses(columns: Columns, turned_rad: float, *, slanted: bool = True) -> 
             if key in found:
                 continue
             fit = fitted(outline, columns)
-            made = None if fit is None else Hypothesis(name, fit, price_of(outline))
-            if made is not None:
-                found[key] = made
+            if fit is not None:
+                found[key] = Hypothesis(name, fit, price_of(outline))
     found.update({(f"polygon {t}",): h for t in SIMPLIFIED if (h := _bare(columns, turned_rad, t)) is not None})
     return sorted(found.values(), key=lambda h: h.total)
 

@@ -294,12 +294,8 @@ def box_of_shown(view: WallView, recess_m: float, shown: Box) -> Box:
         return u0 - recess_m, v0 - recess_m, u1 + recess_m, v1
     eye_u, eye_v, away = view.eye
     grow = (away + recess_m) / away
-    return (
-        min(u0, eye_u + (u0 - eye_u) * grow),
-        min(v0, eye_v + (v0 - eye_v) * grow),
-        max(u1, eye_u + (u1 - eye_u) * grow),
-        max(v1, eye_v + (v1 - eye_v) * grow),
-    )
+    far = [eye + (side - eye) * grow for eye, side in zip((eye_u, eye_v, eye_u, eye_v), shown, strict=True)]
+    return min(u0, far[0]), min(v0, far[1]), max(u1, far[2]), max(v1, far[3])
 
 
 def score_of(field: Field, recess_m: float, box: Box) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 import numba as nb
 import numpy as np
 
-from processing.ground.arrays import Doubles, Indices
+from processing.ground.arrays import Doubles
 from processing.room.columns import Columns
 
 # Which walls explain the columns: the cheapest division of the turn into stretches that each show one wall.
@@ -118,7 +118,10 @@ def divide(costs: Costs, corner: Doubles, price: float, kinds: dict[int, float])
 
     ``price`` is paid for each wall, less where a corner is likely (``corner`` (N,), 0..1); ``kinds`` adds some by kind.
     """
-    best_kind, best = _cheapest_kinds(costs.cost, kinds)
+    priced = np.full(costs.cost.shape, np.inf)
+    for kind, extra in kinds.items():
+        priced[kind] = costs.cost[kind] + extra
+    best_kind, best = priced.argmin(axis=0), priced.min(axis=0)
     n = len(corner)
     around = np.maximum(corner, np.maximum(np.roll(corner, 1), np.roll(corner, -1)))
     # A stretch begins at the left border of its first column.
@@ -142,13 +145,6 @@ def divide(costs: Costs, corner: Doubles, price: float, kinds: dict[int, float])
         stretches.append(Stretch(column, count, kind, float(a), float(b)))
         end = first
     return total, stretches[::-1]
-
-
-def _cheapest_kinds(cost: Doubles, kinds: dict[int, float]) -> tuple[Indices, Doubles]:
-    priced = np.full(cost.shape, np.inf)
-    for kind, extra in kinds.items():
-        priced[kind] = cost[kind] + extra
-    return priced.argmin(axis=0), priced.min(axis=0)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -242,7 +238,10 @@ def _encloses(floor: Doubles) -> bool:
 def outline_of(stretches: list[Stretch], azimuth_rad: Doubles, turned_rad: float, ratio: float) -> Outline | None:
     """Return the walls that stretches of columns (N,) show, and what stands unseen between; None if too few."""
     n = len(azimuth_rad)
-    merged = _merged([(_wall(s), (s.first / n - 0.5) * 2 * math.pi - turned_rad) for s in stretches])
+    shown = [Wall(s.kind, math.atan2(s.a, s.b), 1 / math.hypot(s.a, s.b)) for s in stretches]
+    merged = _merged(
+        [(w, (s.first / n - 0.5) * 2 * math.pi - turned_rad) for w, s in zip(shown, stretches, strict=True)]
+    )
     if len(merged) < 2:
         return None
     walls: list[Wall] = []
@@ -252,12 +251,6 @@ def outline_of(stretches: list[Stretch], azimuth_rad: Doubles, turned_rad: float
         walls += _between(wall, following, border)
     outline = Outline(tuple(walls), turned_rad, ratio)
     return outline if len(walls) >= 3 else None
-
-
-def _wall(stretch: Stretch) -> Wall:
-    steepness = math.hypot(stretch.a, stretch.b)
-    normal = math.atan2(stretch.a, stretch.b)
-    return Wall(stretch.kind, normal, 1 / steepness)
 
 
 def inverse_range(wall: Wall, azimuth_rad: float) -> float:

@@ -9,7 +9,7 @@ nothing is to be seen, the network's boundary stands.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -182,7 +182,6 @@ class _Sight:
     """The predicted boundaries at `AZIMUTHS` azimuths, strips along them, and where they can be seen."""
 
     azimuth_rad: Doubles
-    distance: Doubles
     wall: Int16s
     floor_rad: Doubles
     ceiling_rad: Doubles
@@ -192,16 +191,21 @@ class _Sight:
     ceiling_clear: Flags
 
 
+def unrefined(fit: Fit, why: str) -> Refined:
+    """Return a fitted room as it was, and why."""
+    return Refined(fit.polygon, fit.outline, skipped=(f"edges in the picture: {why}",))
+
+
 def refine(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: Fit, columns: Columns) -> Refined:
     """Return a fitted room with its walls on the picture's edges; as it was where there are none."""
     if not fit.outline.walls:
-        return Refined(fit.polygon, fit.outline, skipped=("edges in the picture: the room is a bare polygon",))
+        return unrefined(fit, "the room is a bare polygon")
     sight = _look(image, evidence, fit)
     moves = _moves(sight, len(fit.polygon))
     measured, found = _measured(sight, moves, fit, columns)
     again = fitted(fit.outline, measured)
     if again is None:
-        return Refined(fit.polygon, fit.outline, skipped=("edges in the picture: they make no room",))
+        return unrefined(fit, "they make no room")
     count = np.bincount(sight.wall, weights=(found[0] | found[1]), minlength=len(fit.polygon))
     seen = np.unique(sight.wall)
     without = [int(w) for w in seen if count[w] < LEAST_COLUMNS]
@@ -224,17 +228,10 @@ def _look(image: RelativeImage | LuminanceImage, evidence: SceneEvidence, fit: F
     above, below = _classes(evidence, azimuth, floor + PROBE_RAD), _classes(evidence, azimuth, floor - PROBE_RAD)
     over, under = _classes(evidence, azimuth, ceiling + PROBE_RAD), _classes(evidence, azimuth, ceiling - PROBE_RAD)
     upright = (SceneClass.WALL, SceneClass.DOOR, SceneClass.WINDOW)
-    return _Sight(
-        azimuth_rad=azimuth,
-        distance=distance,
-        wall=wall,
-        floor_rad=floor,
-        ceiling_rad=ceiling,
-        floor=strip_along(image, azimuth, floor),
-        ceiling=strip_along(image, azimuth, ceiling),
-        floor_clear=(below[SceneClass.FLOOR] >= LEAST_CLEAR) & (sum(above[c] for c in upright) >= LEAST_CLEAR),
-        ceiling_clear=(over[SceneClass.CEILING] >= LEAST_CLEAR) & (sum(under[c] for c in upright) >= LEAST_CLEAR),
-    )
+    floor_clear = (below[SceneClass.FLOOR] >= LEAST_CLEAR) & (sum(above[c] for c in upright) >= LEAST_CLEAR)
+    ceiling_clear = (over[SceneClass.CEILING] >= LEAST_CLEAR) & (sum(under[c] for c in upright) >= LEAST_CLEAR)
+    strips = strip_along(image, azimuth, floor), strip_along(image, azimuth, ceiling)
+    return _Sight(azimuth, wall, floor, ceiling, *strips, floor_clear, ceiling_clear)
 
 
 def _classes(evidence: SceneEvidence, azimuth_rad: Doubles, latitude_rad: Doubles) -> Floats:
@@ -322,32 +319,17 @@ def _measured(sight: _Sight, moves: _Moves, fit: Fit, columns: Columns) -> tuple
     ceiling_found &= sight.ceiling_clear & usable
     # As many azimuths as columns fell on each: the network's word must not grow by being repeated.
     often = math.sqrt(AZIMUTHS / len(columns.azimuth_rad))
-    around = {name: _spread(getattr(columns, name), sight.azimuth_rad, columns) for name in _FIELDS}
+    around = {
+        name: np.interp(sight.azimuth_rad, columns.azimuth_rad, getattr(columns, name), period=2 * math.pi)
+        for name in ("floor", "floor_sigma", "ceiling", "ceiling_sigma")
+    }
     proud = SKIRTING_DEPTH * moves.skirting / np.maximum(np.abs(_distances(fit)), 0.3)
     floor_edge = np.tan(-(sight.floor_rad + floor_at)) * (1 - proud[sight.wall])
     floor = np.where(floor_found, floor_edge, around["floor"])
     ceiling = np.where(ceiling_found, np.tan(sight.ceiling_rad + ceiling_at), around["ceiling"])
-    floor_sigma = np.where(
-        floor_found, EDGE_SIGMA_RAD / np.cos(sight.floor_rad) ** 2, around["floor_sigma"] * often * 2
-    )
-    ceiling_sigma = np.where(
-        ceiling_found, EDGE_SIGMA_RAD / np.cos(sight.ceiling_rad) ** 2, around["ceiling_sigma"] * often * 2
-    )
-    measured = replace(
-        columns,
-        azimuth_rad=sight.azimuth_rad,
-        floor=floor,
-        floor_sigma=floor_sigma,
-        ceiling=ceiling,
-        ceiling_sigma=ceiling_sigma,
-        corner=np.zeros(AZIMUTHS),
-        ratio=fit.outline.ratio * math.exp(moves.ratio_shift),
-    )
-    return measured, (floor_found, ceiling_found)
-
-
-_FIELDS = ("floor", "floor_sigma", "ceiling", "ceiling_sigma")
-
-
-def _spread(values: Doubles, azimuth_rad: Doubles, columns: Columns) -> Doubles:
-    return np.asarray(np.interp(azimuth_rad, columns.azimuth_rad, values, period=2 * math.pi))
+    at_floor, at_ceiling = (EDGE_SIGMA_RAD / np.cos(edge) ** 2 for edge in (sight.floor_rad, sight.ceiling_rad))
+    floor_sigma = np.where(floor_found, at_floor, around["floor_sigma"] * often * 2)
+    ceiling_sigma = np.where(ceiling_found, at_ceiling, around["ceiling_sigma"] * often * 2)
+    ratio = fit.outline.ratio * math.exp(moves.ratio_shift)
+    ends = np.zeros(AZIMUTHS), ratio, columns.ratio_spread
+    return Columns(sight.azimuth_rad, floor, floor_sigma, ceiling, ceiling_sigma, *ends), (floor_found, ceiling_found)

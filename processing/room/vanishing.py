@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Bytes, Doubles, Floats, Indices
+from processing.ground.arrays import Bytes, Doubles, Floats
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.sphere import Perspective, point_directions, view_axes
 from processing.sphere.views import Panorama, covering_views, cut_view
@@ -94,7 +94,7 @@ def find_arcs(image: RelativeImage | LuminanceImage) -> Arcs:
     views = covering_views(size_px=size_px, fov_rad=VIEW_FOV_RAD, overlap=OVERLAP)
     axes = np.array([view_axes(view)[2] for view in views])
     found = [_of_view(panorama, view) for view in views]
-    kept = [ends[_nearest(ends, axes) == i] for i, ends in enumerate(found)]
+    kept = [ends[(ends.sum(axis=1) @ axes.T).argmax(axis=1) == i] for i, ends in enumerate(found)]
     return arcs_of(np.concatenate(kept), math.pi / grey.shape[0])
 
 
@@ -111,20 +111,14 @@ def arcs_of(ends: Doubles, pixel_rad: float) -> Arcs:
 def _of_view(panorama: Panorama, view: Perspective) -> Doubles:
     """Return the ends (N, 2, 3) of one view's segments."""
     picture = cut_view(panorama, view)
-    if picture.min() == picture.max():
-        return np.empty((0, 2, 3))
-    detector = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD)
-    segments = detector.detect(picture)[0]
+    even = picture.min() == picture.max()
+    segments = None if even else cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD).detect(picture)[0]
     if segments is None or not len(segments):
         return np.empty((0, 2, 3))
     # OpenCV 5 gives (n, 4), earlier ones (n, 1, 4). Its coordinates count from the first pixel's centre.
     flat = np.asarray(segments, dtype=np.float64).reshape(-1, 4) + 0.5
     directions, _ = point_directions(view, flat[:, 0::2], flat[:, 1::2])
     return directions
-
-
-def _nearest(ends: Doubles, axes: Doubles) -> Indices:
-    return np.asarray((ends.sum(axis=1) @ axes.T).argmax(axis=1))
 
 
 MOST_TILT_RAD = math.radians(40)
@@ -245,7 +239,9 @@ def _refined(arcs: Arcs, worth: Doubles, rows: Doubles, of_room_rad: float, step
 
 def _jackknife(arcs: Arcs, worth: Doubles, rows: Doubles) -> Doubles:
     """Return the covariance of turns about the axes: all arcs of a sector around the vertical are left out in turn."""
-    sector = _sector(arcs, rows)
+    seen = arcs.middles @ rows.T
+    around = np.arctan2(seen[:, 0], seen[:, 1]) / (2 * math.pi) + 0.5
+    sector = np.minimum((around * SECTORS).astype(np.intp), SECTORS - 1)
     turns = []
     for left_out in range(SECTORS):
         kept = np.where(sector == left_out, 0.0, worth)
@@ -253,12 +249,6 @@ def _jackknife(arcs: Arcs, worth: Doubles, rows: Doubles) -> Doubles:
         turns.append(rows @ turn)
     off = np.array(turns) - np.mean(turns, axis=0)
     return np.asarray((SECTORS - 1) / SECTORS * off.T @ off)
-
-
-def _sector(arcs: Arcs, rows: Doubles) -> Indices:
-    seen = arcs.middles @ rows.T
-    turn = np.arctan2(seen[:, 0], seen[:, 1]) / (2 * math.pi) + 0.5
-    return np.asarray(np.minimum((turn * SECTORS).astype(np.intp), SECTORS - 1))
 
 
 def _excess(arcs: Arcs, worth: Doubles, rows: Doubles, of_room_rad: float) -> tuple[Doubles, float]:

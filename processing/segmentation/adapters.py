@@ -169,15 +169,12 @@ class NetworkContract(BaseModel):
     @cached_property
     def matrix(self) -> Floats:
         """Return (classes, len(SceneClass)), rows sum to 1; `SegmenterError` names classes without a meaning."""
-        known: dict[str, tuple[SceneClass, ...]] = {}
-        tables = [KNOWN[self.classes][1]] if isinstance(self.classes, str) else [table for _, table in KNOWN.values()]
-        for table in reversed(tables):
-            known.update(table)
+        known = KNOWN[self.classes][1] if isinstance(self.classes, str) else {**VOC_TABLE, **ADE20K_TABLE}
         own: dict[str, tuple[SceneClass, ...]] = {
             name: tuple(SceneClass[kind.upper()] for kind in ((kinds,) if isinstance(kinds, str) else kinds))
             for name, kinds in self.meanings.items()
         }
-        return class_matrix(self.names, known | own)
+        return class_matrix(self.names, {**known, **own})
 
 
 def read_contract(path: Path) -> NetworkContract:

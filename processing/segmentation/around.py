@@ -141,13 +141,11 @@ def _srgb(image: LuminanceImage | RelativeImage | Bytes) -> Bytes:
 
 def _wide_views(size_px: int) -> tuple[Perspective, ...]:
     """Return six views of 110 degrees that together see everything."""
-    level = view_ring(4, size_px=size_px, fov_rad=COARSE_FOV_RAD)
-    poles = (math.pi / 2, -math.pi / 2)
-    up_down = (
+    up, down = (
         view_at(fov_rad=COARSE_FOV_RAD, theta_rad=0.0, phi_rad=phi, height_px=size_px, width_px=size_px)
-        for phi in poles
+        for phi in (math.pi / 2, -math.pi / 2)
     )
-    return (*level, *up_down)
+    return (*view_ring(4, size_px=size_px, fov_rad=COARSE_FOV_RAD), up, down)
 
 
 def _asked(panorama: Panorama, segmenter: Segmenter, view: Perspective, worth: float) -> tuple[Floats, float]:
@@ -174,17 +172,13 @@ def _stitched(
         known = np.ascontiguousarray(first.probabilities.transpose(1, 2, 0))
         rest, _ = resample(known, Equirectangular(known.shape[1], known.shape[0]), target, method="bilinear")
     if segmented:
-        views = [_of_output(view, found) for view, found, _ in segmented]
+        # Each view with the network's output as its picture.
+        views = [replace(view, width_px=found.shape[1], height_px=found.shape[0]) for view, found, _ in segmented]
         weights = [worth * _solid_angle_share(view) for view, (_, _, worth) in zip(views, segmented, strict=True)]
         mixed, coverage = stitch_views([found for _, found, _ in segmented], views, target, weights=weights)
         rest = np.where(coverage[..., None] > 0, mixed, rest)
     rest /= np.maximum(rest.sum(axis=2, keepdims=True), 1e-6)
     return np.asarray(rest.transpose(2, 0, 1), dtype=np.float32)
-
-
-def _of_output(view: Perspective, found: Floats) -> Perspective:
-    """Return the view with the network's output as its picture."""
-    return Perspective(found.shape[1], found.shape[0], view.fov_x_rad, view.yaw_rad, view.pitch_rad, view.roll_rad)
 
 
 def _solid_angle_share(view: Perspective) -> Floats:

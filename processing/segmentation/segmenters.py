@@ -179,17 +179,13 @@ def _check_names(path: Path, contract: NetworkContract, there: list[str], key: s
     missing = [name for name in asked if name not in there]
     if missing:
         raise SegmenterError(
-            f"{key}: the network has no {', '.join(missing)}",
-            where=str(path),
-            advice=f"it has: {', '.join(there)}",
+            f"{key}: the network has no {', '.join(missing)}", where=str(path), advice=f"it has: {', '.join(there)}"
         )
 
 
 def _unreadable(path: Path, what: str) -> SegmenterError:
     return SegmenterError(
-        f"the network {what}",
-        where=str(path),
-        likely="the file is damaged, a pointer to it, or newer than the runtime",
+        f"the network {what}", where=str(path), likely="the file is damaged, a pointer to it, or newer than the runtime"
     )
 
 

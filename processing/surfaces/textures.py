@@ -224,10 +224,7 @@ def texture_shape(plane: Plane, px_per_m: float) -> tuple[int, int]:
     """Return rows and columns of a plane's texture: at least one texel each way, the last ones may stand over."""
     if not (math.isfinite(px_per_m) and px_per_m > 0):
         raise ParameterError(f"a texture of {px_per_m} pixels a metre", advice="give a number above 0")
-    height, width = (
-        max(1, math.ceil(plane.height_m * px_per_m - 1e-9)),
-        max(1, math.ceil(plane.width_m * px_per_m - 1e-9)),
-    )
+    height, width = (max(1, math.ceil(side * px_per_m - 1e-9)) for side in (plane.height_m, plane.width_m))
     if height * width > MOST_TEXELS:
         raise ParameterError(f"a texture of {width} x {height} pixels", advice=f"at most {MOST_TEXELS} in all")
     return height, width

@@ -28,14 +28,7 @@ from processing.light.scene.room_light import (
 )
 from processing.light.scene.scene import Outdoors, Part, Scene, Vector, plain
 from processing.light.scene.shell import REVEAL_M, shell_of
-from processing.light.scene.sources import (
-    Lamp,
-    find_lamps,
-    measured_windows,
-    near_sun,
-    open_sun,
-    windows_from_inside,
-)
+from processing.light.scene.sources import Lamp, find_lamps, measured_windows, near_sun, open_sun, windows_from_inside
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import Sight, albedo_of, sight_of
 from processing.light.solver.stage import Stage
@@ -150,21 +143,13 @@ def albedo_of_room(
     measured &= ~emission.any(axis=1)
     error_here = cv2.resize(error, (2 * rows, rows), interpolation=cv2.INTER_LINEAR).ravel()
     doubt = np.where(measured, np.hypot(error_here, 0.02), 1.0).astype(np.float32)
-    scene, picture = _textured(_glossy(stage.scene, gloss), room, sight, value, measured, emission)
+    scene, picture = _textured(stage.scene, room, sight, value, measured, (emission, gloss))
     notes += (f"{100 * measured[sight.solid].mean():.0f} % of pixels show their own albedo",)
     notes += (f"floor: gloss {gloss:.2f} of full varnish" if gloss else "floor: no gloss measured, taken as matte",)
     shape = sight.shape
-    return RoomAlbedo(
-        picture.reshape(*shape, 3),
-        doubt.reshape(shape),
-        measured.reshape(shape),
-        whole.reshape(*shape, 3).astype(np.float32),
-        scene,
-        transmittance,
-        gloss,
-        tuple(lamps),
-        notes,
-    )
+    maps = picture.reshape(*shape, 3), doubt.reshape(shape), measured.reshape(shape)
+    irradiance = whole.reshape(*shape, 3).astype(np.float32)
+    return RoomAlbedo(*maps, irradiance, scene, transmittance, gloss, tuple(lamps), notes)
 
 
 def _filled_in(filled: np.ndarray | None, rows: int) -> np.ndarray:
@@ -326,9 +311,13 @@ def _spread(value: Doubles, usual: Doubles, sight: Sight, among: np.ndarray) -> 
 
 
 def _textured(
-    scene: Scene, room: RoomModel, sight: Sight, value: Doubles, measured: np.ndarray, emission: Floats
+    scene: Scene, room: RoomModel, sight: Sight, value: Doubles, measured: np.ndarray, besides: tuple[Floats, float]
 ) -> tuple[Scene, Floats]:
-    """Return the scene with albedo and lamps as textures, and the albedo picture with untold pixels taken from them."""
+    """Return the scene with albedo and lamps as textures, and the albedo picture with untold pixels taken from them.
+
+    ``besides``: what pixels give off by themselves (N, 3), cd/m2, and how glossy the floor is.
+    """
+    emission, gloss = besides
     geometry = Equirectangular(sight.shape[1], sight.shape[0])
     usual = _usual(value, sight, measured)
     shaped = value.reshape(*sight.shape, 3).astype(np.float32)
@@ -336,7 +325,8 @@ def _textured(
     surfaces = []
     for number, surface in enumerate(scene.surfaces):
         mine = (sight.label == number) & measured
-        colour = _median(value, mine, usual[measured].mean(axis=0) if measured.any() else np.full(3, 0.5))
+        whole = usual[measured].mean(axis=0) if measured.any() else np.full(3, 0.5)
+        colour = np.median(value[mine], axis=0) if mine.sum() >= 8 else whole
         texture = plain(tuple(colour))
         if surface.plane >= 0 and mine.any():
             hidden = ~mine.reshape(sight.shape)
@@ -348,19 +338,12 @@ def _textured(
             shining = emission.reshape(*sight.shape, 3)
             seen = unwrap(shining, geometry, room, planes[surface.plane], PX_PER_M, mask=other)
             emits = np.where(seen.known[..., None], seen.values, np.float32(0))
-        surfaces.append(replace(surface, albedo=texture, emission_cd_m2=emits))
+        shine = gloss if surface.plane == FLOOR else surface.gloss
+        surfaces.append(replace(surface, albedo=texture, emission_cd_m2=emits, gloss=shine))
     textured = replace(scene, surfaces=tuple(surfaces))
     picture = value.astype(np.float32)
     again = albedo_of(Stage.of(textured, 1.0), sight)
     return textured, np.where(measured[:, None], picture, again)
-
-
-def _glossy(scene: Scene, gloss: float) -> Scene:
-    return replace(scene, surfaces=tuple(replace(s, gloss=gloss) if s.plane == FLOOR else s for s in scene.surfaces))
-
-
-def _median(value: Doubles, among: np.ndarray, otherwise: Doubles) -> Doubles:
-    return np.asarray(np.median(value[among], axis=0) if among.sum() >= 8 else otherwise)
 
 
 def continued(values: Floats, known: Flags, colour: Doubles) -> Floats:

@@ -18,13 +18,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.room_model import OpeningKind, RoomModel
-from processing.light.scene.albedo import (
-    LEAST_ALBEDO,
-    MOST_ALBEDO,
-    brought_to,
-    continued,
-    lit_stage,
-)
+from processing.light.scene.albedo import LEAST_ALBEDO, MOST_ALBEDO, brought_to, continued, lit_stage
 from processing.light.scene.room_light import LEAST_SHARE, measured_light
 from processing.light.scene.scene import Outdoors, Part, Scene, Vector
 from processing.light.scene.shell import REVEAL_M

@@ -88,16 +88,14 @@ class Material:
     emission_cd_m2: Vector = BLACK
 
     def __post_init__(self) -> None:
-        _check_albedo(f"material {self.name}", np.asarray(self.colour))
+        where = f"material {self.name}"
+        _check_albedo(where, np.asarray(self.colour))
         if self.texture is not None:
-            _check_texture(f"material {self.name}", self.texture)
-        _check_emission(f"material {self.name}", np.asarray(self.emission_cd_m2))
+            _check_texture(where, self.texture)
+        _check_emission(where, np.asarray(self.emission_cd_m2))
         if not (0 <= self.roughness <= 1 and 0 <= self.metallic <= 1):
-            raise MaterialError(
-                f"roughness {self.roughness:g}, metallic {self.metallic:g}",
-                where=f"material {self.name}",
-                advice="give both within 0 and 1",
-            )
+            given = f"roughness {self.roughness:g}, metallic {self.metallic:g}"
+            raise MaterialError(given, where=where, advice="give both within 0 and 1")
 
 
 @dataclass(frozen=True)
@@ -189,21 +187,16 @@ class Pane:
         return np.asarray(found / np.linalg.norm(found))
 
     def __post_init__(self) -> None:
+        where = f"pane of opening {self.opening}"
         if not 0 <= self.sheets <= 4:
-            raise MaterialError(
-                f"{self.sheets} sheets of glass", where=f"pane of opening {self.opening}", advice="0 to 4"
-            )
+            raise MaterialError(f"{self.sheets} sheets of glass", where=where, advice="0 to 4")
         share = np.asarray(self.transmittance)
         if not (np.isfinite(share).all() and (share >= 0).all() and (share <= 1).all()):
-            raise MaterialError(
-                f"a transmittance of {self.transmittance}",
-                where=f"pane of opening {self.opening}",
-                advice="give 0 to 1",
-            )
+            raise MaterialError(f"a transmittance of {self.transmittance}", where=where, advice="give 0 to 1")
         if self.veil_cd_m2.shape != (*self.clear.shape, 3):
             raise SceneError("veil and clear share of a pane differ in size", advice="give (h, w, 3) and (h, w)")
-        _check_albedo(f"pane of opening {self.opening}", self.clear)
-        _check_emission(f"pane of opening {self.opening}", self.veil_cd_m2)
+        _check_albedo(where, self.clear)
+        _check_emission(where, self.veil_cd_m2)
 
     def cells(self, points: npt.NDArray[np.floating]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
         """Return row and column of ``clear`` at places (N, 3) on the pane."""
@@ -228,11 +221,8 @@ class Sun:
         _check_emission("sun", np.asarray(self.normal_illuminance_lx))
         length = float(np.linalg.norm(self.direction))
         if not (abs(length - 1) < 1e-3 and 0 < self.radius_rad < 0.1):
-            raise SceneError(
-                f"a sun towards {self.direction}, {self.radius_rad:g} rad wide",
-                where="outdoors",
-                advice="give a unit direction and a radius below 0.1 rad",
-            )
+            given = f"a sun towards {self.direction}, {self.radius_rad:g} rad wide"
+            raise SceneError(given, where="outdoors", advice="give a unit direction and a radius below 0.1 rad")
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,10 @@ def write_scene(path: Path, scene: Scene) -> None:
         "version": VERSION,
         "surfaces": [_taken(s, f"surface-{k}", arrays) for k, s in enumerate(scene.surfaces)],
         "panes": [_taken(p, f"pane-{k}", arrays) for k, p in enumerate(scene.panes)],
-        "parts": [_part_taken(p, f"part-{k}", arrays) for k, p in enumerate(scene.parts)],
+        "parts": [
+            _taken(p, f"part-{k}", arrays) | {"material": _taken(p.material, f"part-{k}-material", arrays)}
+            for k, p in enumerate(scene.parts)
+        ],
         "sun": None if scene.outdoors.sun is None else _taken(scene.outdoors.sun, "sun", arrays),
     }
     text = json.dumps(header, allow_nan=False).encode("utf-8")
@@ -77,10 +80,6 @@ def _taken(thing: Any, name: str, arrays: Arrays) -> dict[str, Any]:
         elif not (field.name == "material" or value is None):
             plain[field.name] = value
     return plain
-
-
-def _part_taken(part: Part, name: str, arrays: Arrays) -> dict[str, Any]:
-    return _taken(part, name, arrays) | {"material": _taken(part.material, f"{name}-material", arrays)}
 
 
 def _scene(header: dict[str, Any], arrays: Arrays) -> Scene:

@@ -88,7 +88,8 @@ def standins_of(room: RoomModel, furniture: Flags) -> tuple[Part, ...]:
         piece = labels == number
         if piece.sum() >= LEAST_PIXELS:
             outline = _outline_of(piece, columns, room, geometry)
-            solid |= (_standing if _stands(outline) else _hung)(outline, columns, grid, room)
+            stands = np.isfinite(outline.foot_m[outline.used]).any()
+            solid |= (_standing if stands else _hung)(outline, columns, grid, room)
     return _meshes(solid & _within(furniture, grid, room, geometry), grid)
 
 
@@ -113,10 +114,6 @@ def _outline_of(piece: Flags, columns: Columns, room: RoomModel, geometry: Equir
     before_floor = used & (bottom <= columns.floor_rad + math.pi / rows)
     foot = room.camera_height_m / np.tan(np.maximum(-bottom, 1e-3))
     return _Outline(used, latitude[first], bottom, np.where(before_floor, np.minimum(foot, columns.range_m), np.inf))
-
-
-def _stands(outline: _Outline) -> bool:
-    return bool(np.isfinite(outline.foot_m[outline.used]).any())
 
 
 def _standing(outline: _Outline, columns: Columns, grid: _Grid, room: RoomModel) -> Flags:
