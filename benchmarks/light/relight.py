@@ -41,8 +41,7 @@ from processing.light.picture.render import render
 from processing.light.picture.viewpoint import seen_from
 from processing.light.scene.albedo import albedo_of_room
 from processing.light.scene.outdoor import sky_outdoors
-from processing.light.scene.scene import Outdoors, Scene, Vector, plain
-from processing.light.scene.shell import shell_of
+from processing.light.scene.scene import Outdoors, Scene, Vector, plain, shell_of
 from processing.light.solver.basis import BASIS_EFFORTS, basis_of
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.relight import RelightView

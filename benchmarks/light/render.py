@@ -43,8 +43,7 @@ from mocks.optics.picture_cache import default_folder
 from processing.light.picture.composite import differential, ibl
 from processing.light.picture.render import render
 from processing.light.scene.outdoor import sky_outdoors
-from processing.light.scene.scene import Outdoors, Scene, plain
-from processing.light.scene.shell import shell_of
+from processing.light.scene.scene import Outdoors, Scene, plain, shell_of
 from processing.light.solver.irradiance import Effort, gathered
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage

@@ -15,8 +15,7 @@ from benchmarks.truth_rooms import room_model_of, truth_list
 from mocks.rooms.room import make_room
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.light.scene.outdoor import sky_outdoors
-from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain
-from processing.light.scene.shell import shell_of
+from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain, shell_of
 
 KINDS = ("sun", "overcast", "lamps")
 SMALL_M, LARGE_M = 0.9, 2.4

@@ -12,8 +12,7 @@ from processing.ground.mitsuba_variants import load_mitsuba, usable_variant
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.outdoor import sky_outdoors
 from processing.light.scene.patches import surface_triangles
-from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain
-from processing.light.scene.shell import shell_of
+from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, plain, shell_of
 from processing.sphere import Perspective
 
 EYE = (0.0, 0.0, 1.6)

@@ -19,7 +19,7 @@ from processing.ground.arrays import Flags, Floats
 from processing.ground.colour import srgb_decoded, srgb_encoded
 from processing.pictures.images import luminance_cd_m2
 from processing.removal.plane_fill import FilledPlane
-from processing.segmentation.onnx_session import open_session
+from processing.segmentation.segmenters import open_session
 
 SIZE_PX = 512
 """Of the longer side, where the network takes any."""

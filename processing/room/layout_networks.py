@@ -29,7 +29,7 @@ from processing.errors import LayoutNetworkError, ParameterError
 from processing.pictures.images import LuminanceImage, RelativeImage
 from processing.pictures.preview import preview_rgb8
 from processing.segmentation.evidence import BoundaryEvidence
-from processing.segmentation.onnx_session import open_session
+from processing.segmentation.segmenters import open_session
 from processing.sphere import Equirectangular
 
 Kind = Literal["HorizonNet", "LED2-Net", "LGT-Net"]

@@ -23,7 +23,7 @@ from processing.errors import ParameterError, SegmenterError
 from processing.ground.arrays import Floats
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage, RelativeImage
 from processing.segmentation.evidence import BoundaryEvidence, SceneClass, SceneEvidence
-from processing.segmentation.onnx_session import open_session
+from processing.segmentation.segmenters import open_session
 from processing.sphere import Equirectangular
 
 # What the compact network is shown: a small tone-mapped copy of a panorama. Training makes its pictures with it.

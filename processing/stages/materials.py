@@ -10,10 +10,9 @@ import numpy.typing as npt
 
 from processing.ground.seam import resized
 from processing.light.scene.albedo import KnownLight, RoomAlbedo, albedo_of_room
-from processing.light.scene.emptied import EmptyRoom, with_sunlight
-from processing.light.scene.scene import Outdoors, Surface
+from processing.light.scene.room_light import EmptyRoom, with_sunlight
+from processing.light.scene.scene import REVEAL_M, Outdoors, Surface
 from processing.light.scene.scene_file import read_scene, write_scene
-from processing.light.scene.shell import REVEAL_M
 from processing.light.solver.irradiance import Effort
 from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 from processing.removal.lift import light_without

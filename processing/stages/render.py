@@ -20,7 +20,7 @@ from processing.layout.plan_files import plan_from_mapping
 from processing.layout.styling import styled
 from processing.light.picture.composite import Bare, Staged, differential, ibl
 from processing.light.picture.render import render
-from processing.light.scene.emptied import EmptyRoom
+from processing.light.scene.room_light import EmptyRoom
 from processing.light.scene.scene import Part, Vector
 from processing.light.scene.scene_file import read_scene
 from processing.light.solver.irradiance import EFFORTS, Effort

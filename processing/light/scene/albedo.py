@@ -26,8 +26,7 @@ from processing.light.scene.room_light import (
     measured_light,
     mirrored,
 )
-from processing.light.scene.scene import Outdoors, Part, Scene, Vector, plain
-from processing.light.scene.shell import REVEAL_M, shell_of
+from processing.light.scene.scene import REVEAL_M, Outdoors, Part, Scene, Vector, plain, shell_of
 from processing.light.scene.sources import Lamp, find_lamps, measured_windows, near_sun, open_sun, windows_from_inside
 from processing.light.solver.irradiance import Effort
 from processing.light.solver.sight import Sight, albedo_of, sight_of

@@ -16,8 +16,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Floats
 from processing.ground.room_model import RoomModel
-from processing.light.scene.scene import Outdoors, Scene
-from processing.light.scene.shell import shell_of
+from processing.light.scene.scene import Outdoors, Scene, shell_of
 from processing.light.scene.sources import ABOVE_HORIZON
 from processing.light.solver.sight import GLASS, Sight, looked_up, sight_of
 from processing.light.solver.stage import Stage

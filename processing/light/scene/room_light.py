@@ -12,12 +12,13 @@ factor is the slope of apparent albedo over the mirrored part, over many pixels,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from processing.ground.arrays import Doubles, Floats
+from processing.ground.arrays import Doubles, Flags, Floats
 from processing.light.scene.scene import Vector
 from processing.light.solver.irradiance import PANE_SHARE, SHOT_SHARE, Effort, cleaned
 from processing.light.solver.kernels import FURNITURE, PANE, STEP_OFF_M, Key
@@ -25,7 +26,7 @@ from processing.light.solver.sight import FIRST_PART, Sight, looked_up
 from processing.light.solver.sky import skylight
 from processing.light.solver.stage import Stage
 from processing.light.solver.transport import BrightPatches, bounced, links_of
-from processing.pictures.images import LUMINANCE_WEIGHTS
+from processing.pictures.images import LUMINANCE_WEIGHTS, LuminanceImage
 
 LOOKS = 8
 """Places on each patch that are looked up in the panorama."""
@@ -125,11 +126,16 @@ def irradiance_by_picture(
     solid = np.flatnonzero(sight.solid)
     bright = _bright(stage, light)
     smooth = np.pi * light.radiance if bright is None else np.pi * light.radiance - bright.radiosity
+    points, normals = sight.point[solid][:, None, :], sight.normal[solid]
+    samples = max(1, effort.pixel_samples // 2)
+    shots, few = max(1, round(samples * SHOT_SHARE)), max(1, round(samples * PANE_SHARE))
     halves = []
     for half in range(2):
-        values = _gathered(stage, smooth, bright, sight, solid, effort, 2 * seed + half)
+        key = 2 * seed + half
+        links = links_of(stage, points, normals, samples, (key, 41))
+        out, _ = bounced(stage, links, smooth, bright, (points, normals), shots, (key, 42))
         picture = np.zeros((len(sight.label), 3), np.float32)
-        picture[solid] = values
+        picture[solid] = skylight(stage, points, normals, few, (key, 40)) + out
         halves.append(picture.reshape(*sight.shape, 3))
     mean: Floats = (halves[0] + halves[1]) * np.float32(0.5)
     weights = np.asarray(LUMINANCE_WEIGHTS, np.float32)
@@ -144,23 +150,6 @@ def _bright(stage: Stage, light: MeasuredLight) -> BrightPatches | None:
     limit = BRIGHT_TIMES * float(np.median(luminance[there]))
     over = (luminance > max(limit, 1e-9)) & there
     return BrightPatches.of(stage, np.where(over[:, None], np.pi * light.radiance, 0.0))
-
-
-def _gathered(
-    stage: Stage,
-    smooth: Doubles,
-    bright: BrightPatches | None,
-    sight: Sight,
-    solid: np.ndarray,
-    effort: Effort,
-    seed: int,
-) -> Doubles:
-    points, normals = sight.point[solid][:, None, :], sight.normal[solid]
-    samples = max(1, effort.pixel_samples // 2)
-    links = links_of(stage, points, normals, samples, (seed, 41))
-    shots = max(1, round(samples * SHOT_SHARE))
-    out, _ = bounced(stage, links, smooth, bright, (points, normals), shots, (seed, 42))
-    return skylight(stage, points, normals, max(1, round(samples * PANE_SHARE)), (seed, 40)) + out
 
 
 HEAD_ON = 0.04
@@ -211,3 +200,50 @@ def gloss_factor(apparent: Doubles, mirror: Doubles, usable: np.ndarray) -> floa
     x = x - x.mean()
     slope = float(x @ y) / float(x @ x)
     return min(slope, 1.0) if slope >= LEAST_GLOSS else 0.0
+
+
+# The emptied panorama with the room's own sunlight in its place: what materials and furniture are lit by.
+
+SUN_RIM_RAD, FURNITURE_RIM_RAD = math.radians(1.5), math.radians(0.8)
+"""By which sunlight stands again beyond its mask, and keeps away from what stood there (chosen: removal fills over the
+masks' edges, half shadow beside the sun and rims of furniture)."""
+
+
+@dataclass(frozen=True)
+class EmptyRoom:
+    """The panorama without furniture, its own sunlight in its place."""
+
+    image: LuminanceImage
+    filled: Flags | None = None
+    """(H, W): what removal made up; None where nothing was removed."""
+    sunless: Flags | None = None
+    """(H, W): what is shown without the direct sun that may fall there."""
+
+
+def with_sunlight(
+    empty: LuminanceImage, before: LuminanceImage, filled: Flags, sunlight: Flags, hidden: Flags
+) -> EmptyRoom:
+    """Return the emptied panorama with the direct sunlight that removal took away, where nothing hid it.
+
+    The sun's patch lights the room, and furniture is put into the room as it was photographed. ``before``: the
+    photograph; ``filled``, ``sunlight``, ``hidden``: (H, W), what removal filled, direct sunlight, and what stood in
+    the way (furniture, tripod, shadows).
+    """
+    back = _grown(sunlight, SUN_RIM_RAD) & ~_grown(hidden, FURNITURE_RIM_RAD)
+    image = replace(
+        empty,
+        rgb=np.where(back[..., None], before.rgb, empty.rgb),
+        validity=np.where(back, before.validity, empty.validity),
+        uncertainty=np.where(back, before.uncertainty, empty.uncertainty),
+    )
+    return EmptyRoom(image, filled & ~back, filled & ~back)
+
+
+def _grown(mask: Flags, by_rad: float) -> Flags:
+    """Return a mask of a panorama grown on all sides; columns wrap."""
+    radius = round(by_rad / math.pi * mask.shape[0])
+    if radius == 0:
+        return mask
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
+    wide = np.pad(mask.astype(np.uint8), ((0, 0), (radius, radius)), mode="wrap")
+    return np.asarray(cv2.dilate(wide, disc)[:, radius:-radius] > 0)

@@ -73,7 +73,11 @@ def measured_windows(
     panes = tuple(
         _covered(stage, replace(pane, transmittance=share), level, panorama, eye_m) for pane in stage.scene.panes
     )
-    return panes, outdoors if gain is None else _with_ground(outdoors, gain), measured
+    if gain is not None:
+        # The lower half as bright as it is seen through the windows.
+        below = (np.arange(outdoors.rgb.shape[0]) >= outdoors.rgb.shape[0] // 2)[:, None, None]
+        outdoors = replace(outdoors, rgb=np.where(below, outdoors.rgb * gain, outdoors.rgb).astype(np.float32))
+    return panes, outdoors, measured
 
 
 def windows_from_inside(stage: Stage, panorama: Floats, eye_m: Vector) -> tuple[Pane, ...]:
@@ -160,12 +164,6 @@ def _seen_ground(stage: Stage, sight: Sight, rgb: Floats, valid: np.ndarray, tra
     level = ratio @ np.asarray(LUMINANCE_WEIGHTS)
     best = level >= np.quantile(level, GROUND_QUANTILE)
     return np.asarray(np.clip(np.median(ratio[best], axis=0), 1 / MOST_GROUND, MOST_GROUND))
-
-
-def _with_ground(outdoors: Outdoors, gain: Doubles) -> Outdoors:
-    """Return the light outdoors with its lower half as bright as it is seen through the windows."""
-    below = np.arange(outdoors.rgb.shape[0]) >= outdoors.rgb.shape[0] // 2
-    return replace(outdoors, rgb=np.where(below[:, None, None], outdoors.rgb * gain, outdoors.rgb).astype(np.float32))
 
 
 LAMP_TIMES = 1.6

@@ -6,8 +6,7 @@ import numpy as np
 
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.light.scene.outdoor import sky_outdoors
-from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, Vector, plain
-from processing.light.scene.shell import shell_of
+from processing.light.scene.scene import Material, Outdoors, Part, Scene, Sun, Vector, plain, shell_of
 
 EYE: Vector = (0.0, 0.0, 1.6)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from processing.errors import FillerError
-from processing.segmentation import onnx_session
-from processing.segmentation.onnx_session import open_session
+from processing.segmentation import segmenters
+from processing.segmentation.segmenters import open_session
 
 TOY = Path(__file__).resolve().parents[1] / "room" / "networks" / "led2net.onnx"
 
@@ -31,6 +31,6 @@ def test_what_cannot_be_opened_is_told(tmp_path: Path, monkeypatch: pytest.Monke
         (tmp_path / "junk.onnx").write_bytes(junk)
         with pytest.raises(FillerError, match="cannot be loaded"):
             open_session(tmp_path / "junk.onnx", refused)
-    monkeypatch.setattr(onnx_session, "MOST_BYTES", 5)
+    monkeypatch.setattr(segmenters, "MOST_BYTES", 5)
     with pytest.raises(FillerError, match="larger than 5 bytes"):
         open_session(TOY, refused)
