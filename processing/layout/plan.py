@@ -224,8 +224,9 @@ def make_plan(
     moved = {old: new for new, old in enumerate(floor.edge_from)}
     kept_doors = tuple(_placed(plan, door, moved, floor.turned, repairs) for door in doors)
     kept_windows = tuple(_placed(plan, window, moved, floor.turned, repairs) for window in windows)
-    for window in kept_windows:
-        _refuse_heights(window, name)
+    for w in kept_windows:
+        if not (math.isfinite(w.sill_m) and math.isfinite(w.head_m) and -0.5 <= w.sill_m < w.head_m):
+            raise PlanError(f"a window from {w.sill_m} to {w.head_m} m above the floor", where=name)
     for x, y in keep_free:
         if not _inside(floor.ring, np.array([x, y])):
             raise PlanError(f"the point to keep free ({x:.2f}, {y:.2f}) is outside the floor", where=name)
@@ -272,11 +273,6 @@ def _placed(plan: FloorPlan, opening: OpeningT, moved: dict[int, int], turned: b
     return replace(opening, edge=edge, start_m=cut[0], end_m=cut[1])
 
 
-def _refuse_heights(window: Window, name: str) -> None:
-    if not (math.isfinite(window.sill_m) and math.isfinite(window.head_m) and -0.5 <= window.sill_m < window.head_m):
-        raise PlanError(f"a window from {window.sill_m} to {window.head_m} m above the floor", where=name)
-
-
 def _refuse_outside(ring: Doubles, column: Doubles, where: str) -> None:
     for corner in column:
         if not _inside(ring, corner):
@@ -291,21 +287,13 @@ def from_room_model(
     room: RoomModel, *, keep_camera_free: bool = False, name: str = "room", hung: Sequence[Hung] = ()
 ) -> FloorPlan:
     """Return the plan of a room's model; a passage is a door without a leaf."""
-    doors = [
-        Door(
-            opening.wall,
-            opening.start_m,
-            opening.end_m,
-            swing="sliding" if opening.kind is OpeningKind.PASSAGE else "unknown",
-        )
-        for opening in room.openings
-        if opening.kind is not OpeningKind.WINDOW
-    ]
-    windows = [
-        Window(opening.wall, opening.start_m, opening.end_m, opening.sill_m, opening.head_m)
-        for opening in room.openings
-        if opening.kind is OpeningKind.WINDOW
-    ]
+    doors, windows = [], list[Window]()
+    for o in room.openings:
+        if o.kind is OpeningKind.WINDOW:
+            windows.append(Window(o.wall, o.start_m, o.end_m, o.sill_m, o.head_m))
+        else:
+            swing: Swing = "sliding" if o.kind is OpeningKind.PASSAGE else "unknown"
+            doors.append(Door(o.wall, o.start_m, o.end_m, swing=swing))
     return make_plan(
         room.floor,
         ceiling_height_m=room.ceiling_height_m,

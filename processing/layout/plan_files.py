@@ -60,36 +60,19 @@ def plan_from_mapping(data: object, *, where: str) -> FloorPlan:
 
 def plan_to_mapping(plan: FloorPlan) -> dict[str, Any]:
     """Return the JSON object that `plan_from_mapping` reads."""
-    doors = [
-        {
-            "kind": "door",
-            "edge": d.edge,
-            "t0": d.start_m,
-            "t1": d.end_m,
-            "hinge": d.hinge,
-            "swing": d.swing,
-            "to": d.name,
-        }
-        for d in plan.doors
-    ]
-    windows = [
-        {
-            "kind": "hung" if isinstance(w, Hung) else "window",
-            "edge": w.edge,
-            "t0": w.start_m,
-            "t1": w.end_m,
-            "sill": w.sill_m,
-            "head": w.head_m,
-            "to": w.name,
-        }
-        for w in (*plan.windows, *plan.hung)
-    ]
+
+    def listed(kind: str, o: Door | Window, **more: str | float) -> dict[str, Any]:
+        return {"kind": kind, "edge": o.edge, "t0": o.start_m, "t1": o.end_m, **more, "to": o.name}
+
+    doors = [listed("door", d, hinge=d.hinge, swing=d.swing) for d in plan.doors]
+    windows = [listed("window", w, sill=w.sill_m, head=w.head_m) for w in plan.windows]
+    hung = [listed("hung", w, sill=w.sill_m, head=w.head_m) for w in plan.hung]
     return {
         "id": plan.name,
         "polygon": plan.corners.tolist(),
         "holes": [hole.tolist() for hole in plan.holes],
         "height_m": plan.ceiling_height_m,
-        "openings": [*doors, *windows],
+        "openings": [*doors, *windows, *hung],
         "keep_free": [list(point) for point in plan.keep_free],
     }
 

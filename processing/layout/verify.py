@@ -171,27 +171,31 @@ def _boxes(pieces: Sequence[Piece], extents: Sequence[tuple[float, float, float,
 def _within(rule: str, what: str, piece: Piece, shape: Polygon, areas: Sequence[tuple[int, Any]]) -> list[Violation]:
     found = []
     for number, area in areas:
-        if area.intersects(shape):
-            shared = shape.intersection(area)
-            if _deep(shared):
-                found.append(Violation(rule, (piece.id, f"{what} {number + 1}"), shared.area))
+        if shared_m2 := _shared_m2(shape, area):
+            found.append(Violation(rule, (piece.id, f"{what} {number + 1}"), shared_m2))
     return found
 
 
-def _deep(shape: Any) -> bool:
-    """Return whether an overlap is more than contact."""
-    return bool(shape.area > 0 and shape.area > DEEP_M * max(shape.length / 2, 1e-3))
+def _shared_m2(shape: Polygon, area: Any) -> float:
+    """Return the overlap of two shapes; 0 for contact."""
+    return _deep_m2(shape.intersection(area)) if area.intersects(shape) else 0.0
+
+
+def _over_m2(room: Polygon, shape: Polygon) -> float:
+    """Return what of a shape lies outside of the room; 0 for contact."""
+    return 0.0 if room.covers(shape) else _deep_m2(shape.difference(room))
+
+
+def _deep_m2(shape: Any) -> float:
+    """Return the area of an overlap; 0 where it is no more than contact."""
+    area_m2 = float(shape.area)
+    return area_m2 if area_m2 > DEEP_M * max(shape.length / 2, 1e-3) else 0.0
 
 
 def _outside(room: Polygon, pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violation]:
     shapely.prepare(room)
-    found = []
-    for piece, shape in zip(pieces, shapes, strict=True):
-        if not room.covers(shape):
-            over = shape.difference(room)
-            if _deep(over):
-                found.append(Violation("inside the floor", (piece.id,), over.area))
-    return found
+    over = [(piece, _over_m2(room, shape)) for piece, shape in zip(pieces, shapes, strict=True)]
+    return [Violation("inside the floor", (piece.id,), over_m2) for piece, over_m2 in over if over_m2]
 
 
 def _overlaps(pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violation]:
@@ -203,10 +207,8 @@ def _overlaps(pieces: Sequence[Piece], shapes: Sequence[Polygon]) -> list[Violat
         reach = math.hypot(*a.size_m[:2]) + math.hypot(*b.size_m[:2])
         if 2 * math.hypot(pieces[i].x_m - pieces[j].x_m, pieces[i].y_m - pieces[j].y_m) > reach:
             continue
-        if shapes[i].intersects(shapes[j]):
-            shared = shapes[i].intersection(shapes[j])
-            if _deep(shared):
-                found.append(Violation("no overlap", (pieces[i].id, pieces[j].id), shared.area))
+        if shared_m2 := _shared_m2(shapes[i], shapes[j]):
+            found.append(Violation("no overlap", (pieces[i].id, pieces[j].id), shared_m2))
     return found
 
 
@@ -312,17 +314,13 @@ def _clash(
     room: Polygon, owner: Piece, zone: Polygon, pieces: Sequence[Piece], shapes: Sequence[Polygon]
 ) -> Violation | None:
     """Return what stands in a use zone: a wall or a piece of another group."""
-    if not room.covers(zone):
-        over = zone.difference(room)
-        if _deep(over):
-            return Violation("use zone free", (owner.id, "wall"), over.area)
+    if over_m2 := _over_m2(room, zone):
+        return Violation("use zone free", (owner.id, "wall"), over_m2)
     for piece, shape in zip(pieces, shapes, strict=True):
         if piece.id == owner.id or piece.group == owner.group or piece.spec.is_rug or piece.spec.base_m >= HEAD_ROOM_M:
             continue
-        if shape.intersects(zone):
-            shared = shape.intersection(zone)
-            if _deep(shared):
-                return Violation("use zone free", (owner.id, piece.id), shared.area)
+        if shared_m2 := _shared_m2(shape, zone):
+            return Violation("use zone free", (owner.id, piece.id), shared_m2)
     return None
 
 

@@ -7,7 +7,7 @@ No network is shipped.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +35,6 @@ CONTEXT = 0.35
 THREADS = 2
 
 
-@dataclass(frozen=True)
-class _Sizes:
-    """What the network takes; 0: any multiple of 8."""
-
-    height: int
-    width: int
-
-
 class LamaFiller:
     """A LaMa export as ONNX; checked on a grey picture when it is opened."""
 
@@ -54,20 +46,17 @@ class LamaFiller:
             return FillerError(f"the filling network {what}", where=str(path), advice="give a LaMa export, ONNX")
 
         self._session = open_session(path, refused, threads=threads)
-        self._sizes = self._checked_inputs()
+        inputs = {one.name: one.shape for one in self._session.get_inputs()}
+        if set(inputs) != {"image", "mask"} or any(len(shape) != 4 for shape in inputs.values()):
+            raise self._misfit(f"its inputs are {inputs}")
+        # Height and width that the network takes; 0: any multiple of 8.
+        self._size_px = [n if isinstance(n, int) else 0 for n in inputs["image"][2:]]
         self._range = 1.0
-        grey = np.full((self._sizes.height or 64, self._sizes.width or 64, 3), 0.5, np.float32)
+        grey = np.full((*(n or 64 for n in self._size_px), 3), 0.5, np.float32)
         mean = float(self._run(grey, np.zeros(grey.shape[:2], bool)).mean())
         if not (0.2 < mean < 0.8 or 50 < mean < 205):
             raise self._misfit(f"a grey picture without a hole comes back with a mean of {mean:.3g}")
         self._range = 1.0 if mean < 1 else 255.0
-
-    def _checked_inputs(self) -> _Sizes:
-        inputs = {one.name: one.shape for one in self._session.get_inputs()}
-        if set(inputs) != {"image", "mask"} or any(len(shape) != 4 for shape in inputs.values()):
-            raise self._misfit(f"its inputs are {inputs}")
-        height, width = (n if isinstance(n, int) else 0 for n in inputs["image"][2:])
-        return _Sizes(height, width)
 
     def _misfit(self, what: str) -> FillerError:
         return FillerError(
@@ -119,10 +108,8 @@ class LamaFiller:
         """Return the network's picture at the given size."""
         height, width = hole.shape
         scale = min(1.0, SIZE_PX / max(height, width))
-        size = (
-            self._sizes.width or max(8, round(width * scale / 8) * 8),
-            self._sizes.height or max(8, round(height * scale / 8) * 8),
-        )
+        sides = [own or max(8, round(n * scale / 8) * 8) for own, n in zip(self._size_px, hole.shape, strict=True)]
+        size = sides[1], sides[0]
         small = np.asarray(cv2.resize(srgb, size, interpolation=cv2.INTER_AREA), np.float32)
         mask = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0
         found = np.clip(self._run(small, mask), 0, 1)

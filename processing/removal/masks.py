@@ -18,10 +18,9 @@ from processing.pictures.images import LuminanceImage, RelativeImage, luminance_
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
 from processing.removal.furniture import TOUCH_RAD, FurnitureFound, find_furniture, islands_in, with_things
-from processing.removal.shadows import ShadowFound, find_shadows
+from processing.removal.shadows import ShadowFound, find_shadows, find_wall_shade
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
-from processing.removal.wall_shade import find_wall_shade
 from processing.segmentation.evidence import SceneClass, SceneEvidence
 from processing.sphere import Equirectangular, directions
 from processing.surfaces.maps import CEILING, FLOOR, SurfaceMaps, surface_maps

@@ -17,7 +17,7 @@ import numpy as np
 
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.removal.illumination import ToneScale, fit_illumination, grey, local_light, spread
-from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights
+from processing.removal.near_periodic_fill import Manner, Weights, blend, met_to_rim, solve_weights, window_around
 from processing.removal.near_periodic_lattice import (
     ORIENTED_NCC,
     Lattice,
@@ -204,7 +204,7 @@ class _Job:
 
     def one_pass(self, offsets: Doubles, manner: Manner) -> tuple[Flags, Floats, Floats]:
         """Return where the hole was filled (H, W), its tone (H, W, 3) and its confidence (H, W)."""
-        window = _window(self.hole, round(max(1.7 * manner.box_px, 2 * RIM_PX)) + 2)
+        window = window_around(self.hole, round(max(1.7 * manner.box_px, 2 * RIM_PX)) + 2)
         area = (window[0].stop - window[0].start) * (window[1].stop - window[1].start)
         scale = min(1.0, float(np.sqrt(SOLVE_PX / area)))
         weights = self.solved(offsets, window, scale, manner)
@@ -242,11 +242,3 @@ class _Job:
             guesses=manner.guesses,
             density=density,
         )
-
-
-def _window(hole: Flags, margin: int) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(hole.any(axis=1)), np.flatnonzero(hole.any(axis=0))
-    return (
-        slice(max(0, int(rows[0]) - margin), min(hole.shape[0], int(rows[-1]) + margin + 1)),
-        slice(max(0, int(columns[0]) - margin), min(hole.shape[1], int(columns[-1]) + margin + 1)),
-    )

@@ -265,9 +265,10 @@ def blend(
         chosen = (weights.best == index).astype(np.float32)
         share = _enlarged(weights.share[index], size)
         hard = cv2.GaussianBlur(_enlarged(chosen, size), (0, 0), 1.0)
-        part = _box((share > MIN_SHARE) | (hard > MIN_SHARE))
-        if part is None:
+        given = (share > MIN_SHARE) | (hard > MIN_SHARE)
+        if not given.any():
             continue
+        part = window_around(given)
         place = (
             slice(rows.start + part[0].start, rows.start + part[0].stop),
             slice(columns.start + part[1].start, columns.start + part[1].stop),
@@ -294,12 +295,13 @@ def _enlarged(small: Floats, size: tuple[int, int]) -> Floats:
     return np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def _box(flags: Flags) -> tuple[slice, slice] | None:
-    """Return the bounding box of what is set."""
-    rows, columns = np.flatnonzero(flags.any(axis=1)), np.flatnonzero(flags.any(axis=0))
-    if not len(rows):
-        return None
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+def window_around(flags: Flags, margin_px: int = 0) -> tuple[slice, slice]:
+    """Return the rows and columns of the bounding box of what is set in (H, W), and a margin; something must be."""
+    ends = [np.flatnonzero(flags.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)]
+    rows, columns = (
+        slice(max(0, a - margin_px), min(n, b + margin_px + 1)) for (a, b), n in zip(ends, flags.shape, strict=True)
+    )
+    return rows, columns
 
 
 def met_to_rim(filled: Floats, offered: Flags, tone: Floats, known: Flags, hole: Flags, rim_px: float) -> Floats:

@@ -10,10 +10,9 @@ from typing import Any
 from processing.errors import LayoutError, NoDoorError, RoomTooSmallError
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangements
-from processing.layout.assumed import Choice, broken_rules, fitting_choice, named_choice, with_door
+from processing.layout.assumed import Choice, broken_rules, fitting_choice, hung_things, named_choice, with_door
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import parse_pins
-from processing.layout.hung import hung_things
 from processing.layout.items import KINDS, Item, number_items, parse_items, set_list
 from processing.layout.models.catalogue import Catalogue
 from processing.layout.plan import FloorPlan, Hung, from_room_model

@@ -257,11 +257,16 @@ def _ring_tube(p: Doubles, radius_m: float, sides: int) -> Solid:
     rings = p[:, None] + radius_m * (
         np.cos(a)[None, :, None] * outward[:, None] + np.sin(a)[None, :, None] * np.cross(tangents, outward)[:, None]
     )
+    return closed_band(rings)
+
+
+def closed_band(rings: Doubles) -> Solid:
+    """Return the skin over (M, N, 3) rings, metres, of which the last meets the first."""
     m, n = rings.shape[:2]
     i, j = np.meshgrid(np.arange(m), np.arange(n), indexing="ij")
-    a0, b0 = i * n + j, i * n + (j + 1) % n
-    c0, d0 = (i + 1) % m * n + j, (i + 1) % m * n + (j + 1) % n
-    faces = np.concatenate([np.stack([a0, b0, d0], -1).reshape(-1, 3), np.stack([a0, d0, c0], -1).reshape(-1, 3)])
+    a, b = i * n + j, i * n + (j + 1) % n
+    c, d = (i + 1) % m * n + j, (i + 1) % m * n + (j + 1) % n
+    faces = np.concatenate([np.stack([a, b, d], -1).reshape(-1, 3), np.stack([a, d, c], -1).reshape(-1, 3)])
     return solid(rings.reshape(-1, 3), faces)
 
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from processing.layout.furniture.builtin import BUILT_IN, LICENCE, build_model, 
 from processing.layout.furniture.model import FurnitureModel, Size
 from processing.layout.furniture.styles import STYLES, style_named
 from processing.layout.items import KINDS, ItemSpec, UseZone
+
+if TYPE_CHECKING:
+    from processing.layout.models.catalogue_folder import FileSource
 
 RULES = (
     # The first category one of whose names ("|" between them) has all its words in the model's; longer ones go first.
@@ -84,28 +87,6 @@ class CatalogueEntry:
         return replace(usual, size_m=self.size_m, zones=zones, model=self.model_id)
 
 
-class Source(Protocol):
-    """Where one model comes from."""
-
-    @property
-    def model_id(self) -> str:
-        """Return its name in the catalogue."""
-        ...
-
-    @property
-    def category(self) -> str:
-        """Return its category, known without reading the file."""
-        ...
-
-    def entry(self) -> CatalogueEntry:
-        """Return what is known of it; may read the file."""
-        ...
-
-    def model(self, size_m: Size | None) -> FurnitureModel:
-        """Return its triangles."""
-        ...
-
-
 @dataclass(frozen=True)
 class BuiltInSource:
     """A built-in kind in one style."""
@@ -133,7 +114,7 @@ class BuiltInSource:
 class Catalogue:
     """Models by name. Files are read when they are first needed; those that cannot be read are in `refused`."""
 
-    def __init__(self, name: str, sources: Iterable[Source]) -> None:
+    def __init__(self, name: str, sources: Iterable[BuiltInSource | FileSource]) -> None:
         self.name = name
         self._sources = {source.model_id: source for source in sources}
         self.refused: dict[str, ModelFileError] = {}
@@ -229,7 +210,7 @@ class Catalogue:
                 continue
         return kinds
 
-    def _source(self, model_id: str) -> Source:
+    def _source(self, model_id: str) -> BuiltInSource | FileSource:
         found = self._sources.get(model_id)
         if found is not None:
             return found

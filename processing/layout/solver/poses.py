@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ SNAP_M = 1e-7
 """Coordinates in the canonical frame are rounded to this (chosen: above rounding, below `DEEP_M` of the judge)."""
 Pose: TypeAlias = tuple[float, float, float]
 """x, y in metres, theta in radians."""
+OpeningT = TypeVar("OpeningT", Door, Window, Hung)
 _OTHER: dict[str, Hinge] = {"left": "right", "right": "left", "unknown": "unknown"}
 
 
@@ -104,36 +105,20 @@ def mirrored_plan(plan: FloorPlan) -> FloorPlan:
     flip = np.array([-1.0, 1.0])
     count = len(plan.corners)
 
-    def edge(old: int) -> int:
-        return (count - 2 - old) % count
+    def turned(openings: Sequence[OpeningT]) -> tuple[OpeningT, ...]:
+        lengths_m = [plan.edge(o.edge)[2] for o in openings]
+        return tuple(
+            replace(o, edge=(count - 2 - o.edge) % count, start_m=long_m - o.end_m, end_m=long_m - o.start_m)
+            for o, long_m in zip(openings, lengths_m, strict=True)
+        )
 
-    doors = tuple(
-        Door(
-            edge(d.edge),
-            plan.edge(d.edge)[2] - d.end_m,
-            plan.edge(d.edge)[2] - d.start_m,
-            _OTHER[d.hinge],
-            d.swing,
-            d.name,
-        )
-        for d in plan.doors
-    )
-    windows, hung = (
-        tuple(
-            replace(
-                w, edge=edge(w.edge), start_m=plan.edge(w.edge)[2] - w.end_m, end_m=plan.edge(w.edge)[2] - w.start_m
-            )
-            for w in each
-        )
-        for each in (plan.windows, plan.hung)
-    )
     return replace(
         plan,
         corners=np.ascontiguousarray((plan.corners * flip)[::-1]),
         holes=tuple(np.ascontiguousarray((hole * flip)[::-1]) for hole in plan.holes),
-        doors=doors,
-        windows=windows,
-        hung=hung,  # type: ignore[arg-type]
+        doors=tuple(replace(d, hinge=_OTHER[d.hinge]) for d in turned(plan.doors)),
+        windows=turned(plan.windows),
+        hung=turned(plan.hung),
         keep_free=tuple((-x, y) for x, y in plan.keep_free),
     )
 
@@ -190,33 +175,26 @@ def _moved(side: FloorPlan, first: int, frame: Frame) -> FloorPlan:
     def length(value: float) -> float:
         return round(value / SNAP_M) * SNAP_M
 
-    doors = [
-        replace(d, edge=(d.edge - first) % count, start_m=length(d.start_m), end_m=length(d.end_m)) for d in side.doors
-    ]
-    windows, hung = (
-        sorted(
-            (replace(w, edge=(w.edge - first) % count, start_m=length(w.start_m), end_m=length(w.end_m)) for w in each),
-            key=_opening_key,
-        )
-        for each in (side.windows, side.hung)
-    )
+    def moved(openings: Sequence[OpeningT]) -> tuple[OpeningT, ...]:
+        on = [
+            replace(o, edge=(o.edge - first) % count, start_m=length(o.start_m), end_m=length(o.end_m))
+            for o in openings
+        ]
+        return tuple(sorted(on, key=lambda o: (o.edge, o.start_m, o.end_m)))
+
     holes = []
     for hole in side.holes:
-        moved = snap(hole)
-        holes.append(np.roll(moved, -min(range(len(moved)), key=lambda i: tuple(moved[i])), axis=0))
+        ring = snap(hole)
+        holes.append(np.roll(ring, -min(range(len(ring)), key=lambda i: tuple(ring[i])), axis=0))
     return replace(
         side,
         corners=np.ascontiguousarray(snap(np.roll(side.corners, -first, axis=0))),
         holes=tuple(sorted(holes, key=lambda h: h.tolist())),
-        doors=tuple(sorted(doors, key=_opening_key)),
-        windows=tuple(windows),
-        hung=tuple(hung),  # type: ignore[arg-type]
+        doors=moved(side.doors),
+        windows=moved(side.windows),
+        hung=moved(side.hung),
         keep_free=tuple(sorted((float(p[0]), float(p[1])) for p in snap(np.array(side.keep_free).reshape(-1, 2)))),
     )
-
-
-def _opening_key(opening: Door | Window) -> tuple[int, float, float]:
-    return opening.edge, opening.start_m, opening.end_m
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from processing.errors import ItemError, NoDoorError, PinError, RoomTooSmallErro
 from processing.ground.room_model import RoomModel, starter_room, write_room
 from processing.layout.arrange import arrange
 from processing.layout.arrangement import Arrangement, Arrangements, read_arrangements
+from processing.layout.assumed import hung_things
 from processing.layout.drawn.drawing import write_drawings
 from processing.layout.given_places import Place, parse_pins, placed_by_ratios
-from processing.layout.hung import hung_things
 from processing.layout.items import KINDS as ITEMS
 from processing.layout.items import SETS, parse_items, set_items
 from processing.layout.plan import Door, FloorPlan, Hung, Window, make_plan

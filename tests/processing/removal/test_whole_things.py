@@ -6,7 +6,7 @@ import numpy as np
 
 from processing.ground.arrays import Flags, Floats
 from processing.removal.furniture import with_things, without_skirting
-from processing.removal.wall_shade import find_wall_shade
+from processing.removal.shadows import find_wall_shade
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FLOOR, surface_maps
 from tests.processing.removal.painted_room import box_room
