@@ -19,8 +19,7 @@ from processing.layout.items import KINDS, set_items
 from processing.layout.plan import FloorPlan, Hung
 from processing.layout.rules import built_in_rules
 from processing.layout.verify import Judge, Piece
-from processing.surfaces.maps import FIRST_WALL, planes_of
-from processing.surfaces.sight import in_sight
+from processing.surfaces.maps import FIRST_WALL, in_sight, planes_of
 
 
 def broken_rules(arrangement: Arrangement, plan: FloorPlan) -> str:
