@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,6 +23,7 @@ from processing.batch.croissant import (
 )
 from processing.errors import ParameterError
 from processing.pictures.writing import write_bytes
+from processing.running.fingerprint import file_sha256
 
 # SHA256SUMS of a data set, as `sha256sum --check` reads it: every file of every session, and the index.
 
@@ -43,12 +43,6 @@ def session_files(session: Path) -> Iterator[Path]:
             yield path
 
 
-def sha256_of(path: Path) -> str:
-    """Return a file's SHA-256."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def sums_text(folder: Path, files: list[Path]) -> str:
     """Return SHA256SUMS of files within a folder; raise `ParameterError` for a name that it could not hold."""
     lines = []
@@ -56,7 +50,7 @@ def sums_text(folder: Path, files: list[Path]) -> str:
         name = path.relative_to(folder).as_posix()
         if "\n" in name or "\\" in name:
             raise ParameterError("a file's name has a line break or a backslash", where=repr(name))
-        lines.append(f"{sha256_of(path)}  {name}\n")
+        lines.append(f"{file_sha256(path)}  {name}\n")
     return "".join(lines)
 
 
@@ -84,20 +78,10 @@ def read_sums(folder: Path) -> dict[str, str]:
 
 LICENCE_NAME = "LICENCE.txt"
 USUAL_SHARES = (0.7, 0.15, 0.15)
-Progress = Callable[[int, int], None]
-
-
-def _silent(_done: int, _total: int) -> None:
-    return None
 
 
 def build(
-    folder: Path,
-    about: Description,
-    *,
-    shares: Sequence[float] = USUAL_SHARES,
-    zone: str | None = None,
-    progress: Progress = _silent,
+    folder: Path, about: Description, *, shares: Sequence[float] = USUAL_SHARES, zone: str | None = None
 ) -> list[Path]:
     """Write index.csv, LICENCE.txt, croissant.json and, last, SHA256SUMS into a folder of sessions; return them.
 
@@ -110,12 +94,11 @@ def build(
     made = [folder / name for name in (INDEX_NAME, LICENCE_NAME, METADATA_NAME, SUMS_NAME)]
     write_bytes(made[0], index)
     write_bytes(made[1], f"{about.name}\nLicence: {about.licence}\n{about.cite}\n".encode())
-    values = croissant(about, len(index), sha256_of(made[0]))
+    values = croissant(about, len(index), file_sha256(made[0]))
     write_bytes(made[2], (json.dumps(values, indent=1, ensure_ascii=False) + "\n").encode())
     text = sums_text(folder, made[:3])
-    for done, row in enumerate(rows, 1):
+    for row in rows:
         text += sums_text(folder, list(session_files(folder / row["folder"])))
-        progress(done, len(rows))
     write_bytes(made[3], text.encode())
     return made
 
@@ -137,20 +120,19 @@ class CheckReport:
         return not (self.missing or self.changed or self.new or self.problems)
 
 
-def check(folder: Path, progress: Progress = _silent) -> CheckReport:
+def check(folder: Path) -> CheckReport:
     """Compare a data set with its checksums, and its index and metadata with each other.
 
     Raises `ParameterError` where index or checksums cannot be read.
     """
     rows, sums = read_index(folder), read_sums(folder)
     missing, changed = [], []
-    for done, (name, digest) in enumerate(sums.items(), 1):
+    for name, digest in sums.items():
         path = folder / name
         if not path.is_file():
             missing.append(name)
-        elif sha256_of(path) != digest:
+        elif file_sha256(path) != digest:
             changed.append(name)
-        progress(done, len(sums))
     there = {p.relative_to(folder).as_posix() for row in rows for p in _files(folder / row["folder"])}
     new = sorted(there - set(sums))
     return CheckReport(len(sums), tuple(missing), tuple(changed), tuple(new), tuple(_problems(folder, rows)))
@@ -173,7 +155,7 @@ def _problems(folder: Path, rows: Sequence[Row]) -> list[str]:
     try:
         values = json.loads((folder / METADATA_NAME).read_text("utf-8"))
         recorded = next(one["sha256"] for one in values["distribution"] if one["@id"] == "index")
-        if recorded != sha256_of(folder / INDEX_NAME):
+        if recorded != file_sha256(folder / INDEX_NAME):
             found.append(f"{METADATA_NAME} describes another {INDEX_NAME}")
     except (OSError, ValueError, KeyError, TypeError, StopIteration):
         found.append(f"{METADATA_NAME} is missing or damaged")

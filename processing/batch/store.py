@@ -23,7 +23,7 @@ from uuid import uuid4
 from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, StoreError
 from processing.running.choices import FILE as CHOICES
-from processing.running.fingerprint import digest
+from processing.running.fingerprint import digest, file_sha256
 from station.session import strict_json
 from station.session.session import MANIFEST_NAME
 
@@ -157,7 +157,7 @@ def request_key(task: Task, manifest: bytes, choices: bytes = b"") -> str:
     """Return the digest of what a result depends on: the session, what was chosen for it, arguments, files, stages."""
     from processing.pipeline import STAGES
 
-    named = {text: _sha256(Path(text)) for text in task.arguments if Path(text).is_file()}
+    named = {text: file_sha256(Path(text)) for text in task.arguments if Path(text).is_file()}
     stages = {stage.name: stage.version for stage in STAGES}
     session = hashlib.sha256(manifest + choices).hexdigest()
     return digest({"session": session, "arguments": list(task.arguments), "files": named, "stages": stages})
@@ -217,7 +217,7 @@ def _pull(store: Store, here: Path, former: dict[str, Any] | None) -> None:
         path, stored = here / name, f"{former['prefix']}/{name}"
         if stored in sizes:
             store.pull(stored, path, sizes[stored])
-        if not path.exists() or _sha256(path) != sha256:
+        if not path.exists() or file_sha256(path) != sha256:
             shutil.rmtree(here / "stages", ignore_errors=True)  # not as it was written: made anew
             return
 
@@ -232,7 +232,7 @@ def _published(store: Store, here: Path, key: str, outcome: Outcome, former: dic
     if stored != made:
         wrong = sorted(name for name in made.keys() | stored.keys() if made.get(name) != stored.get(name))
         raise StoreError(f"not all results arrived: {', '.join(wrong[:3])}", where=store.url)
-    objects = {name: _sha256(path) for name, path in files.items()}
+    objects = {name: file_sha256(path) for name, path in files.items()}
     done = {"key": key, "prefix": prefix, "objects": objects, "stages": dict(outcome.stages), "row": dict(outcome.row)}
     if former is not None and done_of(store) == former:
         store.remove(DONE)
@@ -253,8 +253,3 @@ def _results(here: Path) -> Iterator[tuple[str, Path]]:
         name = path.relative_to(here).as_posix()
         if path.is_file() and not any(part.startswith(".") for part in path.relative_to(here).parts):
             yield name, path
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -6,7 +6,7 @@ import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
@@ -47,8 +47,7 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, lin
     """
     from PIL import Image
 
-    if rgb8.dtype != np.uint8 or rgb8.ndim != 3 or rgb8.shape[2] != 3 or not rgb8.size:
-        raise ParameterError(f"an 8-bit picture is uint8 (H, W, 3), not {rgb8.dtype} {rgb8.shape}")
+    _check_8bit(rgb8)
     if not text.strip() or len(text) > 60 or not text.isprintable():
         raise ParameterError("a label is 1 to 60 printable characters")
     height, width = rgb8.shape[:2]
@@ -59,6 +58,11 @@ def labelled(rgb8: Bytes, text: str = TEXT, *, panorama: bool | None = None, lin
     margin = min(max(LEAST_LETTERS_PX, height // 60), width - plate.width, height - plate.height)
     picture.alpha_composite(plate, (max(margin, 0), height - plate.height - max(margin, 0)))
     return np.asarray(picture.convert("RGB"), dtype=np.uint8)
+
+
+def _check_8bit(rgb8: Bytes) -> None:
+    if rgb8.dtype != np.uint8 or rgb8.ndim != 3 or rgb8.shape[2] != 3 or not rgb8.size:
+        raise ParameterError(f"an 8-bit picture is uint8 (H, W, 3), not {rgb8.dtype} {rgb8.shape}")
 
 
 def _at_the_poles(rgb8: Bytes, text: str) -> Bytes:
@@ -160,25 +164,28 @@ class PanoramaTags:
         return cls(width_px, height_px, heading_deg=None if heading_rad is None else math.degrees(heading_rad))
 
 
-def packet(
-    width_px: int,
-    height_px: int,
-    *,
-    panorama: PanoramaTags | None = None,
-    staged: bool = False,
-    relative: bool = False,
-    title: str = "",
-    statement: str = "",
-) -> bytes:
+class Said(TypedDict, total=False):
+    """What a picture says of itself."""
+
+    panorama: PanoramaTags | None
+    staged: bool
+    """It shows furniture that was not there."""
+    relative: bool
+    """It was made from light of unknown scale."""
+    title: str
+    statement: str
+
+
+def packet(width_px: int, height_px: int, **said: Unpack[Said]) -> bytes:
     """Return an XMP packet for a picture of this size, UTF-8; empty where there is nothing to say.
 
-    ``staged``: it shows furniture that was not there. ``relative``: it was made from light of unknown scale. Raises
-    `ParameterError` for a panorama that the picture does not fit into, and for a title above 500 characters.
+    Raises `ParameterError` for a panorama that the picture does not fit into, and for a title above 500 characters.
     """
+    panorama, title, statement = said.get("panorama"), said.get("title", ""), said.get("statement", "")
     attributes = {} if panorama is None else _panorama(panorama, width_px, height_px)
-    if staged:
+    if said.get("staged"):
         attributes |= {"Iptc4xmpExt:DigitalSourceType": STAGED_SOURCE, "daylit:Staged": "True"}
-    if relative:
+    if said.get("relative"):
         attributes["daylit:Units"] = "relative"
     if not attributes and not title and not statement:
         return b""
@@ -239,50 +246,25 @@ LONGEST_SIDE_PX = 65_500
 """Of JPEG."""
 
 
-def jpeg_bytes(
-    rgb8: Bytes,
-    *,
-    panorama: PanoramaTags | None = None,
-    staged: bool = False,
-    relative: bool = False,
-    title: str = "",
-    statement: str = "",
-    quality: int = 92,
-) -> bytes:
-    """Return a JPEG (4:4:4) of an 8-bit sRGB picture (H, W, 3) with an XMP packet; see `xmp.packet`.
+def jpeg_bytes(rgb8: Bytes, *, quality: int = 92, **said: Unpack[Said]) -> bytes:
+    """Return a JPEG (4:4:4) of an 8-bit sRGB picture (H, W, 3) with an XMP packet; see `packet`.
 
     Raises `ParameterError` for another array, a size that JPEG cannot have, a quality outside 1 to 95, and a panorama
     that the picture does not fit into.
     """
     from PIL import Image
 
-    if rgb8.dtype != np.uint8 or rgb8.ndim != 3 or rgb8.shape[2] != 3 or not rgb8.size:
-        raise ParameterError(f"an 8-bit picture is uint8 (H, W, 3), not {rgb8.dtype} {rgb8.shape}")
+    _check_8bit(rgb8)
     if max(rgb8.shape[:2]) > LONGEST_SIDE_PX:
         raise ParameterError(f"a JPEG is at most {LONGEST_SIDE_PX} pixels wide and high", advice="make it smaller")
     if not 1 <= quality <= 95:
         raise ParameterError(f"a JPEG quality of {quality}", advice="1 to 95")
-    height, width = rgb8.shape[:2]
-    xmp = packet(width, height, panorama=panorama, staged=staged, relative=relative, title=title, statement=statement)
+    xmp = packet(rgb8.shape[1], rgb8.shape[0], **said)
     out = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(rgb8)).save(out, "JPEG", quality=quality, subsampling=0, xmp=xmp)
     return out.getvalue()
 
 
-def write_jpeg(
-    path: Path,
-    rgb8: Bytes,
-    *,
-    panorama: PanoramaTags | None = None,
-    staged: bool = False,
-    relative: bool = False,
-    title: str = "",
-    statement: str = "",
-    quality: int = 92,
-) -> None:
-    """Write a picture (H, W, 3) sRGB as `jpeg_bytes` durably.
-
-    ``staged``: furniture was added; ``relative``: the light's scale is unknown.
-    """
-    how: dict[str, Any] = {"staged": staged, "relative": relative, "title": title, "statement": statement}
-    write_bytes(path, jpeg_bytes(rgb8, panorama=panorama, quality=quality, **how))
+def write_jpeg(path: Path, rgb8: Bytes, *, quality: int = 92, **said: Unpack[Said]) -> None:
+    """Write a picture (H, W, 3) sRGB as `jpeg_bytes` durably."""
+    write_bytes(path, jpeg_bytes(rgb8, quality=quality, **said))

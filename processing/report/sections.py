@@ -67,12 +67,19 @@ def tinted(rgb8: Bytes, masks: Mapping[str, Flags]) -> Bytes:
         if name in masks:
             out[masks[name]] = 0.5 * out[masks[name]] + 0.5 * np.array(colour, np.float32)
     if "target" in masks:
-        target = masks["target"]
-        inner = target & np.roll(target, 1, 1) & np.roll(target, -1, 1)
-        inner[1:] &= target[:-1]
-        inner[:-1] &= target[1:]
-        out[target & ~inner] = (0, 220, 60)
+        out[_rim(masks["target"])] = RIM_RGB
     return np.asarray(np.clip(out, 0, 255), dtype=np.uint8)
+
+
+RIM_RGB = (0, 220, 60)
+
+
+def _rim(mask: Flags) -> Flags:
+    """Return the pixels of a mask (H, W) of a panorama that have a neighbour outside of it."""
+    inner = mask & np.roll(mask, 1, 1) & np.roll(mask, -1, 1)
+    inner[1:] &= mask[:-1]
+    inner[:-1] &= mask[1:]
+    return np.asarray(mask & ~inner)
 
 
 def remove_section(
@@ -90,11 +97,7 @@ def remove_section(
     step = max(1, -(-after.rgb.shape[1] // WIDTH_PX))
     rows = slice(step // 2, None, step)
     outlined = display.shown(after.rgb[rows, rows])
-    mask = filled[rows, rows]
-    inner = mask & np.roll(mask, 1, 1) & np.roll(mask, -1, 1)
-    inner[1:] &= mask[:-1]
-    inner[:-1] &= mask[1:]
-    outlined[mask & ~inner] = (0, 220, 60)
+    outlined[_rim(filled[rows, rows])] = RIM_RGB
     pictures = [Picture("What was filled", jpeg_bytes(outlined), "filled parts outlined in green", wide=True)]
     quantities = [
         Quantity("Filled", 100 * float(facts.get("filled_share", filled.mean())), "% of the picture"),

@@ -11,14 +11,7 @@ from drivers.errors import DaylitError
 from processing.errors import PictureFileError
 from processing.pictures.panorama import panorama_format, read_panorama
 from station.session.folder import Folder, write_file
-from station.session.session import (
-    PANORAMA_FOLDER,
-    BracketRecord,
-    PanoramaRecord,
-    SessionManifest,
-    Site,
-    WarningRecord,
-)
+from station.session.session import PANORAMA_FOLDER, BracketRecord, PanoramaRecord, SessionManifest, Site, WarningRecord
 from station.session.store import SessionStore, load_manifest
 
 ENDINGS = {"jpeg": "jpg", "tiff": "tif"}
@@ -101,14 +94,8 @@ def existing_session(
 
 
 def _put(session: Path, record: PanoramaRecord, data: bytes) -> None:
-    root = Folder.open(session)
-    try:
+    with Folder.open(session) as root:
         root.make_sub(PANORAMA_FOLDER)
         root.sync()
-        folder = root.sub(PANORAMA_FOLDER)
-        try:
+        with root.sub(PANORAMA_FOLDER) as folder:
             write_file(folder, record.file.partition("/")[2], data)
-        finally:
-            folder.close()
-    finally:
-        root.close()

@@ -121,11 +121,8 @@ class PastSeconds:
         """Keep the notes; failing to do so is no harm."""
         with suppress(DaylitError, OSError):
             make_folders(self._folder)
-            folder = Folder.open(self._folder)
-            try:
+            with Folder.open(self._folder) as folder:
                 write_file(folder, FILE_NAME, json.dumps(self._runs, sort_keys=True).encode())
-            finally:
-                folder.close()
 
 
 class Pace:
@@ -193,16 +190,11 @@ def left_s(
 
 def _load(folder: Path) -> dict[str, list[Run]]:
     try:
-        opened = Folder.open(folder)
-    except OSError:
-        return {}
-    try:
-        data = strict_json.loads(opened.read_file(FILE_NAME, _MAX_BYTES) or b"{}")
+        with Folder.open(folder) as opened:
+            data = strict_json.loads(opened.read_file(FILE_NAME, _MAX_BYTES) or b"{}")
         return {str(key): [_run(*run) for run in runs][-KEPT_RUNS:] for key, runs in data.items()}
-    except (DaylitError, ValueError, TypeError, AttributeError):
+    except (DaylitError, OSError, ValueError, TypeError, AttributeError):
         return {}
-    finally:
-        opened.close()
 
 
 def _run(seconds: object, megapixels: object) -> Run:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import ValidationError
 
@@ -19,6 +20,7 @@ from processing.running.fingerprint import (
     Ingredients,
     changes,
     digest,
+    file_sha256,
     session_ingredients,
     visible_part,
 )
@@ -112,11 +114,11 @@ def parameters(stage: Stage, request: RunRequest) -> StageParameters:
 
 def given_files(stage: Stage, request: RunRequest) -> dict[str, Path]:
     """Return the files and folders given to a stage by option name; `ParameterError` where one is none."""
-    files = {option.name: _file(option.flag, value) for option, value in _given(stage, request, "file")}
+    files = {option.name: _there(option.flag, value) for option, value in _given(stage, request, "file")}
     for option in stage.options.values():
         if option.installed:
             files |= _installed(option, request)
-    folders = {option.name: _folder(option.flag, value) for option, value in _given(stage, request, "folder")}
+    folders = {option.name: _there(option.flag, value, "folder") for option, value in _given(stage, request, "folder")}
     return files | folders
 
 
@@ -126,12 +128,12 @@ def _installed(option: Option, request: RunRequest) -> dict[str, Path]:
 
     asked = request.options.get(option.flag)
     found = segmenter_file(None if asked is None else Path(str(asked)))
-    return {} if found is None else {option.name: _file(option.flag, found)}
+    return {} if found is None else {option.name: _there(option.flag, found)}
 
 
 def given_answers(stage: Stage, request: RunRequest) -> dict[str, Path]:
     """Return the files that take the place of artifacts of a stage."""
-    answers = {option.artifact: _file(option.flag, value) for option, value in _given(stage, request, "answer")}
+    answers = {option.artifact: _there(option.flag, value) for option, value in _given(stage, request, "answer")}
     missing = [a.name for a in stage.makes if not a.optional and a.name not in answers]
     if answers and missing:
         raise ParameterError(f"{stage.name}: give {', '.join(missing)} too", where=stage.name)
@@ -156,22 +158,14 @@ def trade_values(stage: Stage, request: RunRequest) -> dict[Trade, object]:
 
 def _given(stage: Stage, request: RunRequest, kind: OptionKind) -> list[tuple[Option, object]]:
     """Return the options of a kind that the request sets, with their values."""
-    values = request.options
-    own = stage.options.items()
-    return [(o, values[flag]) for flag, o in own if o.kind == kind and flag in values and not o.installed]
+    own = ((o, request.options[flag]) for flag, o in stage.options.items() if flag in request.options)
+    return [(option, value) for option, value in own if option.kind == kind and not option.installed]
 
 
-def _file(flag: str, value: object) -> Path:
+def _there(flag: str, value: object, what: Literal["file", "folder"] = "file") -> Path:
     path = Path(str(value))
-    if not path.is_file():
-        raise ParameterError(f"{flag}: there is no file {path.name}", where=str(path))
-    return path
-
-
-def _folder(flag: str, value: object) -> Path:
-    path = Path(str(value))
-    if not path.is_dir():
-        raise ParameterError(f"{flag}: there is no folder {path.name}", where=str(path))
+    if not (path.is_file() if what == "file" else path.is_dir()):
+        raise ParameterError(f"{flag}: there is no {what} {path.name}", where=str(path))
     return path
 
 
@@ -224,9 +218,8 @@ class StageInputs:
         """Return the digests of what was relit: summaries and pictures, not the basis of the light."""
         if self._root.lstat(RELIGHT) is None:
             return {}
-        folder = self._root.sub(RELIGHT)
-        names = [name for name in folder.names() if name.endswith((".json", ".jpg"))]
-        folder.close()
+        with self._root.sub(RELIGHT) as folder:
+            names = [name for name in folder.names() if name.endswith((".json", ".jpg"))]
         return {name: self._digest(f"{RELIGHT}/{name}") for name in sorted(names)}
 
     def _folder_digests(self) -> dict[str, str]:
@@ -234,23 +227,19 @@ class StageInputs:
         names = {MANIFEST_NAME, JOURNAL_NAME} | {frame.file for frame in self.manifest.frames}
         for side in Side:
             if self._root.lstat(side.value) is not None:
-                folder = self._root.sub(side.value)
-                names |= {f"{side.value}/{name}" for name in folder.names()}
-                folder.close()
+                with self._root.sub(side.value) as folder:
+                    names |= {f"{side.value}/{name}" for name in folder.names()}
         return {name: self._digest(name) for name in sorted(names)}
 
     def _digest(self, name: str) -> str:
         parent, _, leaf = name.rpartition("/")
         if parent and self._root.lstat(parent) is None:
             return ""
-        folder = self._root.sub(parent) if parent else self._root
-        try:
-            return self.memory.sha256(folder, leaf, name)
-        except IntegrityError as error:
-            return error.message
-        finally:
-            if parent:
-                folder.close()
+        with self._root.sub(parent) if parent else nullcontext(self._root) as folder:
+            try:
+                return self.memory.sha256(folder, leaf, name)
+            except IntegrityError as error:
+                return error.message
 
 
 def make_context(
@@ -283,12 +272,7 @@ def make_context(
 
 
 def _digests(files: Mapping[str, Path]) -> dict[str, str]:
-    return {name: _folder_digest(path) if path.is_dir() else _file_digest(path) for name, path in files.items()}
-
-
-def _file_digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return {name: _folder_digest(path) if path.is_dir() else file_sha256(path) for name, path in files.items()}
 
 
 def _folder_digest(folder: Path) -> str:
@@ -298,7 +282,7 @@ def _folder_digest(folder: Path) -> str:
     whole = sum(sizes) <= READ_FOLDER_BYTES
     digest = hashlib.sha256()
     for path, size in zip(files, sizes, strict=True):
-        what = _file_digest(path) if whole else str(size)
+        what = file_sha256(path) if whole else str(size)
         digest.update(f"{path.relative_to(folder).as_posix()}\0{what}\0".encode())
     return digest.hexdigest()
 

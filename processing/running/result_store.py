@@ -51,11 +51,8 @@ def stages_folder(session: Folder, *, create: bool) -> Iterator[Folder | None]:
     elif session.lstat(STAGES) is None:
         yield None
         return
-    folder = session.sub(STAGES)
-    try:
+    with session.sub(STAGES) as folder:
         yield folder
-    finally:
-        folder.close()
 
 
 class ResultStore:
@@ -87,19 +84,19 @@ class ResultStore:
         """Return what is there of a stage, every file checked against its digest."""
         if self._folder is None or self._folder.lstat(stage) is None:
             return Stored()
-        folder = self._folder.sub(stage)
-        try:
-            raw = folder.read_file(RESULT_NAME, MAX_RESULT_BYTES)
-            if raw is None:
-                return Stored(problem=f"{RESULT_NAME} is missing")
-            result = parse_result(raw)
-            if result.stage != stage:
-                return Stored(problem=f"{RESULT_NAME} is of another stage")
-            damaged = [name for name, record in result.files.items() if not self._intact(folder, stage, name, record)]
-        except (IntegrityError, ValueError) as exc:
-            return Stored(problem=f"{RESULT_NAME}: {exc}"[:400])
-        finally:
-            folder.close()
+        with self._folder.sub(stage) as folder:
+            try:
+                raw = folder.read_file(RESULT_NAME, MAX_RESULT_BYTES)
+                if raw is None:
+                    return Stored(problem=f"{RESULT_NAME} is missing")
+                result = parse_result(raw)
+                if result.stage != stage:
+                    return Stored(problem=f"{RESULT_NAME} is of another stage")
+                damaged = [
+                    name for name, record in result.files.items() if not self._intact(folder, stage, name, record)
+                ]
+            except (IntegrityError, ValueError) as exc:
+                return Stored(problem=f"{RESULT_NAME}: {exc}"[:400])
         return Stored(problem=f"damaged or missing: {', '.join(damaged)}"[:400]) if damaged else Stored(result)
 
     def _intact(self, folder: Folder, stage: str, name: str, record: FileRecord) -> bool:
@@ -157,12 +154,9 @@ class ResultStore:
     def known_again(self, stage: str, files: Mapping[str, FileRecord]) -> None:
         """Remember the digests of files that were taken over from the former result: their change times are new."""
         if files:
-            folder = self._open().sub(stage)
-            try:
+            with self._open().sub(stage) as folder:
                 for name, record in files.items():
                     self._memory.renamed(folder, name, f"{STAGES}/{stage}/{name}", record.sha256)
-            finally:
-                folder.close()
 
     def _open(self) -> Folder:
         if self._folder is None:
@@ -202,10 +196,7 @@ def _clear(parent: Folder, name: str) -> None:
         parent.remove(name)
         return
     with suppress(IntegrityError, OSError):
-        folder = parent.sub(name)
-        try:
+        with parent.sub(name) as folder:
             for inside in folder.names():
                 _clear(folder, inside)
-        finally:
-            folder.close()
         durable.os_calls.rmdir(name, dir_fd=parent.fd)

@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+
+import numpy as np
 
 from processing.calibration.optics import stated_circle
 from processing.errors import BracketError
+from processing.ground.arrays import Bytes
+from processing.pictures.frames import FrameSource, Reduce, frame_of
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
-from station.session.session import DeviceRecord, FrameRecord, Side
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from processing.ground.arrays import Bytes
-    from processing.pictures.frames import FrameSource, Reduce
-    from station.session.session import SessionManifest
+from station.session.session import DeviceRecord, FrameRecord, SessionManifest, Side
 
 DECODERS = 2
 COARSE_PX = 800
@@ -52,8 +49,6 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
 
     Raises `BracketError` for frames of different settings: only the time may differ within a bracket.
     """
-    from processing.pictures.frames import frame_of
-
     found = [frame for frame in manifest.frames if frame.side == side and not frame.is_raw]
     if not found:
         return None
@@ -74,8 +69,6 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
 
 def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Bytes]:
     """Return the codes of 8-bit frames, (H, W, 3) uint8 sRGB each, in order; decoded by a few threads."""
-    import numpy as np
-
     with ThreadPoolExecutor(DECODERS) as pool:
         return list(pool.map(lambda frame: np.asarray(frame.decode(reduce), dtype=np.uint8), frames))
 

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import Any
 
+from processing.calibration.merge.merge import Merged, MergeOptions, merge
+from processing.calibration.profile import CameraProfile, RigProfile, load_profile, profile_matches
+from processing.calibration.profile_records import NoiseRecord, ResponseRecord
+from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.response import check_response, estimate_noise, recover_response, residuals_by_code
+from processing.calibration.response.samples import Bracket8, take_samples
+from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule, camera_rule, true_time_s
 from processing.errors import BracketError, ProcessingError, ResponseError
+from processing.ground.arrays import Bytes
+from processing.pictures.frames import FrameSource, array_frame
 from processing.stages.brackets import SideBracket, coarse, decoded, merge_geometry, side_bracket
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
-
-if TYPE_CHECKING:
-    from processing.calibration.merge.merge import Merged
-    from processing.calibration.profile import CameraProfile, RigProfile
-    from processing.calibration.response.curve import NoiseModel, ResponseCurve
-    from processing.ground.arrays import Bytes
-    from processing.pictures.frames import FrameSource
-
 
 _STEPS = 2 * 2
 """Response and merge of two sides: for the progress."""
@@ -55,7 +57,7 @@ def run(context: StageContext) -> StageOutput:
     `ProfileError` for a calibration that cannot be read.
     """
     parameters = context.parameters_of(MergeParameters)
-    profile = _profile(context)
+    profile = None if parameters.calibration is None else load_profile(parameters.calibration)
     gathered = _Gathered()
     for number, side in enumerate(Side):
         if parameters.side not in ("both", side.value):
@@ -86,24 +88,9 @@ def run(context: StageContext) -> StageOutput:
     )
 
 
-def _profile(context: StageContext) -> RigProfile | None:
-    parameters = context.parameters_of(MergeParameters)
-    if parameters.calibration is None:
-        return None
-    from processing.calibration.profile import load_profile
-
-    return load_profile(parameters.calibration)
-
-
 def _merge_side(
-    context: StageContext,
-    bracket: SideBracket,
-    profile: RigProfile | None,
-    gathered: _Gathered,
-    step: int,
+    context: StageContext, bracket: SideBracket, profile: RigProfile | None, gathered: _Gathered, step: int
 ) -> None:
-    from processing.calibration.merge.merge import MergeOptions, merge
-
     side = bracket.side.value
     context.progress((step + 0.1) / _STEPS, f"{side}: response curve")
     response, frames = camera_response(bracket, profile)
@@ -127,8 +114,6 @@ def _merge_side(
 def _gather(
     context: StageContext, bracket: SideBracket, response: CameraResponse, merged: Merged, gathered: _Gathered
 ) -> None:
-    from dataclasses import replace
-
     side, report = bracket.side.value, merged.report
     attributes = {**merged.image.attributes, "side": side, "session_id": context.session.session_id}
     gathered.artifacts[side] = replace(merged.image, attributes=attributes)
@@ -195,8 +180,6 @@ class CameraResponse:
 
     def to_dict(self, bracket: SideBracket) -> dict[str, Any]:
         """Return the side's part of response.json."""
-        from processing.calibration.profile_records import NoiseRecord, ResponseRecord
-
         rows = zip(bracket.records, self.times_s, self.time_sigma, strict=True)
         return {
             "source": self.source,
@@ -221,7 +204,6 @@ def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[C
     camera = profile.cameras.get(bracket.side) if profile else None
     if profile and camera and camera.response:
         return _from_profile(bracket, profile, camera), bracket.frames
-    from processing.pictures.frames import array_frame
 
     codes = decoded(bracket.frames)
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
@@ -230,10 +212,6 @@ def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[C
 
 def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
     """Recover the response from the bracket; its times too, unless the camera's rule is known."""
-    from processing.calibration.response.response import recover_response
-    from processing.calibration.response.samples import Bracket8
-    from processing.calibration.response.shutter import camera_rule, true_time_s
-
     rule = camera_rule(bracket.device.model) if bracket.device else None
     times_s = [true_time_s(nominal, rule) for nominal in bracket.nominal_s] if rule else bracket.nominal_s
     fit = recover_response([Bracket8(codes, times_s, bracket.nominal_s)], estimate_times=rule is None)
@@ -247,10 +225,6 @@ def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:
 
 def _from_profile(bracket: SideBracket, profile: RigProfile, camera: CameraProfile) -> CameraResponse:
     """Take the profile's curve; warn where the bracket or its settings contradict it."""
-    from processing.calibration.profile import profile_matches
-    from processing.calibration.response.response import check_response, estimate_noise
-    from processing.calibration.response.samples import Bracket8
-
     assert camera.response
     curve = camera.response.curve()
     times_s, time_sigma = profile_times(camera, bracket.nominal_s)
@@ -278,9 +252,6 @@ def code_residuals(codes: Sequence[Bytes], times_s: Sequence[float], curve: Resp
     ``codes``: (H, W, 3) uint8 of each frame. The lists: ``rms_stops`` (3, bins) over ``codes`` (bins,), None where no
     patch has such a code; empty where there are none.
     """
-    from processing.calibration.response.response import residuals_by_code
-    from processing.calibration.response.samples import Bracket8, take_samples
-
     try:
         found = residuals_by_code(take_samples([Bracket8(codes, times_s)]), curve)
     except ResponseError:
@@ -300,9 +271,6 @@ def _warnings(code: str, bracket: SideBracket, texts: Iterable[str]) -> tuple[St
 
 def profile_times(camera: CameraProfile, nominal_s: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return true times and their relative uncertainties: as measured where the profile has them, else by its rule."""
-    import math
-
-    from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule, true_time_s
 
     measured = {round(math.log2(time.nominal_s), 3): time for time in camera.shutter.times}
     times, sigmas = [], []
