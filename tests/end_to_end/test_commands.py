@@ -184,7 +184,7 @@ def test_demo_ends_with_a_report(tmp_path: Path) -> None:
     assert process.returncode == 0, err
     assert len(list((tmp_path / "demo").glob("*_room/indoor/*.jpg"))) == 9
     (page,) = (Path(line.removeprefix("look at: ")) for line in out.splitlines() if line.startswith("look at: "))
-    text = (tmp_path / page).read_text("utf-8")
+    text = (tmp_path / page).with_name("lab.html").read_text("utf-8")
     assert "Outdoors, on level ground" in text, "the rig's k2 scaled the sky"
     assert "Alternative 3" in text
     assert len(list(page.parents[1].glob("render/staged-?.exr"))) == 3

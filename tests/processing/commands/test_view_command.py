@@ -51,6 +51,6 @@ def test_it_opens_nothing_when_not_asked(session: Path, asked: list[str], capsys
 def test_without_a_report_it_says_what_to_do(
     tmp_path: Path, asked: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["view", str(tmp_path)]) == 5
-    assert "daylit process" in capsys.readouterr().err
+    assert main(["view", str(tmp_path)]) == 4
+    assert "name a session folder" in capsys.readouterr().err
     assert not asked

@@ -124,7 +124,7 @@ def test_every_script_is_named_by_its_digest_and_nothing_is_fetched(
     shot = Shot("Photograph", PIXEL, "a room")
     scene = Scene("View", (shot, replace(shot, name="Staged 1")), 1, 1)
     state = ViewerState("Photograph", PIXEL, "", "", "", (1, 1), (1, 1))
-    viewer = Viewer((state,), 0.5, 2.0, (1.0, 100.0), (1.0, 10.0), bytes(768), "cd/m2")
+    viewer = Viewer((state,), 0.5, (1.0, 100.0), (1.0, 10.0), bytes(768), "cd/m2")
     widgets = (
         Comparison((scene,), "Photograph", "Staged 1"),
         viewer,

@@ -35,16 +35,18 @@ async function route(): Promise<void> {
   const [name, kind] = location.hash.slice(2).split("/").map(decodeURIComponent);
   try {
     if (name) await session(name, kind ?? "", mine);
-    else await sessions();
+    else await sessions(mine);
   } catch (error) {
+    if (mine !== opening) return;
     main.replaceChildren(h("p", { class: "verdict bad" }, (error as Error).message));
   }
-  main.dataset.ready = location.hash;
+  if (mine === opening) main.dataset.ready = location.hash;
 }
 
-async function sessions(): Promise<void> {
+async function sessions(mine: number): Promise<void> {
   top.replaceChildren(h("h1", {}, "Sessions"));
   const found = await api.sessions();
+  if (mine !== opening) return;
   const cards = found.sessions.map(card);
   main.replaceChildren(cards.length ? h("ul", { class: "cards" }, ...cards) : h("p", {}, "There is no session here yet: capture or import one."));
   below.replaceChildren(h("p", {}, "On the command line: ", h("code", {}, `ls ${found.folder}`)));
@@ -64,6 +66,7 @@ function card(one: Card): HTMLElement {
 
 async function session(name: string, kind: string, mine: number): Promise<void> {
   const found = await api.overview(name);
+  if (mine !== opening) return;
   const chosen = tabs(found, kind);
   if (!chosen) throw new Error("There is nothing to show of this session yet: process it");
   const opened = await SCREENS[chosen]!.open(found);
