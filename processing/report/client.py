@@ -23,7 +23,7 @@ from processing.stages.contract import StageContext
 from station.session.session import SessionManifest
 
 PAGE_PX, PAGE_QUALITY = 1600, 80
-"""Of stills within the page; the files beside it are larger. Chosen: with `TOUR_PX` a page is below 8 MB."""
+"""Of stills within the page; the files beside it are larger. Chosen, with `TOUR_PX`, for pages of a few megabytes."""
 TOUR_PX = ((3, 2560), (99, 2048))
 """Most states of the tour, and the width of their panoramas then."""
 TOUR_QUALITY = 76

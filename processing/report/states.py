@@ -62,7 +62,7 @@ def shown(rgb: Floats, look: Look, view: Perspective | None = None) -> Bytes:
 #
 # Luminance is exact to `LARGEST_ERROR` of its value whatever the range; a picture's 8 bits are finest around its middle
 # (steps of 2 % there, 7 % five stops away) and reach 13 stops to either side, so that the page can expose it anew.
-# ``templates/encoding.js`` is the other half.
+# ``encoding.ts`` of the viewer is the other half.
 
 STEP = 0.001
 """Of the natural logarithm, from a code to the next."""
