@@ -246,7 +246,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="stills",
-        version=1,
+        version=2,
         title="frame stills",
         function="processing.report.stills:run",
         needs=("calibrate", "room", "remove", "arrange", "render"),

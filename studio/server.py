@@ -322,7 +322,7 @@ async def _body(request: Request) -> bytes:
     return bytes(found)
 
 
-async def _told(_request: Request, error: Exception) -> Response:
+async def _error_answer(_request: Request, error: Exception) -> Response:
     if isinstance(error, DaylitError):
         status = 409 if isinstance(error, seen.StaleError) else 404 if error.code.startswith("SES") else 400
         return JSONResponse({"error": error.to_dict()}, status)
@@ -349,5 +349,5 @@ def make_app(folder: Path, door: Door) -> Starlette:
         Route(base + "/files/{path:path}", studio.file),
         Route(base + "/correction" + corrected, studio.correction, methods=["GET", "PUT", "DELETE"]),
     ]
-    errors: dict[Any, Any] = dict.fromkeys((DaylitError, ValueError, KeyError), _told)
+    errors: dict[Any, Any] = dict.fromkeys((DaylitError, ValueError, KeyError), _error_answer)
     return Starlette(routes=routes, middleware=[Middleware(Guard, door=door)], exception_handlers=errors)

@@ -23,7 +23,7 @@ from processing.batch.croissant import (
 )
 from processing.errors import ParameterError
 from processing.pictures.writing import write_bytes
-from processing.running.fingerprint import file_sha256
+from station.session.folder import file_sha256
 
 # SHA256SUMS of a data set, as `sha256sum --check` reads it: every file of every session, and the index.
 

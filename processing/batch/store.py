@@ -23,8 +23,9 @@ from uuid import uuid4
 from processing.batch.work import Outcome, Task, work
 from processing.errors import ParameterError, StoreError
 from processing.running.choices import FILE as CHOICES
-from processing.running.fingerprint import digest, file_sha256
+from processing.running.fingerprint import digest
 from station.session import strict_json
+from station.session.folder import file_sha256
 from station.session.session import MANIFEST_NAME
 
 DONE = "done.json"

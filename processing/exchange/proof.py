@@ -17,6 +17,7 @@ from typing import Any
 from processing.errors import ParameterError
 from processing.pictures.writing import write_bytes
 from station.session import strict_json
+from station.session.folder import file_sha256
 from station.session.store import load_manifest
 
 NAME = "proof.json"
@@ -42,7 +43,7 @@ def write_proof(session: Path, into: Path) -> tuple[Path, str]:
     for one in stills:
         for kind, name in (("result", one["file"]), ("original", one["original"])):
             shutil.copyfile(folder / name, into / name)
-            facts = {"file": name, "kind": kind, "state": one["state"], "sha256": _digest(folder / name)}
+            facts = {"file": name, "kind": kind, "state": one["state"], "sha256": file_sha256(folder / name)}
             pictures.append(facts | ({"statement": one["statement"]} if kind == "result" else {}))
     body: dict[str, Any] = {
         "schema_version": 1,
@@ -57,7 +58,7 @@ def write_proof(session: Path, into: Path) -> tuple[Path, str]:
     }
     body["sha256"] = hashlib.sha256(_canonical(body)).hexdigest()
     write_bytes(into / NAME, _canonical(body))
-    return into / NAME, _digest(into / NAME)
+    return into / NAME, file_sha256(into / NAME)
 
 
 def check_proof(folder: Path, *, session: Path | None = None, digest: str | None = None) -> list[str]:
@@ -85,7 +86,7 @@ def check_proof(folder: Path, *, session: Path | None = None, digest: str | None
     for place, name, sha in beside:
         if not (place / name).is_file():
             found.append(f"{name}: missing")
-        elif _digest(place / name) != sha:
+        elif file_sha256(place / name) != sha:
             found.append(f"{name}: changed")
     return found
 
@@ -127,7 +128,3 @@ def _json(path: Path) -> Mapping[str, Any]:
 
 def _canonical(body: Mapping[str, Any]) -> bytes:
     return json.dumps(body, ensure_ascii=True, allow_nan=False, sort_keys=True, indent=1).encode() + b"\n"
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

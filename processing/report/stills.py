@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from processing.exchange.jpeg_files import TEXT, labelled, write_jpeg
-from processing.exchange.showing import Shown, shown_as
+from processing.exchange.showing import Shown, panes_of, shown_as
 from processing.ground.arrays import Doubles
 from processing.ground.room_model import RoomModel
 from processing.layout.arrangement import Arrangements, PlacedItem
@@ -24,6 +24,7 @@ from processing.pictures.display import screen
 from processing.pictures.exr import write_exr
 from processing.pictures.images import LuminanceImage
 from processing.sphere import Equirectangular, Perspective
+from processing.sphere.resampling import resample_labels
 from processing.sphere.views import Panorama, cut_view
 from processing.stages.contract import StageContext, StageOutput
 from processing.stages.parameters import MOST_STAGED, NO_SUCH, StillsParameters
@@ -253,8 +254,6 @@ def _around() -> tuple[Frame, ...]:
 
 def _whole(shown: Shown, image: LuminanceImage) -> Panorama:
     """Return a panorama in the film's light."""
-    from processing.exchange.showing import panes_of
-
     return Panorama(shown.display.light(np.ascontiguousarray(image.rgb), panes_of(shown.room, image.geometry)))
 
 
@@ -279,10 +278,8 @@ def _stills(
             rgb8 = labelled(rgb8, TEXT, panorama=False, link=asked.original_url)
         how: dict[str, Any] = {"relative": not image.absolute, "quality": 90}
         title = f"{context.session.name}, {state}"
-        edited = kind != "photograph"
-        write_jpeg(
-            context.folder / f"{name}.jpg", rgb8, staged=edited, title=title, statement=statement, **how
-        )  # fmt: skip
+        path = context.folder / f"{name}.jpg"
+        write_jpeg(path, rgb8, staged=kind != "photograph", title=title, statement=statement, **how)
         write_jpeg(context.folder / f"{name}-original.jpg", original, title=f"{context.session.name}, original", **how)
         write_exr(context.folder / f"{name}-light.exr", _light(image, measured, frame))
         found.append(
@@ -321,7 +318,7 @@ def _light(image: LuminanceImage, measured: Panorama, frame: Frame) -> Luminance
         image,
         rgb=np.maximum(rgb, 0),
         uncertainty=np.asarray(doubt, np.float32).reshape(shape),
-        validity=np.zeros(shape, np.uint8),
+        validity=np.asarray(resample_labels(image.validity, measured.geometry, view), np.uint8),
         geometry=view,
         ghost=None,
         attributes={**image.attributes, "still_lens_mm": frame.lens_mm, "still_rows": frame.height_px(view.width_px)},

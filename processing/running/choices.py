@@ -35,7 +35,7 @@ from processing.stages.contract import Quality
 from processing.stages.parameters import WORDS, Option
 from station.errors import SchemaTooNewError, UsageError
 from station.session.durable import SessionLock
-from station.session.folder import Folder, open_session, write_file
+from station.session.folder import Folder, file_sha256, open_session, write_file
 from station.session.session import SafeText
 from station.session.store import load_manifest
 
@@ -384,7 +384,7 @@ def _renewed(session: Path, name: str, choice: Choice) -> str:
     """Return a note where the file that was given is another by now."""
     path = session / choice.given
     same = not choice.given or not path.is_file() or path.stat().st_size > COPIED_BYTES
-    if same or hashlib.sha256(path.read_bytes()).hexdigest() == choice.sha256:
+    if same or file_sha256(path) == choice.sha256:
         return ""
     return f"--{name}: {path.name} has changed since it was chosen; give it again to use it as it is now"
 

@@ -11,7 +11,6 @@ import os
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from drivers.errors import DaylitError
@@ -128,12 +127,6 @@ def canonical(value: Json) -> bytes:
 def digest(value: Json) -> str:
     """Return the SHA-256 of a JSON value, hexadecimal."""
     return hashlib.sha256(canonical(value)).hexdigest()
-
-
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def visible_part(manifest: SessionManifest, reads: tuple[str, ...]) -> SessionManifest:

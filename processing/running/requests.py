@@ -20,7 +20,6 @@ from processing.running.fingerprint import (
     Ingredients,
     changes,
     digest,
-    file_sha256,
     session_ingredients,
     visible_part,
 )
@@ -30,7 +29,7 @@ from processing.running.results import Change, StageResult
 from processing.stages.contract import Fetch, KeepsParts, Progress, Quality, StageContext
 from processing.stages.parameters import Option, OptionKind, StageParameters
 from station.errors import IntegrityError
-from station.session.folder import Folder
+from station.session.folder import Folder, file_sha256
 from station.session.session import JOURNAL_NAME, MANIFEST_NAME, SessionManifest, Side
 
 

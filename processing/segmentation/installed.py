@@ -7,7 +7,6 @@ its own network.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 from functools import lru_cache
@@ -17,6 +16,7 @@ from typing import NamedTuple
 from processing.errors import ModelError
 from processing.segmentation.adapters import ADE20K, NetworkContract
 from processing.segmentation.segmenters import TfliteSegmenter
+from station.session.folder import file_sha256
 
 DOWNLOAD_TIMEOUT_S = 30.0
 """Without a byte, after which a download is given up (chosen)."""
@@ -93,8 +93,7 @@ def installed(model: KnownModel = ADE20K_DEEPLAB) -> Path | None:
 
 @lru_cache(maxsize=16)
 def _digest(path: Path, _changed_ns: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_sha256(path)
 
 
 def add_model(path: Path) -> tuple[KnownModel, Path]:

@@ -11,7 +11,6 @@ Everything that counts is durable before it is reported: a capture that ends at 
 
 from __future__ import annotations
 
-import hashlib
 import math
 import queue
 import threading
@@ -31,6 +30,7 @@ from station.capture.preflight import Check, Findings, Level, check_rig, require
 from station.capture.rig import Rig, require_same_camera
 from station.errors import ResourceError, SessionError, UsageError, software_versions
 from station.frames.check import FrameChecker
+from station.session.folder import file_sha256
 from station.session.session import (
     MAX_ROOM_CHARACTERS,
     BracketRecord,
@@ -220,8 +220,7 @@ class Capture:
         for frame in store.manifest.frames:
             path = store.path / frame.file
             try:
-                with path.open("rb") as file:
-                    changed = hashlib.file_digest(file, "sha256").hexdigest() != frame.sha256
+                changed = file_sha256(path) != frame.sha256
             except OSError:
                 changed = True
             if changed:

@@ -154,6 +154,12 @@ class Folder:
         self.close()
 
 
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def open_session(path: Path) -> Folder:
     """Open a session folder that the user named; `SessionNotFoundError` where that cannot be."""
     try:

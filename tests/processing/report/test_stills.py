@@ -15,7 +15,7 @@ from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.layout.arrangement import PlacedItem
 from processing.pictures.display import Display
 from processing.pictures.exr import read_exr
-from processing.pictures.images import LuminanceImage
+from processing.pictures.images import LuminanceImage, Validity
 from processing.report.stills import FEWEST, LENSES_MM, MOST, NEAR_M, frames_of, run
 from processing.sphere import directions
 from processing.stages.parameters import StillsParameters
@@ -116,3 +116,17 @@ def test_without_furniture_or_room_the_photograph_is_framed_and_says_nothing(tmp
     assert [one["state"] for one in stills] == ["photograph"] * 3
     assert not any(one["statement"] for one in stills)
     assert b"compositeSynthetic" not in (given.folder / "still-1.jpg").read_bytes()
+
+
+def test_light_that_was_clipped_is_clipped_in_the_still(tmp_path: Path) -> None:
+    bare = {name: dict(part) for name, part in results().items() if name in ("merge", "calibrate")}
+    indoor = bare["calibrate"]["indoor"]
+    validity = np.zeros(indoor.rgb.shape[:2], np.uint8)
+    validity[: len(validity) // 2] = Validity.CLIPPED  # all above the horizon
+    bare["calibrate"]["indoor"] = replace(indoor, validity=validity)
+    given = context(tmp_path, bare)
+    run(replace(given, parameters=StillsParameters()))
+    light = read_exr(given.folder / "still-1-light.exr")
+    middle = len(light.validity) // 2
+    assert (light.validity[: middle - 2] == Validity.CLIPPED).all()
+    assert (light.validity[middle + 2 :] == Validity.VALID).all()
