@@ -1,4 +1,4 @@
-"""Merging and light figures in worlds that share no model with the estimators (`mocks.hostile`).
+"""Merging and light figures in worlds that share no model with the estimators (`benchmarks.hostile.worlds`).
 
 Twenty worlds, each with a published real curve drawn at random, in three real HDR scenes of 768 x 384: nine frames,
 curve and times estimated from them, scale by a spot reading good to 1.2 %, as a session's indoor side is made.
@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.hostile.worlds import HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
 from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
-from mocks.hostile.worlds import HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
 from mocks.worlds.hdr_world import read_equirect
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.merge.modes import local_contrast

@@ -12,7 +12,6 @@ runs as ``1001..1003``. Events of a Canon stand one after the other, between ``;
 
 from __future__ import annotations
 
-import hashlib
 import re
 import struct
 import tomllib
@@ -88,12 +87,6 @@ class Recording:
     def dial_at_m(self) -> dict[int, tuple[int, ...]]:
         """Return the lists of the same body with its mode dial at M, where they come from elsewhere."""
         return {int(prop, 16): tuple(_numbers(text)) for prop, text in self.raw.get("dial_at_m", {}).items()}
-
-    def is_whole(self) -> bool:
-        """Whether the first answer to GetEvent is the recorded one to the byte (True where none was in raw bytes)."""
-        wanted = self.raw.get("events", {}).get("first_sha256")
-        whole = b"".join(e.encode() for e in self.stream()) + struct.pack("<II", 8, 0)
-        return wanted is None or hashlib.sha256(whole).hexdigest() == wanted
 
 
 CODE_LISTS = ("operations", "events", "properties", "capture_formats", "image_formats")

@@ -15,9 +15,9 @@ from drivers.serial_link import PortSettings
 from drivers.transcript import RecordedLine, Transcript, read_transcript
 from mocks.instruments.clock import VirtualClock
 from mocks.instruments.ls160 import SimulatedMeter
-from mocks.instruments.recorded_meter import RecordedMeter
 from mocks.instruments.serial_port import Instrument, Piece
 from tests.drivers.memory_line import MemoryLine
+from tests.mocks.instruments.recorded_meter import RecordedMeter
 
 DIALECTS = tuple(load_dialect(name) for name in SHIPPED)
 CHANGES = (b"CLE", b"CMS", b"CMW", b"LMW", b"CCW", b"MEM", b"ZRC", b"UCW", b"TDS", b"SPS", b"SCS")

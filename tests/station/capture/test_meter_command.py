@@ -11,8 +11,8 @@ import pytest
 import daylit
 from drivers.transcript import read_transcript
 from mocks.instruments.ls160 import MeterFault, MeterFaultKind, SimulatedMeter
-from mocks.instruments.recorded_meter import RecordedMeter
 from mocks.instruments.serial_port import SerialPort
+from tests.mocks.instruments.recorded_meter import RecordedMeter
 
 Plug = Callable[..., str]
 

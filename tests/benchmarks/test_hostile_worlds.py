@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocks.hostile.worlds import TIMES_S, hostile_bracket, hostile_worlds
+from benchmarks.hostile.worlds import TIMES_S, hostile_bracket, hostile_worlds
 
 LIGHT = np.linspace(0, 1, 64)
 CURVES = (LIGHT, [np.stack([LIGHT ** (1 / g) for g in (2.0, 2.2, 2.4)])])
