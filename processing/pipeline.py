@@ -93,7 +93,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="merge",
-        version=3,
+        version=4,
         title="merge brackets",
         function="processing.stages.merge:run",
         needs=("verify",),
@@ -110,7 +110,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="calibrate",
-        version=4,
+        version=5,
         title="calibrate to cd/m2",
         function="processing.stages.calibrate:run",
         needs=("merge",),

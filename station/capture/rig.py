@@ -220,7 +220,9 @@ def open_named_rig(
     from mocks.instruments.clock import ScaledClock
 
     place, start_utc = _place_of(simulate) if in_its_place else ({}, None)
-    file = simulated_rig_file(file.model_copy(update=place), size)
+    # Threads of this computer open the simulated shutters: what they are late by counts ``rate`` times.
+    limits = file.limits.model_copy(update={"max_start_skew_s": rate * file.limits.max_start_skew_s})
+    file = simulated_rig_file(file.model_copy(update={**place, "limits": limits}), size)
     cameras, stops_s = wanted_cameras(file), file.bracket.stops_s()
     as_lived = rate == 1.0 and start_utc is None
     clock = SystemClock() if as_lived else ScaledClock(rate, start_utc or SystemClock().utc_now())

@@ -20,7 +20,7 @@ from processing.errors import BracketError, ParameterError
 from processing.ground.arrays import Bytes, Doubles
 from processing.pictures.frames import ArrayFrame, Codes, FrameSource, same_file
 from processing.pictures.images import RelativeImage, Validity
-from processing.sphere import Geometry
+from processing.sphere import Fisheye, Geometry
 
 MAX_FRAMES = 64  # chosen: several times the nine of a session
 
@@ -229,7 +229,7 @@ class FrameUse:
 
 @dataclass(frozen=True)
 class Shares:
-    """Shares of the picture."""
+    """Shares of the picture; of a fisheye's, of what lies within its circle."""
 
     clipped: float
     dark: float
@@ -265,8 +265,14 @@ class Merged:
     report: MergeReport
 
 
-def shares(validity: Bytes, ghost: Bytes | None) -> Shares:
+def shares(validity: Bytes, ghost: Bytes | None, geometry: Geometry) -> Shares:
     """Count. ``validity`` and ``ghost``: (H, W) uint8, `Validity` codes and frame numbers."""
-    size = validity.size
-    clipped, dark = (float(np.count_nonzero(validity == state)) / size for state in (Validity.CLIPPED, Validity.DARK))
-    return Shares(clipped, dark, 0.0 if ghost is None else float(np.count_nonzero(ghost)) / size)
+    planes = validity, np.zeros((0,), np.uint8) if ghost is None else ghost
+    if isinstance(geometry, Fisheye):
+        (x, y), (height, width) = geometry.axis_px, validity.shape
+        down, across = np.arange(height) + 0.5 - y, np.arange(width) + 0.5 - x
+        seen = np.add.outer(down**2, across**2, dtype=np.float32) < geometry.radius_px**2
+        planes = validity[seen], planes[1][seen] if planes[1].size else planes[1]
+    of = max(planes[0].size, 1)
+    counts = (np.count_nonzero(part) for part in (planes[0] == Validity.CLIPPED, planes[0] == Validity.DARK, planes[1]))
+    return Shares(*(float(count) / of for count in counts))

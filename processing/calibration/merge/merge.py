@@ -195,7 +195,7 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
     planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers, coded=job.coded)
     modes = _widen(planes, samples, job)
     ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
-    found = shares(planes.validity, ghost)
+    found = shares(planes.validity, ghost, geometry)
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
     image = RelativeImage(planes.rgb, planes.uncertainty, planes.validity, geometry, ghost, with_modes({}, modes))

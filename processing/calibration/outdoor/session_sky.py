@@ -233,8 +233,7 @@ def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North
     """Return where the picture's top faces: as said, from the sun, or from the panorama's heading."""
     if asked.outdoor_top_deg is not None:
         return north_from_heading(math.radians(asked.outdoor_top_deg), math.radians(1.0)), []
-    place, moment = _place(session), _moment(session)
-    why = "the sun was not found in the picture"
+    place, moment, why = _place(session), _moment(session), ""
     if sky.sun is not None and place is not None and moment is not None:
         try:
             north = north_from_sun(sky.image, moment, place, sun=sky.sun)
@@ -244,7 +243,10 @@ def _north(sky: _Sky, session: SessionManifest, asked: SkyChoice) -> tuple[North
     elif sky.sun is not None:
         why = "the session does not say where or when it was"
     if session.heading_rad is not None:
-        return north_from_heading(session.heading_rad), [f"north is the panorama's heading, not the sun's: {why}"]
+        # Without a sun the heading is all that there can be; a sun that does not serve is worth a word.
+        north = north_from_heading(session.heading_rad)
+        return north, [f"north is the panorama's heading, not the sun's: {why}"] if why else []
+    why = why or "the sun was not found in the picture"
     return north_from_heading(0.0, math.pi), [f"north is not known ({why}; no heading): the top is taken for it"]
 
 

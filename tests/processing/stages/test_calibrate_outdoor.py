@@ -68,6 +68,16 @@ def test_north_without_the_panoramas_heading_is_told(picture):
     assert any("heading is not recorded" in text for text in calibrated(picture, k2=1.0, outdoor_top_deg=70.0).warnings)
 
 
+def test_a_heading_instead_of_a_sun_is_told_only_where_there_is_a_sun(picture):
+    session, told = manifest(heading_rad=0.5), "north is the panorama's heading"
+    assert any(text.startswith(told) for text in calibrated(picture, session, k2=1.0).warnings)
+    overcast = calibrated(sky_picture(SimpleSky(sun_luminance_cd_m2=0.0), WIDTH), session, k2=1.0)
+    assert overcast.facts["north"]["top_azimuth_deg"] == pytest.approx(np.degrees(0.5))
+    assert not any(text.startswith("north") for text in overcast.warnings)
+    lost = calibrated(sky_picture(SimpleSky(sun_luminance_cd_m2=0.0), WIDTH), manifest(), k2=1.0)
+    assert any("the sun was not found" in text for text in lost.warnings)
+
+
 def test_corrections_must_be_those_of_k2():
     made, none = OPTICS.vignetting, None
     assert corrections_unlike(k2(corrections=("panorama",)), {"panorama": made, "vignetting": none}) == []

@@ -108,3 +108,13 @@ def test_a_simulated_rig_stands_where_its_generated_room_does() -> None:
     assert tables["heading_deg"] == pytest.approx(math.degrees(room.moment.heading_rad), abs=1e-4)
     assert tables["site"] == Site(latitude_deg=room.moment.latitude_deg, longitude_deg=room.moment.longitude_deg)
     assert _place_of("room") == ({}, None)
+
+
+def test_shutters_of_a_simulation_faster_than_life_may_part_by_as_much_more() -> None:
+    from station.capture.rig import open_named_rig
+    from station.capture.rig_file import LimitsTable
+
+    for rate in (1.0, 8.0):
+        rig = open_named_rig(None, "uniform:100", size="small", rate=rate)
+        rig.close()
+        assert rig.file.limits.max_start_skew_s == rate * LimitsTable().max_start_skew_s

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from processing.calibration.merge.bracket import shares
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.errors import BracketError, ParameterError
 from processing.pictures.frames import array_frame
 from processing.pictures.images import Validity
-from processing.sphere import Equirectangular
+from processing.sphere import Equirectangular, Fisheye, LensMapping
 from tests.processing.calibration.merge.merge_cases import NOISE, SIZE, bracket, errors, merged, true_curve
 
 FEW = settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -42,6 +43,19 @@ def test_error_bias_and_uncertainty_against_the_truth() -> None:
         assert abs(np.median(errors(result, shot.luminance, there).stops)) < 0.005, decade
     assert result.report.shares.ghost < 0.001
     assert result.report.warnings == ()
+
+
+def test_what_a_fisheye_does_not_show_is_neither_dark_nor_clipped() -> None:
+    validity = np.full((40, 60), Validity.DARK, np.uint8)
+    down, across = np.ogrid[:40, :60]
+    inside = np.hypot(down - 19.5, across - 29.5) < 20
+    validity[inside] = Validity.VALID
+    lens = Fisheye(60, 40, LensMapping.EQUIDISTANT, 20.0)
+    assert shares(validity, None, Equirectangular(60, 30)).dark == pytest.approx(1 - inside.mean())
+    assert shares(validity, None, lens).warnings() == []
+    validity[inside & (down > 14)] = Validity.DARK
+    assert shares(validity, None, lens).dark == pytest.approx((inside & (down > 14)).sum() / inside.sum())
+    assert "dark in every frame" in shares(validity, None, lens).warnings()[0]
 
 
 def test_jpeg_frames_keep_their_uncertainty_and_show_no_ghosts() -> None:
