@@ -124,7 +124,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="room",
-        version=5,
+        version=6,
         title="estimate room layout",
         function="processing.stages.room:run",
         data=NETWORK,
@@ -150,7 +150,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="detect",
-        version=8,
+        version=9,
         title="detect furniture and sunlight",
         function="processing.stages.detect:run",
         data=NETWORK,
@@ -182,7 +182,7 @@ STAGES: tuple[Stage, ...] = (
     ),
     Stage(
         name="remove",
-        version=7,
+        version=8,
         title="remove furniture",
         function="processing.stages.remove:run",
         needs=("calibrate", "room", "detect", "light"),

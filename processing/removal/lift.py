@@ -19,6 +19,7 @@ from processing.ground.arrays import Flags, Floats, Int16s
 from processing.ground.room_model import OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, Validity
 from processing.removal.fill import Emptied, PlaneFiller, empty_room
+from processing.removal.shadows import relit
 from processing.sphere import Equirectangular
 from processing.sphere.resampling import linear_samples
 from processing.surfaces.maps import surface_maps
@@ -52,12 +53,15 @@ def lifted(
     room: RoomModel,
     shade: Shade,
     *,
+    shadow: Flags | None = None,
     sunlight: Flags | None = None,
     foreign: Flags | None = None,
     quality: str = "standard",
     filler: PlaneFiller | None = None,
 ) -> tuple[Emptied, Floats]:
     """Return the room emptied and lit as it is without its furniture, and the log change (H, W) of luminance.
+
+    What stand-ins do not explain of ``shadow`` (H, W), such as the dark under a seat on legs, is relit as around it.
 
     Parameters are those of `removal.fill.empty_room`, which fills the holes. Outside the target, pixels change by the
     shade that is lifted off them, and state that in their uncertainty; windows, and what lies outside the picture or is
@@ -74,6 +78,9 @@ def lifted(
     for rows, lift, light in _bands(planes, maps.plane, glass):
         reflectance[rows] = math.pi * image.rgb[rows] * np.exp(lift) / light
         change[rows] = lift.mean(axis=-1)
+    gain = relit(reflectance, shadow, (target, foreign), room)
+    reflectance *= gain
+    change += np.log(gain).mean(axis=-1)
     done = empty_room(
         replace(image, rgb=reflectance),
         target,
@@ -88,7 +95,7 @@ def lifted(
     for rows, lift, light in _bands(planes, maps.plane, glass):
         hole, kept = target[rows], stays[rows]
         rgb[rows][hole] = (made[rows] * light / math.pi)[hole]
-        rgb[rows][kept] = (image.rgb[rows] * np.exp(lift))[kept]
+        rgb[rows][kept] = (image.rgb[rows] * np.exp(lift) * gain[rows])[kept]
     change[~stays] = 0
     uncertainty = np.where(stays, np.hypot(done.image.uncertainty, LIFT_DOUBT * np.abs(change)), done.image.uncertainty)
     lit = replace(done.image, rgb=rgb, uncertainty=uncertainty.astype(np.float32))

@@ -17,7 +17,7 @@ from processing.ground.seam import components, grown, resized, row_solid_angles,
 from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.preview import preview_rgb8
 from processing.removal.edges import at_full_size
-from processing.removal.furniture import TOUCH_RAD, FurnitureFound, find_furniture, islands_in, with_things
+from processing.removal.furniture import LONE_SHARE, TOUCH_RAD, FurnitureFound, find_furniture, islands_in, with_things
 from processing.removal.shadows import ShadowFound, find_shadows, find_wall_shade
 from processing.removal.sunlight import SunFound, find_sunlight
 from processing.removal.tripod import TripodFound, find_tripod, meter_board
@@ -136,7 +136,8 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
     furniture = find_furniture(probabilities, maps, shown, whole=known.two_networks)
     others = probabilities[[SceneClass.WINDOW, SceneClass.DOOR]].sum(axis=0) > BLOCKED
     fixtures = probabilities[SceneClass.FIXTURE] > BLOCKED
-    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), fixtures)
+    likely = probabilities[[SceneClass.FURNITURE, SceneClass.FIXTURE]].sum(axis=0) > LONE_SHARE
+    furniture = _with_things(furniture, shown, maps, others | (maps.opening >= 0), (fixtures, likely))
     hidden = furniture.mask | tripod.mask
     bare = (maps.opening < 0) & (maps.plane != CEILING) & ~grown(hidden, math.pi / rgb.shape[0])
     # The network takes patches of sun for furniture: what has the colour of the surface behind it may be one.
@@ -164,17 +165,20 @@ def _find(rgb: Floats, probabilities: Floats, room: RoomModel, maps: SurfaceMaps
 
 
 def _with_things(
-    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, fixtures: Flags
+    found: FurnitureFound, shown: Bytes, maps: SurfaceMaps, openings: Flags, things: tuple[Flags, Flags]
 ) -> FurnitureFound:
-    """Return furniture with what stands on it; curtains belong to their windows, pictures to their walls."""
-    count, labels = components(fixtures)
+    """Return furniture with what stands on it; curtains belong to their windows, pictures to their walls.
+
+    ``things``: where fixtures surely are, and where something may lie on the floor, (H, W) each.
+    """
+    count, labels = components(things[0])
     stays, beside = np.ones(count + 1, bool), grown(openings, CURTAIN_RAD)
     # What hangs on a wall stays, unless it touches furniture itself (a framed photograph on a chest).
     stays[np.unique(labels[grown(found.mask, TOUCH_RAD)])] = False
     stays[np.unique(labels[beside])] = True
     stays[0] = False
     barred = beside | stays[labels] | (maps.plane == CEILING)
-    mask = with_things(found.mask, shown, maps.plane == FLOOR, barred)
+    mask = with_things(found.mask, shown, maps.plane == FLOOR, barred, things[1])
     added = mask & ~found.mask
     return replace(found, mask=mask, probability=np.where(added, np.float32(1), found.probability))
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from processing.ground.arrays import Flags, Floats
 from processing.ground.room_model import RoomModel
-from processing.pictures.images import luminance_cd_m2
+from processing.ground.seam import resized
 from processing.removal.illumination import ToneScale, fit_illumination, grey, known_mean
 from processing.sphere import Equirectangular
 from processing.surfaces.maps import CEILING, FIRST_WALL, FLOOR, Plane, planes_of
@@ -36,6 +36,8 @@ LEAST_FAR, LEAST_FAR_SHARE = 60, 0.4
 """Texels far from furniture that a fit needs; of all that are seen, that relighting needs (chosen: a real room with a
 third of its floor seen became a bright shard)."""
 LEAST_M2 = 0.01
+RELIT_ROWS = 1024
+"""Of the size at which soft shadows are relit: their light is smooth."""
 
 
 @dataclass(frozen=True)
@@ -81,15 +83,32 @@ def find_shadows(
     return ShadowFound((found | band) & ~hidden, band & ~hidden, without)
 
 
+def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None], room: RoomModel) -> Floats:
+    """Return factors (H, W, 3) float32 that take the soft shadows of furniture off a panorama (H, W, 3), linear.
+
+    ``shadow`` (H, W); ``hidden``: what is removed, and what else seems no part of its surface, (H, W): 1 there, but for
+    what is a shadow (the dark under a bed is taken for the bed).
+    """
+    shape, gone = (rgb.shape[0], rgb.shape[1]), hidden[0]
+    if shadow is None or not (shadow & ~gone).any():
+        return np.ones((*shape, 3), np.float32)
+    gone = gone if hidden[1] is None else gone | (hidden[1] & ~shadow)
+    small = (min(shape[0], RELIT_ROWS), min(shape[1], 2 * RELIT_ROWS))
+    masks = (resized(mask.astype(np.float32), small) > 0.5 for mask in (shadow, gone))
+    gain = resized(relit_gain(resized(rgb, small), *masks, room), shape)
+    return np.where(gone[..., None], np.float32(1), gain)
+
+
 def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Floats:
-    """Return factors (H, W) that make the soft ``shadow`` (H, W) of a panorama (H, W, 3), linear, as bright as around.
+    """Return factors (H, W, 3) that make the soft ``shadow`` (H, W) of a panorama (H, W, 3), linear, as around it.
 
     ``hidden`` (H, W): what else lies before a surface. Light is smooth: a quadratic surface through the logarithms
-    outside the shadow says what the places would have had (as in `find_shadows`).
+    outside the shadow says what the places would have had (as in `find_shadows`), in each channel: what stands in the
+    shade colours it.
     """
     geometry = Equirectangular(rgb.shape[1], rgb.shape[0])
-    log2 = np.log2(np.maximum(luminance_cd_m2(rgb), 1e-6)).astype(np.float32)
-    gain = np.ones(shadow.shape, np.float32)
+    log2 = np.log2(np.maximum(rgb, 1e-6)).astype(np.float32)
+    gain = np.ones(rgb.shape, np.float32)
     for plane in planes_of(room):
         shade = unwrap(shadow.astype(np.float32), geometry, room, plane, PX_PER_M).values > 0.5
         if plane.index != FLOOR or not shade.any():
@@ -99,14 +118,19 @@ def relit_gain(rgb: Floats, shadow: Flags, hidden: Flags, room: RoomModel) -> Fl
         # Where most of a floor lies in what may be shade, nobody knows its light without.
         if far.sum() < max(LEAST_FAR, LEAST_FAR_SHARE * texture.known.sum()):
             continue
-        smooth = _known_mean(texture.values, texture.known, 0.06)
-        lift = np.clip(_smooth_fit(smooth, far)[0] - smooth, 0, MOST_LIFT).astype(np.float32)
-        # It goes on under what is removed, so that it does not fade towards the rim.
-        lift = _known_mean(np.where(texture.known, lift, 0), texture.known, CONTACT_M)
-        lift *= cv2.GaussianBlur((shade | ~texture.known).astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
-        values, where = wrap(lift, plane, PX_PER_M, room, geometry, np.ones_like(hidden))
-        gain[where] = np.exp2(values).ravel()
+        spread = cv2.GaussianBlur((shade | ~texture.known).astype(np.float32), (0, 0), CONTACT_M * PX_PER_M)
+        lifts = [_lift(texture.values[..., channel], texture.known, far) * spread for channel in range(3)]
+        values, where = wrap(np.stack(lifts, axis=-1), plane, PX_PER_M, room, geometry, np.ones_like(hidden))
+        gain[where] = np.exp2(values)
     return gain
+
+
+def _lift(log2: Floats, known: Flags, far: Flags) -> Floats:
+    """Return by how many stops a texture (H, W) is darker than the smooth light of its ``far`` texels (H, W)."""
+    smooth = _known_mean(log2, known, 0.06)
+    lift = np.clip(_smooth_fit(smooth, far)[0] - smooth, 0, MOST_LIFT).astype(np.float32)
+    # It goes on under what is removed, so that it does not fade towards the rim.
+    return _known_mean(np.where(known, lift, 0), known, CONTACT_M)
 
 
 def _on_plane(log2: Floats, known: Flags, thing: Flags) -> tuple[Flags, bool]:

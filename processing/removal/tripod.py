@@ -204,6 +204,8 @@ STAND_STOPS, POLE_STOPS = 0.35, 0.12
 """By which a leg, and a pole over its length, differs from what is beside it."""
 TEXTURE_SHARE, TEXTURE_TIMES = 0.75, 2.5
 """What this share of a row beside the stand does not exceed is texture; a stand differs by this many times as much."""
+TIP_SHARE = 0.7
+"""Of both, from which a leg goes on to its tip (chosen)."""
 POLE_REACH, POLE_RAD = 0.1, math.radians(3)
 """Of the board's width, how far from its middle a pole is looked for; over which length it is averaged."""
 REACH = 0.4
@@ -256,11 +258,16 @@ def _stand(level: Floats, board: Flags) -> Flags:
     poles = _unlike(np.asarray(cv2.blur(level, (1, long)), np.float32), (brush, 1))
     legs = np.maximum(_unlike(level, (brush, 1)), _unlike(level, (brush, brush)))
     pole = (poles > np.maximum(POLE_STOPS, _usual(poles, beside))) & narrow
-    seen = ((pole | ((legs > np.maximum(STAND_STOPS, _usual(legs, beside))) & window)) & ~board).astype(np.uint8)
-    thin = np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8)), np.uint8)
-    _, labels = cv2.connectedComponents(thin, connectivity=8)
-    hanging = np.unique(labels[low : low + 4][narrow[low : low + 4]])
-    found = np.isin(labels, hanging[hanging > 0])
+    leg = legs / np.maximum(STAND_STOPS, _usual(legs, beside))
+    found = np.zeros_like(board)
+    found[low : low + 4] = narrow[low : low + 4]
+    # Legs thin out towards their tips: what hangs on is followed where it is fainter.
+    for least in (1.0, TIP_SHARE):
+        seen = ((pole | ((leg > least) & window)) & ~board).astype(np.uint8)
+        thin = np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, np.ones((5, 3), np.uint8)), np.uint8)
+        _, labels = cv2.connectedComponents(thin, connectivity=8)
+        hanging = np.unique(labels[found])
+        found = np.isin(labels, hanging[hanging > 0])
     depth = (int(np.nonzero(found)[0].max()) - low) * math.pi / height if found.any() else 0.0
     if depth < LEAST_POLE_RAD:
         return np.zeros_like(board)

@@ -17,6 +17,8 @@ from processing.ground.arrays import Doubles, Flags
 from processing.ground.room_model import Opening, OpeningKind, RoomModel
 from processing.pictures.images import LuminanceImage, RelativeImage, Validity, luminance_cd_m2
 from processing.room.opening_fit import (
+    AROUND_M,
+    COMMON_EDGE,
     DOOR,
     LEAST_SIDE_M,
     WINDOW,
@@ -157,6 +159,9 @@ BLIND_GAP_M = 0.05
 GLIMPSE, LEAST_GLIMPSE, GLIMPSED_SHARE, FULL_SHARE, BLIND_SHARE = 0.15, 0.4, 0.7, 0.8, 0.3
 """Behind a blind a window is glimpsed, somewhere clearly; in what share of the columns; how full the rectangle of both
 is; how much of it is cloth."""
+DAY_STOPS, WALL_STOPS, PLAIN_STOPS, PIER_M = 1.5, 0.5, 0.6, 0.2
+"""By which panes are brighter than the wall by day; within which, across and down, columns of a window are like the
+wall beside it and plain; and least width of what is taken for wall then (chosen)."""
 FLOOR_M = 0.16
 """A window whose lower edge is lower is a glass door."""
 BOARD_M = 0.025
@@ -177,7 +182,7 @@ def find_openings(
 
     Raises `RoomError` where the room cannot stand.
     """
-    views = wall_views(image, evidence, room)
+    views = tuple(_plain_is_wall(view) for view in wall_views(image, evidence, room))
     found = [*uncovered(_of_kind(views, WINDOW)), *_of_kind(views, DOOR)]
     outside = luminance_outside(image, outdoor)
     return tuple(_opening(one, room, outside) for one in _apart(found))
@@ -212,6 +217,38 @@ def _of_kind(views: tuple[WallView, ...], kind: Kind) -> list[Candidate]:
 def _fit(field: Field, recess: float, shown: Box) -> Candidate:
     value, box = fitted(field, recess, box_of_shown(field.view, recess, shown))
     return Candidate(field, box, recess, value)
+
+
+def _plain_is_wall(view: WallView) -> WallView:
+    """Return a view in which no column of a window is plain and as bright as the wall beside the window, by day.
+
+    Networks see little of what stands or hangs before a wall near windows, and take the wall between for window.
+    """
+    share, p = view.share, view.px_per_m
+    rows = np.where(view.known, view.log_luminance, np.nan)
+    wide, narrow = max(1, round(AROUND_M * p)), np.ones((1, max(1, round(PIER_M * p))), np.uint8)
+    for u0, v0, u1, v1 in (tuple(round(side * p) for side in box) for box in proposals(Field(view, WINDOW))):
+        seen = rows[v0:v1]
+        low, middle, high = np.nanpercentile(np.where(np.isnan(seen).all(axis=0), 0, seen), [25, 50, 75], axis=0)
+        like, pane = np.zeros(len(middle), bool), float(np.percentile(high[u0:u1], 75))
+        for beside in (middle[max(0, u0 - wide) : u0], middle[u1 : u1 + wide]):
+            if beside.size and pane - np.median(beside) > DAY_STOPS:
+                like[u0:u1] |= np.abs(middle - np.median(beside))[u0:u1] < WALL_STOPS
+        like &= high - low < PLAIN_STOPS
+        wall = cv2.morphologyEx(like[None].astype(np.uint8), cv2.MORPH_OPEN, narrow).ravel().astype(bool)
+        upright = np.abs(view.edges[0])[v0:v1].mean(axis=0)
+        for end, inwards in ((u0, slice(u0, u1)), (u1, slice(u1 - 1, u0 - 1 if u0 else None, -1))):
+            # Where an edge ends the window, what has the wall's brightness behind it is a curtain.
+            if upright[max(0, end - wide // 2) : end + wide // 2].max(initial=0) > COMMON_EDGE:
+                other = np.flatnonzero(~wall[inwards])
+                wall[inwards][: int(other[0]) if other.size else None] = False
+        if wall.any():
+            share = share.copy() if share is view.share else share
+            part = share[:, max(0, v0 - wide) : v1 + wide, wall]
+            part[SceneClass.WALL] += part[SceneClass.WINDOW]
+            part[SceneClass.WINDOW] = 0
+            share[:, max(0, v0 - wide) : v1 + wide, wall] = part
+    return view if share is view.share else replace(view, share=share)
 
 
 def proposals(field: Field) -> list[Box]:

@@ -18,7 +18,7 @@ from processing.pictures.images import LuminanceImage
 from processing.removal.fill import Emptied, empty_room
 from processing.removal.learned import LamaFiller
 from processing.removal.lift import lifted
-from processing.removal.shadows import relit_gain
+from processing.removal.shadows import relit
 from processing.segmentation.evidence import SceneClass, read_evidence
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.light import read_shade
@@ -27,8 +27,6 @@ from processing.stages.upright import check_mask_size, known_room, mask_in_size,
 
 FOREIGN = 0.4
 """Probability of furniture or fixtures from which a floor is not filled from a place."""
-RELIT_ROWS = 1024
-"""Of the size at which soft shadows are relit: their light is smooth."""
 LEAST_GAIN = 1.02
 """From which a place counts as relit (chosen: what the eye sees)."""
 LITTLE = 0.3
@@ -67,17 +65,18 @@ def run(context: StageContext) -> StageOutput:
         "quality": context.quality.value,
         "filler": filler,
     }
-    relit = 0.0
+    shadow, share = _optional_mask(context, "shadow", width_px), 0.0
     if shade is None:
-        image, relit = _relit(context, image, target)
-        found = empty_room(image, target, room, **others)
+        gain = relit(image.rgb, shadow, (target, others["foreign"]), room)
+        share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
+        found = empty_room(replace(image, rgb=image.rgb * gain), target, room, **others)
     else:
-        found, change = lifted(image, target, room, shade, **others)
+        found, change = lifted(image, target, room, shade, shadow=shadow, **others)
         with (context.folder / "lift.npz").open("wb") as file:
             np.savez_compressed(file, log_luminance=change.astype(np.float16))
     context.progress(0.95, "writing")
     _write_details(context.folder / "surfaces.npz", found)
-    return _output(found, change, relit, context)
+    return _output(found, change, share, context)
 
 
 class _Filling(TypedDict):
@@ -85,24 +84,6 @@ class _Filling(TypedDict):
     foreign: Flags | None
     quality: str
     filler: LamaFiller | None
-
-
-def _relit(context: StageContext, image: LuminanceImage, target: Flags) -> tuple[LuminanceImage, float]:
-    """Return the picture without the soft shadows of furniture beyond the target, and the share that was relit."""
-    shadow = _optional_mask(context, "shadow", target.shape[1])
-    if shadow is None or not (shadow & ~target).any():
-        return image, 0.0
-    small = (min(target.shape[0], RELIT_ROWS), min(target.shape[1], 2 * RELIT_ROWS))
-    foreign = _foreign(context, target.shape)
-    hidden = target if foreign is None else target | foreign
-    room = known_room(context)
-    gain = relit_gain(resized(image.rgb, small), _at(shadow, small), _at(hidden, small), room)
-    gain = np.where(hidden, 1, resized(gain, (target.shape[0], target.shape[1])))
-    return replace(image, rgb=image.rgb * gain[..., None].astype(np.float32)), share_of_sphere(gain > LEAST_GAIN)
-
-
-def _at(mask: Flags, shape: tuple[int, int]) -> Flags:
-    return resized(mask.astype(np.float32), shape) > 0.5
 
 
 def _optional_mask(context: StageContext, name: str, width_px: int) -> Flags | None:
@@ -150,7 +131,7 @@ def _write_details(path: Path, found: Emptied) -> None:
                 np.lib.format.write_array(file, np.asanyarray(values), allow_pickle=False)
 
 
-def _output(found: Emptied, change: Floats | None, relit: float, context: StageContext) -> StageOutput:
+def _output(found: Emptied, change: Floats | None, relit_share: float, context: StageContext) -> StageOutput:
     filled = found.provenance > 0
     sure = float(found.confidence[filled].mean()) if filled.any() else 1.0
     warnings = []
@@ -163,7 +144,7 @@ def _output(found: Emptied, change: Floats | None, relit: float, context: StageC
         artifacts={"empty": found.image, "filled": filled, "surfaces": True, "lift": None if change is None else True},
         metrics={
             "filled_share": round(float(filled.mean()), 5),
-            "relit_share": round(relit, 5),
+            "relit_share": round(relit_share, 5),
             "synthesised_share": round(float((found.provenance == 2).mean()), 5),
             "mean_confidence": round(sure, 4),
             "notes": list(found.notes),

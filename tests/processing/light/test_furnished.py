@@ -22,7 +22,7 @@ from processing.light.solver.stage import Stage
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
 from processing.removal.lift import Shade, lifted, light_without
 from processing.sphere import Equirectangular
-from processing.surfaces.maps import surface_maps
+from processing.surfaces.maps import FLOOR, surface_maps
 from tests.processing.light.rooms import EYE, box, box_room, scene_of, uniform_sky
 
 ROWS = 64
@@ -103,6 +103,23 @@ def test_what_furniture_took_comes_back(
         assert light[0] == pytest.approx(light[1], rel=0.03), "light as in the truly empty room"
         colour = [np.median(one.picture[there].mean(axis=-1)) for one in (ours, anew)]
         assert colour[0] == pytest.approx(colour[1], rel=0.08)
+
+
+def test_shade_that_no_standin_explains_is_relit_where_it_was_found(
+    bare: LuminanceImage, dark: tuple[LuminanceImage, Flags], found: FurnishedLight
+) -> None:
+    picture, furniture = dark
+    maps = surface_maps(box_room(), GEOMETRY)
+    deep = (maps.plane == FLOOR) & grown(furniture, math.radians(12)) & ~furniture
+    darker = replace(picture, rgb=np.where(deep[..., None], picture.rgb * np.float32(0.5), picture.rgb))
+    true, inner = luminance_cd_m2(bare.rgb), deep & found.seen & ~grown(~deep & ~furniture, math.radians(3))
+    off = []
+    for shadow in (None, deep):
+        done, change = lifted(darker, furniture, box_room(), shade_of(found), shadow=shadow, quality="draft")
+        off.append(float(np.median(luminance_cd_m2(done.image.rgb)[inner] / true[inner])))
+    assert off[0] < 0.6
+    assert 0.85 < off[1] < 1.1
+    assert change[inner].mean() > 0.3, "and is stated"
 
 
 def test_a_standin_off_by_20_cm_leaves_no_ghost(

@@ -52,6 +52,16 @@ def test_board_and_stand_are_found_also_across_the_seam(longitude_deg: float, ed
     assert mask.sum() < 1.9 * (board | pole).sum()
 
 
+def test_legs_are_followed_to_tips_that_are_fainter() -> None:
+    level, board, pole, target = picture(0.0, -12.0)
+    columns = np.arange(level.shape[1])
+    tips = pole & (np.abs(columns - HEIGHT + 0.5) > 7)
+    level[tips] = 40.0 * 2**-0.3
+    mask, _ = meter_board(level, target)
+    assert (mask & tips).sum() > 0.9 * tips.sum()
+    assert mask.sum() < 1.9 * (board | pole).sum()
+
+
 def test_the_texture_of_a_carpet_is_no_stand() -> None:
     """What hangs together with the stand's foot, thin and dark, but no more than the carpet beside it."""
     level, board, pole, target = picture(0.0, -12.0)

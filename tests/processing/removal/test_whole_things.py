@@ -38,18 +38,33 @@ def test_a_lamp_on_a_table_goes_with_it_and_a_picture_apart_stays() -> None:
     table, lamp, picture = box(150, 175, 240, 280), box(128, 150, 256, 264), box(90, 110, 300, 330)
     light = grey_room()
     light[table], light[lamp], light[picture] = 0.1, (0.9, 0.5, 0.05), (0.05, 0.3, 0.6)
-    found = with_things(table, shown(light), MAPS.plane == FLOOR, MAPS.plane == CEILING)
+    found = with_things(table, shown(light), MAPS.plane == FLOOR, MAPS.plane == CEILING, NONE)
     assert found[lamp].all()
     assert not found[picture].any()
     assert (found & ~(table | lamp)).sum() < 0.02 * table.sum(), "the wall around stays"
-    assert not (with_things(table, shown(light), NONE, lamp) & ~table).any(), "what is barred stays"
+    assert not (with_things(table, shown(light), NONE, lamp, NONE) & ~table).any(), "what is barred stays"
+
+
+def test_a_pile_of_books_on_the_floor_goes_and_shade_and_patterns_stay() -> None:
+    light, floor = grey_room(), MAPS.plane == FLOOR
+    pages, cover, shade = box(190, 196, 100, 112), box(186, 190, 100, 112), box(190, 198, 400, 414)
+    light[pages], light[cover] = 0.7, (0.05, 0.06, 0.1)
+    light[shade] *= 0.4
+    found = with_things(NONE, shown(light), floor, NONE, floor)
+    assert found[pages].all()
+    assert found[cover].mean() > 0.9, "its dark side too"
+    assert not found[shade].any()
+    assert not with_things(NONE, shown(light), floor, NONE, NONE).any(), "nothing speaks for a thing there"
+    for column in range(0, 512, 32):
+        light[box(200, 206, column, column + 12)] = 0.7
+    assert not with_things(NONE, shown(light), floor, NONE, floor).any(), "so many are a pattern"
 
 
 def test_what_is_large_is_the_building_and_stays() -> None:
     table, pillar = box(150, 175, 240, 280), box(80, 150, 256, 270)
     light = grey_room()
     light[table], light[pillar] = 0.1, (0.7, 0.05, 0.05)
-    assert not (with_things(table, shown(light), NONE, NONE) & pillar).any()
+    assert not (with_things(table, shown(light), NONE, NONE, NONE) & pillar).any()
 
 
 def test_skirting_along_a_wall_is_no_furniture_and_a_chair_before_it_is() -> None:

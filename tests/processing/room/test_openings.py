@@ -74,6 +74,20 @@ def test_windows_in_a_reveal_and_a_door_are_found_whole(reveal: float, least: fl
     assert all(0.2 < o.confidence <= 1 for o in found)
 
 
+def test_plain_wall_between_and_beside_windows_is_no_window_whatever_the_network_says() -> None:
+    wall = [Patch("front", x0, x1, 0.9, 2.1, 0.5) for x0, x1 in ((0.4, 0.8), (-1.6, -0.9))]
+    image, evidence = told((WINDOW, SECOND, *wall), (SceneClass.WINDOW,) * 4)
+    found = find_openings(image, evidence, ROOM)
+    assert len(found) == 2
+    assert max(iou(o, 2, 1.2, 2.5, 0.9, 2.1) for o in found) > 0.85
+    assert max(iou(o, 2, 0.2, 0.8, 0.9, 2.1) for o in found) > 0.7
+    curtain = Patch("front", -1.6, -0.9, 0.9, 2.1, 0.45, 0.0)
+    beside = Patch("front", -2.0, -1.6, 0.0, 2.6, 0.3)
+    image, evidence = told((WINDOW, curtain, beside), (SceneClass.WINDOW, SceneClass.WINDOW, SceneClass.WALL))
+    (whole,) = find_openings(image, evidence, ROOM)
+    assert whole.end_m > 2.9, "an edge ends the window: a curtain may have the brightness of the wall"
+
+
 def test_a_glass_door_is_a_window_down_to_the_floor() -> None:
     image, evidence = told((Patch("front", -0.9, 0.4, 0.0, 2.2, 20.0, 0.1),), (SceneClass.WINDOW,))
     (found,) = find_openings(image, evidence, ROOM)
