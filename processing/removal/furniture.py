@@ -175,7 +175,7 @@ def with_things(mask: Flags, rgb8: Bytes, floor: Flags, barred: Flags, likely: F
     themselves where something is ``likely`` (H, W). ``barred`` (H, W): what stays.
     """
     cutter = cv2.ximgproc.segmentation.createGraphSegmentation(SEGMENT_BLUR, THING_SEGMENTS, THING_PX)
-    labels = cutter.processImage(rgb8)
+    labels = np.asarray(cutter.processImage(rgb8), np.int32)
     colours = cv2.cvtColor(rgb8, cv2.COLOR_RGB2Lab).astype(np.float32)
     found, tried, px_rad = mask.copy(), np.zeros(int(labels.max()) + 1, bool), math.pi / len(mask)
     poles = np.zeros_like(mask)

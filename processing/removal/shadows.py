@@ -94,8 +94,8 @@ def relit(rgb: Floats, shadow: Flags | None, hidden: tuple[Flags, Flags | None],
         return np.ones((*shape, 3), np.float32)
     gone = gone if hidden[1] is None else gone | (hidden[1] & ~shadow)
     small = (min(shape[0], RELIT_ROWS), min(shape[1], 2 * RELIT_ROWS))
-    masks = (resized(mask.astype(np.float32), small) > 0.5 for mask in (shadow, gone))
-    gain = resized(relit_gain(resized(rgb, small), *masks, room), shape)
+    shade, hidden_too = (resized(mask.astype(np.float32), small) > 0.5 for mask in (shadow, gone))
+    gain = resized(relit_gain(resized(rgb, small), shade, hidden_too, room), shape)
     return np.where(gone[..., None], np.float32(1), gain)
 
 
