@@ -45,6 +45,8 @@ class Shade(NamedTuple):
     """(h, w): where the change is known."""
     returned: Flags | None = None
     """(h, w): seen places from which the furniture keeps the sun away."""
+    shadow: Flags | None = None
+    """(H, W), of the picture: soft shadows of furniture as they were found."""
 
 
 def lifted(
@@ -53,7 +55,6 @@ def lifted(
     room: RoomModel,
     shade: Shade,
     *,
-    shadow: Flags | None = None,
     sunlight: Flags | None = None,
     foreign: Flags | None = None,
     quality: str = "standard",
@@ -61,7 +62,7 @@ def lifted(
 ) -> tuple[Emptied, Floats]:
     """Return the room emptied and lit as it is without its furniture, and the log change (H, W) of luminance.
 
-    What stand-ins do not explain of ``shadow`` (H, W), such as the dark under a seat on legs, is relit as around it.
+    What stand-ins do not explain of the shadows, such as the dark under a seat on legs, is relit as around it.
 
     Parameters are those of `removal.fill.empty_room`, which fills the holes. Outside the target, pixels change by the
     shade that is lifted off them, and state that in their uncertainty; windows, and what lies outside the picture or is
@@ -78,7 +79,7 @@ def lifted(
     for rows, lift, light in _bands(planes, maps.plane, glass):
         reflectance[rows] = math.pi * image.rgb[rows] * np.exp(lift) / light
         change[rows] = lift.mean(axis=-1)
-    gain = relit(reflectance, shadow, (target, foreign), room)
+    gain = relit(reflectance, shade.shadow, (target, foreign), room)
     reflectance *= gain
     change += np.log(gain).mean(axis=-1)
     done = empty_room(

@@ -71,7 +71,7 @@ def run(context: StageContext) -> StageOutput:
         share = share_of_sphere(gain.max(axis=-1) > LEAST_GAIN)
         found = empty_room(replace(image, rgb=image.rgb * gain), target, room, **others)
     else:
-        found, change = lifted(image, target, room, shade, shadow=shadow, **others)
+        found, change = lifted(image, target, room, shade._replace(shadow=shadow), **others)
         with (context.folder / "lift.npz").open("wb") as file:
             np.savez_compressed(file, log_luminance=change.astype(np.float16))
     context.progress(0.95, "writing")

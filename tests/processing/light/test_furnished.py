@@ -115,7 +115,7 @@ def test_shade_that_no_standin_explains_is_relit_where_it_was_found(
     true, inner = luminance_cd_m2(bare.rgb), deep & found.seen & ~grown(~deep & ~furniture, math.radians(3))
     off = []
     for shadow in (None, deep):
-        done, change = lifted(darker, furniture, box_room(), shade_of(found), shadow=shadow, quality="draft")
+        done, change = lifted(darker, furniture, box_room(), shade_of(found)._replace(shadow=shadow), quality="draft")
         off.append(float(np.median(luminance_cd_m2(done.image.rgb)[inner] / true[inner])))
     assert off[0] < 0.6
     assert 0.85 < off[1] < 1.1
