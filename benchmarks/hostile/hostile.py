@@ -6,7 +6,8 @@ Coverage is the share of valid pixels within 1.96 stated standard uncertainties 
 (own, shared, scale); smooth: the local standard deviation of log luminance is below 3 %, textured: above 10 %.
 Illuminance: five planes through the camera. Rival: the better of OpenCV's Debevec and Robertson by median error, on the
 same spot, both with an exact reading.
-A bracket that is refused counts as refused, not as covered.
+A bracket that is refused counts as refused, not as covered. Cameras with a mosaic and a matrix have raw files beside
+their JPEGs: the same wells, merged as `daylit process` merges them.
 """
 
 from __future__ import annotations
@@ -18,21 +19,23 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.hostile.worlds import HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
+from benchmarks.hostile.worlds import Curves, HostileBracket, HostileWorld, hostile_bracket, hostile_worlds
 from benchmarks.seeds import seeds
 from benchmarks.shared_data import DATA
 from mocks.worlds.hdr_world import read_equirect
 from processing.calibration.merge.merge import MergeOptions, merge
 from processing.calibration.merge.modes import local_contrast
+from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import recover_response
 from processing.calibration.response.samples import Bracket8
 from processing.calibration.scale.luminance import ScaleFactor, scaled
 from processing.calibration.scale.photometry import PLANES, illuminance_lx
 from processing.errors import ProcessingError
 from processing.ground.arrays import Doubles, Flags, Floats
-from processing.pictures.frames import array_frame
-from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.frames import array_frame, raw_frame
+from processing.pictures.images import LuminanceImage, RelativeImage, luminance_cd_m2
 from processing.pictures.modes import camera_modes, widened
+from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.sphere import Equirectangular
 from training.response_prior import published_curves
 
@@ -61,19 +64,16 @@ class _Score:
 
 def run(*, quick: bool, seed: int) -> dict[str, Any]:
     """Return metrics; see the module's docstring."""
-    _, irradiance, brightness = (None, *published_curves(DATA / "curves")[1:])
-    rising = np.maximum.accumulate(brightness, axis=1)
-    shown = (rising - rising[:, :1]) / (rising[:, -1:] - rising[:, :1])
-    cameras = [shown[3 * k : 3 * k + 3] for k in range(len(shown) // 3)]
     [number] = seeds("test", 1, seed)
-    worlds = hostile_worlds((irradiance, cameras), number)
+    worlds = hostile_worlds(_curves(), number)
     chosen = [worlds[k] for k in QUICK_WORLDS] if quick else worlds
     scenes = [_scene(name, QUICK_SIZE if quick else SIZE) for name in (SCENES[:1] if quick else SCENES)]
-    scores = [
-        _score(world, scene, number + 1000 * worlds.index(world) + k)
-        for world in chosen
-        for k, scene in enumerate(scenes)
+    cases = [
+        (world, scene, number + 1000 * worlds.index(world) + k) for world in chosen for k, scene in enumerate(scenes)
     ]
+    scores = [_score(*case) for case in cases]
+    developed = [case[0].camera.mosaic and case[0].camera.matrix is not None for case in cases]
+    raws = [(scores[k], _score(*case, raw=True)) for k, case in enumerate(cases) if developed[k]]
     by_world = [[s for s in scores if s.name == world.name] for world in chosen]
     done = [s for s in scores if not s.refused]
     covers = [float(np.mean([s.cover for s in group])) for group in by_world]
@@ -91,6 +91,7 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
         "median_gain_over_opencv": float(np.median(gains)),
         "false_ghost_pct": 100 * float(np.mean([s.ghost for s in done if s.ghost is not None])),
         "median_err_stops": float(np.median([s.median for s in done])),
+        **_raw_metrics(raws),
     }
     notes = [
         f"{world.name}: cover {100 * cover:.1f} %, gain {gain:.2f}, lux "
@@ -101,19 +102,42 @@ def run(*, quick: bool, seed: int) -> dict[str, Any]:
     return {"metrics": {key: round(value, 4) for key, value in metrics.items()}, "notes": notes}
 
 
+def _curves() -> Curves:
+    """Return the published curves, three in a row a camera's."""
+    _, irradiance, brightness = published_curves(DATA / "curves")
+    rising = np.maximum.accumulate(brightness, axis=1)
+    shown = (rising - rising[:, :1]) / (rising[:, -1:] - rising[:, :1])
+    return irradiance, [shown[3 * k : 3 * k + 3] for k in range(len(shown) // 3)]
+
+
+def _raw_metrics(raws: list[tuple[_Score, _Score]]) -> dict[str, float]:
+    """Return the figures of raw files, and the JPEGs' error over theirs where both were merged."""
+    done = [raw for _, raw in raws if not raw.refused]
+    gains = [jpeg.median / raw.median for jpeg, raw in raws if not jpeg.refused and not raw.refused]
+    return {
+        "raw_refused": len(raws) - len(done),
+        "raw_gain_over_jpeg": float(np.median(gains)) if gains else 0.0,
+        "raw_least_gain_over_jpeg": min(gains, default=0.0),
+        "raw_worst_cover95_pct": 100 * min((s.cover for s in done), default=0.0),
+        "raw_smooth_cover95_pct": 100 * float(np.mean([s.smooth for s in done])),
+        "raw_textured_cover95_pct": 100 * float(np.mean([s.textured for s in done])),
+        "raw_lux_cover95_pct": 100 * float(np.mean([ok for s in done for ok in s.lux])),
+    }
+
+
 def _scene(name: str, size: tuple[int, int]) -> Floats:
     light = cv2.resize(read_equirect(DATA / name), size, interpolation=cv2.INTER_AREA)
     return np.asarray(light / np.percentile(luminance_cd_m2(light), WHITE_PERCENTILE) * 100, dtype=np.float32)
 
 
-def _score(world: HostileWorld, scene: Floats, seed: int) -> _Score:
-    bracket = hostile_bracket(world, scene, 100 * WHITE_S, seed)
+def _score(world: HostileWorld, scene: Floats, seed: int, *, raw: bool = False) -> _Score:
+    bracket = hostile_bracket(world, scene, 100 * WHITE_S, seed, raw=raw)
     truth = luminance_cd_m2(bracket.radiance).astype(np.float64)
     score = _Score(world.name)
     spot = _spot(truth)
     reading = float(truth[spot].mean() * (1 + METER_SIGMA * np.random.default_rng((seed, 9)).standard_normal()))
     try:
-        image = _measured(bracket, spot, reading)
+        image = _measured(_raw(bracket) if raw else _coded(bracket), spot, reading)
     except ProcessingError as error:
         score.refused = error.message[:160]
         return score
@@ -126,7 +150,8 @@ def _score(world: HostileWorld, scene: Floats, seed: int) -> _Score:
         float(np.mean(sigmas[good & part] <= 1.96)) for part in (good, contrast < SMOOTH, contrast > TEXTURED)
     )
     score.median = _median_stops(shown * exactly, truth, good)
-    score.rival = min(_median_stops(one * exactly, truth, good) for one in _rivals(bracket, spot, reading))
+    if not raw:
+        score.rival = min(_median_stops(one * exactly, truth, good) for one in _rivals(bracket, spot, reading))
     ones = np.ones_like(image.uncertainty)
     exact = LuminanceImage(bracket.radiance, ones * 1e-6, np.zeros_like(image.validity), image.geometry, 0.0)
     for plane in PLANES.values():
@@ -139,13 +164,12 @@ def _score(world: HostileWorld, scene: Floats, seed: int) -> _Score:
     return score
 
 
-def _measured(bracket: HostileBracket, spot: Flags, reading: float) -> LuminanceImage:
-    """Return the picture as the product makes a session's indoor one."""
+def _coded(bracket: HostileBracket) -> RelativeImage:
+    """Merge the pictures as the product does without a profile."""
     fit = recover_response([Bracket8(bracket.frames, bracket.nominal_s)], estimate_times=True)
     height, width = bracket.frames[0].shape[:2]
-    frames = [array_frame(frame, f"frame {k}") for k, frame in enumerate(bracket.frames)]
-    merged = merge(
-        frames,
+    return merge(
+        [array_frame(frame, f"frame {k}") for k, frame in enumerate(bracket.frames)],
         fit.times_s,
         fit.curve,
         fit.noise,
@@ -154,6 +178,27 @@ def _measured(bracket: HostileBracket, spot: Flags, reading: float) -> Luminance
         time_sigma=fit.time_sigma,
         given_s=bracket.nominal_s,
     ).image
+
+
+def _raw(bracket: HostileBracket) -> RelativeImage:
+    """Merge the raw files as the product does."""
+    files = [raw_frame(data, f"frame {k}") for k, data in enumerate(bracket.raw)]
+    codes = [np.asarray(file.decode(), np.uint16) for file in files]
+    fit = fit_linear(codes, bracket.nominal_s, PEDESTAL / FULL)
+    return merge(
+        [array_frame(code, file.name) for code, file in zip(codes, files, strict=True)],
+        fit.times_s,
+        None,
+        fit.noise,
+        geometry=Equirectangular(*files[0].size_px),
+        options=MergeOptions(own_curve=True, colours=files[0].colours),
+        time_sigma=fit.time_sigma,
+        given_s=bracket.nominal_s,
+    ).image
+
+
+def _measured(merged: RelativeImage, spot: Flags, reading: float) -> LuminanceImage:
+    """Return the picture as the product makes a session's indoor one."""
     displayed = float(merged.luminance()[spot].mean(dtype=np.float64))
     picture = scaled(merged, ScaleFactor(reading / displayed, METER_SIGMA, measured=reading))
     mean = float(np.mean(picture.luminance_cd_m2()))

@@ -14,14 +14,18 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from mocks.instruments.exposures import ShotRequest
+from mocks.optics.picture_jobs import RawFrame, dng_file
 from processing.ground.arrays import Bytes, Floats
 
-_LIMIT = 16383  # 14 bits, as raw converters hand them to demosaicing
+_LIMIT, BLACK = 16383, 1024  # 14 bits; black as Canon's cameras of 14 bits have it
+_EYE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _BAYER = {0: (0, 0), 1: (0, 1), 2: (1, 1)}
 """Channel: row and column of its place in a cell of two by two; green has the other diagonal too."""
 MATRIX_5D2 = ((0.61, 0.29, 0.10), (0.17, 0.86, -0.03), (0.02, 0.24, 0.74))
@@ -55,6 +59,24 @@ class HostileCamera:
 
     def frame(self, light: Floats, moment: int) -> Bytes:
         """Return the picture (H, W, 3) of ``light`` (H, W, 3), 1 at saturation; ``moment``: number of the frame."""
+        signal = np.maximum(self._wells(light, moment), 0)
+        if self.mosaic:
+            signal = _demosaiced(signal)
+        if self.matrix is not None:
+            signal = np.clip(signal @ np.linalg.inv(np.array(self.matrix)).T.astype(np.float32), 0, 1)
+        return self._developed(signal)
+
+    def raw(self, light: Floats, moment: int) -> bytes:
+        """Return the DNG beside `frame` of ``light`` (H, W, 3): the same wells, 14 bits, RGGB."""
+        counts = BLACK + (_LIMIT - BLACK) * _bayer(self._wells(light, moment))
+        wells = RawFrame(np.clip(np.rint(counts), 0, _LIMIT).astype(np.uint16), BLACK, _LIMIT, self.matrix or _EYE)
+        height, width = light.shape[:2]
+        taken = datetime.fromisoformat(f"2026-06-01T12:00:{moment:02d}")
+        shot = ShotRequest(TIMES_S[moment], 100, 5.6, 5600, width, height, taken, moment + 1, "Maker", "A-1", "1", "1")
+        return dng_file(wells, shot)
+
+    def _wells(self, light: Floats, moment: int) -> Floats:
+        """Return what all wells show of all channels, at most 1, noise below 0 too."""
         fixed, rng = np.random.default_rng((self.seed, 1)), np.random.default_rng((self.seed, 2, moment))
         height, width = light.shape[:2]
         seen = light if self.matrix is None else np.maximum(light @ np.array(self.matrix, np.float32).T, 0)
@@ -63,12 +85,7 @@ class HostileCamera:
         signal = np.minimum(seen, 8) * gain + (0.3 * leak).astype(np.float32)
         spread = np.sqrt(np.maximum(signal, 0) / self.full_well_e + (self.read_e / self.full_well_e) ** 2)
         signal = signal + spread * rng.standard_normal(signal.shape, dtype=np.float32)
-        signal = np.clip(signal, 0, 1).astype(np.float32)
-        if self.mosaic:
-            signal = _demosaiced(signal)
-        if self.matrix is not None:
-            signal = np.clip(signal @ np.linalg.inv(np.array(self.matrix)).T.astype(np.float32), 0, 1)
-        return self._developed(signal)
+        return np.minimum(signal, 1).astype(np.float32)
 
     def _developed(self, signal: Floats) -> Bytes:
         """Return 8-bit codes: filter, tone, sharpening, coding."""
@@ -85,13 +102,17 @@ class HostileCamera:
 
 def _demosaiced(signal: Floats) -> Floats:
     """Return full colour of the one channel that each place of a Bayer mosaic (RGGB) keeps."""
+    code = np.rint(_bayer(signal) * _LIMIT).astype(np.uint16)
+    # OpenCV names a mosaic by its second row's second and third place: RGGB is its BayerBG.
+    return np.asarray(cv2.cvtColor(code, cv2.COLOR_BayerBG2RGB).astype(np.float32) / _LIMIT)
+
+
+def _bayer(signal: Floats) -> Floats:
     raw = signal[..., 1].copy()
     for channel in (0, 2):
         row, column = _BAYER[channel]
         raw[row::2, column::2] = signal[row::2, column::2, channel]
-    code = np.rint(raw * _LIMIT).astype(np.uint16)
-    # OpenCV names a mosaic by its second row's second and third place: RGGB is its BayerBG.
-    return np.asarray(cv2.cvtColor(code, cv2.COLOR_BayerBG2RGB).astype(np.float32) / _LIMIT)
+    return np.asarray(raw, dtype=np.float32)
 
 
 def coded(frame: Bytes, jpeg: tuple[str, int, str] | None) -> Bytes:
@@ -147,31 +168,37 @@ class HostileWorld:
 
 @dataclass(frozen=True)
 class HostileBracket:
-    """Frames (H, W, 3) uint8, the times written on the dial, and the light behind them (H, W, 3)."""
+    """Frames (H, W, 3) uint8, the times written on the dial, and the light behind them (H, W, 3); raw files if any."""
 
     frames: tuple[Bytes, ...]
     nominal_s: tuple[float, ...]
     radiance: Floats
     moving: bool
+    raw: tuple[bytes, ...] = ()
 
 
-def hostile_bracket(world: HostileWorld, radiance: Floats, white_s: float, seed: int) -> HostileBracket:
-    """Return a bracket of ``radiance`` (H, W, 3); light of 1 saturates in ``white_s`` seconds."""
+def hostile_bracket(
+    world: HostileWorld, radiance: Floats, white_s: float, seed: int, *, raw: bool = False
+) -> HostileBracket:
+    """Return a bracket of ``radiance`` (H, W, 3); light of 1 saturates in ``white_s`` seconds; ``raw``: DNGs too."""
     rng = np.random.default_rng((seed, 7))
     radiance = np.asarray(cv2.GaussianBlur(radiance, (0, 0), LENS_BLUR_PX), dtype=np.float32)
     height, width = radiance.shape[:2]
     cloud, lamps = _field(rng, (width, height)), np.linspace(-1, 1, width)[None, :, None] > 0
     fixed = _lens(radiance, world)
-    frames, lights = [], []
+    frames, lights, files = [], [], []
     for number, time_s in enumerate(TIMES_S):
         taken = 1 - world.cloud * np.clip(cloud * np.sin(0.9 * number + 6 * rng.random()), 0, 1)
         flicker = 1 + world.flicker * (2 * rng.random() - 1) * lamps * min(1.0, 0.01 / time_s)
         light = (taken[..., None] * flicker).astype(np.float32)
         lights.append(light)
         true_s = time_s * 2.0 ** (world.jitter_stops * rng.standard_normal())
-        frames.append(world.camera.frame(fixed * light * np.float32(true_s / white_s), number))
+        exposed = fixed * light * np.float32(true_s / white_s)
+        frames.append(world.camera.frame(exposed, number))
+        files += [world.camera.raw(exposed, number)] if raw else []
     mean = np.mean(lights, axis=0, dtype=np.float64).astype(np.float32)
-    return HostileBracket(tuple(frames), TIMES_S, radiance * mean, bool(world.cloud or world.flicker))
+    moving = bool(world.cloud or world.flicker)
+    return HostileBracket(tuple(frames), TIMES_S, radiance * mean, moving, tuple(files))
 
 
 def _lens(radiance: Floats, world: HostileWorld) -> Floats:

@@ -128,6 +128,12 @@ class RawFrame:
     mosaic: npt.NDArray[np.uint16]
     black: int
     white: int
+    matrix: tuple[tuple[float, float, float], ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    """Its channels of linear Rec. 709: a DNG states them of CIE XYZ."""
+
+
+RGB_OF_XYZ = ((3.2410, -1.5374, -0.4986), (-0.9692, 1.8760, 0.0416), (0.0556, -0.2040, 1.0570))
+"""IEC 61966-2-1, Annex D."""
 
 
 def cr2_file(frame: RawFrame, request: ShotRequest) -> bytes:
@@ -140,8 +146,8 @@ def dng_file(frame: RawFrame, request: ShotRequest) -> bytes:
     return _tiff(frame, request, cr2=False)
 
 
-_BYTE, _ASCII, _SHORT, _LONG, _RATIONAL = 1, 2, 3, 4, 5
-_WIDTHS = {_BYTE: 1, _ASCII: 1, _SHORT: 2, _LONG: 4, _RATIONAL: 8}
+_BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SIGNED = 1, 2, 3, 4, 5, 10
+_WIDTHS = {_BYTE: 1, _ASCII: 1, _SHORT: 2, _LONG: 4, _RATIONAL: 8, _SIGNED: 8}
 _Entry = tuple[int, int, bytes]
 
 
@@ -192,7 +198,11 @@ def _common_entries(frame: RawFrame, request: ShotRequest) -> list[_Entry]:
 
 
 def _dng_entries(frame: RawFrame, request: ShotRequest) -> list[_Entry]:
+    of_xyz = np.array(frame.matrix) @ np.array(RGB_OF_XYZ)
+    rationals = np.stack([np.rint(of_xyz.ravel() * 10_000), np.full(9, 10_000)], axis=1)
     return [
+        (50721, _SIGNED, rationals.astype("<i4").tobytes()),
+        (50778, _SHORT, struct.pack("<H", 21)),  # D65
         (50706, _BYTE, bytes([1, 4, 0, 0])),
         (50708, _ASCII, request.model.encode("ascii", "replace") + b"\0"),
         (50714, _SHORT, struct.pack("<H", frame.black)),

@@ -6,6 +6,9 @@ a bracket lie as the sensor saw them. A damaged file is refused with its name, n
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
@@ -15,11 +18,14 @@ import numpy.typing as npt
 import simplejpeg
 
 from processing.errors import ParameterError, PictureFileError
+from processing.pictures.mosaic import CameraColours, camera_colours, camera_rgb
 
 Codes: TypeAlias = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 Reduce: TypeAlias = Literal[1, 2, 4, 8]
 MAX_PIXELS = 200_000_000
 """More than any camera of today; a header that says more is a mistake or an attack."""
+RAW_ENDINGS = (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".rw2", ".orf")
+RAW_BORDER = 0.03  # of the sensor's side, that a camera's own picture may leave out; chosen
 
 
 @runtime_checkable
@@ -120,34 +126,19 @@ class LosslessFrame:
 class RawFrame:
     """A camera's raw file; see `raw_frame`."""
 
-    path: Path
+    source: Path | bytes = field(repr=False)
     name: str
     size_px: tuple[int, int]
+    colours: CameraColours = field(repr=False)
     depth_bits: int = 16
     linear: bool = True
 
     def decode(self, reduce: Reduce = 1) -> Codes:
-        """Develop linearly: camera white balance, Rec. 709 primaries, clipped at the sensor's own white level.
-
-        LibRaw's brightening and its guess of the white level from the picture are off: both differ between frames. The
-        result is (H, W, 3), uint8 or uint16 as the frame has it.
-        """
-        rawpy = _rawpy()
-        try:
-            with rawpy.imread(str(self.path)) as raw:
-                rgb = raw.postprocess(
-                    gamma=(1, 1),
-                    no_auto_bright=True,
-                    adjust_maximum_thr=0.0,
-                    use_camera_wb=True,
-                    output_color=rawpy.ColorSpace.sRGB,
-                    output_bps=16,
-                    highlight_mode=rawpy.HighlightMode.Clip,
-                    user_flip=0,
-                )
-        except rawpy.LibRawError as error:
-            raise _damaged(self.name, str(error)) from error
-        return _reduced(np.asarray(rgb, dtype=np.uint16), reduce)
+        """Return the camera's own channels, see `mosaic.camera_rgb`; the middle of the sensor where it is larger."""
+        with _opened_raw(self.source, self.name) as raw:
+            codes = camera_rgb(raw)
+        (width, height), (left, top) = self.size_px, _border((codes.shape[1], codes.shape[0]), self.size_px)
+        return _reduced(np.ascontiguousarray(codes[top : top + height, left : left + width]), reduce)
 
 
 def array_frame(array: Codes, name: str = "array", *, linear: bool | None = None) -> ArrayFrame:
@@ -187,16 +178,30 @@ def lossless_frame(path: Path | str, name: str | None = None) -> LosslessFrame:
     )
 
 
-def raw_frame(path: Path | str, name: str | None = None) -> RawFrame:
-    """Return a frame of a camera raw file; needs the extra ``daylit[raw]``."""
-    rawpy, path = _rawpy(), Path(path)
-    where = name or path.name
-    _bytes(path, where)
-    try:
-        with rawpy.imread(str(path)) as raw:
-            return RawFrame(path, where, _size(raw.sizes.width, raw.sizes.height, where))
-    except rawpy.LibRawError as error:
-        raise _damaged(where, str(error)) from error
+def raw_frame(source: Path | str | bytes, name: str | None = None, within: tuple[int, int] | None = None) -> RawFrame:
+    """Return a frame of a camera raw file or its bytes; ``within``: width and height of the camera's JPEG of it.
+
+    Cameras' pictures leave out a border of the sensor. Raises `PictureFileError` for a file that cannot be used.
+    """
+    kept = source if isinstance(source, bytes) else Path(source)
+    where = name or (kept.name if isinstance(kept, Path) else "raw bytes")
+    with _opened_raw(kept, where) as raw:
+        colours = camera_colours(raw, where)
+        size = _size(raw.sizes.width, raw.sizes.height, where)
+    if within and not all(0 <= own - asked <= RAW_BORDER * own for own, asked in zip(size, within, strict=True)):
+        raise PictureFileError(
+            f"it has {size[0]} x {size[1]} wells, the camera's picture {within[0]} x {within[1]} pixels",
+            where=where,
+            likely="a picture that the camera turned, stitched or shrank",
+            advice="set the camera to its full picture size",
+        )
+    left, top = _border(size, within or size)
+    shifted = np.roll(colours.cell, (-top, -left), axis=(0, 1))
+    return RawFrame(kept, where, within or size, colours._replace(cell=shifted))
+
+
+def _border(sensor: tuple[int, int], picture: tuple[int, int]) -> tuple[int, int]:
+    return (sensor[0] - picture[0]) // 2, (sensor[1] - picture[1]) // 2
 
 
 def frame_of(path: Path | str, name: str | None = None) -> FrameSource:
@@ -206,7 +211,7 @@ def frame_of(path: Path | str, name: str | None = None) -> FrameSource:
         return jpeg_frame(path, name)
     if ending in (".tif", ".tiff", ".png"):
         return lossless_frame(path, name)
-    if ending in (".cr2", ".cr3", ".dng", ".nef", ".arw", ".raf", ".rw2", ".orf"):
+    if ending in RAW_ENDINGS:
         return raw_frame(path, name)
     raise PictureFileError(f"no frame format has the ending {ending or '(none)'}", where=name or Path(path).name)
 
@@ -290,7 +295,6 @@ def _jpeg_size(data: bytes, name: str) -> tuple[int, int]:
 
 def _lossless_size(data: bytes, name: str) -> tuple[int, int]:
     """Return width and height that the file says it has, after what checks its format allows."""
-    import io
     import warnings
 
     from PIL import Image
@@ -373,11 +377,12 @@ def _damaged(name: str, what: str) -> PictureFileError:
     )
 
 
-def _rawpy() -> Any:
+@contextmanager
+def _opened_raw(source: Path | bytes, name: str) -> Iterator[Any]:
+    import rawpy
+
     try:
-        import rawpy
-    except ImportError as error:
-        raise ParameterError(
-            "camera raw files need an optional part", advice="install daylit[raw], or give 16-bit TIFF instead"
-        ) from error
-    return rawpy
+        with rawpy.imread(io.BytesIO(_bytes(source, name))) as raw:
+            yield raw
+    except rawpy.LibRawError as error:
+        raise _damaged(name, str(error)) from error

@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 
 from processing.errors import ParameterError
+from processing.ground.arrays import Bytes
+from processing.ground.colour import srgb_of_linear
 from processing.pictures.display import AS_GIVEN, Display
 from processing.pictures.false_colour import validity_overlay
-from processing.pictures.frames import jpeg_frame
+from processing.pictures.frames import frame_of
 from processing.pictures.images import LuminanceImage, luminance_cd_m2
+from processing.pictures.mosaic import FULL, PEDESTAL
 from processing.pictures.preview import jpeg_bytes, png_bytes
 from processing.report.data import Picture, Quantity, Section, Table, number_text
 from processing.report.plots import (
@@ -125,12 +128,23 @@ def camera_section(
     pictures.append(
         Picture("What each frame served", frame_usage_plot(labels, shares, [share == 0 for share in shares]), "bars")
     )
-    thumbnails = [np.asarray(jpeg_frame(folder / frame.file, frame.file).decode(8), np.uint8) for frame in ordered]
+    thumbnails = [thumbnail(folder / frame.file) for frame in ordered]
     pictures.append(
         Picture("Bracket", contact_sheet(thumbnails, labels), f"frames of the {side} bracket, histograms", wide=True)
     )
     text = f"Exposure times: {response['times_source']}."
     return Section(f"Camera {side}", text, pictures=tuple(pictures))
+
+
+def thumbnail(path: Path) -> Bytes:
+    """Return a frame, of shape (h, w, 3), at an eighth of its size, linear ones by the sRGB curve."""
+    frame = frame_of(path)
+    codes = frame.decode(8)
+    if codes.dtype == np.uint8:
+        return np.asarray(codes, np.uint8)
+    colours = getattr(frame, "colours", None)
+    light = np.asarray(codes, np.float32) / np.float32(FULL)
+    return srgb_of_linear(light if colours is None else (light - PEDESTAL / FULL) @ colours.matrix.T)
 
 
 def _pictures(image: LuminanceImage, name: str, display: Display) -> list[Picture]:

@@ -173,7 +173,7 @@ def _sections(context: StageContext, facts: Mapping[str, Any]) -> tuple[Section,
     found += _remove(context, display)
     for side in Side:
         if side.value in response:
-            frames = [frame for frame in context.session.frames if frame.side is side and not frame.is_raw]
+            frames = context.session.pictures(side)
             found.append(
                 camera_section(side, response[side.value], metrics[side.value], (context.session_path, frames))
             )

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from processing.calibration.optics import stated_circle
-from processing.errors import BracketError
+from processing.errors import BracketError, PictureFileError
 from processing.ground.arrays import Bytes
-from processing.pictures.frames import FrameSource, Reduce, frame_of
+from processing.pictures.frames import FrameSource, Reduce, frame_of, raw_frame
 from processing.sphere import Equirectangular, Fisheye, Geometry, LensMapping
 from station.session.session import DeviceRecord, FrameRecord, SessionManifest, Side
 
@@ -32,6 +33,13 @@ class SideBracket:
     records: tuple[FrameRecord, ...]
     frames: tuple[FrameSource, ...]
     device: DeviceRecord | None
+    raw_refused: str = ""
+    """Why the raw files that there are were not taken."""
+
+    @property
+    def linear(self) -> bool:
+        """Whether the frames' codes are proportional to light."""
+        return self.frames[0].linear
 
     @property
     def nominal_s(self) -> tuple[float, ...]:
@@ -44,15 +52,47 @@ class SideBracket:
         return self.frames[0].size_px
 
 
-def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> SideBracket | None:
-    """Return a side's pictures (JPEG, PNG, TIFF), None where the session has none.
+def side_bracket(
+    manifest: SessionManifest, session_path: Path, side: Side, frames: Literal["auto", "raw", "jpeg"] = "auto"
+) -> SideBracket | None:
+    """Return a side's frames, None where the session has none; ``frames``: raw files or what lies beside them.
 
-    Raises `BracketError` for frames of different settings: only the time may differ within a bracket.
+    Raises `BracketError` for frames of different settings: only the time may differ within a bracket; and for raw
+    files that were asked for and cannot be used (auto: then the others are).
     """
-    found = [frame for frame in manifest.frames if frame.side == side and not frame.is_raw]
-    if not found:
+    pictures = sorted(manifest.pictures(side), key=lambda frame: frame.stop)
+    if not pictures:
         return None
-    records = tuple(sorted(found, key=lambda frame: frame.stop))
+    device = next((device for device in manifest.devices if device.role == side.value), None)
+    raws = sorted((f for f in manifest.frames if f.side == side and f.is_raw), key=lambda frame: frame.stop)
+    refused = ""
+    if frames != "jpeg" and (raws or frames == "raw") and not pictures[0].is_raw:
+        try:
+            return _raw_bracket(session_path, pictures, raws, device)
+        except (PictureFileError, BracketError) as error:
+            refused = str(error)
+            if frames == "raw":
+                raise BracketError(f"{side}: its raw files cannot be used: {refused}", where=raws[0].file) from error
+    _check_settings(side, pictures)
+    read = tuple(frame_of(session_path / record.file, record.file) for record in pictures)
+    return SideBracket(side, tuple(pictures), read, device, refused)
+
+
+def _raw_bracket(
+    session_path: Path, pictures: Sequence[FrameRecord], raws: Sequence[FrameRecord], device: DeviceRecord | None
+) -> SideBracket:
+    """Return the raw files beside pictures, where each has one that shows the same."""
+    if [raw.stop for raw in raws] != [picture.stop for picture in pictures]:
+        raise BracketError(f"{len(raws)} raw files beside {len(pictures)} pictures", where=pictures[0].file)
+    if device and any(name in device.model.upper() for name in PANORAMA_CAMERAS):
+        raise BracketError("a panorama camera's raw files show its lenses apart", where=raws[0].file)
+    _check_settings(pictures[0].side, raws)
+    size_px = frame_of(session_path / pictures[0].file).size_px
+    frames = tuple(raw_frame(session_path / raw.file, raw.file, size_px) for raw in raws)
+    return SideBracket(pictures[0].side, tuple(raws), frames, device)
+
+
+def _check_settings(side: Side, records: Sequence[FrameRecord]) -> None:
     for name in ("iso", "f_number"):
         values = {getattr(record, name) for record in records} - {None}
         if len(values) > 1:
@@ -62,9 +102,6 @@ def side_bracket(manifest: SessionManifest, session_path: Path, side: Side) -> S
                 likely="a setting was changed, or frames of two brackets",
                 advice="capture the bracket anew, or leave frames out when importing",
             )
-    device = next((device for device in manifest.devices if device.role == side.value), None)
-    frames = tuple(frame_of(session_path / record.file, record.file) for record in records)
-    return SideBracket(side, records, frames, device)
 
 
 def decoded(frames: Sequence[FrameSource], reduce: Reduce = 1) -> list[Bytes]:

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from processing.calibration.merge.merge import Merged, MergeOptions, merge
+from processing.calibration.merge.tables import linear_curve
 from processing.calibration.profile import CameraProfile, RigProfile, load_profile, profile_matches
 from processing.calibration.profile_records import NoiseRecord, ResponseRecord
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
+from processing.calibration.response.linear import fit_linear
 from processing.calibration.response.response import check_response, estimate_noise, recover_response, residuals_by_code
 from processing.calibration.response.samples import Bracket8, take_samples
 from processing.calibration.response.shutter import RULE_SIGMA_STOPS, ShutterRule, camera_rule, true_time_s
 from processing.errors import BracketError, ProcessingError, ResponseError
 from processing.ground.arrays import Bytes
 from processing.pictures.frames import FrameSource, array_frame
-from processing.stages.brackets import SideBracket, coarse, decoded, merge_geometry, side_bracket
+from processing.pictures.mosaic import FULL, PEDESTAL
+from processing.stages.brackets import DECODERS, SideBracket, coarse, decoded, merge_geometry, side_bracket
 from processing.stages.contract import StageContext, StageOutput, StageWarning
 from processing.stages.parameters import MergeParameters
 from station.session.session import Side, shutter_label
@@ -63,7 +69,9 @@ def run(context: StageContext) -> StageOutput:
         if parameters.side not in ("both", side.value):
             gathered.left_out[side.value] = f"only {parameters.side} was asked for"
             continue
-        bracket = side_bracket(context.session, context.session_path, side)
+        covered = profile and (camera := profile.cameras.get(side)) and camera.response
+        asked = "jpeg" if covered and parameters.frames == "auto" else parameters.frames
+        bracket = side_bracket(context.session, context.session_path, side, asked)
         if bracket is None:
             gathered.left_out[side.value] = f"the session has no {side} frames"
             continue
@@ -98,11 +106,14 @@ def _merge_side(
     merged = merge(
         frames,
         response.times_s,
-        response.curve,
+        None if bracket.linear else response.curve,
         response.noise,
         geometry=merge_geometry(bracket, context.session.rig),
         options=MergeOptions(
-            quality=context.quality.value, max_error=context.max_error, own_curve=response.source == "recovered"
+            quality=context.quality.value,
+            max_error=context.max_error,
+            own_curve=response.source != "profile",
+            colours=getattr(bracket.frames[0], "colours", None),
         ),
         time_sigma=response.time_sigma,
         given_s=bracket.nominal_s,
@@ -120,6 +131,8 @@ def _gather(
     gathered.response[side] = response.to_dict(bracket)
     gathered.metrics[side] = _metrics(response, merged)
     gathered.warnings += response.warnings
+    if bracket.raw_refused:
+        gathered.left_out[f"{side} raw files"] = bracket.raw_refused[:500]
     gathered.warnings += (StageWarning(code="merge", message=f"{side}: {text}"[:500]) for text in report.warnings)
     for use in report.frames:
         if use.used_share == 0:
@@ -169,7 +182,7 @@ class CameraResponse:
     time_sigma: tuple[float, ...]
     """Relative standard uncertainty of each time."""
     source: str
-    """"profile" or "recovered"."""
+    """"profile", "recovered", or "linear" of raw files and 16 bits, which have no curve but a straight line."""
     times_source: str
     """"profile" (its shutter rule or measured times), the camera model's rule, or "estimated" from the bracket."""
     check: dict[str, Any]
@@ -201,6 +214,8 @@ def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[C
     The frames are in memory already where all of them were looked at. Raises `ResponseError` where no response can
     be had.
     """
+    if bracket.linear:
+        return _linear(bracket)
     camera = profile.cameras.get(bracket.side) if profile else None
     if profile and camera and camera.response:
         return _from_profile(bracket, profile, camera), bracket.frames
@@ -208,6 +223,22 @@ def camera_response(bracket: SideBracket, profile: RigProfile | None) -> tuple[C
     codes = decoded(bracket.frames)
     held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
     return _recovered(bracket, codes), held
+
+
+def _linear(bracket: SideBracket) -> tuple[CameraResponse, tuple[FrameSource, ...]]:
+    """Take noise, black level and times from linear frames; their rule's times where the camera's rule is known."""
+    with ThreadPoolExecutor(DECODERS) as pool:
+        codes = [np.asarray(code, np.uint16) for code in pool.map(lambda frame: frame.decode(), bracket.frames)]
+    rule = camera_rule(bracket.device.model) if bracket.device else None
+    times_s = [true_time_s(nominal, rule or ShutterRule.NOMINAL) for nominal in bracket.nominal_s]
+    fit = fit_linear(codes, times_s, PEDESTAL / FULL if bracket.records[0].is_raw else 0.0)
+    held = tuple(array_frame(code, frame.name) for code, frame in zip(codes, bracket.frames, strict=True))
+    source = f"rule of the camera: {rule}" if rule else "as given"
+    found = CameraResponse(
+        *(linear_curve(), fit.noise, fit.times_s, fit.time_sigma, "linear", f"{source}, held against the frames"),
+        *({}, {}, _warnings("response", bracket, fit.warnings)),
+    )
+    return found, held
 
 
 def _recovered(bracket: SideBracket, codes: Sequence[Bytes]) -> CameraResponse:

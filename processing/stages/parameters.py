@@ -146,6 +146,7 @@ class MergeParameters(StageParameters):
 
     calibration: Profile = None
     side: Annotated[Literal["both", "indoor", "outdoor"], Field(description="Which brackets are merged")] = "both"
+    frames: Annotated[Literal["auto", "raw", "jpeg"], Field(description="auto: raw, but JPEG with a profile")] = "auto"
 
 
 class CalibrateParameters(StageParameters):

@@ -164,7 +164,7 @@ def verdict(manifest: SessionManifest) -> list[str]:
     """Return what to look at before leaving: both ends of the brackets, shutters apart, drift of the light."""
     found, released = [], defaultdict[int, list[float]](list)
     for side in manifest.bracket.sides:
-        frames = sorted((f for f in manifest.frames if f.side is side and not f.is_raw), key=lambda f: f.camera_s)
+        frames = sorted(manifest.pictures(side), key=lambda f: f.camera_s)
         for frame in frames:
             if frame.release_monotonic_s is not None:
                 released[frame.stop].append(frame.release_monotonic_s)

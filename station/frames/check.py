@@ -33,13 +33,14 @@ CPU_S = 15  # chosen: the same, without the waiting
 START_LIMIT_S = 30.0  # chosen: Python's start on a busy machine
 MAX_ANSWER_BYTES = 100_000  # chosen: a few lines of JSON
 RawFormat = Literal["cr2", "dng"]
+PictureFormat = Literal["jpeg", "png", "tiff", "cr2", "dng"]
+_FORMATS: dict[str, PictureFormat] = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".cr2": "cr2", ".dng": "dng"}
 _KEPT_VARIABLES = ("PATH", "SYSTEMROOT", "TEMP", "TMP", "TMPDIR", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PYTHONHOME")
 
 
-def picture_format(path: Path) -> Literal["jpeg", "png", "tiff"]:
+def picture_format(path: Path) -> PictureFormat:
     """Return what a picture is by its name; whatever else it says: a JPEG."""
-    suffix = path.suffix.lower()
-    return "png" if suffix == ".png" else "tiff" if suffix in (".tif", ".tiff") else "jpeg"
+    return _FORMATS.get(path.suffix.lower(), "jpeg")
 
 
 class _WorkerGoneError(Exception):
@@ -194,11 +195,10 @@ class FrameChecker:
     ) -> FrameFacts:
         """Return the facts of a picture that is whole; raises as `check`, but holds it against nothing.
 
-        By its name it is a PNG, a TIFF, or else a JPEG. ``circle``: see `ExpectedFrame.image_circle`.
+        By its name it is a PNG, a TIFF, a raw file, or else a JPEG. ``circle``: see `ExpectedFrame.image_circle`.
         """
-        return self._inspect(
-            path, name, {"format": picture_format(Path(name) if name else path), "exact": exact, "circle": circle}
-        )
+        format_ = picture_format(Path(name) if name else path)
+        return self._inspect(path, name, {"format": format_, "exact": exact, "circle": circle, "pixels": True})
 
     def verify_frame(self, path: Path, record: FrameRecord) -> str | None:
         """Say what is wrong with a frame of a session, or None: a `station.session.verify.FrameCheck`.

@@ -36,14 +36,16 @@ def has_suffix(path: Path, suffixes: Collection[str]) -> bool:
 def sort_entries(entries: Sequence[Path], folder: Path, *, raw: bool) -> tuple[list[Path], dict[str, Path], list[str]]:
     """Return the pictures by name, the raw files by their names without suffix, and the names of everything else.
 
-    The pictures are the JPEGs, or PNGs and TIFFs where there are none.
+    The pictures are the JPEGs, or PNGs and TIFFs where there are none, or else the raw files themselves.
     """
     files = [path for path in entries if has_suffix(path, JPEG_SUFFIXES)]
     files = files or [path for path in entries if has_suffix(path, LOSSLESS_SUFFIXES)]
     raws = {path.stem.lower(): path for path in entries if raw and has_suffix(path, RAW_SUFFIXES)}
+    if not files:
+        files, raws = list(raws.values()), {}
     if len(files) > MAX_FRAMES:
         raise UsageError(
-            f"{len(files)} JPEGs, a bracket has at most {MAX_FRAMES}", where=str(folder), advice="sort the folder"
+            f"{len(files)} pictures, a bracket has at most {MAX_FRAMES}", where=str(folder), advice="sort the folder"
         )
     taken = {*files, *raws.values()}
     return files, raws, [printable(path.name) for path in entries if path not in taken]
@@ -89,13 +91,9 @@ def raw_only(side: Side, files: Sequence[Path], raws: Mapping[str, Path], checke
     """Return the raw files that have no JPEG beside them."""
     refused = []
     for path in (path for stem, path in raws.items() if stem not in {f.stem.lower() for f in files}):
-        found = _companion(path, checker)
-        time_s = None
+        found, time_s = _companion(path, checker), None
         if isinstance(found, RawCompanion):
-            time_s = found.facts.exif.exposure_s
-            text = "a raw file without its JPEG: brackets are merged from JPEGs"
-            found = rejection(
-                path.name, Reason.UNSUPPORTED, text, "export JPEGs of the same names beside the raw files"
-            )
+            time_s, advice = found.facts.exif.exposure_s, "export JPEGs of the same names beside the raw files"
+            found = rejection(path.name, Reason.UNSUPPORTED, "a raw file without its JPEG, which others have", advice)
         refused.append(refusal(side, printable(path.name), found, time_s))
     return refused

@@ -24,11 +24,6 @@ class RawCompanion:
     path: Path
     facts: FrameFacts
 
-    @property
-    def format(self) -> str:
-        """Return "dng" or "cr2"."""
-        return self.path.suffix[1:].lower()
-
 
 @dataclass(frozen=True)
 class Candidate:

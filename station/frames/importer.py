@@ -138,8 +138,6 @@ def _nothing_error(found: _Sorted) -> IncompleteBracketError:
         others = f" (and {len(found.refused) - 1} more)" if len(found.refused) > 1 else ""
         message += f": {first.side}/{first.name}: {first.message}{others}"
         advice = "correct what is named (--shutter has one time a file, in the order of the file names)"
-        if all(r.reason == Reason.UNSUPPORTED for r in found.refused):
-            advice = "export JPEGs of the same names beside the raw files"
     return IncompleteBracketError(
         message,
         where="import",
@@ -257,15 +255,9 @@ def _copy(
         "taken_utc": _taken_utc(candidate, zone_min),
     }
     size = {"width_px": facts.width_px, "height_px": facts.height_px, "statistics": facts.statistics}
-    _copy_file(
-        store,
-        candidate.path,
-        facts,
-        {**shot, **size, "exif_s": facts.exif.exposure_s, "format": picture_format(candidate.path)},
-    )
-    if candidate.raw is not None:
-        raw = candidate.raw
-        _copy_file(store, raw.path, raw.facts, {**shot, "exif_s": raw.facts.exif.exposure_s, "format": raw.format})
+    beside = [(candidate.raw.path, candidate.raw.facts, {})] if candidate.raw else []
+    for path, of, extra in ((candidate.path, facts, size), *beside):
+        _copy_file(store, path, of, {**shot, **extra, "exif_s": of.exif.exposure_s, "format": picture_format(path)})
 
 
 def _copy_file(store: SessionStore, path: Path, facts: FrameFacts, record: Mapping[str, Any]) -> None:

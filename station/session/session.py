@@ -123,7 +123,7 @@ class FrameRecord(Model):
 
     @property
     def is_raw(self) -> bool:
-        """Whether it is the raw companion of a picture."""
+        """Whether it is a raw file, mostly the companion of a picture."""
         return self.format in ("cr2", "dng")
 
 
@@ -258,12 +258,17 @@ class SessionManifest(Model):
         found = (f for f in self.frames if (f.side, f.stop, f.format) == (side, stop, format_))
         return next(found, None)
 
+    def pictures(self, side: Side) -> tuple[FrameRecord, ...]:
+        """Return a side's frames: its raw files where it has nothing else, else without them."""
+        found = tuple(f for f in self.frames if f.side == side)
+        return tuple(f for f in found if not f.is_raw) or found
+
     def missing_stops(self, side: Side) -> tuple[int, ...]:
         """Return the indices of planned stops that are neither taken (raw file and all) nor left out on purpose."""
         if side not in self.bracket.sides:
             return ()
         left_out = {s.stop for s in self.skipped if s.side == side}
-        taken = {f.stop for f in self.frames if f.side == side and not f.is_raw}
+        taken = {f.stop for f in self.pictures(side)}
         if side in self.bracket.raw_sides:
             taken &= {f.stop for f in self.frames if f.side == side and f.is_raw}
         return tuple(i for i in range(len(self.bracket.stops_s)) if i not in left_out | taken)

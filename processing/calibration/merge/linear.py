@@ -16,13 +16,11 @@ from numba import carray
 from processing.calibration.merge.kernel import bytes_at, chi2_limit, compiled
 from processing.calibration.response.curve import NoiseModel
 from processing.ground.arrays import Doubles, Floats
-from processing.ground.colour import LUMINANCE_WEIGHTS
+from processing.pictures.mosaic import FULL
 
-FULL = 65535.0  # largest 16-bit code
 CLIP_CODE = 64224
 """98 % of full scale: from here on a sample counts as clipped."""
 _DARK_UNCERTAINTY = 0.5  # as in the 8-bit loops
-_R, _G, _B = LUMINANCE_WEIGHTS
 
 
 @dataclass(frozen=True)
@@ -32,12 +30,12 @@ class LinearSamples:
     times_s: Doubles
     time_sigma: Doubles
     noise: Doubles
-    """(3, 3): for each channel photon, read squared, squared coding noise, all of exposure."""
+    """(3, 4): of each channel photon, read squared, squared coding noise, all of exposure; and black, of full scale."""
 
     @property
     def saturation(self) -> Floats:
         """(F, 3): radiance at which each frame clips."""
-        return np.repeat((CLIP_CODE / FULL / self.times_s).astype(np.float32)[:, None], 3, axis=1)
+        return np.asarray((CLIP_CODE / FULL - self.noise[:, 3]) / self.times_s[:, None], dtype=np.float32)
 
     @property
     def every(self) -> npt.NDArray[np.int64]:
@@ -50,8 +48,13 @@ class LinearSamples:
         ``codes``: any shape (..., 3); radiance in exposures a second.
         """
         code = np.asarray(codes, dtype=np.float64)
-        x = np.minimum(code, CLIP_CODE) / FULL
-        variance = self.noise[:, 0] * x + self.noise[:, 1] + self.noise[:, 2] + (self.time_sigma[place] * x) ** 2
+        x = np.minimum(code, CLIP_CODE) / FULL - self.noise[:, 3]
+        variance = (
+            self.noise[:, 0] * np.maximum(x, 0)
+            + self.noise[:, 1]
+            + self.noise[:, 2]
+            + (self.time_sigma[place] * x) ** 2
+        )
         weight = np.where(code >= CLIP_CODE, 0.0, self.times_s[place] ** 2 / variance)
         return (x / self.times_s[place]).astype(np.float32), weight.astype(np.float32)
 
@@ -62,7 +65,7 @@ def linear_samples(noise: NoiseModel, times_s: Doubles, time_sigma: Doubles) -> 
     ``times_s``: (F,) s; ``time_sigma``: (F,) relative.
     """
     rows = np.stack(
-        [noise.photon, np.square(noise.read), np.maximum(noise.code_variance, 1 / 12) / FULL**2], axis=1
+        [noise.photon, np.square(noise.read), np.maximum(noise.code_variance, 1 / 12) / FULL**2, noise.black], axis=1
     ).astype(np.float64)
     return LinearSamples(times_s, time_sigma, rows)
 
@@ -84,9 +87,9 @@ def _channel(addresses, pixel, c, times, sigma, noise):
             pair = carray(bytes_at(addresses[f] + np.uint64(at)), 2)
             code = pair[0] + 256 * pair[1]
             if code >= CLIP_CODE:
-                bound = max(bound, CLIP_CODE / FULL / times[f])
+                bound = max(bound, (CLIP_CODE / FULL - noise[c, 3]) / times[f])
                 continue
-            x = code / FULL
+            x = code / FULL - noise[c, 3]
             w = times[f] ** 2 / _expected_variance(noise, c, x if look == 0 else mean * times[f], sigma[f])
             v = x / times[f]
             total, sum_v, sum_vv = total + w, sum_v + w * v, sum_vv + w * v * v
@@ -103,11 +106,12 @@ def _channel(addresses, pixel, c, times, sigma, noise):
 
 
 @compiled
-def merge_linear(addresses, pixels, times, sigma, noise, shared, out):
+def merge_linear(addresses, pixels, times, sigma, noise, shared, weights, out):
     """Merge pixels ``pixels[0]..pixels[1]-1`` of little-endian uint16 frames into ``out`` (`FlatPlanes`).
 
     ``addresses``: (F,) uint64 of the frames' codes (N, 3); ``times``: (F,) s; ``sigma``: (F,) their relative
-    uncertainty; ``noise``: (3, 3) as in `LinearSamples`; ``shared``: correlation of the channels' noise.
+    uncertainty; ``noise``: (3, 4) as in `LinearSamples`; ``shared``: correlation of the channels' noise; ``weights``:
+    (3,) luminance of the channels.
     """
     rgb, uncertainty, validity, suspect = out
     for p in range(pixels[0], pixels[1]):
@@ -115,9 +119,9 @@ def merge_linear(addresses, pixels, times, sigma, noise, shared, out):
         g, var_g, chi2_g, free_g, bound_g = _channel(addresses, p, 1, times, sigma, noise)
         b, var_b, chi2_b, free_b, bound_b = _channel(addresses, p, 2, times, sigma, noise)
         rgb[p, 0], rgb[p, 1], rgb[p, 2] = r, g, b
-        y = _R * r + _G * g + _B * b
-        together = _R * np.sqrt(var_r) + _G * np.sqrt(var_g) + _B * np.sqrt(var_b)
-        apart = _R * _R * var_r + _G * _G * var_g + _B * _B * var_b
+        y = weights[0] * r + weights[1] * g + weights[2] * b
+        together = weights[0] * np.sqrt(var_r) + weights[1] * np.sqrt(var_g) + weights[2] * np.sqrt(var_b)
+        apart = weights[0] ** 2 * var_r + weights[1] ** 2 * var_g + weights[2] ** 2 * var_b
         u = np.sqrt((1.0 - shared) * apart + shared * together * together) / max(y, 1e-30)
         freedom, chi2 = free_r + free_g + free_b, chi2_r + chi2_g + chi2_b
         limit = chi2_limit(freedom, shared)

@@ -28,7 +28,7 @@ from processing.calibration.merge.bracket import (
 )
 from processing.calibration.merge.kernel import RUN_PX, FlatPlanes, Lookup, merge_runs
 from processing.calibration.merge.linear import LinearSamples, linear_samples, merge_linear
-from processing.calibration.merge.modes import CONTRAST_SHARE, local_contrast, merge_modes, only_texture
+from processing.calibration.merge.modes import CONTRAST_SHARE, linear_modes, local_contrast, merge_modes, only_texture
 from processing.calibration.merge.motion import Planes, frame_shifts, settle_ghosts
 from processing.calibration.merge.tables import (
     Consistency,
@@ -40,10 +40,13 @@ from processing.calibration.merge.tables import (
 )
 from processing.calibration.response.curve import NoiseModel, ResponseCurve
 from processing.errors import BracketError, ParameterError
+from processing.ground.arrays import Doubles
+from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.ground.threads import threads
 from processing.pictures.frames import Codes, FrameSource, JpegFrame
-from processing.pictures.images import RelativeImage, luminance_cd_m2
+from processing.pictures.images import RelativeImage
 from processing.pictures.modes import SharedMode, together, with_modes
+from processing.pictures.mosaic import CameraColours, demosaiced
 from processing.sphere import Geometry
 
 __all__ = ["MergeOptions", "MergeReport", "Merged", "merge"]
@@ -63,6 +66,9 @@ TEXTURE_SHARE = 1.0
 """Of the local contrast: a merged pixel whose samples disagree by less is texture, no ghost. Chosen on still scenes."""
 SHARED_SIGMAS = 2.0
 """Of curve and times: samples that disagree by less contradict these, and show no ghost; chosen on still scenes."""
+WELL_GAIN_SIGMA = 0.005
+"""Relative, of raw wells' gains, which all frames share; chosen: sensors have 0.003 to 0.01 (EMVA 1288 data sheets)."""
+LINEAR_BELOW = 0.01  # of full scale in the longest raw frame; chosen: photons still give 6 % of noise there
 JUDGED_CODES = (16, 240)
 """Codes of coded frames that can show movement: nearer the ends coding, its chroma above all, moves them as much."""
 JPEG_TOP_CODE = 249
@@ -84,6 +90,8 @@ class MergeOptions:
     """Whether the curve was recovered from these frames: where it fits them badly that is doubt, no other camera."""
     allow_contradiction: bool = False
     """Whether frames that contradict times or curve by more than `REFUSE_STOPS` are merged all the same."""
+    colours: CameraColours | None = None
+    """Of raw frames, whose channels are the camera's own; None: they are Rec. 709."""
     workers: int | None = None
     """Threads; None: as many as `ground.threads` says. Results do not depend on it."""
 
@@ -150,13 +158,20 @@ class _Job:
 
     @property
     def coded(self) -> bool:
-        """Return whether the frames went through a camera's processing: by their source, or by its trace in noise."""
-        return self.processed or any(isinstance(f, JpegFrame) for f in self.order.frames)
+        """Return whether the frames were processed or demosaiced: by their source, or by its trace in noise."""
+        known = self.processed or self.options.colours is not None
+        return known or any(isinstance(f, JpegFrame) for f in self.order.frames)
 
     def noise_shape(self) -> tuple[float, float]:
         """Return the correlation of the channels' noise, and the squared error that all frames share."""
         common = coding_error(self.curve, self.noise) if self.coded and self.curve else 0.0
         return self.correlation, common
+
+    @property
+    def weights(self) -> Doubles:
+        """Return what each channel adds to luminance."""
+        own, colours = np.array(LUMINANCE_WEIGHTS), self.options.colours
+        return own if colours is None else np.asarray(own @ colours.matrix)
 
     def tables(self) -> MergeTables | None:
         """Return the tables of 8-bit frames; None for 16 bits."""
@@ -192,9 +207,12 @@ def _merged(job: _Job, codes: list[Codes], decoded: Decoded, whole: Order, geome
             f"{s.right_px:+.1f} px across and {s.down_px:+.1f} px down: was the camera touched?"
             for s in frame_shifts(codes, samples)
         ]
-    planes, uses = _fuse(codes, samples, job.noise_shape(), job.workers, coded=job.coded)
+    planes, uses = _fuse(codes, samples, job)
     modes = _widen(planes, samples, job)
     ghost = _ghosts(codes, samples, planes, job) if job.options.ghosts else None
+    if colours := job.options.colours:
+        light = demosaiced(planes.rgb, colours.cell, LINEAR_BELOW / float(job.order.times_s[0]))
+        planes.rgb = np.maximum(light @ colours.matrix.T.astype(np.float32), 0)
     found = shares(planes.validity, ghost, geometry)
     warnings += found.warnings()
     np.copyto(planes.uncertainty, np.inf, where=planes.validity == 1)
@@ -209,7 +227,7 @@ def _honest(job: _Job, agreement: Consistency) -> _Job:
     factor, noise = agreement.noise_factor, job.noise
     photon, read, codes = (np.array(part) for part in (noise.photon, noise.read, noise.code_variance))
     scaled = NoiseModel(
-        tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12))
+        tuple(factor * photon), tuple(math.sqrt(factor) * read), tuple(np.maximum(factor * codes, 1 / 12)), noise.black
     )
     doubt = np.abs(agreement.offset) * math.log(2)
     order = replace(job.order, time_sigma=np.hypot(job.order.time_sigma, doubt))
@@ -264,16 +282,11 @@ def _contradictions(agreement: Consistency, job: _Job) -> list[str]:
 
 
 def _fuse(
-    codes: Sequence[Codes],
-    samples: MergeTables | LinearSamples,
-    shape: tuple[float, float],
-    workers: int,
-    *,
-    coded: bool = False,
+    codes: Sequence[Codes], samples: MergeTables | LinearSamples, job: _Job
 ) -> tuple[Planes, npt.NDArray[np.float64]]:
     """Return the merged planes, and what part of the picture used each frame."""
     height, width = codes[0].shape[:2]
-    pixels = height * width
+    pixels, shape, workers = height * width, job.noise_shape(), job.workers
     padded = max(pixels, RUN_PX)
     planes = Planes(
         np.empty((padded, 3), np.float32), np.empty(padded, np.float32), np.empty(padded, np.uint8),
@@ -283,10 +296,10 @@ def _fuse(
     if isinstance(samples, MergeTables):
         # A picture smaller than one run is lengthened by its own pixels.
         flat = [np.resize(frame, (padded, 3)) if pixels < padded else frame for frame in flat]
-        uses = _fuse_runs(flat, samples, shape, planes, workers, coded=coded)
+        uses = _fuse_runs(flat, samples, shape, planes, workers, coded=job.coded)
     else:
         addresses = np.array([frame.ctypes.data for frame in flat], dtype=np.uint64)
-        model = (samples.times_s, samples.time_sigma, samples.noise, shape[0])
+        model = (samples.times_s, samples.time_sigma, samples.noise, shape[0], job.weights)
         out = FlatPlanes(planes.rgb, planes.uncertainty, planes.validity, planes.suspect)
         _in_bands(lambda a, b: merge_linear(addresses, np.array([a, b]), *model, out), pixels, BAND_PX, workers)
         uses = np.ones(len(flat))
@@ -334,16 +347,19 @@ def _widen(planes: Planes, samples: MergeTables | LinearSamples, job: _Job) -> l
 
     Samples that disagree by what the texture around them explains are no longer suspect.
     """
-    if not isinstance(samples, MergeTables):
-        return []
-    modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
-    luminance = luminance_cd_m2(planes.rgb)
+    if isinstance(samples, MergeTables):
+        modes = merge_modes(samples, job.curve or linear_curve(), job.order.times_s, job.order.time_sigma)
+    else:
+        modes = linear_modes(samples)
+    luminance = np.maximum(planes.rgb @ job.weights.astype(np.float32), 0)
     shared = together(modes, luminance)
     if job.wander > LEAST_WANDER:
         # Two frames differ by the root of two of what each is off by; the spot that sets the scale is off as well.
         modes.append(SharedMode("light that changed", "whole", (0.0,), (job.wander,)))
         shared = np.hypot(shared, np.float32(job.wander))
     u2 = np.square(planes.uncertainty) + np.square(shared)
+    if job.options.colours is not None:
+        u2 += np.float32(WELL_GAIN_SIGMA**2)
     if job.coded:
         contrast = local_contrast(luminance)
         explained = only_texture(planes.uncertainty, contrast, TEXTURE_SHARE)

@@ -11,11 +11,13 @@ import math
 import cv2
 import numpy as np
 
+from processing.calibration.merge.linear import LinearSamples
 from processing.calibration.merge.tables import MergeTables
 from processing.calibration.response.curve import ResponseCurve
 from processing.ground.arrays import Doubles, Flags, Floats
 from processing.ground.colour import LUMINANCE_WEIGHTS
 from processing.pictures.modes import SharedMode
+from processing.pictures.mosaic import FULL
 
 LEVELS = 64  # of luminance, over what the frames show; chosen
 KEPT, LEAST = 8, 2e-4  # modes, and relative luminance below which one does not count; chosen
@@ -51,6 +53,19 @@ def merge_modes(tables: MergeTables, curve: ResponseCurve, times_s: Doubles, tim
         rows.append(weights @ (math.log(2) * np.sum(share * moved, axis=0)))
     rows += [time_sigma[f] * weights @ share[f] for f in range(len(times_s)) if time_sigma[f] > 0]
     return _principal(np.array(rows), levels)
+
+
+def linear_modes(samples: LinearSamples) -> list[SharedMode]:
+    """Return the shared modes of a merge of linear frames: their times'."""
+    low, high = -15.0 - np.log2(samples.times_s[0]), -np.log2(samples.times_s[-1])
+    levels = np.linspace(low, high, LEVELS)
+    light = np.repeat(np.exp2(levels)[:, None], 3, axis=1)
+    share = np.stack(
+        [samples.sample(f, FULL * (light * t + samples.noise[:, 3]))[1] for f, t in enumerate(samples.times_s)]
+    )
+    share = share @ np.array(LUMINANCE_WEIGHTS)
+    share /= np.maximum(share.sum(axis=0), 1e-30)
+    return _principal(samples.time_sigma[:, None] * share, levels)
 
 
 def curve_modes(curve: ResponseCurve) -> Doubles:

@@ -112,7 +112,7 @@ def _windows(frame: Codes, both: _Range) -> list[tuple[slice, slice]]:
 def _range(tables: Samples, place: int) -> _Range | None:
     """Return the range that the frames before ``place`` and at it share; None where they share none."""
     (longer, _), (shorter, weight) = tables.sample(place - 1, tables.every), tables.sample(place, tables.every)
-    good = weight[:, 1] * shorter[:, 1].astype(np.float64) ** 2 > MIN_SNR2
+    good = (weight[:, 1] * shorter[:, 1].astype(np.float64) ** 2 > MIN_SNR2) & (shorter[:, 1] > 0)
     low = float(np.log2(shorter[good, 1].min())) if good.any() else np.inf
     high = float(np.log2(tables.saturation[place - 1, 1]))
     if not low < high:

@@ -87,7 +87,7 @@ def not_one_camera(session: SessionManifest) -> str | None:
     found = []
     for side in (Side.INDOOR, Side.OUTDOOR):
         device = next((d for d in session.devices if d.role == side.value), None)
-        settings = {(f.iso, f.f_number) for f in session.frames if f.side is side and not f.is_raw}
+        settings = {(f.iso, f.f_number) for f in session.pictures(side)}
         found.append((device.model if device else "", device.nd_filter if device else "", settings))
     if found[0] == found[1] and found[0][0] and not found[0][1]:
         return None

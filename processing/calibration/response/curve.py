@@ -9,7 +9,9 @@ through the response).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +19,14 @@ import numpy.typing as npt
 from processing.calibration.response.samples import ChannelSamples
 from processing.errors import ParameterError
 from processing.ground.arrays import Doubles
+
+T = TypeVar("T", int, float)
+
+
+def three(values: Sequence[T]) -> tuple[T, T, T]:
+    """Return what the channels have as a tuple."""
+    red, green, blue = values
+    return red, green, blue
 
 
 @dataclass(frozen=True)
@@ -73,6 +83,8 @@ class NoiseModel:
     photon: tuple[float, float, float]
     read: tuple[float, float, float]
     code_variance: tuple[float, float, float] = (1 / 12, 1 / 12, 1 / 12)
+    black: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of full scale: what linear frames show of no light."""
 
     def __post_init__(self) -> None:
         every = [float(value) for part in (self.photon, self.read, self.code_variance) for value in part]

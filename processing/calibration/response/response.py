@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -15,14 +14,20 @@ from processing.calibration.response.bracket_fit import (
     check_enough,
     fit_daylit,
 )
-from processing.calibration.response.curve import CodeNoise, FineCurve, NoiseModel, PatchNoise, ResponseCurve, fit_noise
+from processing.calibration.response.curve import (
+    CodeNoise,
+    FineCurve,
+    NoiseModel,
+    PatchNoise,
+    ResponseCurve,
+    fit_noise,
+    three,
+)
 from processing.calibration.response.fit import spline_basis, weigh
 from processing.calibration.response.prior import CurvePrior, drift_prior
 from processing.calibration.response.samples import CHANNELS, Bracket8, Samples, take_samples
 from processing.calibration.response.shutter import ShutterRule
 from processing.ground.arrays import Doubles
-
-T = TypeVar("T", int, float)
 
 WHITE_CODE, MIDDLE_CODE = 255, 128
 """A bracket gives the curve of each channel but for a factor. We choose exposure 1 at code 255, where the curve is
@@ -100,11 +105,11 @@ def recover_response(
     curve = ResponseCurve(
         np.stack([one.log2 - one.log2[gauge] for one in channels]),
         sigma,
-        _three(low),
-        _three(high),
+        three(low),
+        three(high),
         gauge_code=gauge,
         sigma_code=MIDDLE_CODE,
-        balance_sigma=_three(sigma[:, gauge].tolist()),
+        balance_sigma=three(sigma[:, gauge].tolist()),
         n_samples=sum(data.n_samples for data in samples.channels),
         residual_stops=_residual_stops(channels),
         modes=_curve_modes(channels, MIDDLE_CODE),
@@ -147,15 +152,10 @@ def estimate_noise(brackets: Sequence[Bracket8], curve: ResponseCurve, *, seed: 
 def _noise_model(channels: Sequence[CodeNoise], gauge: Sequence[float] = (1.0, 1.0, 1.0)) -> NoiseModel:
     """Return the channels' noise; ``gauge``: their exposures in the curve's unit over those in their own."""
     return NoiseModel(
-        _three([by * one.photon for by, one in zip(gauge, channels, strict=True)]),
-        _three([by * one.read2**0.5 for by, one in zip(gauge, channels, strict=True)]),
-        _three([one.code for one in channels]),
+        three([by * one.photon for by, one in zip(gauge, channels, strict=True)]),
+        three([by * one.read2**0.5 for by, one in zip(gauge, channels, strict=True)]),
+        three([one.code for one in channels]),
     )
-
-
-def _three(values: Sequence[T]) -> tuple[T, T, T]:
-    red, green, blue = values
-    return red, green, blue
 
 
 def _moved_share(samples: Samples, channels: Sequence[ChannelFit]) -> float:

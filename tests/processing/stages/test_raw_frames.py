@@ -1,0 +1,124 @@
+"""Raw files: a bracket of them beside or without JPEGs, by the command, against the light behind it."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import daylit
+from benchmarks.hostile.worlds import MATRIX_5D2, TIMES_S, HostileBracket, HostileCamera, HostileWorld, hostile_bracket
+from processing.pictures.exr import read_exr
+from processing.pictures.images import RelativeImage, luminance_cd_m2
+from station.session.store import load_manifest
+from tests.station.frames.pictures import exif
+
+SIZE = (384, 192)
+
+
+def light() -> np.ndarray:
+    """A wall of patches and edges from 1 to 20,000, with a little colour (H, W, 3)."""
+    rng = np.random.default_rng(3)
+    parts = np.exp(rng.uniform(0, np.log(20_000), (12, 24, 1))) * rng.uniform(0.7, 1.3, (12, 24, 3))
+    return np.repeat(np.repeat(parts, 16, axis=0), 16, axis=1).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def bracket() -> HostileBracket:
+    codes = np.linspace(0, 1, 256)
+    camera = HostileCamera(
+        codes,
+        np.stack([codes ** (1 / g) for g in (2.0, 2.2, 2.3)]),
+        prnu=0.004,
+        hot_share=0.0005,
+        matrix=MATRIX_5D2,
+        mosaic=True,
+        denoise=True,
+        sharpen=0.3,
+        jpeg=("opencv", 93, "4:2:2"),
+        seed=7,
+    )
+    return hostile_bracket(HostileWorld("a camera", camera, jitter_stops=0.05), light(), 20.0, 900_004, raw=True)
+
+
+def folder(bracket: HostileBracket, into: Path, *kinds: str) -> Path:
+    """Write what a card holds: .jpg, .dng or both of each frame."""
+    into.mkdir()
+    for k, time_s in enumerate(TIMES_S):
+        if "dng" in kinds:
+            (into / f"img{k}.dng").write_bytes(bracket.raw[k])
+        if "jpg" in kinds:
+            buffer = io.BytesIO()
+            Image.fromarray(bracket.frames[k]).save(buffer, "JPEG", quality=95, exif=exif(time_s))
+            (into / f"img{k}.jpg").write_bytes(buffer.getvalue())
+    return into
+
+
+def merged(capsys: pytest.CaptureFixture[str], at: Path, *options: str) -> tuple[RelativeImage, dict, Path]:
+    def call(*arguments: str) -> dict:
+        capsys.readouterr()
+        assert daylit.main([*arguments, "--json"]) in (0, None), capsys.readouterr()
+        found: dict = json.loads(capsys.readouterr().out)
+        return found
+
+    session = Path(call("import", "raw", "--indoor", str(at), "--into", str(at.parent / "s"))["session"])
+    call("process", str(session), "--until", "merge", *options)
+    image = read_exr(session / "stages/merge/indoor.exr")
+    assert isinstance(image, RelativeImage)
+    result = json.loads((session / "stages/merge/result.json").read_text())
+    return image, result, session
+
+
+def stops_off(image: RelativeImage, bracket: HostileBracket) -> tuple[np.ndarray, np.ndarray]:
+    """Return the difference from the truth where pixels are valid, free of the scale, and their uncertainty."""
+    good = image.validity == 0
+    assert good.mean() > 0.98
+    off = np.log2(luminance_cd_m2(image.rgb)[good] / luminance_cd_m2(bracket.radiance)[good])
+    return off - np.median(off), np.asarray(image.uncertainty[good]) / np.log(2)
+
+
+def test_raw_files_come_first_and_are_nearer_the_truth(
+    bracket: HostileBracket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = folder(bracket, tmp_path / "card", "jpg", "dng")
+    raw, result, session = merged(capsys, both)
+    assert result["metrics"]["indoor"]["response_source"] == "linear"
+    off, sigma = stops_off(raw, bracket)
+    jpeg, result, _ = merged(capsys, both, "--frames", "jpeg")
+    assert result["metrics"]["indoor"]["response_source"] == "recovered"
+    assert np.median(np.abs(off)) < np.median(np.abs(stops_off(jpeg, bracket)[0])) / 1.7
+    assert np.mean(np.abs(off) < 1.96 * sigma) > 0.9
+    # Colours: the camera's matrix is undone.
+    tint = raw.rgb / bracket.radiance
+    assert np.median(np.abs(tint / np.median(tint) - 1), axis=(0, 1)).max() < 0.02
+    assert load_manifest(session).bracket.raw_sides == ("indoor",)
+
+
+def test_raw_files_alone_are_a_session(
+    bracket: HostileBracket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image, _, session = merged(capsys, folder(bracket, tmp_path / "card", "dng"))
+    manifest = load_manifest(session)
+    assert {f.format for f in manifest.frames} == {"dng"}
+    assert (manifest.frames[0].width_px, manifest.frames[0].height_px) == SIZE
+    assert [f.camera_s for f in manifest.frames] == pytest.approx(TIMES_S)
+    assert manifest.missing_stops(manifest.frames[0].side) == ()
+    assert np.median(np.abs(stops_off(image, bracket)[0])) < 0.01
+    assert daylit.main(["verify", str(session), "--look"]) == 0
+
+
+def test_raw_files_of_another_size_leave_the_jpegs(
+    bracket: HostileBracket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    small = HostileBracket(
+        tuple(np.ascontiguousarray(f[::2, ::2]) for f in bracket.frames), TIMES_S, bracket.radiance, False, bracket.raw
+    )
+    card = folder(small, tmp_path / "card", "jpg", "dng")
+    _, result, session = merged(capsys, card)
+    assert "192 x 96" in result["left_out"]["indoor raw files"]
+    assert daylit.main(["process", str(session), "--until", "merge", "--frames", "raw"]) != 0
+    assert "192 x 96" in capsys.readouterr().err
