@@ -385,4 +385,4 @@ def _opened_raw(source: Path | bytes, name: str) -> Iterator[Any]:
         with rawpy.imread(io.BytesIO(_bytes(source, name))) as raw:
             yield raw
     except rawpy.LibRawError as error:
-        raise _damaged(name, str(error)) from error
+        raise _damaged(name, error.args[0].decode("ascii", "replace")) from error

@@ -66,13 +66,13 @@ def side_bracket(
     device = next((device for device in manifest.devices if device.role == side.value), None)
     raws = sorted((f for f in manifest.frames if f.side == side and f.is_raw), key=lambda frame: frame.stop)
     refused = ""
-    if frames != "jpeg" and (raws or frames == "raw") and not pictures[0].is_raw:
+    if frames == "raw" or (frames == "auto" and raws) or pictures[0].is_raw:
         try:
             return _raw_bracket(session_path, pictures, raws, device)
         except (PictureFileError, BracketError) as error:
             refused = str(error)
-            if frames == "raw":
-                raise BracketError(f"{side}: its raw files cannot be used: {refused}", where=raws[0].file) from error
+            if frames == "raw" or pictures[0].is_raw:
+                raise BracketError(f"{side}: its raw files cannot be used: {refused}", where=error.where) from error
     _check_settings(side, pictures)
     read = tuple(frame_of(session_path / record.file, record.file) for record in pictures)
     return SideBracket(side, tuple(pictures), read, device, refused)
@@ -81,13 +81,13 @@ def side_bracket(
 def _raw_bracket(
     session_path: Path, pictures: Sequence[FrameRecord], raws: Sequence[FrameRecord], device: DeviceRecord | None
 ) -> SideBracket:
-    """Return the raw files beside pictures, where each has one that shows the same."""
+    """Return the raw files beside pictures, where each has one that shows the same; or the raw files alone."""
     if [raw.stop for raw in raws] != [picture.stop for picture in pictures]:
         raise BracketError(f"{len(raws)} raw files beside {len(pictures)} pictures", where=pictures[0].file)
     if device and any(name in device.model.upper() for name in PANORAMA_CAMERAS):
         raise BracketError("a panorama camera's raw files show its lenses apart", where=raws[0].file)
     _check_settings(pictures[0].side, raws)
-    size_px = frame_of(session_path / pictures[0].file).size_px
+    size_px = None if pictures[0].is_raw else frame_of(session_path / pictures[0].file).size_px
     frames = tuple(raw_frame(session_path / raw.file, raw.file, size_px) for raw in raws)
     return SideBracket(pictures[0].side, tuple(raws), frames, device)
 

@@ -41,8 +41,7 @@ def sort_entries(entries: Sequence[Path], folder: Path, *, raw: bool) -> tuple[l
     files = [path for path in entries if has_suffix(path, JPEG_SUFFIXES)]
     files = files or [path for path in entries if has_suffix(path, LOSSLESS_SUFFIXES)]
     raws = {path.stem.lower(): path for path in entries if raw and has_suffix(path, RAW_SUFFIXES)}
-    if not files:
-        files, raws = list(raws.values()), {}
+    files, raws = (files, raws) if files else (list(raws.values()), {})
     if len(files) > MAX_FRAMES:
         raise UsageError(
             f"{len(files)} pictures, a bracket has at most {MAX_FRAMES}", where=str(folder), advice="sort the folder"

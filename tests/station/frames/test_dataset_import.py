@@ -204,7 +204,7 @@ def test_what_is_not_decided_is_named_and_the_rest_goes_on(tmp_path: Path, capsy
     assert (code, [b["name"] for b in answer["brackets"]]) == (4, ["2023-05-21 bath 12:30"])
 
 
-def test_raw_files_alone_are_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_raw_files_without_wells_are_refused_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     root = tmp_path / "Cali-HDR Dataset" / "20230521/pano/coda320_10:00"
     theta(root, datetime(2023, 5, 21, 10))
     for path in root.glob("*.JPG"):
@@ -213,7 +213,7 @@ def test_raw_files_alone_are_refused_by_name(tmp_path: Path, capsys: pytest.Capt
     assert code == 4
     refused = json.dumps(answer["brackets"][0]["error"])
     assert "R0000926.DNG" in refused
-    assert "export JPEGs" in refused
+    assert "its wells cannot be read" in refused
 
 
 @pytest.mark.parametrize(

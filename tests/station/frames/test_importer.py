@@ -268,7 +268,7 @@ def test_folders_that_cannot_be_imported(tmp_path, checker):
     many.mkdir()
     for i in range(100):
         (many / f"{i}.jpg").touch()
-    with pytest.raises(UsageError, match="100 JPEGs"):
+    with pytest.raises(UsageError, match="100 pictures"):
         run(tmp_path, checker, folders={Side.INDOOR: many})
 
 
