@@ -255,7 +255,7 @@ def _copy(
         "taken_utc": _taken_utc(candidate, zone_min),
     }
     size = {"width_px": facts.width_px, "height_px": facts.height_px, "statistics": facts.statistics}
-    beside = [(candidate.raw.path, candidate.raw.facts, {})] if candidate.raw else []
+    beside = [(candidate.raw.path, candidate.raw.facts, dict[str, Any]())] if candidate.raw else []
     for path, of, extra in ((candidate.path, facts, size), *beside):
         _copy_file(store, path, of, {**shot, **extra, "exif_s": of.exif.exposure_s, "format": picture_format(path)})
 
