@@ -112,13 +112,13 @@ def _curves() -> Curves:
 
 def _raw_metrics(raws: list[tuple[_Score, _Score]]) -> dict[str, float]:
     """Return the figures of raw files, and the JPEGs' error over theirs where both were merged."""
-    done = [raw for _, raw in raws if not raw.refused]
+    done = [raw for _, raw in raws if not raw.refused] or [_Score("none", lux=[False])]
     gains = [jpeg.median / raw.median for jpeg, raw in raws if not jpeg.refused and not raw.refused]
     return {
-        "raw_refused": len(raws) - len(done),
+        "raw_refused": sum(bool(raw.refused) for _, raw in raws),
         "raw_gain_over_jpeg": float(np.median(gains)) if gains else 0.0,
         "raw_least_gain_over_jpeg": min(gains, default=0.0),
-        "raw_worst_cover95_pct": 100 * min((s.cover for s in done), default=0.0),
+        "raw_worst_cover95_pct": 100 * min(s.cover for s in done),
         "raw_smooth_cover95_pct": 100 * float(np.mean([s.smooth for s in done])),
         "raw_textured_cover95_pct": 100 * float(np.mean([s.textured for s in done])),
         "raw_lux_cover95_pct": 100 * float(np.mean([ok for s in done for ok in s.lux])),
