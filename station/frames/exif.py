@@ -141,9 +141,8 @@ _WIDTH, _HEIGHT, _WHITE_BALANCE, _SERIAL = 0xA002, 0xA003, 0xA403, 0xA431
 def read_exif(block: bytes | mmap.mmap) -> ExifRecord:
     """Return the facts of a TIFF block (at most 64 KiB, as a JPEG segment is) or of a raw file, whole.
 
-    Without a directory of their own they are in the main one (TIFF/EP, ISO 12234-2). Raises `FrameProblemError`:
-    ``exif_damaged``: not a TIFF block, a directory or a wanted value out of range, overlapping or repeated, or a value
-    that cannot be (1/0 s, month 13).
+    They may be in the main directory (TIFF/EP). Raises `FrameProblemError`: ``exif_damaged``: not a TIFF block, a
+    directory or a wanted value out of range, overlapping or repeated, or a value that cannot be (1/0 s, month 13).
     """
     reader = TiffReader(block, Reason.EXIF_DAMAGED)
     main = reader.directory(reader.first_at).entries

@@ -166,10 +166,9 @@ def _inspect_wells(data: bytes, circle: Circle | None) -> dict[str, Any]:
             wells = raw.raw_image_visible[: height // 2 * 2, : width // 2 * 2]
             letters = [chr(raw.color_desc[place]) for place in raw.raw_colors_visible[:2, :2].ravel()]
             quarters = dict(zip(letters, (wells[k // 2 :: 2, k % 2 :: 2] for k in range(4)), strict=True))
-            light = (np.stack([quarters[c] for c in "BGR"], axis=-1) - black) / (raw.white_level - black)
-    except (rawpy.LibRawError, KeyError) as error:
-        why = error.args[0].decode("ascii", "replace") if isinstance(error, rawpy.LibRawError) else "its filters"
-        raise FrameProblemError(Reason.DAMAGED, f"its wells cannot be read: {why[:100]}") from error
+            light = (np.stack([quarters.get(c, quarters["G"]) for c in "BGR"], -1) - black) / (raw.white_level - black)
+    except rawpy.LibRawError as error:
+        raise FrameProblemError(Reason.DAMAGED, f"its wells cannot be read: {error.args[0].decode()}") from error
     pixels = np.rint(255 * np.clip(light, 0, 1) ** (1 / 2.2)).astype(np.uint8)
     facts = {"width_px": width, "height_px": height, "exact": True, **measure(pixels, circle)}
     return {**facts, "picture_sha256": _picture_digest(pixels, facts)}
